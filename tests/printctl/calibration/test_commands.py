@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
-from printctl.calibration import LagPattern, read_readings
+from printctl.calibration import LagPattern
 from printctl.calibration.lag import expected_width
 from printctl.cli.main import app
 from printctl.errors import SafetyError, UsageError
@@ -135,17 +135,6 @@ def test_backlash_test_waits_where_its_sheet_says(axis: str, tmp_path: Path) -> 
     assert found["lost motion"]["low"] < 0.05 < found["lost motion"]["high"]
 
 
-def test_the_last_digit_is_the_one_written_not_the_number_s(tmp_path: Path) -> None:
-    sheet = tmp_path / "touch.csv"
-    rows = ["a,1.00,2,3.000"] * 2 + ["b,1.50,2,3e0"] * 2
-    sheet.write_text("\n".join(["needle,x_mm,y_mm,z_mm", *rows]))
-    read = read_readings(sheet, ("x_mm", "y_mm", "z_mm"), ("needle",))
-    assert read.last_digit == pytest.approx({"x_mm": 0.01, "y_mm": 1, "z_mm": 0.001})
-    found = estimates("offset", sheet)["b less a, x"]
-    assert found["value"] == pytest.approx(0.5)
-    assert found["high"] - found["low"] > 0.01
-
-
 def test_lag_sheet_remembers_the_line_and_gives_the_ink_s_factor(tmp_path: Path) -> None:
     job = tmp_path / "lag.gcode"
     shape = ("--slow", "5", "--fast", "15", "--length", "30", "--width", "0.5")
@@ -164,29 +153,6 @@ def test_lag_sheet_remembers_the_line_and_gives_the_ink_s_factor(tmp_path: Path)
     # Measured again with that ink's factor, the factors multiply.
     again = estimates("lag", sheet, "--ink", tmp_path / "ink.yaml")
     assert again["flow factor"]["value"] == pytest.approx(ink.flow_factor**2, rel=1e-6)
-
-
-def test_lag_test_writes_the_same_ink_per_length_at_both_speeds(tmp_path: Path) -> None:
-    job = tmp_path / "lag.gcode"
-    assert calibrate("lag", "--gcode", job, "--lines", "1").exit_code == 0
-    run = dry(job, (40, 100, 1))
-    pushed = np.diff(run.program.plunger, prepend=0)
-    way = np.diff(run.program.target[:, 0], prepend=40)
-    written = (pushed > 0) & (way > 0)
-    np.testing.assert_allclose(way[written], [40, 40, 40])
-    np.testing.assert_allclose(pushed[written] * AREA / way[written], 0.08, rtol=1e-3)
-    np.testing.assert_allclose(run.program.feed[written], [4, 16, 4])
-
-
-def test_lag_test_is_written_with_the_ink_s_flow_factor_as_a_print_is(tmp_path: Path) -> None:
-    ink = load(Ink, "collagen_fresh").model_dump(mode="json", exclude_unset=True)
-    (tmp_path / "ink.yaml").write_text(json.dumps(ink | {"flow_factor": 0.8}))
-    pushed = []
-    for more in ((), ("--ink", tmp_path / "ink.yaml")):
-        job = tmp_path / "lag.gcode"
-        assert calibrate("lag", "--gcode", job, "--lines", "1", *more).exit_code == 0
-        pushed.append(dry(job, (40, 100, 1)).plunger_max_mm)
-    assert pushed[0] / pushed[1] == pytest.approx(0.8, rel=2e-3)
 
 
 def test_level_tells_tilt_and_depth(tmp_path: Path) -> None:
@@ -231,9 +197,42 @@ def test_a_test_that_leaves_the_work_area_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "lag.gcode").exists()
 
 
-def test_unmeasured_rows_are_left_out(tmp_path: Path) -> None:
-    path = tmp_path / "weigh.csv"
-    path.write_text("# key=2.5\n# no fact\ntravel_mm,mass_mg\n1,16\n2,\n3,48\n")
-    found = read_readings(path, ("travel_mm", "mass_mg"))
-    assert found.numbers["travel_mm"].tolist() == [1, 3]
-    assert found.facts == {"key": 2.5}
+# --- `printctl calibrate offset --printer`: offset of a second head, with its sign
+SHEET = """needle,x_mm,y_mm,z_mm
+left,100.00,80.00,12.00
+left,100.02,80.01,12.01
+left,99.98,79.99,11.99
+right,60.10,80.50,12.30
+right,60.12,80.51,12.31
+right,60.08,80.49,12.29
+"""
+"""Where the carriage stands with each tip on one mark: the right tip stands out by +39.9 in x."""
+
+
+def offset(folder: Path, *words: str) -> str:
+    sheet = folder / "offset.csv"
+    sheet.write_text(SHEET)
+    command = ["calibrate", "offset", str(sheet), *words]
+    done = CliRunner().invoke(app, command, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return str(done.output)
+
+
+def test_the_tip_stands_as_much_farther_as_the_carriage_less_far(tmp_path: Path) -> None:
+    mended = tmp_path / "mine.yaml"
+    offset(tmp_path, "--printer", "two_syringe_marlin", "--write", str(mended))
+    printer = load(Printer, str(mended))
+    assert printer.heads[1].offset_mm.mm == pytest.approx((39.9, -0.5, -0.3), abs=1e-3)
+    assert printer.heads[0].offset_mm.mm == (0, 0, 0)
+    assert printer.heads[1].raises == "M280 P1 S90"
+    assert "heads.1.offset_mm measured by printctl calibrate" in printer.source
+    assert all(f"{axis} {value}" in printer.source for axis, value in (("x", 39.9), ("z", -0.3)))
+
+
+def test_a_head_that_isn_t_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="has no head 2"):
+        offset(tmp_path, "--printer", "two_syringe_marlin", "--head", "2")
+    with pytest.raises(UsageError, match="has no head 1"):
+        offset(tmp_path, "--printer", "generic_marlin")
+    with pytest.raises(UsageError, match="give --printer"):
+        offset(tmp_path, "--write", "x.yaml")

@@ -90,62 +90,6 @@ def test_other_patterns_stay_in_their_frame_and_write_what_they_say(
     assert found.top_mm > 0.5 - 1e-9 if name == "bridge" else found.top_mm == 0
 
 
-@pytest.mark.parametrize(("across", "lines"), [(16, 4), (30, 6), (48, 8), (80, 8)])
-def test_squares_are_straight_lines_apart_in_a_circle(
-    across: float, lines: int, tmp_path: Path
-) -> None:
-    job = tmp_path / "job.gcode"
-    words = ("--needle", "25g", "--across", str(across), "-o", job)
-    assert pattern("squares", *words).exit_code == 0
-    assert not job.with_suffix(".csv").exists()
-    begin, end, _, _ = written(dry_run(job.read_bytes(), PRINTER, AT))
-    assert np.hypot(*(np.vstack([begin, end])[:, :2] - AT[:2]).T).max() <= across / 2
-    along = (end - begin)[:, :2]
-    for axis in (0, 1):
-        row = np.abs(along[:, axis]) < 1e-6
-        places = np.unique(np.round(begin[row, axis] - AT[axis], 2))
-        assert len(places) == lines
-        assert np.diff(places).min() >= 4.79
-        np.testing.assert_allclose(places, -places[::-1], atol=0.011)
-    path = job.with_suffix(".json")
-    assert read_pattern(path).at_mm == AT
-    words = ("calibrate", "widths", str(job), "--pattern", str(path))
-    with pytest.raises(UsageError, match="has no widths"):
-        CliRunner().invoke(app, words, catch_exceptions=False)
-
-
-def test_comb_s_gaps_are_between_edges_and_joints_reach_into_the_trunk(tmp_path: Path) -> None:
-    job = tmp_path / "job.gcode"
-    words = ("--needle", "25g", "--width", "0.4", "-o", job)
-    assert pattern("comb", *words, "--gaps", "0.5,0.1").exit_code == 0
-    teeth = read_pattern(job.with_suffix(".json")).pattern.of_role("tooth")
-    height = [stroke.points[0, 1] for stroke in teeth]
-    np.testing.assert_allclose(np.diff(height) - 0.4, [0.1, 0.5])
-    assert pattern("joint", *words, "--overlaps", "-1,0,1,2").exit_code == 0
-    found = read_pattern(job.with_suffix(".json")).pattern
-    trunk = found.of_role("trunk")[0].points[0, 1]
-    ends = [stroke.points[-1, 1] - trunk for stroke in found.of_role("branch")]
-    np.testing.assert_allclose(ends, [0.4, 0.2, 0.0, -0.2])
-
-
-def test_an_ink_s_flow_factor_and_dwell_are_a_print_s(tmp_path: Path) -> None:
-    ink = tmp_path / "ink.yaml"
-    shipped = Path("firmware_profiles/data/inks/collagen_fresh.yaml")
-    ink.write_text(
-        (Path(__file__).parents[3] / shipped).read_text(encoding="utf-8")
-        + "flow_factor: 0.8\ndwell_s: 1.5\n",
-        encoding="utf-8",
-    )
-    pushed = []
-    for name, more in (("a", ()), ("b", ("--ink", ink))):
-        job = tmp_path / f"{name}.gcode"
-        assert pattern("comb", "--needle", "25g", "-o", job, *more).exit_code == 0
-        pushed.append(written(dry_run(job.read_bytes(), PRINTER, AT))[2].sum())
-    assert pushed[0] / pushed[1] == pytest.approx(0.8, rel=2e-3)
-    # And it waits after each prime, as a print does: two strokes of the frame, eight teeth.
-    assert job.read_text().count("G4 ") == 10
-
-
 @pytest.mark.parametrize(
     ("words", "says"),
     [
@@ -208,14 +152,3 @@ def test_a_pattern_s_file_that_was_changed_is_refused(tmp_path: Path) -> None:
     path.write_text(json.dumps(said))
     with pytest.raises(UsageError, match="isn't whole"):
         read_pattern(path)
-
-
-@pytest.mark.parametrize(
-    ("pattern", "option"),
-    [("lines", "--gaps"), ("comb", "--speeds"), ("bridge", "--overlaps")],
-)
-def test_an_option_of_another_pattern_is_refused(pattern: str, option: str, tmp_path: Path) -> None:
-    words = ["calibrate", "pattern", pattern, "--needle", "25g", option, "1,2"]
-    with pytest.raises(UsageError, match=f"{option} changes nothing about the pattern {pattern}"):
-        CliRunner().invoke(app, [*words, "-o", str(tmp_path / "p.gcode")], catch_exceptions=False)
-    assert not list(tmp_path.iterdir())

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner, Result
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration.lag import LagPattern, expected_width
 from printctl.calibration.patterns import WrittenPattern, read_pattern
-from printctl.calibration.widths import GivenValues, fit_widths, typed_widths
 from printctl.checks.bead import predict_job
 from printctl.checks.set_up import HeadLoading
 from printctl.cli.main import app
 from printctl.errors import UsageError
+from registration.devices.lens import Board, Lens, find_board, read_lens, write_lens
 from sim.gcode.dry_run.run import dry_run
+from tests.registration.devices.lens.rendered import Rig, photographed
 from tests.registration.devices.microscope.rendered import Camera, Painted, paint
 
 NEEDLE = ("--needle", "25g")
@@ -120,23 +121,6 @@ def test_lines_on_a_plate_of_a_known_flow_give_the_ink_s_bead(tmp_path: Path) ->
     assert ink.flow_factor == 0.9
 
 
-def test_a_vague_picture_s_factor_is_told_and_not_written(tmp_path: Path) -> None:
-    written = printed(tmp_path, "lines", *FEW)
-    sharp = typed_widths(typed_lines(tmp_path, written, 0.85, 0.25), written)
-    vague = fit_widths(written, replace(sharp, optics=0.1), GivenValues())
-    assert set(vague.changes) == {"lag"}
-    assert "aren't written" in vague.notes[-1]
-    factor = vague.estimates["flow factor"]
-    assert factor.low == pytest.approx(0.85 * math.exp(-0.2), rel=0.03)
-
-
-def test_a_cross_section_that_does_not_follow_the_speed_is_told(tmp_path: Path) -> None:
-    written = printed(tmp_path, "lines", *FEW, "--repeats", "2")
-    _, notes = answer(typed_lines(tmp_path, written, 1.0, 0.05, power=-0.1))
-    assert "doesn't follow the speed" in notes
-    assert "follows the flow" in notes
-
-
 def test_from_a_simulated_print_to_the_ink_s_profile(tmp_path: Path) -> None:
     """Flow factor 0.9 and a lag of 0.3 s, laid by `sim.gcode.bead`, swollen, painted, measured."""
     printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
@@ -197,46 +181,6 @@ def test_a_spiral_tells_factor_drift_and_the_lag_of_its_begin(tmp_path: Path) ->
     assert "the flow drifts" in notes
 
 
-def test_comb_gives_the_interval_between_closed_and_open(tmp_path: Path) -> None:
-    printed(tmp_path, "comb", "--gaps", "0.1,0.2,0.3,0.5", "--round")
-    path = sheet(tmp_path, ["0", "0", "0.21", "0.41"])
-    found, _ = answer(path, "--write", tmp_path / "ink.yaml")
-    gap = found["smallest gap that stays open"]
-    assert (gap["value"], gap["low"], gap["high"]) == (0.3, 0.2, 0.3)
-    assert found["teeth wider than commanded by"]["value"] == pytest.approx(0.09)
-    ink = load(Ink, str(tmp_path / "ink.yaml"))
-    assert ink.smallest_gap_mm == 0.3
-    assert "0.2 mm closed" in ink.source
-
-
-def test_a_comb_all_closed_or_out_of_order_says_so(tmp_path: Path) -> None:
-    printed(tmp_path, "comb", "--gaps", "0.1,0.2,0.3,0.5", "--round")
-    empty = (tmp_path / "p.csv").read_text()
-    path = sheet(tmp_path, ["0", "0", "0", "0"])
-    _, notes = answer(path)
-    assert "every gap closed" in notes
-    with pytest.raises(UsageError, match="isn't written"):
-        calibrate("widths", path, "--write", tmp_path / "ink.yaml")
-    path.write_text(empty)
-    _, notes = answer(sheet(tmp_path, ["0", "0.1", "0", "0.4"]))
-    assert "a smaller gap stayed open" in notes
-
-
-def test_joints_and_bridges_have_an_interval_and_no_key(tmp_path: Path) -> None:
-    printed(tmp_path, "joint", "--overlaps", "-1,0,0.5,1")
-    found, notes = answer(sheet(tmp_path, ["0.1", "0.02", "0", "0"]))
-    least = found["least overlap that joins"]
-    assert (least["value"], least["low"], least["high"]) == (0.5, 0, 0.5)
-    assert "overlap_radii" in notes
-    printed(tmp_path, "bridge", "--spans", "1,2,4,6", "--height", "0.5")
-    found, _ = answer(sheet(tmp_path, ["1", "1", "0", "0"]))
-    longest = found["longest span that held"]
-    assert (longest["value"], longest["low"], longest["high"]) == (2, 2, 4)
-    (tmp_path / "p.png").write_bytes(b"")
-    with pytest.raises(UsageError, match="can't be seen from above"):
-        calibrate("widths", tmp_path / "p.png")
-
-
 @pytest.mark.parametrize(
     ("row", "says"),
     [
@@ -278,10 +222,7 @@ def test_another_print_s_sheet_and_answers_that_are_none_are_refused(tmp_path: P
 
 def test_comb_and_joints_are_read_from_their_pictures(tmp_path: Path) -> None:
     """Lines 60 µm wider than commanded close gaps up to 60 µm, and reach 30 µm farther."""
-    asked = {
-        "comb": ("--gaps", "0.04,0.15,0.25,0.4"),
-        "joint": ("--overlaps", "-4,-3,-1,1"),
-    }
+    asked = {"comb": ("--gaps", "0.04,0.15,0.25,0.4"), "joint": ("--overlaps", "-4,-3,-1,1")}
     found: dict[str, Any] = {}
     for name, words in asked.items():
         written = printed(tmp_path, name, *words, "--round", "--width", "0.3")
@@ -303,3 +244,82 @@ def test_comb_and_joints_are_read_from_their_pictures(tmp_path: Path) -> None:
     ends = [4 * 0.15 - 0.03 - 0.18, 3 * 0.15 - 0.03 - 0.18, 0, 0]
     assert found["joint"]["gaps"] == pytest.approx(ends, abs=0.015)
     assert found["joint"]["least overlap that joins"]["value"] == -1
+
+
+# --- `printctl calibrate board` and `camera`: widths scaled by a board
+BOARD = ("--squares", "11,8", "--square-mm", "2")
+TOO_LARGE = 1.01
+
+
+def flow_factor(*words: str | Path) -> tuple[float, str]:
+    done = calibrate("widths", *words, "--json")
+    assert done.exit_code == 0, done.output
+    said = json.loads(done.stdout)
+    return said["estimates"]["flow factor"]["value"], "\n".join(said["notes"])
+
+
+def test_a_board_is_written_at_its_size_and_found(tmp_path: Path) -> None:
+    path = tmp_path / "board.png"
+    assert calibrate("board", path, *BOARD, "--dpi", "600").exit_code == 0
+    with Image.open(path) as written:
+        assert written.size[0] == pytest.approx(13 * 2 / 25.4 * 600, abs=13)
+        size_mm = np.array(written.size) / written.info["dpi"] * 25.4
+        assert size_mm == pytest.approx([13 * 2, 10 * 2], rel=1e-4)
+    assert len(find_board(path, Board(11, 8, 2.0, 1.5)).pixels) == 70
+    with pytest.raises(UsageError, match="raise --dpi"):
+        calibrate("board", path, "--square-mm", "0.5", "--dpi", "300")
+    with pytest.raises(UsageError, match="write it like 11,8"):
+        calibrate("board", path, "--square-mm", "2", "--squares", "11")
+
+
+def test_a_camera_is_calibrated_by_one_picture(tmp_path: Path) -> None:
+    rig, seen, kept = Rig(distortion=(-0.3, 0.0)), tmp_path / "seen.png", tmp_path / "camera.yaml"
+    assert cv2.imwrite(str(seen), photographed(Board(11, 8, 2.0, 1.5), rig))
+    done = calibrate("camera", seen, *BOARD, "--write", kept, "--json")
+    (scale,) = json.loads(done.stdout)["estimates"].values()
+    assert scale["low"] < rig.true_um_per_px < scale["high"]
+    assert read_lens(kept).um_per_px == pytest.approx(rig.true_um_per_px, rel=2e-4)
+
+
+def seen_through(rig: Rig, image: np.ndarray) -> np.ndarray:
+    """The same picture by a lens that distorts."""
+    u, v = np.meshgrid(*(np.arange(side, dtype=float) for side in rig.size_px))
+    at = rig.ideal(np.column_stack([u.ravel(), v.ravel()])).astype(np.float32)
+    mapped = at.T.reshape(2, *u.shape)
+    return cv2.remap(image, mapped[0], mapped[1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+
+
+def painted(written: WrittenPattern) -> list[Painted]:
+    """As designed, but for a printer whose axes go too far; lines as wide as they should be."""
+    bead = written.pattern.bead
+    return [
+        Painted(TOO_LARGE * s.points[:, :2], np.full(len(s.points), bead.width_at(s.flow)))
+        for s in written.pattern.strokes
+    ]
+
+
+@pytest.mark.slow
+def test_widths_are_those_of_the_board_where_axes_and_lens_are_wrong(tmp_path: Path) -> None:
+    words = ("--speeds", "2,8", "--flow-factors", "0.9,1.2", "--round", "--width", "0.3")
+    assert calibrate("pattern", "lines", *words, "--needle", "25g",
+                     "-o", tmp_path / "p.gcode").exit_code == 0  # fmt: skip
+    written = read_pattern(tmp_path / "p.json")
+    seen = Camera(um_per_px=30, noise=0.02, per_mm=8.0)
+    image = paint(painted(written), seen, written.pattern.size_mm, 3)
+    side = image.shape[0]
+    rig = Rig((side, side), 3.0 * side, (0.4, 0.0), 30.0)
+    picture, camera = tmp_path / "p.png", tmp_path / "camera.yaml"
+    assert cv2.imwrite(str(picture), seen_through(rig, image))
+    u, v = rig.middle_px.tolist()
+    write_lens(
+        camera,
+        Lens(size_px=(side, side), focal_px=rig.focal_px, centre_px=(u, v),
+             distortion=rig.distortion, um_per_px=30.0, um_per_px_95=(29.99, 30.01), off_px=0.05),
+    )  # fmt: skip
+    plain, _ = flow_factor(picture)
+    found, notes = flow_factor(picture, "--camera", camera)
+    assert plain < 0.985
+    assert found == pytest.approx(1.0, abs=0.008)
+    assert "the frame is printed +1.0" in notes
+    with pytest.raises(UsageError, match="leave --um-per-px out, or --camera"):
+        calibrate("widths", picture, "--camera", camera, "--um-per-px", "30")

@@ -14,10 +14,7 @@ class Shell:
     """
 
     def __init__(
-        self,
-        monkeypatch: pytest.MonkeyPatch,
-        capsys: pytest.CaptureFixture[str],
-        *first: str,
+        self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *first: str
     ) -> None:
         self.monkeypatch, self.capsys, self.first = monkeypatch, capsys, first
 

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printctl.cli.scan_options import voxel_mm
-from printctl.errors import UsageError
 from registration import ScanOverrides, write_scan_tiff
 from registration.corrected import corrected_scan
 from registration.devices.optics import OctCalibration, read_calibration, write_calibration
@@ -66,13 +64,6 @@ def test_grid_and_step_make_a_file_that_register_reads(run: Shell, targets: Path
     assert found.depth_scale == pytest.approx(1.0, abs=0.002)
     assert not found.depth_standard
     np.testing.assert_allclose(found.lateral, FAULT.lateral, atol=0.002)
-
-
-def test_without_a_step_depth_has_no_standard(run: Shell, targets: Path) -> None:
-    code, text, _ = run("--grid", f"{targets / 'low.oct'}", "--pitch-um", "500")
-    assert code == 0
-    assert "no step in the medium" in text
-    assert "one height" in text
 
 
 def reference(folder: Path, name: str, measured_um: float, **said: object) -> str:
@@ -172,24 +163,3 @@ def test_a_scan_is_corrected_by_its_devices_calibration(tmp_path: Path) -> None:
     assert "index 1.4 " in found.notes[-1]
     with pytest.raises(ScanFileError, match="no calibration"):
         corrected_scan(path, ScanOverrides(), tmp_path / "none.yaml", False)
-
-
-def test_voxels_are_given_as_x_y_z() -> None:
-    assert voxel_mm("30,20,10") == pytest.approx((0.01, 0.02, 0.03))
-    assert voxel_mm(None) is None
-    with pytest.raises(UsageError):
-        voxel_mm("30,20")
-
-
-def test_register_takes_what_a_file_may_not_say(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    register = Shell(monkeypatch, capsys, "register")
-    options = (
-        "--voxel-um 30,30,20 --refractive-index 1.34 --optical-depth --scale db --modality oct "
-        "--axes yxz --depth-down --not-mirrored --oct-calibration device.yaml --air-above"
-    )
-    where = ["s.raw", "--model", f"{tmp_path / 'none'}", "--out", f"{tmp_path}"]
-    code, _, said = register(*where, *options.split())
-    assert code == 2
-    assert "doesn't exist; give a run folder" in said

@@ -106,17 +106,6 @@ def test_a_run_and_a_registration_are_compared(shell: Shell) -> None:
     assert "1 of 2 prints pass" in page
 
 
-def test_names_given_make_scans_of_one_print(shell: Shell) -> None:
-    for name in "abc":
-        run_folder(name, (float(ord(name)), 1.0, 2.0))
-    code, out, _ = shell("a", "b", "c", "--out", "o", "--prints", "x, x, y")
-    assert code == 0
-    assert "Taken for scans of one print: a, b." in out
-    code, _, err = shell("a", "b", "c", "--out", "o", "--prints", "x,y")
-    assert code == 2
-    assert "names 2 prints for 3 folders" in err
-
-
 def test_a_journal_tells_the_print_and_its_time(shell: Shell) -> None:
     for name, started in (("a", 3000.0), ("b", 3000.0), ("c", 1000.0)):
         journal(run_folder(name, (1.0, float(ord(name)), 2.0)), started)
@@ -128,18 +117,6 @@ def test_a_journal_tells_the_print_and_its_time(shell: Shell) -> None:
     assert [p["started"] for p in found["prints"]] == [1000.0, 3000.0]
 
 
-def test_a_registration_remembers_its_print(shell: Shell) -> None:
-    journal(run_folder("a", (1.0, 2.0, 3.0)), 3000.0)
-    run_folder("z", (1.0, 2.0, 4.0))
-    code, out, _ = shell("a", "z", "--out", "o", "--json")
-    assert code == 0
-    identity = json.loads(out)["prints"][0]["print_id"]
-    registered_folder("b", (1.0, 2.5, 3.0), {"id": identity, "started": 3000.0})
-    code, out, _ = shell("a", "b", "--out", "o")
-    assert code == 0
-    assert "Taken for scans of one print: a, b." in out
-
-
 def test_limits_given_judge_all_anew(shell: Shell) -> None:
     run_folder("a", (-8.0, -10.0, -12.0))
     run_folder("b", (-8.5, -10.0, -60.0))
@@ -148,15 +125,6 @@ def test_limits_given_judge_all_anew(shell: Shell) -> None:
         assert code == 0
         assert f"{passes} of 2 prints pass" in out
         assert f"diameters within ±{percent} %" in out
-
-
-def test_an_undecided_print_isnt_called_failed(shell: Shell) -> None:
-    run_folder("a", (-8.0, -10.0, -12.0))
-    run_folder("b", (-8.5, -10.0, -12.0))
-    told = {"passed": False, "undecided": True, "reasons": []}
-    Path("b/report.json").write_text(json.dumps({"verdict": told}))
-    _, out, _ = shell("a", "b", "--out", "o")
-    assert "1 of 2 prints pass; undecided: b" in out
 
 
 def wrong_folders() -> None:
@@ -291,15 +259,6 @@ def test_a_budget_that_claims_too_little_is_named(shell: Shell) -> None:
     _, out, _ = shell(*names, "--repeatability", "--out", "c", "--json")
     claims = json.loads(out)["gauge"]["claims"]
     assert {c["verdict"] for c in claims if not c["name"].startswith("vessel")} == {"too small"}
-
-
-def test_one_operator_tells_repeatability_alone(shell: Shell) -> None:
-    names = study_folders()
-    who = ",".join(["A"] * 12)
-    _, out, _ = shell(*names, "--repeatability", "--operators", who, "--out", "c", "--json")
-    study = json.loads(out)["gauge"]
-    assert study["quantities"][0]["sources"]["AV"]["sd"]["value"] is None
-    assert any("One operator" in note for note in study["notes"])
 
 
 def test_a_study_that_isnt_crossed_is_refused_by_name(shell: Shell) -> None:

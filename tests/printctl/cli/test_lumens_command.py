@@ -18,9 +18,12 @@ from tests.printctl.checks.lumens.small_gcode import (
     section,
     tube,
 )
-from tests.printctl.checks.lumens.test_model import LAYERS, pipe
+from tests.printctl.checks.lumens.test_openings import LAYERS_MODEL as LAYERS
+from tests.printctl.checks.lumens.test_openings import pipe
 from tests.printctl.checks.lumens.written_filaments import plunger_gcode, valve_gcode
 from tests.printctl.cli.shell import Shell
+from tests.printctl.cli.test_network_commands import FORK
+from tests.printctl.cli.test_network_commands import HEADER as HEADER_SOLID_COMMAND
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 E_MEANS = ("--filament-mm", str(BORE_MM))
@@ -85,14 +88,6 @@ def test_the_model_gives_a_network_its_place(shell: Shell) -> None:
     assert "--place" in err
 
 
-def test_a_wrong_place_is_doubted(shell: Shell) -> None:
-    code, _, err = shell(
-        "good.gcode", "--network", "net.csv", "--unit", "mm", "--place", "20.6,30,0", *E_MEANS
-    )
-    assert code == 3
-    assert "does the part stand where --place says" in err
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -105,16 +100,6 @@ def test_what_isnt_said_is_asked_for(shell: Shell, options: tuple[str, ...], sai
     code, _, err = shell("good.gcode", *options)
     assert code in (1, 2)
     assert said in err
-
-
-def test_an_inks_flow_factor_scales_the_lines(shell: Shell, tmp_path: Path) -> None:
-    profile = Path(firmware_profiles.__file__).parent / "data" / "inks" / "collagen_fresh.yaml"
-    (tmp_path / "thin.yaml").write_text(f"{profile.read_text()}\nflow_factor: 0.8\n")
-    command = ("good.gcode", "--model", "part.stl", "--unit", "mm", "--place", "20,30,0", "--json")
-    _, out, err = shell(*command, *E_MEANS, "--ink", "thin.yaml")
-    round_sides = 1e3 * (LINE_MM - section(LINE_MM) / LAYER_MM)
-    expected = 0.8 * (150 - round_sides) + round_sides
-    assert json.loads(out)["line_um"] == pytest.approx(expected, abs=0.1), err
 
 
 NETWORK = "0,0,1,{x0},10,5,{x1},10,5,0.3,0.3,channel,0\n"
@@ -183,3 +168,67 @@ def test_a_valves_file_is_read_by_its_flow(shell: Shell, tmp_path: Path) -> None
     code, _, err = shell("good.gcode", "--model", "part.stl", "--flow-ul-s", "1", *E_MEANS)
     assert code == 2
     assert "has a plunger" in err
+
+
+# --- `printctl solid`, in an empty directory
+@pytest.fixture
+def shell_solid_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Shell:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.csv").write_text(HEADER_SOLID_COMMAND + FORK)
+    return Shell(monkeypatch, capsys, "solid", "a.csv", "--unit", "mm", "--out")
+
+
+@pytest.mark.slow
+def test_lumens_and_tubes_in_every_format_of_triangles(
+    tmp_path: Path, shell_solid_command: Shell
+) -> None:
+    for name in ("l.stl", "l.3mf", "l.ply", "l.obj", "l.vtp"):
+        code, out, _ = shell_solid_command(name, "--fillet-ratio", "0.5")
+        assert code == 0
+        assert out.startswith(f"{name}: ")
+        assert (tmp_path / name).is_file()
+    code, out, _ = shell_solid_command("t.stl", "--wall-mm", "0.2", "--json")
+    found = json.loads(out)
+    assert (code, found["genus"], found["crossing_faces"]) == (0, 2, 0)
+
+
+def test_a_run_folder_s_lumens_have_its_fillets(tmp_path: Path, shell_solid_command: Shell) -> None:
+    """A run folder was refused as a broken network's file."""
+    (tmp_path / "run").mkdir()
+    (tmp_path / "a.csv").rename(tmp_path / "run" / "network.csv")
+    recipe = {
+        "schema": 1,
+        "name": "fork",
+        "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
+        "vasculature": {"design": "planar_four_vessel"},
+        "solid": {"fillet_ratio": 0.5},
+    }
+    facts = {"schema": 1, "facts": {"recipe": recipe}, "stages": {}}
+    (tmp_path / "run" / "manifest.json").write_text(json.dumps(facts))
+    of_run = Shell(
+        shell_solid_command.monkeypatch, shell_solid_command.capsys, "solid", "run", "--out"
+    )
+    volumes = []
+    for ratio in ((), ("--fillet-ratio", "0.5"), ("--fillet-ratio", "0")):
+        code, out, err = of_run("l.stl", "--json", *ratio)
+        assert code == 0, err
+        volumes.append(json.loads(out)["volume"])
+    assert volumes[0] == volumes[1] > volumes[2]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("a.iges",), "give a file that ends in .step"),
+        (("a.step", "--wall-mm", "1"), "STEP has sharp lumens"),
+    ],
+)
+def test_what_cant_be_made_is_wrong_use(
+    words: tuple[str, ...], said: str, shell_solid_command: Shell, tmp_path: Path
+) -> None:
+    code, _, err = shell_solid_command(*words)
+    assert code == 2
+    assert said in err
+    assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]

@@ -183,15 +183,6 @@ def test_only_the_layers_that_are_asked_for(tmp_path: Path, shell: Shell) -> Non
         assert 900 < picture.size[0] < 1300
 
 
-@pytest.mark.slow
-def test_the_same_scan_gives_the_same_bytes(tmp_path: Path, shell: Shell) -> None:
-    kept = []
-    for _ in range(2):
-        assert shell("run", *POSE, "--layer", "2")[0] == 0
-        kept.append([path.read_bytes() for path in sorted((tmp_path / "out").iterdir())])
-    assert kept[0] == kept[1]
-
-
 def test_a_pose_of_elsewhere_is_refused(tmp_path: Path, shell: Shell) -> None:
     far = np.eye(4)
     far[0, 3] = 50
@@ -229,13 +220,6 @@ def test_an_embedded_run_has_no_layers(tmp_path: Path, shell: Shell) -> None:
     code, _, err = shell("run", *POSE)
     assert code == 2
     assert "has no layers to lay a scan over" in " ".join(err.split())
-
-
-def test_a_run_whose_g_code_is_not_written_yet(tmp_path: Path, shell: Shell) -> None:
-    (tmp_path / "run/part.gcode").unlink()
-    code, _, err = shell("run", *POSE)
-    assert code == 2
-    assert "has no part.gcode" in err
 
 
 def test_lines_written_larger_are_laid_over_the_design_in_its_size(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
@@ -9,10 +10,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from typer.testing import CliRunner
 
 from firmware_profiles import Printer, load
+from printctl.cli import print_job
 from printctl.cli.alive import alive
-from printctl.cli.main import main
+from printctl.cli.main import app, main
 from printctl.cli.pause import PauseAfter, pause
 from printctl.cli.recover import recover
 from printctl.cli.reload import reload
@@ -20,7 +23,7 @@ from printctl.cli.resume import resume
 from printctl.cli.status import status
 from printctl.cli.stop import kill, stop
 from printctl.errors import PrintctlError, SafetyError, UsageError
-from printctl.machine.link import Care, LinkError, LinkState, PrintClient, start_print
+from printctl.machine.link import Care, LinkError, LinkState, PrintClient, PrintOutcome, start_print
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, zigzag
 from tests.printctl.machine.link.layered import layered
 
@@ -104,10 +107,7 @@ def test_status_of_a_print_that_waits_for_a_layer_is_json(tmp_path, profile, cap
 
 @pytest.mark.parametrize(
     ("end", "state", "told"),
-    [
-        (stop, LinkState.STOPPED, "stopped: "),
-        (kill, LinkState.KILLED, "killed: killed by"),
-    ],
+    [(stop, LinkState.STOPPED, "stopped: "), (kill, LinkState.KILLED, "killed: killed by")],
 )
 def test_print_is_ended_from_another_terminal(tmp_path, profile, capsys, end, state, told):
     with pty_printer(FakeMarlin(), hold_at=40) as served:
@@ -193,3 +193,27 @@ def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(
         assert client.wait(30).state is LinkState.DONE
     code, message = told(["resume", str(job)], monkeypatch, capsys)
     assert (code, "has ended (done" in message) == (1, True), message
+
+
+# --- print disturbed by another program's commands: not reported as proven complete
+JOB = "M85 S600\nM302 P1\nG90\nM82\nG1 X1 Y5 E0.1 F600\nG1 X2 Y5 E0.2 F600\n"
+
+
+@pytest.mark.parametrize(("known", "code"), [(True, 0), (False, 1)])
+def test_exit_code_tells_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, known: bool, code: int
+) -> None:
+    ended = PrintOutcome(LinkState.DONE, 6, 6, "all 6 lines done", position_known=known)
+    monkeypatch.setattr(print_job, "_print", lambda *given: ended)
+    file = tmp_path / "job.gcode"
+    file.write_text(JOB)
+    words = ["print", str(file), "--printer", "generic_marlin", "--port", "simulated", "--json"]
+    found = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert found.exit_code == code, found.output
+    told = json.loads(found.stdout)
+    assert (told["state"], told["proved"]) == ("done", known)
+
+
+@pytest.mark.parametrize("state", [LinkState.FAILED, LinkState.STOPPED])
+def test_only_a_print_that_is_done_is_proved(state: LinkState) -> None:
+    assert not PrintOutcome(state, 6, 6, "").proved

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from manifold3d import Manifold
 
 from design.solids import block_solid, write_3mf, write_stl
 from firmware_profiles import Printer, load
 from printctl.cli.main import main
 from sim.gcode.dry_run.run import dry_run
+from tests.design.toolpath.shapes import as_solid, block
+from tests.printctl.cli.shell import Shell
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
@@ -61,10 +65,7 @@ def test_a_syringe_too_small_is_told(
 
 @pytest.mark.parametrize("name", ["cube.stl", "./cube.stl"])
 def test_a_mesh_is_never_written_over(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    name: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_stl(tmp_path / "cube.stl", block_solid(np.array([3.0, 2.0, 0.6])))
@@ -95,3 +96,221 @@ def test_a_height_that_layers_cant_make_is_told(
     said = capsys.readouterr().err
     assert told in said
     assert bool(told) == ("than designed" in said)
+
+
+# --- `printctl slice --thinnest-layer-um`: adaptive layer heights in the file
+@pytest.fixture
+def shell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Shell:
+    monkeypatch.chdir(tmp_path)
+    return Shell(monkeypatch, capsys)
+
+
+@pytest.fixture
+def sliced(tmp_path: Path, shell: Shell) -> bytes:
+    """A foot with upright walls, a part of 50° above it, and a gap of 0.3 mm below its cap."""
+    away = np.tan(np.radians(50.0))
+    corners = [(x, y, 0.36) for x in (0, 3) for y in (0, 2)]
+    corners += [(x, y, 0.96) for x in (0, 3 + 0.6 * away) for y in (0, 2)]
+    body = block(3, 2, 0.36) + as_hull(corners) + block(3, 2, 0.3).translate([0, 0, 1.26])
+    write_stl(tmp_path / "part.stl", as_solid(body))
+    words = ("--unit", "mm", "--out", "part.gcode", "--thinnest-layer-um", "20")
+    code, out, _ = shell("slice", "part.stl", *words)
+    assert code == 0
+    assert "layers of 25 to 60 µm" in out
+    return (tmp_path / "part.gcode").read_bytes()
+
+
+def as_hull(corners: list[tuple[float, float, float]]) -> Manifold:
+    return Manifold.hull_points(np.array(corners, dtype=float))
+
+
+def test_each_layer_says_its_height_before_it_is_written(sliced: bytes) -> None:
+    """By a reader of this test's own: from tip's height to tip's height where ink lies below."""
+    said, z, e, top, found = np.nan, 0.0, 0.0, 0.0, []
+    for line in sliced.decode().splitlines():
+        words = {axis: float(value) for axis, value in re.findall(r"([XYZE])(-?[\d.]+)", line)}
+        if line.startswith(";HEIGHT:"):
+            said = float(line[8:])
+        elif line.startswith("G1") and "X" in words and words.get("E", e) > e and z > top:
+            found.append((z, said))
+            top = z
+        z = words.get("Z", z)
+        e = words.get("E", e)
+    tops, heights = np.array(found).T
+    assert tops[0] == heights[0] == pytest.approx(0.06)
+    gaps = np.diff(tops)
+    below_cap = int(np.argmax(gaps))
+    assert gaps[below_cap] > 0.3
+    assert np.delete(gaps, below_cap) == pytest.approx(np.delete(heights[1:], below_cap))
+    assert heights[below_cap + 1] == pytest.approx(0.06)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--thinnest-layer-um", "60"), "must be at least a step lower"),
+        (("--thinnest-layer-um", "2"), "--thinnest-layer-um"),
+    ],
+)
+def test_heights_that_can_t_be_are_refused(
+    tmp_path: Path, shell: Shell, words: tuple[str, str], said: str
+) -> None:
+    write_stl(tmp_path / "part.stl", as_solid(block(3, 2, 0.36)))
+    code, _, err = shell("slice", "part.stl", "--unit", "mm", "--out", "a.gcode", *words)
+    assert code in (1, 2)
+    assert said in " ".join(err.split())
+    assert not (tmp_path / "a.gcode").exists()
+
+
+# --- `printctl slice` of several meshes and modifiers: heads and infill per region
+OFFSET_MM = 40.0
+"""Of the second head of two_syringe_marlin, along x."""
+BORE_MM2 = np.pi / 4 * 4.61**2
+TWO = ("--printer", "two_syringe_marlin", "--dish", "petri_60mm")
+
+
+def rod(radius: float, sides: int) -> Manifold:
+    return Manifold.cylinder(2.0, radius, radius, sides).translate([3.0, 2.0, -0.5])
+
+
+@pytest.fixture
+def assembly(tmp_path: Path) -> list[str]:
+    """A block with a hole, a lining in it whose outside was made of other triangles, a core."""
+    body = block(6, 4, 0.36) - rod(0.9, 96)
+    lining = (rod(0.9, 67) - rod(0.4, 96)) ^ block(6, 4, 0.36)
+    core = block(1, 1, 1).translate([4.5, 0.5, -0.3])
+    paths = []
+    for name, made in (("body", body), ("lining", lining), ("core", core)):
+        write_stl(tmp_path / f"{name}.stl", as_solid(made))
+        paths.append(str(tmp_path / f"{name}.stl"))
+    return paths
+
+
+def written(gcode: str) -> list[np.ndarray]:
+    """Of each head, rows of x, y of the middle, length and volume of its lines."""
+    head, at, found = 0, np.zeros(4), [[], []]
+    for line in gcode.splitlines():
+        words = {axis: float(value) for axis, value in re.findall(r"([XYZE])(-?[\d.]+)", line)}
+        new = at.copy()
+        new[["XYZE".index(axis) for axis in words]] = list(words.values())
+        if chosen := re.match(r"T(\d)", line):
+            head = int(chosen[1])
+        elif line.startswith("G92"):
+            at = new
+        elif re.match(r"G[01]\b", line):
+            way = float(np.hypot(*(new - at)[:2]))
+            if way > 1e-6 and new[3] > at[3]:
+                middle = (new + at)[:2] / 2 + [head * OFFSET_MM, 0]
+                found[head].append([*middle, way, (new[3] - at[3]) * BORE_MM2])
+            at = new
+    return [np.array(rows).reshape(-1, 4) for rows in found]
+
+
+def test_each_mesh_is_written_by_its_own_head_within_itself(
+    assembly: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "part.gcode"
+    inks = ("--ink", "collagen_fresh,gelatin_sacrificial")
+    words = ("slice", *assembly[:2], "--unit", "mm", "--out", str(out), *TWO, *inks, "--json")
+    assert run(monkeypatch, *words) == 0
+    told = json.loads(capsys.readouterr().out)
+    outer, inner = written(out.read_text())
+    centre = np.array(told["place_mm"][:2]) + [3.0, 2.0]
+    away = np.hypot(*(inner[:, :2] - centre).T)
+    # Half a line inside the lining's walls, but for the 67-gon's own sag of 1 µm.
+    assert 0.4 + 0.06 < away.min() < away.max() < 0.9 - 0.06
+    assert np.hypot(*(outer[:, :2] - centre).T).min() > 0.9 + 0.06
+    lining = np.pi * (0.9**2 - 0.4**2) * 0.36
+    block_ul = 6 * 4 * 0.36 - np.pi * 0.9**2 * 0.36
+    assert inner[:, 3].sum() == pytest.approx(lining, rel=0.02)
+    assert outer[:, 3].sum() == pytest.approx(block_ul, rel=0.02)
+    assert [one["head"] for one in told["meshes"]] == [0, 1]
+    assert [one["written_ul"] for one in told["heads"]] == pytest.approx(
+        [outer[:, 3].sum(), inner[:, 3].sum()], rel=0.005
+    )
+
+
+def test_meshes_of_one_head_close_the_gap_between_their_triangles(
+    assembly: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One ink: no wall along the border, so no place of it stays without a line."""
+    out = tmp_path / "part.gcode"
+    assert run(monkeypatch, "slice", *assembly[:2], "--unit", "mm", "--out", str(out)) == 0
+    rows, none = written(out.read_text())
+    assert not len(none)
+    whole = 6 * 4 * 0.36 - np.pi * 0.4**2 * 0.36
+    assert rows[:, 3].sum() == pytest.approx(whole, rel=0.02)
+    near = np.abs(np.hypot(*(rows[:, :2] - [100.0, 100.0]).T) - 0.9) < 0.15
+    # Pieces of a polygon are short, lines of infill are not; walls would be 2 times 34 mm long.
+    assert rows[near & (rows[:, 2] < 0.3), 2].sum() < 2.0
+
+
+def test_a_modifier_s_filling_holds_inside_it_alone(
+    assembly: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain, thinned = tmp_path / "plain.gcode", tmp_path / "thinned.gcode"
+    words = ("slice", assembly[0], "--unit", "mm", "--out")
+    core = f"{assembly[2]}:infill-percent=25,infill-angles=45"
+    assert run(monkeypatch, *words, str(plain)) == 0
+    assert run(monkeypatch, *words, str(thinned), "--modifier", core) == 0
+    all_over, (rows, _) = written(plain.read_text())[0], written(thinned.read_text())
+    assert all_over[:, 3].sum() - rows[:, 3].sum() == pytest.approx(0.75 * 0.36, rel=0.25)
+    inside = (np.abs(rows[:, :2] - [102.0, 99.0]) < 0.5).all(axis=1)
+    long = rows[:, 2] > 0.6
+    # Three slanted lines a layer in the core; elsewhere those along x and y.
+    assert 6 <= (inside & long).sum() <= 36
+    assert rows[~inside, 3].sum() == pytest.approx(all_over[:, 3].sum() - 0.36, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--heads", "0,2"), "has no head 2, only 0 to 1"),
+        (("--heads", "0"), "names 1, for 2 meshes"),
+        (("--line-um", "150,5"), "--line-um 5 lies outside 10 to 5000"),
+        (("--ink", "collagen_fresh,collagen_fresh,collagen_fresh"), "names 3"),
+        (("--modifier", "core.stl"), "doesn't say what it changes"),
+        (("--modifier", "core.stl:walls=3"), "'walls' can't be changed in a place"),
+        (("--modifier", "core.stl:infill-percent=120"), "must be a number within 0 to 100"),
+        (("--modifier", "core.stl:head=2"), "the printer has 2, counted from 0"),
+        (("--modifier", "core.stl:infill-angles=45/nan"), "write degrees, layer after layer"),
+    ],
+)
+def test_what_can_t_be_is_refused_with_its_remedy(
+    assembly: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, str],
+    said: str,
+) -> None:
+    out = tmp_path / "part.gcode"
+    known = ("slice", *assembly[:2], "--unit", "mm", "--out", str(out), *TWO)
+    assert run(monkeypatch, *known, *words) == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert not out.exists()
+
+
+def test_lumens_reads_what_each_head_s_own_syringe_pushes(
+    assembly: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The lining's head holds another syringe: by the first one's bore the lumen would close in."""
+    out, whole = tmp_path / "part.gcode", tmp_path / "whole.stl"
+    write_stl(whole, as_solid(block(6, 4, 0.36) - rod(0.4, 96)))
+    syringes = ("--syringe", "hamilton_1ml,hamilton_2_5ml")
+    known = ("slice", *assembly[:2], "--unit", "mm", "--out", str(out), *TWO, *syringes)
+    assert run(monkeypatch, *known) == 0
+    capsys.readouterr()
+    words = ("lumens", str(out), "--model", str(whole), "--unit", "mm", *TWO[:2], *syringes)
+    assert run(monkeypatch, *words, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["passed"]
+    assert told["lumens"][0]["narrowest_mm"] == pytest.approx(0.8, abs=0.01)

@@ -1,11 +1,9 @@
 """`printctl view FILE.gcode`, in an empty directory."""
 
-import io
 import json
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 from design.solids import block_solid, write_stl
 
@@ -56,19 +54,6 @@ def test_one_level_behind_a_line_that_cant_be_read_is_shown(
     code, out, _ = shell("view", "part.gcode", "--no-open", to, "--json")
     assert code == 0
     assert "line 4: 'M862.3 P" in json.loads(out)["notes"][0]
-
-
-def test_a_picture_of_one_layer_without_a_page(tmp_path: Path, shell: Shell) -> None:  # noqa: F811
-    (tmp_path / "part.gcode").write_text(LAYERS)
-    command = ("view", "part.gcode", "--png", "a.png", "--layer", "3", "--width", "520")
-    code, out, _ = shell(*command, "--palette", "--json")
-    assert code == 0
-    said = json.loads(out)
-    assert set(said) == {"picture", "notes"}
-    picture = Image.open(io.BytesIO((tmp_path / "a.png").read_bytes()))
-    assert picture.size[0] == 520
-    assert picture.mode == "P"
-    assert [path.name for path in sorted(tmp_path.iterdir())] == ["a.png", "part.gcode"]
 
 
 @pytest.mark.parametrize(

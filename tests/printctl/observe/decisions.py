@@ -2,14 +2,7 @@
 
 import numpy as np
 
-from printctl.observe.deciding import (
-    Decider,
-    Evidence,
-    FlowBlocks,
-    InkSupply,
-    Limits,
-    SupplyState,
-)
+from printctl.observe.deciding import Decider, Evidence, FlowBlocks, InkSupply, Limits, SupplyState
 from registration.inspection.values import Gap
 
 FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)

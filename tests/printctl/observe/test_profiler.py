@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -13,24 +14,32 @@ import yaml
 from benchmarks.checkers.profiler_painter import profiled
 from benchmarks.observe.laser import expected
 from printctl.errors import UsageError
+from printctl.observe.deciding.evidence import MapCheck
 from printctl.observe.devices import DeviceError
-from printctl.observe.views import View, open_view, read_profiler_frame, refuse_other_height
+from printctl.observe.last_map import LastMap
+from printctl.observe.learned import Learned
+from printctl.observe.scan_place import ScanSize, refuse_elsewhere
+from printctl.observe.views import (
+    View,
+    open_view,
+    read_profiler_frame,
+    refuse_other_height,
+    try_laser_frame,
+)
+from registration.devices.lens.lens import write_model as write_frame_laser_sweep
+from registration.devices.lens.lens import write_model as write_laser
+from registration.errors import PictureError
+from registration.files.readers.heights import HeightMap
+from registration.inspection import ExpectedLines, HeightFrame
+from registration.scan import Scan
+from tests.printctl.cli.test_observe import observe
+from tests.registration.devices.camera_frame import scene
+from tests.registration.devices.laser_sweep import sweeps
 
 
 def write_frame(path: Path, **changes: object) -> Path:
     path.write_text(yaml.safe_dump({"printer_to_scan": np.eye(4).tolist(), **changes}))
     return path
-
-
-def test_a_frame_says_what_the_files_dont(tmp_path: Path) -> None:
-    bare = read_profiler_frame(write_frame(tmp_path / "a.yaml"))
-    assert (bare.pixel_mm, bare.count_mm, bare.lost) == (None, 1.0, None)
-    path = write_frame(
-        tmp_path / "b.yaml", pixel_mm=[0.02, 0.05], count_mm=0.001, lost=-32768, size=[400, 300]
-    )
-    full = read_profiler_frame(path)
-    assert (full.pixel_mm, full.count_mm, full.lost) == ((0.02, 0.05), 0.001, -32768.0)
-    assert (bare.size, full.size) == (None, (400, 300))
 
 
 @pytest.mark.parametrize(
@@ -64,33 +73,6 @@ def opened(folder: Path, heights: np.ndarray, frame: Path | None) -> View:
     return open_view(path, cast(Any, order), map_.middle_z, map_.thickness, expected(map_))
 
 
-def test_a_profilers_file_is_opened_by_its_frame_and_a_simulated_ones_by_its_own(
-    tmp_path: Path,
-) -> None:
-    map_ = profiled(1, "plate")
-    frame = write_frame(
-        tmp_path / "frame.yaml", printer_to_scan=map_.to_map.tolist(), pixel_mm=[map_.px] * 2
-    )
-    told, own = (opened(tmp_path, map_.heights, one) for one in (frame, None))
-    np.testing.assert_array_equal(told.image, own.image)
-    assert told.size is not None
-    assert "µm over the layer's top along the lines" in told.size.words
-    assert told.hidden is not None
-    assert told.hidden.any()
-    assert told.shown is not None
-    assert told.shown.shape == (*map_.heights.shape, 3)
-    np.testing.assert_array_equal(told.taken, map_.heights)
-
-
-def test_a_map_of_another_place_or_without_a_spacing_is_told(tmp_path: Path) -> None:
-    map_ = profiled(1, "plate")
-    with pytest.raises(DeviceError, match=r"pixel_mm: \[x, y\]"):
-        opened(tmp_path, map_.heights, write_frame(tmp_path / "frame.yaml"))
-    elsewhere = write_frame(tmp_path / "frame.yaml", pixel_mm=[0.02, 0.02])
-    with pytest.raises(DeviceError, match="0% of the lines lie in the scan"):
-        opened(tmp_path, map_.heights, elsewhere)
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_heights_in_another_unit_are_told_by_what_stands_on_the_plate(
     tmp_path: Path, seed: int
@@ -122,3 +104,175 @@ def test_a_map_in_which_nothing_was_measured_holds_the_print(tmp_path: Path) -> 
     nothing = np.full_like(profiled(1, "plate").heights, np.nan)
     with pytest.raises(DeviceError, match=r"picture\.npz: the profiler measured no height at all"):
         opened(tmp_path, nothing, None)
+
+
+# --- a laser line with a camera, as an observer sees it: a folder of pictures becomes a layer
+def lines_on_blocks() -> ExpectedLines:
+    """A line along each block's top, written as 0.9 mm high ones."""
+    at = [(sweeps.LOW[0] + (left + right) / 2, high) for left, right, high in sweeps.BLOCKS]
+    start, end = (
+        np.array([(x, sweeps.LOW[1] + y, sweeps.FLOOR_Z + high) for x, high in at])
+        for y in (1.5, 5.5)
+    )
+    number = np.arange(2)
+    return ExpectedLines(start, end, np.full(2, 1.2), number, number, np.array([False, True]))
+
+
+def test_pictures_of_a_look_become_heights_of_its_layer(tmp_path: Path) -> None:
+    file = tmp_path / "laser.yaml"
+    write_laser(file, sweeps.fitted(tmp_path / "flat").laser)
+    try_laser_frame(file)
+    order = cast(Any, SimpleNamespace(oct=False, laser=True, frame=str(file)))
+    look = sweeps.written(sweeps.over_blocks(), tmp_path / "picture")
+    view = open_view(look, order, sweeps.FLOOR_Z + 0.45, 0.9, lines_on_blocks())
+    assert view.size is not None
+    assert "-" in view.size.words or "+" in view.size.words  # µm over the layer's top
+    assert view.hidden is not None
+    assert view.hidden.mean() < 0.5
+    bumped = [np.roll(one, 4, axis=1) for one in sweeps.over_blocks()]
+    moved = sweeps.written(bumped, tmp_path / "moved")
+    with pytest.raises(DeviceError, match="frame doesn't hold any more"):
+        open_view(moved, order, sweeps.FLOOR_Z + 0.45, 0.9, lines_on_blocks())
+    dark = sweeps.written([scene.picture()] * 3, tmp_path / "dark")
+    with pytest.raises(DeviceError, match="in 0 of 3 pictures"):
+        open_view(dark, order, sweeps.FLOOR_Z + 0.45, 0.9, lines_on_blocks())
+    file.write_text("printctl_laser: 1\n")
+    with pytest.raises(PictureError, match="observe sweep"):
+        try_laser_frame(file)
+
+
+def test_the_command_fits_a_laser(tmp_path: Path) -> None:
+    write_frame_laser_sweep(tmp_path / "frame.yaml", scene.frame())
+    flat = sweeps.written(sweeps.flat(), tmp_path / "flat")
+    out = tmp_path / "laser.yaml"
+    done = observe("sweep", flat, "--frame", tmp_path / "frame.yaml", "--floor-z", "1", "-o", out)
+    assert "of 24 used" in done.stdout
+    assert "heights             ±" in done.stdout
+    try_laser_frame(out)
+
+
+# --- a look's map beside the last look's
+_TO_MAP = np.eye(4)
+
+
+def _look(
+    number: int,
+    rows: int,
+    cell_mm: float = 0.02,
+    to_map: np.ndarray = _TO_MAP,
+    top: float = 0.2,
+    block: slice | None = None,
+    **changes: object,
+) -> tuple[Any, Any]:
+    """A look with a line in the map's middle, and its map of bare ground, with a block on it."""
+    start, end = np.array([[1.0, 3.0, top]]), np.array([[5.0, 3.0, top]])
+    number_of = np.zeros(1, np.int64)
+    lines = ExpectedLines(start, end, np.full(1, 0.3), number_of, number_of, np.ones(1, bool))
+    heights = np.random.default_rng(number).normal(0.0, 0.005, (rows, 300)).astype(np.float32)
+    if block is not None:
+        heights[block, 100:200] += top
+    given = HeightMap(heights, (cell_mm, cell_mm))
+    size = replace(ScanSize.of_heights(given, to_map), **cast(Any, changes))
+    at = SimpleNamespace(
+        look=SimpleNamespace(number=number),
+        layer=SimpleNamespace(lines=lines, row=np.zeros(1, np.int64)),
+        ink=SimpleNamespace(end=end, height_mm=np.full(1, 0.1), style="layered"),
+        since=np.ones(1, bool),
+    )
+    picture = np.stack([np.clip((heights - top + 0.05) / 0.1, -0.5, 1.5), heights - top + 0.05], 2)
+    view = SimpleNamespace(
+        taken=heights, size=size, hidden=np.zeros(heights.shape, bool), image=picture,
+        frame=HeightFrame(np.diag([1 / cell_mm, 1 / cell_mm, 1.0, 1.0])), thickness_mm=0.1,
+    )  # fmt: skip
+    return cast(Any, at), cast(Any, view)
+
+
+def test_a_map_with_fewer_rows_than_the_last_looks_lacks_them() -> None:
+    maps = LastMap()
+    assert not maps.check(*_look(1, 300)).lacks
+    assert (
+        maps.check(*_look(2, 280)).lacks == "lacks 20 of 300 rows (400 µm) against the last look's"
+    )
+    assert "10 of 300 rows (200 µm)" in maps.check(*_look(2, 290)).lacks  # the second picture
+    assert not maps.check(*_look(3, 300)).lacks  # compared with the last whole one
+    assert not maps.check(*_look(4, 310)).lacks
+    assert maps.check(*_look(5, 300)).lacks
+
+
+def test_a_first_map_is_compared_with_the_size_that_its_frame_names() -> None:
+    assert LastMap().check(*_look(1, 300)) == MapCheck(unsized=True)
+    assert LastMap().check(*_look(1, 300, placed=True)) == MapCheck()
+    assert LastMap().check(*_look(1, 300, whole=(300, 300))) == MapCheck()
+    lacks = LastMap().check(*_look(1, 280, whole=(300, 300))).lacks
+    assert lacks == "lacks 20 of 300 rows (400 µm) that observe.frame names"
+    assert not LastMap().check(*_look(1, 298, whole=(300, 300))).lacks
+
+
+def test_what_stood_there_and_is_gone_tells_of_rows_that_were_filled_up() -> None:
+    maps = LastMap()
+    maps.check(*_look(1, 300, block=slice(50, 100)))
+    assert not maps.check(*_look(2, 300, block=slice(50, 100))).lacks
+    moved = maps.check(*_look(3, 300, block=slice(38, 88))).lacks
+    assert moved.startswith("lacks 0.48 mm² of what stood there at the last look")
+
+
+@pytest.mark.parametrize("below", [0.1, 0.2])
+def test_ink_is_lifted_by_the_map_of_the_layer_below_alone(below: float) -> None:
+    """Of a look at mends alone the last map shows the same layer."""
+    maps = LastMap()
+    maps.check(*_look(1, 300, top=below))
+    at, view = _look(2, 300, block=slice(100, 200))
+    view.taken[100:200, 100:200] -= 0.1
+    view.image[100:200, 100:200, 1] -= 0.1
+    maps.check(at, view)
+    at.map = MapCheck()
+    image = maps.judged(at, view)
+    lifted = float(np.median(image[110:190, 110:190, 1] - view.image[110:190, 110:190, 1]))
+    assert (lifted, at.map.sunk_mm) == pytest.approx(
+        (0.09, 0.1) if below == 0.1 else (0.0, 0.0), abs=0.015
+    )
+
+
+# --- a scan of another place, size or spacing is told as that
+TO_SCAN = np.array([[1.0, 0, 0, -100], [0, 1, 0, -50], [0, 0, -1, 3], [0, 0, 0, 1]])
+"""The scan's corner at x 100, y 50; its first section at z 3."""
+
+
+def scan(voxel_mm: tuple[float, float, float], shape: tuple[int, int, int]) -> Scan:
+    empty = np.zeros(shape, np.uint8)
+    return Scan(empty, voxel_mm, 1.0, False, "linear", "oct", True, Path("painted"))
+
+
+def lines() -> ExpectedLines:
+    y = np.linspace(51.0, 54.0, 7)
+    start = np.column_stack([np.full(7, 101.0), y, np.full(7, 2.0)])
+    each, fresh = np.arange(7), np.ones(7, dtype=np.bool_)
+    return ExpectedLines(start, start + [4.0, 0, 0], np.full(7, 0.2), each, each, fresh)
+
+
+@pytest.mark.parametrize(
+    ("voxel_mm", "shape", "share"),
+    [
+        ((0.02, 0.03, 0.012), (100, 200, 200), "40%"),  # too narrow a spacing
+        ((0.02, 0.03, 0.03), (100, 60, 200), "29%"),  # a third of the sections
+        ((0.005, 0.03, 0.03), (100, 200, 200), "0%"),  # not as deep
+    ],
+)
+def test_a_scan_of_other_spacing_or_size_says_what_it_holds(
+    voxel_mm: tuple[float, float, float], shape: tuple[int, int, int], share: str
+) -> None:
+    with pytest.raises(DeviceError, match="of the lines lie in the scan: they are at x 101") as no:
+        refuse_elsewhere(ScanSize.of(scan(voxel_mm, shape), TO_SCAN), lines())
+    assert str(no.value).startswith(share)
+    assert "correct the voxel size" in str(no.value)
+
+
+def test_a_scan_that_tells_nothing_of_another_spacing_than_the_last_is_refused() -> None:
+    sizes = [ScanSize.of(scan((0.02, y, 0.03), (100, 200, 200)), TO_SCAN) for y in (0.03, 0.06)]
+    assert (
+        Learned().size_words(sizes[1]).startswith("the scan has 200 × 200 × 100 voxels of 30 × 60")
+    )
+    known = Learned().with_size(sizes[0])
+    assert known.size_words(sizes[0]).startswith("the scan has")
+    with pytest.raises(DeviceError, match=r"30 × 60 × 20 .* the last one that did had .* 30 × 30"):
+        known.size_words(sizes[1])

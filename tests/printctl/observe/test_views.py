@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from types import SimpleNamespace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,10 +14,10 @@ from printctl.errors import UsageError
 from printctl.observe import views
 from printctl.observe import views as camera_holds
 from printctl.observe.devices import DeviceError
+from printctl.observe.look_values import Look
+from printctl.observe.records import LookRecord, look_folder, save_look
+from printctl.observe.view_before import EMPTY, image_before, picture_before
 from registration.devices.camera_frame.frame import CameraFrame
-from registration.inspection import ExpectedLines
-from sim.devices.camera.optics import Camera
-from sim.devices.camera.scene import Bath
 
 
 @dataclass
@@ -51,23 +51,6 @@ def test_a_black_picture_is_told_as_that(tmp_path, dtype):
         camera_holds.refuse_moved(black, CameraFrame.model_construct(), tmp_path / "now.png")
 
 
-def test_a_frame_that_was_fitted_anew_counts_at_the_next_picture(tmp_path, monkeypatch):
-    path = tmp_path / "frame.yaml"
-    monkeypatch.setattr(views, "read_frame", lambda file: file.read_text())
-    order = SimpleNamespace(frame=str(path), device=SimpleNamespace(extra={}))
-    for moment, text in enumerate(["as it was", "fitted anew"], 1):
-        path.write_text(text)
-        os.utime(path, ns=(moment, moment))
-        assert views.camera_frame(order) == text
-
-
-def test_what_is_no_picture_is_told(tmp_path):
-    path = tmp_path / "picture.png"
-    path.write_bytes(b"no picture")
-    with pytest.raises(DeviceError, match="isn't a picture"):
-        views.read_picture(path)
-
-
 def test_half_a_jpeg_is_no_picture(tmp_path):
     path = tmp_path / "IMG_1.JPG"
     noise = np.random.default_rng(1).integers(0, 255, (64, 64), np.uint8)
@@ -97,54 +80,87 @@ def test_an_octs_frame_is_four_by_four(tmp_path, text):
         views.read_oct_frame(path)
 
 
-def test_a_simulated_frame_looks_through_the_baths_surface():
-    camera = Camera(size_px=(400, 300), um_per_px=20, target_mm=(50, 40, 4), tilt_deg=20)
-    place = np.array([[50.5, 40.5, 1.0]])
-    straight = views.SimulatedFrame(camera, Bath()).to_pixels(place)
-    assert straight == pytest.approx(camera.pixels(place))
-    bent = views.SimulatedFrame(camera, Bath(surface_z_mm=4.0)).to_pixels(place)
-    entry = np.append(camera.on_plane(bent, 4.0)[0][:2], 4.0)
-    sine = [
-        np.linalg.norm((one - other)[:2]) / np.linalg.norm(one - other)
-        for one, other in ((camera.eye_mm, entry), (entry, place[0]))
-    ]
-    assert sine[0] / sine[1] == pytest.approx(1.33, rel=1e-4)
+# --- the picture that counts as the one before a look's layer
+LOOK = Look(3, 300, 300, 200, "end of layer 2")
 
 
-def _scanned(tmp_path):
-    """A folder with a volume of noise and its frame; both files."""
-    bright = np.linspace(100, 3000, 120)[:, None, None]
-    volume = (np.random.default_rng(2).exponential(1, (120, 30, 40)) * bright).astype(np.uint16)
-    path, frame = tmp_path / "picture.npz", tmp_path / "frame.yaml"
-    np.savez(
-        path, volume=volume, voxel_mm=np.array([0.01, 0.02, 0.02]), refractive_index=1.0,
-        optical_depth=False, scale="linear", modality="oct", depth_down=True,
-    )  # fmt: skip
-    frame.write_text("printer_to_scan: [[1,0,0,0], [0,-1,0,0.6], [0,0,-1,1.2], [0,0,0,1]]")
-    return path, frame
+def record(number: int, done: int, at: float = 100.0) -> LookRecord:
+    return LookRecord(number, done, done, "", at, "go_on", "", found={"seen_share": 1.0})
 
 
-def test_a_volume_taken_twice_is_known_at_another_layer(tmp_path):
-    """A hanging scanner's volume looks another way in each layer's height map."""
-    path, frame = _scanned(tmp_path)
-    order = type("Order", (), {"oct": True, "laser": False, "frame": str(frame)})()
-    low, high = (views.open_view(path, order, z, 0.06) for z in (0.5, 0.7))
-    assert not np.array_equal(low.image, high.image)
-    np.testing.assert_array_equal(low.taken, high.taken)
-    assert len(low.taken) < 20
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for number in (1, 2, 3):
+        (look_folder(tmp_path, number) / "picture.png").touch()
+    save_look(tmp_path, record(1, 100))
+    save_look(tmp_path, record(2, 200))
+    return tmp_path
 
 
-@pytest.mark.parametrize("embedded", [True, False])
-def test_a_volume_of_a_bath_has_a_picture_at_the_filaments_depths(tmp_path, embedded):
-    path, frame = _scanned(tmp_path)
-    facts = {"oct": True, "laser": False, "embedded": embedded, "frame": str(frame)}
-    once = np.zeros(1, dtype=np.int64)
-    lines = ExpectedLines(
-        np.array([[0.1, 0.3, 0.4]]), np.array([[0.7, 0.3, 0.8]]), np.full(1, 0.15),
-        once, once, np.ones(1, dtype=np.bool_),
-    )  # fmt: skip
-    view = views.open_view(path, type("Order", (), facts)(), 0.6, 0.5, lines)
-    assert (view.filaments is not None) == embedded
-    assert view.hidden is None
-    if embedded:
-        assert view.filaments.shape[:2] == view.image.shape[:2]
+def now(folder: Path) -> Path:
+    return folder / "looks" / "0003" / "picture.png"
+
+
+def test_the_look_that_directly_precedes_gives_it(folder: Path) -> None:
+    assert picture_before(folder, 0.0, LOOK, now(folder)) == folder / "looks/0002/picture.png"
+
+
+def test_pictures_of_other_prints_of_long_ago_and_of_looks_not_judged_are_none(
+    folder: Path,
+) -> None:
+    assert picture_before(folder, 500.0, LOOK, now(folder)) is None  # another print's
+    old = folder / "looks" / "0002" / "picture.png"
+    long_ago = now(folder).stat().st_mtime - 7200
+    os.utime(old, (long_ago, long_ago))
+    assert picture_before(folder, 0.0, LOOK, now(folder)) is None
+    os.utime(old)
+    (folder / "looks" / "0002" / "look.json").unlink()
+    assert picture_before(folder, 0.0, LOOK, now(folder)) is None
+
+
+def test_a_picture_in_a_file_of_another_format_counts(folder: Path) -> None:
+    """After PNG, TIFF of the same camera told nothing of a layer over older ink."""
+    other = now(folder).with_suffix(".tif")
+    other.touch()
+    assert picture_before(folder, 0.0, LOOK, other) == folder / "looks/0002/picture.png"
+
+
+def test_the_first_look_has_the_view_of_the_empty_dish(tmp_path: Path) -> None:
+    empty, first = (look_folder(tmp_path, number) / "picture.png" for number in (EMPTY, 1))
+    for number, path in enumerate((empty, first)):
+        path.touch()
+        os.utime(path, (1000.0 + 60.0 * number,) * 2)
+    look = Look(1, 40, 40, 0, "end of layer 0")
+    assert picture_before(tmp_path, 1030.0, look, first) == empty
+    assert picture_before(tmp_path, 990.0, look, first) is None  # taken while it was printing
+    later = Look(2, 80, 80, 40, "end of layer 1")
+    assert picture_before(tmp_path, 1030.0, later, first) is None
+
+
+def test_mends_alone_are_judged_by_the_picture_before_the_ink_they_belong_to(folder: Path) -> None:
+    about = Look(3, 220, 200, 100, "end of layer 1")
+    assert picture_before(folder, 0.0, about, now(folder)) == folder / "looks/0001/picture.png"
+
+
+COLOUR = np.random.default_rng(1).integers(0, 255, (20, 30, 3), dtype=np.uint8)
+
+
+def before_in(folder: Path, image: np.ndarray) -> None:
+    cv2.imwrite(str(folder / "looks/0002/picture.png"), image)
+    now(folder).touch()
+
+
+@pytest.mark.parametrize(
+    ("now_is", "words"),
+    [
+        (COLOUR[:, :, 0], "grey with 8 bits, and the one before was in colour with 8 bits a"),
+        (COLOUR.astype(np.uint16) * 257, "in colour with 16 bits a channel, and the one before"),
+    ],
+)
+def test_a_camera_that_changes_colour_or_depth_in_mid_print_is_told(
+    folder: Path, now_is: np.ndarray, words: str
+) -> None:
+    """Sound ink seemed to be missing then: 4.6 mm of gaps, later a clogged needle."""
+    before_in(folder, COLOUR)
+    with pytest.raises(DeviceError, match=words):
+        image_before(folder, 0.0, LOOK, now(folder), now_is)

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import io
+import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from rich.console import Console
 
 from design.errors import SolidError, ToolpathError
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
-from firmware_profiles import Needle, load
+from firmware_profiles import Bath, Ink, Needle, Printer, load
+from firmware_profiles.bead import BeadSection
+from kernels.arrays import FloatArray, IntArray
 from printctl.errors import SafetyError, UsageError
-from printctl.pipeline.refusals import refuse_before
+from printctl.pipeline.printability import printability
 from printctl.pipeline.run import design_recipe, toolpath_recipe
+from printctl.pipeline.stages import lumens
 from printctl.recipe import Recipe, parse_recipe
+from printctl.recipe.making import Embedded, Fresh
+from sim.gcode.deposit.strands import Strands
+from tests.printctl.checks.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube
+from tests.printctl.corrections.feedback.small_run import TWO, recipe_of
 
 EMBEDDED = {"method": "embedded", "needle": "30g_50mm"}
 GELATIN = {"ink": "gelatin_sacrificial", "bath": "cell_matrix"}
@@ -47,20 +56,6 @@ def recipe(folder: Path, vessels: VesselNetwork, **parts: Any) -> Recipe:
         **parts,
     }
     return parse_recipe(data, "one.yaml")
-
-
-def short(folder: Path) -> str:
-    """A needle of 9.5 mm, shorter than the block and longer than the vessel is deep."""
-    facts = load(Needle, "30g").model_dump(mode="json", exclude_none=True) | {"length_mm": 9.5}
-    (folder / "short.yaml").write_text(yaml.safe_dump(facts))
-    return str(folder / "short.yaml")
-
-
-def test_what_can_be_printed_passes(tmp_path: Path) -> None:
-    refuse_before(recipe(tmp_path, network()), tmp_path)
-    fresh = {"method": "fresh"}
-    printer = {"ink": "collagen_fresh", "bath": "gelatin_support"}
-    refuse_before(recipe(tmp_path, network(), toolpath=fresh, printer=printer), tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -152,23 +147,147 @@ def test_a_file_that_is_not_there_is_refused_first(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
-def test_a_block_is_as_deep_as_it_says_and_other_tissue_as_its_network(tmp_path: Path) -> None:
-    toolpath = {**EMBEDDED, "needle": short(tmp_path)}
-    with pytest.raises(SafetyError, match=r"needle's length: 10 mm, limit 9\.5"):
-        refuse_before(recipe(tmp_path, network(), toolpath=toolpath), tmp_path)
-    cut = {
-        "shape": "block",
-        "size_mm": [10, 6, 10],
-        "keep_within": [{"shape": "block", "from_mm": [0, 0, 0], "to_mm": [10, 6, 9.2]}],
-    }
-    refuse_before(recipe(tmp_path, network(), toolpath=toolpath, tissue=cut), tmp_path)
+# --- printability limits of needle, bath and method
+def context(part: Embedded | Fresh, print_scale: float = 1.0, **bath: float) -> Any:
+    """As much of a run's context as is asked."""
+    ink = load(Ink, "gelatin_sacrificial")
+    return SimpleNamespace(
+        recipe=SimpleNamespace(toolpath=part, print_scale=print_scale),
+        needle=load(Needle, part.needle),
+        ink=ink,
+        bath=load(Bath, "cell_matrix").model_copy(update=bath),
+    )
 
 
-def test_a_vessel_wider_than_a_filament_is_no_refusal(tmp_path: Path) -> None:
-    refuse_before(recipe(tmp_path, network(radius_mm=2.0, depth_mm=1.0)), tmp_path)
+def test_a_weak_bath_limits_the_widest_vessel() -> None:
+    weak = context(Embedded(method="embedded"), yield_stress_pa=0.02, density_g_cm3=1.05)
+    limits = printability(weak)
+    # 0.02 Pa / (0.07 × 20 kg/m³ × 9.81 m/s²)
+    assert limits.widest_mm == pytest.approx(1.456, rel=1e-3)
+    assert "1.46 mm, which the bath's yield stress holds" in limits.says
 
 
-def test_a_design_alone_asks_for_no_needle(tmp_path: Path) -> None:
-    made = recipe(tmp_path, network(radius_mm=0.06))
-    design_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
-    assert (tmp_path / "run" / "solid.stl").exists()
+# --- print time against cell lifetime, and ink use, on a complete simulated job
+def dry_run(folder: Path, **care: Any) -> dict[str, Any]:
+    write_network_csv(folder / "two.csv", TWO)
+    recipe = recipe_of(needle="22g", layer_um=150, line_um=400) | {"printer": {"care": care}}
+    found = toolpath_recipe(
+        parse_recipe(recipe, "test"), folder, folder, Console(file=io.StringIO())
+    )
+    summary: dict[str, Any] = found["dry_run"]
+    return summary
+
+
+SAID = {"viability_source": "our protocol"}
+REFUSED = r"print time, of what the cells have.*our protocol"
+
+
+def test_a_print_longer_than_its_cells_have_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SafetyError, match=REFUSED):
+        dry_run(tmp_path, viability_min=0.5, **SAID)
+
+
+@pytest.mark.slow
+def test_a_print_as_long_as_half_its_cells_time_is_taken_as_long_as_twice_refused(
+    tmp_path: Path,
+) -> None:
+    long = dry_run(tmp_path, viability_min=1000, **SAID)
+    assert long["time_the_cells_have"] == "1000 min (our protocol)"
+    minutes = long["print_time_s"] / 60
+    assert long["changes_of_syringe"] == 0
+    assert minutes > 0.5
+    dry_run(tmp_path, viability_min=2 * minutes, **SAID)
+    with pytest.raises(SafetyError, match=REFUSED):
+        dry_run(tmp_path, viability_min=minutes / 2, **SAID)
+
+
+@pytest.mark.slow
+def test_ink_is_told_with_what_stays_behind(tmp_path: Path) -> None:
+    found = dry_run(tmp_path)
+    assert "not known" in found["time_the_cells_have"]
+    # 20 µL of the syringe, and the bore of a 22G needle of half an inch.
+    assert found["ink_left_per_filling_ul"] == pytest.approx(21.68, abs=0.01)
+    assert found["ink_needed_ul"] == pytest.approx(
+        found["ink_pushed_ul"] + found["ink_left_per_filling_ul"], abs=2e-3
+    )
+    assert found["fillings"] == 1
+
+
+# --- pipeline stage that checks lumens in the G-code
+LAYERS = 8
+NONE = np.zeros(1, dtype=np.int64)
+
+
+def context_lumens_stage(folder: Path, layers: list[Strokes], part: Fresh | Embedded) -> Any:
+    (folder / "part.gcode").write_bytes(gcode(layers))
+    ends = np.array([[0, 0, 0], [0, 0, LAYERS * LAYER_MM]], dtype=float)
+    return SimpleNamespace(
+        folder=folder,
+        recipe=SimpleNamespace(toolpath=part),
+        printer=load(Printer, "generic_marlin"),
+        syringe=SimpleNamespace(inner_mm=BORE_MM),
+        ink=SimpleNamespace(
+            name="ink", flow_factor=1.0, smallest_gap_mm=None, bead_section=BeadSection()
+        ),
+        place_mm=np.array([20.0, 30.0, 0.0]),
+        start_mm=np.zeros(3),
+        flow_ul_s=None,
+        written_network=VesselNetwork.from_segments(
+            ends, np.array([[0, 1]]), np.array([0.3]), NONE, NONE
+        ),
+        bars=SimpleNamespace(remark=lambda *_: None),
+        manifest=SimpleNamespace(stages={}),
+    )  # fmt: skip
+
+
+def work(folder: Path, layers: list[Strokes], part: Fresh | Embedded) -> tuple[dict[str, Any], Any]:
+    return lumens.work(context_lumens_stage(folder, layers, part), lambda *_: None)
+
+
+def fresh() -> Fresh:
+    return Fresh(method="fresh", layer_um=1e3 * LAYER_MM)
+
+
+def test_open_lumens_pass_and_are_written_down(tmp_path: Path) -> None:
+    summary, files = work(tmp_path, [tube(0.3, centre=(20, 30))] * LAYERS, fresh())
+    assert summary["checked"]
+    assert summary["passed"]
+    assert files == ["lumens.json"]
+    written = json.loads((tmp_path / "lumens.json").read_text())
+    assert written["lumens"][0]["narrowest_mm"] == pytest.approx(0.6, abs=2e-3)
+
+
+def test_a_closed_lumen_is_refused(tmp_path: Path) -> None:
+    plug = [np.array([[19.6, y], [20.4, y]]) for y in 30 + 0.1 * np.arange(-3, 4)]
+    walls = tube(0.3, centre=(20, 30))
+    layers = [[*walls, *(plug if k == 4 else [])] for k in range(LAYERS)]
+    with pytest.raises(SafetyError, match=r"closed: lumen 0 \(1 of 1\)"):
+        work(tmp_path, layers, fresh())
+    assert json.loads((tmp_path / "lumens.json").read_text())["passed"] is False
+
+
+def test_an_embedded_print_that_writes_beside_its_vessels_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SafetyError, match=r"not written through: vessel 0 \(1 of 1\)"):
+        work(tmp_path, [tube(0.3)] * 2, Embedded(method="embedded"))
+    assert json.loads((tmp_path / "lumens.json").read_text())["method"] == "filaments"
+
+
+def test_a_vessel_left_out_by_the_plan_is_told_with_its_place_and_not_refused(
+    tmp_path: Path,
+) -> None:
+    said = context_lumens_stage(
+        tmp_path, [tube(0.3)] * 2, Embedded(method="embedded", leave_out=True)
+    )
+    left = {"vessel": 0, "other": 7, "place_mm": [1.0, 2.0, 3.5], "apart_mm": 0.1, "needle_mm": 0.0}
+    plan = {"left_out": [left], "cut_off": [5, 6]}
+    said.manifest.stages["toolpath"] = SimpleNamespace(summary={"plan": plan})
+    found, _ = lumens.work(said, lambda *_: None)
+    assert found["passed"]
+    note = next(text for text in found["notes"] if "leave_out" in text)
+    assert "vessel 0 (too near to vessel 7 at (1.00, 2.00, 3.50) mm)" in note
+    assert "without supply: 5, 6" in note
+
+
+# --- trace from a place of the print to its G-code lines
+def written(start: FloatArray, end: FloatArray, line: IntArray) -> Strands:
+    return Strands.dosed(start, end, np.ones(len(line)), np.arange(len(line)), line)

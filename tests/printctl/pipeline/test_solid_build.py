@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Any
 
+import nibabel
 import numpy as np
 import pytest
+import trimesh
+from pydantic import TypeAdapter
+from rich.console import Console
 
-from design.errors import SolidError
+from design.errors import DesignError, SolidError, TissueError
 from design.network import VesselNetwork
-from design.solids import Solid, block_solid, find_crossings, surface_genus
+from design.network_files.csv_format import write_network_csv
+from design.network_files.swc import write_network_swc
+from design.solids import block_solid, find_crossings, surface_genus
+from design.tissue import block, tissue_from_surface
+from design.vasculature import DepthPenalty, GrowthOptions, grow_tree, tree_to_network
+from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
-from printctl.pipeline.solid_build import RunSolids, build, without_crumbs
+from printctl.pipeline.growing import growth_options, read_terminals, read_trunk
+from printctl.pipeline.run import design_recipe, run_recipe
+from printctl.pipeline.run_options import RunOptions
+from printctl.pipeline.solid_build import RunSolids, build
+from printctl.pipeline.stages.toolpath import make_region
+from printctl.pipeline.tissue_source import make_tissue
+from printctl.recipe.growth import GrownNetwork
 from printctl.recipe.load import parse_recipe
+from printctl.recipe.regions import RegionPart
 from printctl.recipe.solid import SolidPart
+from printctl.recipe.tissue import TissuePart
 from tests.design.solids.networks import channels, ladder
 
 BARB = {"kind": "barb", "bore_mm": 0.8, "outer_mm": 2.0, "length_mm": 5}
@@ -33,13 +51,6 @@ def make(network: VesselNetwork | None = None, **keys: Any) -> RunSolids:
     return built
 
 
-def test_by_default_the_tissue_minus_its_lumens() -> None:
-    built = make()
-    assert built.genus == 4
-    assert built.construct.bounds.tolist() == plain_block().bounds.tolist()
-    assert (built.chamber, built.fittings) == (None, 0)
-
-
 def test_barbs_stand_on_inlet_and_outlet_and_keep_the_lumen_open() -> None:
     built = make(inlets=BARB, outlets=BARB | {"length_mm": 4})
     assert built.construct.bounds[:, 0] == pytest.approx([-5.0, 20.0], abs=1e-3)
@@ -48,32 +59,6 @@ def test_barbs_stand_on_inlet_and_outlet_and_keep_the_lumen_open() -> None:
     faces = built.construct.vertices[built.construct.faces]
     across = np.hypot(faces[..., 1] - 4.1, faces[..., 2] - 1.5)
     assert across[faces[..., 0] < 0].min() == pytest.approx(0.4, abs=2e-3)
-
-
-def test_only_the_inlet_gets_a_fitting_where_only_it_is_named() -> None:
-    built = make(inlets=BARB)
-    assert built.fittings == 1
-    assert built.construct.bounds[:, 0] == pytest.approx([-5.0, 16.0], abs=1e-3)
-
-
-def test_shells_smaller_than_ten_micrometres_are_left_out() -> None:
-    block, crumb = block_solid((4.0, 4.0, 4.0)), block_solid((0.005, 0.005, 0.005), (2.0, 2.0, 2.0))
-    holed = np.concatenate([block.faces, crumb.faces[:, ::-1] + len(block.vertices)])
-    both = Solid(np.concatenate([block.vertices, crumb.vertices]), holed.astype(np.int32))
-    left = without_crumbs(both)
-    assert surface_genus(left.faces) == (0, 1)
-    assert np.array_equal(left.vertices[left.faces], block.vertices[block.faces])
-
-
-def test_a_bore_as_wide_as_its_tube_is_refused() -> None:
-    with pytest.raises(SolidError, match=r"bore_mm 1\.9 .* as wide as the"):
-        make(tubes={"wall_mm": 0.2}, inlets=BARB | {"bore_mm": 1.9, "outer_mm": 2.4})
-
-
-def test_tubes_take_the_tissues_place() -> None:
-    built = make(tubes={"wall_mm": 0.4}, inlets=BARB | {"outer_mm": 2.4})
-    assert built.construct.volume_mm3 < 0.4 * plain_block().volume_mm3
-    assert built.genus == 3 + 3 + 2 - 1
 
 
 def test_a_chamber_has_a_way_in_for_each_port_it_fits() -> None:
@@ -119,12 +104,6 @@ def test_a_construct_that_a_lumen_cuts_in_two_is_refused_with_the_loose_part() -
         make(across)
 
 
-def test_a_fitting_without_a_port_is_refused() -> None:
-    inside = channels([[4, 4, 1.5], [12, 4, 1.5]], [(0, 1)], 0.4)
-    with pytest.raises(SolidError, match=r"solid.inlets: no vessel's inlet opens through a face"):
-        make(inside, inlets=BARB)
-
-
 @pytest.mark.parametrize(
     ("solid", "message"),
     [
@@ -152,9 +131,228 @@ def test_a_recipe_is_told_what_is_wrong_with_it(solid: dict[str, Any], message: 
     assert message in str(told.value)
 
 
-def test_facets_of_a_micrometre_on_many_vessels_are_told_beforehand() -> None:
-    told = SolidPart(facet_percent=0.0).heavy_facets(624)
-    assert "624 vessels" in told
-    assert "leave it out" in told
-    assert SolidPart(facet_percent=0.0).heavy_facets(500) == ""
-    assert SolidPart().heavy_facets(624) == ""
+# --- notes on constructs whose handles or open ends differ from the network's
+def test_vessels_that_merge_are_told_by_number_and_place(tmp_path: Path) -> None:
+    """Two channels side by side, whose lumens become one; a foreign network has 329 such places."""
+    ends = np.array([(0.0, 3, 2), (10, 3, 2), (0, 3.6, 2), (10, 3.6, 2)])
+    told = design_notes(tmp_path, ends, 0.4)
+    assert "vessels merge that the network keeps apart: 0 and 1 by 0.2 mm at (" in told
+    assert told.count("0 and 1 by") == 1
+    assert "break through" not in told
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "radius", "said"),
+    [
+        ((0.0, 3.0, 2.0), (10.0, 3.0, 2.0), 0.4, ""),
+        ((0.0, 3.0, 0.2), (10.0, 3.0, 0.2), 0.4, "vessel 0 by 0.2 mm at ("),
+        ((2.0, 3.0, 2.0), (8.0, 3.0, 2.0), 0.4, "vessel 0 at (2, 3, 2) mm, 2 mm below it"),
+    ],
+)
+def test_broken_walls_and_closed_lumens_are_told(
+    tmp_path: Path, first: tuple[float, ...], last: tuple[float, ...], radius: float, said: str
+) -> None:
+    told = design_notes(tmp_path, np.array([first, last]), radius)
+    assert ("handles, the network" in told or "0 ports" in told) == bool(said)
+    assert said in told
+
+
+def design_notes(tmp_path: Path, ends: FloatArray, radius: float) -> str:
+    """Design straight vessels between pairs of `ends` in a block; return the run's manifest."""
+    n = len(ends) // 2
+    zeros = np.zeros(n, dtype=np.int64)
+    pairs = np.arange(2 * n).reshape(-1, 2)
+    network = VesselNetwork.from_segments(ends, pairs, np.full(n, radius), zeros, zeros)
+    write_network_csv(tmp_path / "n.csv", network)
+    data = {
+        "schema": 1,
+        "name": "n",
+        "tissue": {"shape": "block", "size_mm": [10, 6, 4]},
+        "vasculature": {"network": "n.csv", "unit": "mm", "overlaps": "tell"},
+        "toolpath": {"method": "embedded"},
+        "printer": {"ink": "gelatin_sacrificial", "bath": "cell_matrix"},
+    }
+    recipe = parse_recipe(data, "n.yaml")
+    design_recipe(recipe, tmp_path, tmp_path / "run", Console(quiet=True))
+    return (tmp_path / "run" / "manifest.json").read_text()
+
+
+# --- tissue built from a recipe's section, with files beside the recipe
+PART: TypeAdapter[Any] = TypeAdapter(TissuePart)
+
+
+def made(folder: Path, **tissue: Any) -> Any:
+    """The tissue of this section."""
+    return make_tissue(PART.validate_python(tissue), folder)
+
+
+def test_needle_and_port_are_cut_out_of_a_shape(tmp_path: Path) -> None:
+    port = trimesh.creation.box(extents=(2, 2, 2))
+    port.export(tmp_path / "port.stl")
+    needle = {"shape": "cylinder", "from_mm": [5, 5, -1], "to_mm": [5, 5, 11], "radius_mm": 0.5}
+    tissue = made(
+        tmp_path,
+        shape="block",
+        size_mm=[10, 10, 10],
+        keep_out=[
+            needle,
+            {"mesh": "port.stl", "unit": "mm"},
+            {**needle, "from_mm": [5, 5, 50], "to_mm": [5, 5, 60]},
+        ],
+    )
+    assert tissue.volume_mm3 == pytest.approx(1000 - 1 - np.pi * 2.5, rel=1e-3)
+    assert len(tissue.notes) == 1
+    assert "keep_out 3 (cylinder) doesn't meet the tissue" in tissue.notes[0]
+
+
+def test_label_image_with_demand_from_another_image(tmp_path: Path) -> None:
+    voxels = np.zeros((20, 20, 20), np.uint8)
+    voxels[4:16, 4:16, 4:16] = 2
+    affine = np.diag([0.5, 0.5, 0.5, 1.0])
+    image = nibabel.Nifti1Image(voxels, affine)
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image, tmp_path / "seg.nii.gz")
+    cells = np.broadcast_to(np.arange(20.0)[:, None, None], (20, 20, 20)).astype(np.float32)
+    nibabel.save(nibabel.Nifti1Image(cells, affine), tmp_path / "cells.nii")
+    tissue = made(
+        tmp_path, labels="seg.nii.gz", value=2, demand={"image": "cells.nii", "unit": "mm"}
+    )
+    assert tissue.volume_mm3 == pytest.approx(216.0, rel=0.01)
+    assert tissue.demand.mean_weight == pytest.approx(0.5, rel=0.01)
+    low, high = tissue.demand.weight(np.array([[2.5, 4.75, 4.75], [7.0, 4.75, 4.75]]))
+    assert (low, high) == (pytest.approx(5 / 19), pytest.approx(14 / 19))
+
+
+# --- regions with their own infill or head, from a recipe
+NONE = np.zeros(1, dtype=np.int64)
+TUBE = VesselNetwork.from_segments(
+    np.array([[0.0, 0, 0], [10, 0, 0]]), np.array([[0, 1]]), np.array([0.5]), NONE, NONE
+)
+
+
+def made_regions(words: dict[str, object], folder: Path = Path()) -> float:
+    part = TypeAdapter(RegionPart).validate_python(words)
+    return make_region(part, 2, folder, TUBE).solid.volume_mm3
+
+
+def test_a_flat_region_is_refused_by_name() -> None:
+    flat = {"shape": "block", "from_mm": [0, 0, 0], "to_mm": [1, 2, 0]}
+    with pytest.raises(DesignError, match=r"toolpath\.regions\.2"):
+        made_regions({"where": flat})
+
+
+# --- recipe's growth section: conversion to growth options, files read
+def test_every_word_arrives_in_the_design_s_units(tmp_path: Path) -> None:
+    part = GrownNetwork.model_validate(
+        {
+            "grow": "tree",
+            "terminal_flow": "demand",
+            "viscosity_law": "pries_1994",
+            "haematocrit": 0.4,
+            "smallest_diameter_mm": 0.2,
+            "branch_angle_degrees": [30, 140],
+            "turn_angle_degrees": [0, 80],
+            "flow_ratio": 0.05,
+            "length_to_radius": 2,
+            "follow_demand": False,
+            "penalty": {"depth_mm": [0, 1], "factor": [3, 1]},
+            "root": "search",
+            "root_candidates": 8,
+            "stages": [
+                {"terminals": 50, "clearance_mm": 0.3, "penalty": {"depth_mm": [0], "factor": [2]}},
+                {"terminals": 800},
+            ],
+        }
+    )
+    options = growth_options(part, 7, tmp_path)
+    assert (options.terminals, options.seed, options.terminal_flow) == (800, 7, "demand")
+    assert (options.viscosity_law, options.haematocrit) == ("pries_1994", 0.4)
+    assert options.smallest_radius_mm == 0.1
+    assert (options.branch_angle_degrees, options.turn_angle_degrees) == ((30, 140), (0, 80))
+    assert (options.flow_ratio, options.length_to_radius) == (0.05, 2.0)
+    assert not options.follow_demand
+    assert options.penalty == DepthPenalty((0.0, 1.0), (3.0, 1.0))
+    assert options.root_candidates == 8
+    assert options.stages[0].clearance_mm == 0.3
+    assert options.stages[0].penalty == DepthPenalty((0.0,), (2.0,))
+    assert options.stages[1].clearance_mm is None
+
+
+def test_terminals_come_from_a_table_with_or_without_flows(tmp_path: Path) -> None:
+    path = tmp_path / "wells.csv"
+    path.write_text("name, x_mm, y_mm, z_mm\nA1, 1, 2, 3\nA2, 4, 5, 6\n")
+    points, flows = read_terminals(path)
+    np.testing.assert_array_equal(points, [[1, 2, 3], [4, 5, 6]])
+    assert flows is None
+    path.write_text("flow,z_mm,y_mm,x_mm\n0.5,3,2,1\n2,6,5,4\n")
+    part = GrownNetwork.model_validate({"grow": "tree", "terminal_points": "wells.csv"})
+    options = growth_options(part, 1, tmp_path)
+    assert options.terminals == 2
+    assert options.terminal_points_mm == ((1, 2, 3), (4, 5, 6))
+    assert options.terminal_flows == (0.5, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x,y,z\n1,2,3\n", r"columns are x, y, z; give x_mm"),
+        ("", r"columns are missing"),
+        ("x_mm,y_mm,z_mm\n1,2,3\n1,b,3\n", r"line 3: \['1', 'b', '3'\] aren't numbers"),
+        ("x_mm,y_mm,z_mm\n1,2\n", r"line 2: .*None.* aren't numbers"),
+        ("x_mm,y_mm,z_mm\n1,2,nan\n", r"line 2: \['1', '2', 'nan'\] aren't all finite"),
+        ("x_mm,y_mm,z_mm,flow\n1,2,3,-1\n", r"line 2: flow is -1; give one above 0"),
+        ("x_mm,y_mm,z_mm\n1,2,3\n4,5,6\n1,2,3\n", r"\(1, 2, 3\) mm stands in line 2 and in line 4"),
+    ],
+)
+def test_a_table_of_another_kind_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "wells.csv"
+    path.write_text(text)
+    with pytest.raises(RecipeError, match=message):
+        read_terminals(path)
+    with pytest.raises(RecipeError, match="can't be read"):
+        read_terminals(tmp_path / "none.csv")
+
+
+# --- a recipe whose tissue has two parts
+def design(folder: Path, **vasculature: Any) -> dict[str, Any]:
+    one, two = trimesh.creation.box((10, 10, 10)), trimesh.creation.box((6, 6, 6))
+    two.apply_translation((20, 0, 0))
+    trimesh.util.concatenate([one, two]).export(folder / "two.stl")
+    recipe = {
+        "schema": 1,
+        "name": "two",
+        "tissue": {"mesh": "two.stl", "unit": "mm"},
+        "vasculature": vasculature,
+    }
+    made = parse_recipe(recipe, "two.yaml")
+    return run_recipe(made, folder, folder / "out", Console(quiet=True), RunOptions(until="flow"))
+
+
+@pytest.mark.parametrize("grow", ["tree", "closed_loop"])
+def test_a_part_without_vessels_is_refused_by_size_and_place(tmp_path: Path, grow: str) -> None:
+    with pytest.raises(TissueError, match=r"part of 216 mm³ around \(20, 0, 0\)"):
+        design(tmp_path, grow=grow, terminals=4)
+
+
+def test_with_an_inlet_each_both_are_supplied_and_the_manifest_says_by_how_much(
+    tmp_path: Path,
+) -> None:
+    network = design(tmp_path, grow="tree", terminals=40, inlets="each_part")["network"]
+    assert [part["terminals"] for part in network["supply"]] == [33, 7]
+    assert [part["flow_share"] for part in network["supply"]] == pytest.approx(
+        [1000 / 1216, 216 / 1216]
+    )
+    assert "2 separate parts, each with vessels" in network["notes"][-1]
+
+
+def test_a_trunk_is_read_from_swc(tmp_path: Path) -> None:
+    shape = block((12.0, 10.0, 8.0))
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    first = tree_to_network(grow_tree(tissue, GrowthOptions(terminals=4)))
+    write_network_swc(tmp_path / "artery.swc", first)
+    part = GrownNetwork.model_validate({"grow": "tree", "terminals": 40, "trunk": "artery.swc"})
+    trunk = read_trunk(part, tmp_path)
+    assert trunk is not None
+    tree = grow_tree(tissue, growth_options(part, 1, tmp_path), trunk=trunk)
+    assert (tree.children[:, 0] < 0).sum() == 40
+    assert tree.given.sum() >= 7

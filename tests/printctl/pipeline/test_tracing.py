@@ -11,7 +11,6 @@ from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 from printctl.pipeline.tracing import Job, by_layer, made_by
-from printctl.pipeline.tracing import _spans as spans
 from sim.gcode.deposit.strands import Strands
 
 NO_FACES = np.empty((0, 3), dtype=np.int64)
@@ -68,38 +67,6 @@ def test_a_vessels_own_line_is_named_in_an_embedded_print() -> None:
     assert found == {"vessels": [0], "first_line": 7, "last_line": 7, "line_count": 1}
 
 
-def test_a_leak_is_traced_at_its_own_place() -> None:
-    leak = defect("leak", point_mm=(5.0, 0.3, 0.9), size_um=100.0)
-    found = made_by(leak, job(), NETWORK, 0.05)
-    assert found["layers"] == [7, 8, 9]
-
-
-def test_where_nothing_was_written_no_line_is_named() -> None:
-    far = defect("leak", point_mm=(5.0, 5.0, 0.5), size_um=100.0)
-    assert made_by(far, job(), NETWORK, 0.1) == {
-        "layers": [], "first_line": 0, "last_line": 0, "line_count": 0,
-    }  # fmt: skip
-
-
-def test_deviation_goes_to_the_layer_it_lies_in() -> None:
-    vertices = np.array([[0, 0, 0.05], [0, 0, 0.08], [0, 0, 0.55], [0, 0, 0.56]])
-    report = SimpleNamespace(
-        transform_scan_to_part=np.eye(4),
-        scaled_scan_to_part=np.eye(4),
-        surface=Surface(vertices, NO_FACES),
-        seen=np.array([True, True, True, False]),
-        scaled_deviation_um=np.array([10.0, -30.0, 7.0, 1e6]),
-    )
-    rows = by_layer(report, job())  # type: ignore[arg-type]
-    assert len(rows) == 10
-    assert (rows[0]["points"], rows[0]["mean_um"]) == (2, -10.0)
-    assert rows[0]["rms_um"] == pytest.approx(np.sqrt(500))
-    assert (rows[5]["mean_um"], rows[5]["rms_um"]) == (7.0, 7.0)
-    assert rows[3]["mean_um"] is None
-    assert (rows[5]["first_line"], rows[5]["last_line"]) == (51, 60)
-    assert rows[5]["z_mm"] == pytest.approx(0.6)
-
-
 def test_layers_of_different_heights_take_what_lies_in_them() -> None:
     """Two of 0.1 mm, the next without lines, then thinner ones; the first primes higher up."""
     tops = np.array([0.1, 0.1, 0.5, 0.2, 0.24, 0.26])
@@ -119,9 +86,3 @@ def test_layers_of_different_heights_take_what_lies_in_them() -> None:
     rows = by_layer(report, one)  # type: ignore[arg-type]
     assert [row["mean_um"] for row in rows] == [1.0, 2.0, 3.0, 4.0, 6.0]
     assert [row["z_mm"] for row in rows] == pytest.approx([0.1, 0.2, 0.22, 0.24, 0.26])
-
-
-def test_spans_of_a_line_map() -> None:
-    first, last = spans(np.array([-1, 0, 0, 2, 2, -1, 2]))
-    assert first.tolist() == [2, 0, 4]
-    assert last.tolist() == [3, 0, 7]

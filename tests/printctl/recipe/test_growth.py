@@ -9,6 +9,8 @@ import yaml
 from printctl.errors import RecipeError
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.growth import GrownNetwork
+from printctl.recipe.model import LatticeNetwork
+from printctl.recipe.tissue import CylinderPart, DepthDemandPart, MeshPart
 
 ROOT = Path(__file__).parents[3]
 
@@ -43,14 +45,6 @@ def test_all_that_growth_knows_can_be_said() -> None:
     assert part.files() == []
     named = grown(terminal_points="wells.csv", trunk="artery.swc")
     assert named.files() == ["wells.csv", "artery.swc"]
-
-
-def test_inlets_are_one_for_each_part_or_places() -> None:
-    assert grown(terminals=9, inlets="each_part").inlets == "each_part"
-    places = grown(terminals=9, inlets=[{"at_mm": [1, 2, 3], "direction": [0, 0, -1]}]).inlets
-    assert not isinstance(places, str)
-    assert places is not None
-    assert (places[0].at_mm, places[0].direction) == ((1.0, 2.0, 3.0), (0.0, 0.0, -1.0))
 
 
 @pytest.mark.parametrize(
@@ -121,27 +115,120 @@ def test_a_given_network_says_its_unit_where_its_file_doesnt(
     assert parse_recipe(data, "test.yaml").vasculature.files() == ["a.json"]
 
 
-def test_closed_loops_take_limits_but_no_points() -> None:
+# --- recipe section on forests: what is implied, and what is refused with a remedy
+ARTERY, VEIN, LYMPH = ({"kind": kind} for kind in ("artery", "vein", "lymph"))
+
+
+def recipe_of_forest(
+    networks: list[Any], flow: dict[str, Any] | None = None, **keys: Any
+) -> Recipe:
     data = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
-    data["vasculature"] = {"grow": "closed_loop", "terminals": 9, "flow_ratio": 0.1}
-    parse_recipe(data, "test.yaml")
-    data["vasculature"]["terminal_points"] = "a.csv"
-    with pytest.raises(RecipeError, match=r"terminal_points.*remove it"):
-        parse_recipe(data, "test.yaml")
+    data["vasculature"] = {"grow": "forest", "terminals": 9, "networks": networks, **keys}
+    data["flow"] = flow or {}
+    return parse_recipe(data, "test.yaml")
 
 
 @pytest.mark.parametrize(
-    ("anatomy", "why"),
+    ("networks", "keys", "said"),
     [
-        ({"template": "heart", "inlets": {"left_coronary": [1, 2, 3]}}, "write left_coronary: {at"),
-        ({"template": "heart", "inlets": [[1, 2, 3]]}, "inlets have names"),
-        ({"template": "kidney", "inlets": {"hilum": {"at_mm": 3}}}, "inlet hilum is"),
-        ({"template": "kidney", "inlets": {"pial_artery": {"at_mm": [1, 2, 3]}}}, "hilum"),
-        ({"template": "heart", "vein": "beside"}, "vein isn't for a heart"),
+        ([{"trees": [LYMPH]}], {}, r"tree 0 of the forest is a lymph without partner.*supplies"),
+        ([{"trees": [ARTERY, LYMPH]}], {}, r"trees are artery, lymph; say join"),
+        ([{"trees": [ARTERY, VEIN, LYMPH], "join": "loops"}], {}, r"give lymph a network"),
+        ([{"trees": [ARTERY, VEIN], "join": "mixing"}], {}, r"mixing takes three trees or more"),
+        (
+            [{"trees": [ARTERY, VEIN | {"terminals": 5}]}],
+            {},
+            r"networks\.0 joins 9 arterial terminals to 5 venous",
+        ),
+        (
+            [{"trees": [ARTERY, ARTERY, VEIN | {"terminals": 5}], "join": "mixing"}],
+            {},
+            r"networks\.0 mixes trees of 9, 9, 5 terminals",
+        ),
+        ([{"trees": [ARTERY]}], {"root_mm": [0, 0, 0]}, r"each tree of a forest has its root_mm"),
+        ([{"network": "old.csv", "unit": "mm"}], {}, r"a forest grows at least one tree"),
+        ([{"trees": [ARTERY]}, {"network": "old.csv"}], {}, r"give unit"),
+        ([{"trees": [ARTERY | {"trunk": "a.swc", "root_mm": [0, 0, 0]}]}], {}, r"without root_mm"),
+        ([{"trees": [ARTERY]}], {"radius_exponent": 9}, r"radius_exponent"),
     ],
 )
-def test_anatomy_says_how_to_write_what_it_refuses(anatomy, why):
-    data = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
-    data["vasculature"] = {"grow": "tree", "terminals": 100, "anatomy": anatomy}
-    with pytest.raises(RecipeError, match=why):
-        parse_recipe(data, "test.yaml")
+def test_what_cannot_be_is_refused(networks: list[Any], keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(RecipeError, match=said):
+        recipe_of_forest(networks, **keys)
+
+
+# --- recipe section on lattices
+BLOCK = {"shape": "block", "size_mm": [16, 8, 8]}
+
+
+def parsed(**lattice: Any) -> LatticeNetwork:
+    part = {"lattice": "grid", "cell_mm": 3.0, "diameter_mm": 0.6, **lattice}
+    data = {"schema": 1, "name": "x", "tissue": BLOCK, "vasculature": part}
+    found = parse_recipe(data, "recipe.yaml").vasculature
+    assert isinstance(found, LatticeNetwork)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"lattice": "cube"}, r"vasculature\.lattice.*gyroid.*'cube'"),
+        ({"cell_mm": -1}, r"vasculature\.cell_mm.*-1"),
+        ({"cell": 3}, r"vasculature\.cell: .*remove it"),
+        ({"axis": "w"}, r"vasculature\.axis"),
+    ],
+)
+def test_wrong_lattices_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(RecipeError, match=message):
+        parsed(**change)
+
+
+# --- recipe section on tissue: zones, demand, label images; errors named with their place
+NEEDLE = {"shape": "cylinder", "from_mm": [0, 0, 0], "to_mm": [0, 0, 9], "radius_mm": 0.5}
+BALL = {"shape": "sphere", "centre_mm": [0, 0, 0], "radius_mm": 2}
+BOX = {"shape": "block", "from_mm": [0, 0, 0], "to_mm": [1, 1, 1]}
+PORT = {"mesh": "port.stl", "unit": "mm"}
+LABELS = {"labels": "seg.nii.gz", "value": 3}
+
+
+def recipe(**tissue: Any) -> Any:
+    """A recipe with this tissue."""
+    data = {"schema": 1, "name": "x", "vasculature": {"grow": "tree", "terminals": 9}}
+    return parse_recipe({**data, "tissue": tissue}, "test.yaml").tissue
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        {"shape": "biventricle"},
+        {"mesh": "heart.stl", "unit": "mm"},
+        {"points": "heart.xyz", "unit": "cm"},
+        LABELS,
+    ],
+)
+def test_every_source_takes_zones_and_demand(source: dict[str, Any]) -> None:
+    table = {"depth_mm": [0, 1], "relative": [1, 2]}
+    part = recipe(**source, keep_out=[NEEDLE, BALL, PORT], keep_within=[BOX], demand=table)
+    assert isinstance(part.keep_out[0], CylinderPart)
+    assert isinstance(part.keep_out[2], MeshPart)
+    assert isinstance(part.demand, DepthDemandPart)
+    assert "port.stl" in part.files()
+
+
+@pytest.mark.parametrize(
+    ("tissue", "message"),
+    [
+        ({"keep_out": [{**NEEDLE, "radius_mm": 0}]}, r"keep_out\.0.*radius_mm.*0"),
+        ({"keep_out": [{**NEEDLE, "radius": 1}]}, r"keep_out\.0.*radius.*remove it"),
+        ({"keep_out": [{"shape": "cone"}]}, r"cone.*cylinder"),
+        ({"keep_out": [{"mesh": "a.stl"}]}, r"keep_out\.0.*unit.*add it"),
+        ({"demand": {"depth_mm": [0, 1], "relative": [1]}}, r"demand.*2 depths but 1 relative"),
+        ({"demand": {"depth_mm": [1, 0], "relative": [1, 1]}}, r"demand.*doesn't ascend"),
+        ({"demand": {"depth_mm": [0, 1], "relative": [0, 0]}}, r"demand.*0 throughout"),
+        ({"demand": {"depth_mm": [0], "relative": [-1]}}, r"demand.*relative.*-1"),
+        ({"demand": {"image": "a.nii", "voxel_mm": [1, 1, 0]}}, r"demand.*voxel_mm.*0"),
+    ],
+)
+def test_wrong_section_names_place_and_value(tissue: dict[str, Any], message: str) -> None:
+    with pytest.raises(RecipeError, match=message):
+        recipe(shape="biventricle", **tissue)

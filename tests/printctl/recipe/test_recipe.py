@@ -1,5 +1,7 @@
 """Recipe validation errors: key path, value, limit and remedy."""
 
+from __future__ import annotations
+
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -7,11 +9,15 @@ from typing import Any
 import pytest
 import yaml
 from pydantic import ValidationError
+from typer.testing import CliRunner
 
-from design.vasculature import PLANAR_BLOCK_MM
-from printctl.errors import RecipeError
-from printctl.recipe import load_recipe, parse_recipe
-from printctl.recipe.making import PrinterPart
+from printctl.cli.main import app
+from printctl.cli.tolerance_options import tolerances_of
+from printctl.errors import RecipeError, UsageError
+from printctl.pipeline.facts import recipe_facts
+from printctl.recipe import load, load_recipe, parse_recipe
+from printctl.recipe.load import Change, Step, migrated_text
+from printctl.recipe.making import RegistrationPart
 
 ROOT = Path(__file__).parents[3]
 GOOD = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
@@ -88,19 +94,13 @@ def test_all_problems_are_told_at_once() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
-    [("", "holds no keys"), ("a: [", "isn't YAML"), ("- 1", "holds no keys")],
+    ("text", "message"), [("", "holds no keys"), ("a: [", "isn't YAML"), ("- 1", "holds no keys")]
 )
 def test_file_that_is_no_recipe_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "recipe.yaml"
     path.write_text(text)
     with pytest.raises(RecipeError, match=message):
         load_recipe(path)
-
-
-def test_missing_file_points_to_init(tmp_path: Path) -> None:
-    with pytest.raises(RecipeError, match="printctl init"):
-        load_recipe(tmp_path / "none.yaml")
 
 
 def test_a_solid_gyroid_is_refused_before_anything_is_made() -> None:
@@ -131,26 +131,6 @@ def test_a_region_says_where_and_how(region: dict[str, Any], says: str) -> None:
         parse_recipe(recipe, "test.yaml")
 
 
-def test_files_of_regions_are_the_recipe_s_files() -> None:
-    recipe = deepcopy(GOOD)
-    recipe["toolpath"]["regions"] = [
-        {"where": {"mesh": "a.stl", "unit": "mm"}},
-        {"around_vessels_mm": 1},
-    ]
-    assert parse_recipe(recipe, "test.yaml").toolpath.files() == ["a.stl"]
-
-
-def test_the_named_design_s_block_is_the_design_s() -> None:
-    parse_recipe(_changed("tissue.size_mm", list(PLANAR_BLOCK_MM)), "test.yaml")
-
-
-def test_numbers_with_an_exponent_alone_are_numbers(tmp_path: Path) -> None:
-    path = tmp_path / "small.yaml"
-    plain = yaml.safe_dump(_changed("print_scale", 0.5)).replace("0.5", "5e-1")
-    path.write_text(plain)
-    assert load_recipe(path).print_scale == 0.5
-
-
 def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:
     path = tmp_path / "twice.yaml"
     path.write_text("schema: 1\nname: one\nseed: 3\nname: two\n")
@@ -158,8 +138,182 @@ def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:
         load_recipe(path)
 
 
-def test_faults_are_a_simulated_printer_s() -> None:
-    given = {"port": "simulated", "faults": "faults.yaml"}
-    assert PrinterPart.model_validate(given).files() == ["faults.yaml"]
-    with pytest.raises(ValidationError, match="leave faults out"):
-        PrinterPart.model_validate(given | {"port": "/dev/ttyACM0"})
+# --- recipe round trip: written with all defaults and read back equal
+EXAMPLES = sorted((Path(__file__).parents[3] / "examples").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_dumped_recipe_reads_back_as_the_same(path: Path) -> None:
+    recipe = load_recipe(path)
+    assert parse_recipe(recipe.model_dump(mode="json", by_alias=True), "dumped") == recipe
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_recipe_of_a_manifest_reads_back_as_the_same(path: Path) -> None:
+    recipe = load_recipe(path)
+    assert parse_recipe(recipe_facts(recipe), "manifest.json") == recipe
+
+
+# --- recipe section on datums
+def test_a_recipe_names_its_datums_and_slips_are_refused() -> None:
+    part = RegistrationPart.model_validate({"datums": ["face -z", "axis 3"]})
+    assert part.datums == ["face -z", "axis 3"]
+    assert RegistrationPart().datums == []
+    with pytest.raises(ValidationError, match="'face up' isn't known; give a face"):
+        RegistrationPart.model_validate({"datums": ["face up"]})
+
+
+# --- tolerances in a recipe, a file and on the command line
+WHOLE = """
+diameter_percent: +8/-4
+mean_um: 12
+narrowest_um: 20
+leak_um: 50
+vessels:
+  - {vessels: [3], diameter_um: 30, open: false}
+  - {kinds: [artery], offset_um: 40}
+"""
+
+
+def file(folder: Path, text: str) -> Path:
+    path = folder / "tolerance.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_the_old_names_still_set_the_limits() -> None:
+    part = RegistrationPart(tolerance_um=80, diameter_tolerance_percent=12)
+    found = part.all_tolerances()
+    assert found.rms_um == 80
+    assert (found.limits.diameter.minus_percent, found.limits.diameter.plus_percent) == (12, 12)
+
+
+def test_a_file_sets_sides_features_and_vessels(tmp_path: Path) -> None:
+    found = tolerances_of(file(tmp_path, WHOLE), 50.0, None)
+    limits = found.of(0, "channel")
+    assert found.rms_um == 50
+    assert (limits.diameter.minus_percent, limits.diameter.plus_percent) == (4, 8)
+    assert limits.mean is not None
+    assert limits.mean.plus_um == 12
+    assert limits.leak_um == 50
+    assert found.of(3, "channel").diameter.minus_um == 30
+    assert not found.of(3, "channel").open
+    assert found.of(1, "artery").offset_um == 40
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("diameter_prcent: 3", "diameter_prcent: .*remove it or mend its spelling"),
+        ("offset_um: -3", r"offset_um: must be above 0 .is -3"),
+        ("diameter_percent: ten", "like 10, or both sides, like .10/-5 .is 'ten'"),
+        ("diameter_percent: +0/-0", "one above 0"),
+        ("vessels: [{open: true}]", "vessels.0: names no vessel; give either vessels"),
+        ("vessels: [{vessels: [0], kinds: [vein]}]", "names both vessels and kinds; give either"),
+        ("diameter_percent:", "diameter_percent has no value; give one, or leave"),
+        ("diameter_percent: true", "like 10, or both sides, like .10/-5 .is True"),
+        ("vessels: [{vessels: [true], open: true}]", "must be a whole number .is True"),
+        ("offset_um: '40'", "offset_um: must be a number .is '40'"),
+        ("leak_um: yes", "leak_um: must be a number .is True"),
+        ("open: 1", "open: must be true or false .is 1"),
+        ("offset_um: " + 70_000 * "a", r"must be a number .is 'a{59} \.\.\. .70002 characters"),
+    ],
+)
+def test_a_wrong_limit_is_named_with_its_remedy(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        tolerances_of(file(tmp_path, text), None, None)
+
+
+# --- migration of recipes from older schemas; refusal of newer ones
+TWICE = Step(
+    0,
+    "a cylinder is said by its diameter",
+    (Change(("tissue", "radius_mm"), "diameter_mm", lambda radius: 2 * radius),),
+)
+OLD = """\
+# A cylinder with a tree.
+schema: 0   # the first
+name: old
+
+tissue:
+  shape: cylinder
+  radius_mm: 3.5  # measured by hand
+  height_mm: 4
+vasculature: {grow: tree, terminals: 20}
+"""
+
+
+@pytest.fixture
+def old(monkeypatch, tmp_path: Path) -> Path:
+    monkeypatch.setattr(load, "STEPS", (TWICE,))
+    path = tmp_path / "old.yaml"
+    path.write_text(OLD)
+    return path
+
+
+def test_comments_and_order_stay_when_a_text_is_migrated():
+    expected = (
+        OLD.replace("schema: 0", "schema: 1").replace("radius_mm: 3.5", "diameter_mm: 7.0").strip()
+    )
+    assert migrated_text(OLD, (TWICE,)).strip() == expected
+
+
+def test_old_recipe_is_read_with_a_note(old: Path):
+    notes: list[str] = []
+    recipe = load_recipe(old, notes.append)
+    assert recipe.tissue.diameter_mm == 7
+    assert len(notes) == 1
+    assert "of schema 0, read as 1" in notes[0]
+    assert f"printctl recipe migrate {old}" in notes[0]
+
+
+def test_newer_recipe_is_refused_and_says_what_to_do():
+    with pytest.raises(RecipeError, match=r"new\.yaml is of schema 7.*up to 1.*update"):
+        parse_recipe({"schema": 7, "unheard_of": True}, "new.yaml")
+
+
+def test_migrate_writes_in_place_and_keeps_the_old_file(old: Path):
+    done = CliRunner().invoke(app, ["recipe", "migrate", str(old)])
+    assert done.exit_code == 0, done.output
+    assert "a cylinder is said by its diameter" in done.output
+    assert load_recipe(old).tissue.diameter_mm == 7
+    assert old.read_text().startswith("# A cylinder with a tree.\nschema: 1   # the first")
+    assert old.with_name("old.schema0.yaml").read_text() == OLD
+
+
+def test_migrate_beside_leaves_the_old_file_as_it_was(old: Path):
+    new = old.with_name("new.yaml")
+    done = CliRunner().invoke(app, ["recipe", "migrate", str(old), "--out", str(new)])
+    assert done.exit_code == 0, done.output
+    assert old.read_text() == OLD
+    assert yaml.safe_load(new.read_text())["schema"] == 1
+    assert sorted(path.name for path in old.parent.iterdir()) == ["new.yaml", "old.yaml"]
+
+
+def test_migrate_never_writes_over_a_file(old: Path):
+    kept = old.with_name("old.schema0.yaml")
+    kept.write_text("mine")
+    done = CliRunner().invoke(app, ["recipe", "migrate", str(old)])
+    assert done.exit_code != 0
+    assert kept.read_text() == "mine"
+    assert old.read_text() == OLD
+
+
+def test_migrate_refuses_what_would_be_wrong_afterwards(old: Path):
+    wrong = OLD + "colour: red\n"
+    old.write_text(wrong)
+    done = CliRunner().invoke(app, ["recipe", "migrate", str(old)])
+    assert "colour" in str(done.exception)
+    assert old.read_text() == wrong
+
+
+def test_digits_with_colons_are_no_number(tmp_path: Path) -> None:
+    with pytest.raises(RecipeError, match="1:30 in line 1 would be read as minutes"):
+        tolerances_of(file(tmp_path, "offset_um: 1:30"), None, None)
+
+
+def test_numbers_with_an_exponent_alone_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "small.yaml"
+    plain = yaml.safe_dump(_changed("print_scale", 0.5)).replace("0.5", "5e-1")
+    path.write_text(plain)
+    assert load_recipe(path).print_scale == 0.5

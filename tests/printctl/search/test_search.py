@@ -5,16 +5,21 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import shutil
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from distributed import LocalCluster
 from rich.console import Console
 
-from firmware_profiles import Needle, load
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import run_stages
 from printctl.pipeline.stages import flow, measures, tissue, vasculature
@@ -24,6 +29,7 @@ from printctl.run_folder.manifest import Manifest
 from printctl.search import evaluate, load_search
 from printctl.search.candidates import draw_candidates
 from printctl.search.evaluate import WorkerError
+from printctl.search.workers import Workers
 from tests.printctl.cli.shell import Shell
 from tests.printctl.search.small import BASE, SEARCH, left_behind, run, write
 
@@ -86,14 +92,6 @@ def test_other_goals_rank_what_is_known_anew(folder: Path) -> None:
     assert (found.made, found.kept) == (0, 4)
     assert found.best is None
     assert not (out / "best.yaml").exists()
-
-
-def test_another_scan_changes_no_candidate_and_another_wall_does(folder: Path) -> None:
-    out = folder / "out"
-    scanned = BASE | {"scan": {"simulated": "microct", "voxel_um": [50, 50, 50]}}
-    assert run(write(folder, SEARCH, scanned), out, limit=0).kept == 4
-    thicker = {**BASE["vasculature"], "clearance_mm": 0.11}
-    assert run(write(folder, SEARCH, BASE | {"vasculature": thicker}), out, limit=0).kept == 0
 
 
 def test_a_candidate_that_can_t_grow_is_recorded_with_its_message(tmp_path: Path) -> None:
@@ -171,17 +169,6 @@ def test_a_worker_with_other_files_or_another_printctl_is_not_believed(tmp_path:
         evaluate(replace(task, limits_mm=(0.1, 2.0, 0.3)))
 
 
-def test_a_profile_of_the_user_s_own_that_changes_makes_other_candidates(tmp_path: Path) -> None:
-    needle = tmp_path / "mine.yaml"
-    base = BASE | {"toolpath": {"method": "embedded", "needle": str(needle)}}
-    path, keys = write(tmp_path, SEARCH, base), []
-    for bore in (0.16, 0.21):
-        facts = load(Needle, "30g").model_dump(mode="json") | {"inner_mm": bore, "outer_mm": 0.41}
-        needle.write_text(yaml.safe_dump(facts), encoding="utf-8")
-        keys.append(draw_candidates(load_search(path), tmp_path).candidates[0].key)
-    assert keys[0] != keys[1]
-
-
 def test_the_command_prints_the_table_and_its_exit_code_tells_the_outcome(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -197,3 +184,81 @@ def test_the_command_prints_the_table_and_its_exit_code_tells_the_outcome(
     code, said, _ = shell(*there)
     assert code == 1
     assert "4 beyond limits" in said
+
+
+# --- search workers: several processes, a cluster, and interruption
+LONG = SEARCH | {"vary": {"seed": list(range(1, 13))}}
+SHORT = SEARCH | {"vary": {"seed": [1, 2]}}
+PATIENCE_S = 120
+
+
+def alone(folder: Path, search: dict[str, Any]) -> dict[str, bytes]:
+    """What a search leaves behind when this process alone has done it."""
+    folder.mkdir()
+    run(write(folder, search), folder / "out")
+    return left_behind(folder / "out")
+
+
+@pytest.mark.slow
+def test_killed_it_loses_what_ran_and_goes_on_to_the_same_end(tmp_path: Path) -> None:
+    path, out = write(tmp_path, LONG), tmp_path / "out"
+    known = out / "candidates"
+    command = [sys.executable, "-m", "printctl", "search", str(path), "--out", str(out)]
+    search = subprocess.Popen([*command, "--workers", "1"], stderr=subprocess.DEVNULL)
+    _wait_until(lambda: known.is_dir() and any(known.glob("[!.]*.json")), search)
+    family = _children(search.pid)
+    search.send_signal(signal.SIGKILL)
+    search.wait()
+    _wait_until(lambda: not any(_lives(process) for process in family))
+    kept = {file: file.stat().st_ino for file in known.glob("[!.]*.json")}
+    found = run(path, out)
+    assert family, "it searched without workers"
+    assert found.kept == len(kept) >= 1
+    assert found.made == 12 - len(kept) > 0
+    assert all(file.stat().st_ino == ino for file, ino in kept.items())
+    assert left_behind(out) == alone(tmp_path / "alone", LONG)
+
+
+def test_a_cluster_by_its_address_finds_the_same(tmp_path: Path) -> None:
+    # Threads of this process stand for the cluster: what is asked here is the way there.
+    quick = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "protocol": "tcp://"}
+    with LocalCluster(**quick, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
+        assert cluster.scheduler_address.startswith("tcp://")
+        there = Workers(None, cluster.scheduler_address)
+        found = run(write(tmp_path, SHORT), tmp_path / "out", there)
+    assert (found.made, found.broken) == (2, {})
+    assert left_behind(tmp_path / "out") == alone(tmp_path / "alone", SHORT)
+
+
+def _wait_until(happened: object, process: subprocess.Popen[bytes] | None = None) -> None:
+    assert callable(happened)
+    end = time.monotonic() + PATIENCE_S
+    while not happened():
+        assert process is None or process.poll() is None, "the search ended before it was killed"
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+
+
+def _children(parent: int) -> list[int]:
+    """All processes that descend from one; Linux."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and _parent(int(entry.name)) == parent:
+            found += [int(entry.name), *_children(int(entry.name))]
+    return found
+
+
+def _parent(process: int) -> int | None:
+    try:
+        stat = Path(f"/proc/{process}/stat").read_text(encoding="utf-8")
+    except OSError:
+        return None
+    return int(stat.rpartition(")")[2].split()[1])
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True

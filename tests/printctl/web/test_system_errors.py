@@ -42,12 +42,7 @@ def one(tmp_path_factory: pytest.TempPathFactory) -> Served:
     ],
 )
 def test_what_the_system_refuses_is_told_with_a_remedy(
-    one: Served,
-    monkeypatch: pytest.MonkeyPatch,
-    number: int,
-    status: int,
-    kind: str,
-    remedy: str,
+    one: Served, monkeypatch: pytest.MonkeyPatch, number: int, status: int, kind: str, remedy: str
 ) -> None:
     def refused(*asked: object, **more: object) -> None:
         raise OSError(number, os.strerror(number), "/workspace/jobs/part.gcode")

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printctl.analysis.dye import VesselPlace, volume_share
-from tests.design.hemodynamics.networks import network_of
 from tests.system.cli import called as printctl
 
 FORK = (
@@ -72,10 +70,3 @@ def test_without_a_film_and_predict_the_way_out_is_named(fork: Path) -> None:
     done = printctl("dye", "--model", "fork.csv", "--out", "dye", cwd=fork)
     assert done.returncode != 0
     assert "--predict to foresee" in " ".join(done.stderr.split())
-
-
-def test_half_of_a_cone_s_length_isn_t_half_of_its_volume() -> None:
-    network = network_of([[0, 0, 0], [4, 0, 0]], [(0, 1)], 1.0)
-    network.radius[1] = 2.0
-    expected = (1 + 1.5 + 2.25) / (1 + 2 + 4) / 2
-    assert volume_share(network, [VesselPlace(0, 0.5)])[0] == pytest.approx(expected, rel=1e-4)

@@ -10,23 +10,21 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
 from pydantic import ValidationError
+from skimage.measure import marching_cubes
 
-from design.hemodynamics import FlowConditions, ProbeWaves
-from design.hemodynamics.probes import clear_parts, midpoints
+from design.errors import FlowError
+from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
-from printctl.analysis.flow.fidelities import (
-    IDEAL,
-    comparison_summary,
-    comparison_table,
-    places,
-    steady_comparison,
-)
+from design.solids import Solid, write_ply
+from design.solids.manifolds import to_manifold
+from kernels.arrays import FloatArray
+from printctl.analysis.flow.scanned import blur_squared, scanned_lumen, set_out
 from printctl.recipe.parts import ComparePart, FlowPart, ThreeDPart
-from registration.report.flow_figures import comparison_figure
-from tests.design.hemodynamics.networks import network_of
+from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight
 from tests.printctl.analysis.flow.test_flow import SINE
-from tests.slower import first_of
 from tests.system.cli import called as printctl
 
 pytest.importorskip("ngsolve")
@@ -37,10 +35,6 @@ FORK = HEAD + (
     "1,1,2,2.5,0,0,4.5,0.3,0,0.4,0.4,artery,0\n"
     "2,1,3,2.5,0,0,3,-2,0,0.4,0.4,artery,0\n"
 )
-NETWORK = network_of(
-    [[0, 0, 0], [4, 0, 0], [8, 3, 0], [8, -3, 0]], [(0, 1), (1, 2), (1, 3)], [0.5, 0.4, 0.3]
-)
-CONDITIONS = FlowConditions(1e-3, inlet_flow_ul_s=4.0)
 
 
 @pytest.fixture
@@ -120,17 +114,6 @@ def test_radii_are_matched_to_flows_that_are_wanted(fork: Path) -> None:
     assert matched.mean_radius() == pytest.approx(np.array([0.5, 0.4, 0.4]) * scale)
 
 
-@pytest.mark.slow
-def test_a_split_that_bounds_forbid_is_said_not_to_be_met(fork: Path) -> None:
-    done = printctl(
-        "flow", "fork.csv", "--unit", "mm", "--match-split", "--want", "2,0.001",
-        "--least-lumen-mm", "0.79", cwd=fork,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "isn't met" in done.stderr
-    assert "stand at a bound" in done.stderr
-
-
 def test_wrong_options_have_a_message_each(fork: Path) -> None:
     for options, said in (
         (("--want", "2,0.1"), "--want is for --match-split"),
@@ -148,55 +131,6 @@ def test_wrong_options_have_a_message_each(fork: Path) -> None:
         assert said in " ".join(done.stderr.split()), options
 
 
-def test_places_are_amid_vessels_then_along_the_clear_part_of_one() -> None:
-    probes, vessel = places(NETWORK, ComparePart(points=4))
-    assert vessel == 1
-    assert probes.vessel.tolist() == [0, 1, 2, 1, 1, 1, 1]
-    # 0.5 mm of the widest and 0.4 of its own before; nothing but its own at the free end.
-    first, last = 0.9 / 5.0, 1.0 - 0.4 / 5.0
-    assert clear_parts(NETWORK)[1] == pytest.approx([first, last])
-    step = (last - first) / 4.0
-    assert probes.fraction[3:] == pytest.approx(first + step * (np.arange(4) + 0.5))
-    assert clear_parts(network_of([[0, 0, 0], [1, 0, 0]], [(0, 1)], 0.5))[0] == pytest.approx(
-        [0.4, 0.6]
-    )
-
-
-def test_deviations_from_the_ideal_are_told_in_units_and_parts() -> None:
-    part = ComparePart(points=2)
-    probes, _ = places(NETWORK, part)
-    bare = steady_comparison(NETWORK, CONDITIONS, part, {})
-    ideal = bare.waves[IDEAL]
-    other = ProbeWaves(np.zeros(1), ideal.pressure + 1.33322, ideal.flow * 1.01)
-    found = steady_comparison(NETWORK, CONDITIONS, part, {"3D": other})
-    told = comparison_summary(found)
-    assert told["3D"]["flow_off_percent_of_inlet"] == pytest.approx(1.0)
-    assert told["3D"]["flow_off_ul_min"] == pytest.approx(0.04 * 60.0)
-    assert told["3D"]["pressure_off_mmhg"] == pytest.approx(0.01, rel=1e-4)
-    assert told["3D"]["flow_spread_percent"] == pytest.approx(told["ideal_flow_spread_percent"])
-    table = comparison_table(found)
-    assert len(table["vessel"]) == 2 * len(probes.vessel)
-    assert table["flow_off_ul_min"][: len(probes.vessel)] == pytest.approx(0.0)
-    assert len(midpoints(NETWORK).vessel) == 3
-
-
-@pytest.mark.parametrize("times", first_of([1, 6]))
-def test_the_figure_draws_every_fidelity(times: int) -> None:
-    rng = np.random.default_rng(times)
-    line = {
-        "vessel": 4,
-        "time_s": np.arange(times) / times,
-        "fraction": np.linspace(0.1, 0.9, 5),
-        "flow_ml_min": {n: 1.0 + rng.random((5, times)) for n in ("ideal", "1D", "3D")},
-        "pressure_mmhg": {n: rng.random((5, times)) for n in ("ideal", "1D", "3D")},
-    }
-    picture = comparison_figure(line)
-    root = ElementTree.fromstring(picture)
-    axes = [e for e in root.iter() if str(e.get("id", "")).startswith("axes_")]
-    assert len(axes) == (2 if times == 1 else 4)
-    assert comparison_figure(line) == picture
-
-
 def test_recipes_refuse_what_is_out_of_bounds() -> None:
     assert ThreeDPart().order == 2
     for bad in ({"edge_ratio": 1.2}, {"order": 4}, {"memory_gb": 0}, {"speed": 1}):
@@ -205,3 +139,78 @@ def test_recipes_refuse_what_is_out_of_bounds() -> None:
     with pytest.raises(ValidationError):
         ComparePart(points=0)
     assert FlowPart(three_d={}, compare={}).compare == ComparePart()
+
+
+# --- lumen surface from a scan: true size, ends extended to the ports
+RADIUS, LENGTH, STEP, SHRUNK = 0.25, 1.5, 0.025, 0.98
+
+
+def scanned_block() -> tuple[FloatArray, NDArray[np.int32]]:
+    """The surface of gel with a channel along z through it, as voxels see it."""
+    across = np.arange(-0.7, 0.7 + STEP / 2, STEP)
+    up = np.arange(-0.2, LENGTH + 0.2 + STEP / 2, STEP)
+    x, y, z = np.meshgrid(across, across, up, indexing="ij")
+    outside = np.maximum(
+        np.maximum(np.abs(x), np.abs(y)) - 0.55, np.abs(z - LENGTH / 2) - LENGTH / 2
+    )
+    gel = np.minimum(np.hypot(x, y) - RADIUS, -outside)
+    volume = np.clip(0.5 + gel / STEP, 0.0, 1.0)
+    points, faces, _, _ = marching_cubes(volume, 0.5, spacing=(STEP,) * 3)
+    points = points.astype(np.float64) + [across[0], across[0], up[0]]
+    a, b, c = points[faces].transpose(1, 0, 2)
+    turned = np.einsum("fd,fd->", a, np.cross(b, c)) < 0.0
+    return points, (faces[:, ::-1] if turned else faces).astype(np.int32)
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A scan of a part that shrank by 2 %, stretched onto its design as registration leaves it."""
+    points, faces = scanned_block()
+    surface = Solid(points / SHRUNK, faces)
+    write_ply(
+        tmp_path / "deviation.ply",
+        surface,
+        scalar=np.zeros(len(points)),
+        scalar_name="deviation_um",
+    )
+    rigid, scaled = np.eye(4), np.diag([1.0 / SHRUNK] * 3 + [1.0])
+    numbers = {
+        "transform_scan_to_part": rigid.tolist(),
+        "scaled_scan_to_part": scaled.tolist(),
+        "measured_by": {"voxel_um": [25.0, 25.0, 25.0]},
+    }
+    (tmp_path / "registration.json").write_text(json.dumps(numbers))
+    return tmp_path
+
+
+def designed() -> VesselNetwork:
+    """Before it shrank, with the radius that was measured of the print."""
+    return straight(RADIUS, LENGTH / SHRUNK)
+
+
+def test_the_lumen_has_the_print_s_own_size_up_to_its_ends(run: Path) -> None:
+    found = scanned_lumen(run, designed())
+    assert_allclose(found.network.lengths(), LENGTH, rtol=1e-6)
+    assert_allclose(found.network.mean_radius(), RADIUS)
+    between = (found.surface.vertices[:, 2] > 0.0) & (found.surface.vertices[:, 2] < LENGTH)
+    radius = np.hypot(*found.surface.vertices[between, :2].T)
+    assert_allclose(np.median(radius), RADIUS, rtol=0.01)
+    # Nothing of the rounded mouths, where the gel's faces are.
+    assert radius.max() < 1.05 * RADIUS
+    assert found.surface.vertices[:, 2].min() < 0.0
+    assert found.surface.vertices[:, 2].max() > LENGTH
+
+
+def test_a_lumen_that_isn_t_there_is_refused_with_volumes(run: Path) -> None:
+    network = straight(RADIUS, LENGTH / SHRUNK).moved(np.array([5.0, 0.0, 0.0]))
+    with pytest.raises(FlowError, match="µL of lumen where the measured vessels have"):
+        scanned_lumen(run, network)
+
+
+def test_a_wall_that_blur_moved_inwards_is_set_out_again() -> None:
+    squared = 0.03**2
+    seen = RADIUS - squared / (2.0 * RADIUS)
+    lumen = to_manifold(*faceted_tube(seen, LENGTH, 256, 0.3), "a tube")
+    network = straight(RADIUS, LENGTH)
+    assert_allclose(blur_squared(lumen, network), squared, rtol=0.03)
+    assert_allclose(blur_squared(set_out(lumen, network), network), 0.0, atol=0.03 * squared)

@@ -1,12 +1,17 @@
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from design.errors import NetworkError
+from design.hemodynamics import solve_flow, write_flow_csv
 from design.network import VesselNetwork
+from design.network_files.csv_format import write_network_csv
 from design.units import LengthUnit
-from printctl.analysis.networks import check_target, read_noted, write_network
+from design.vasculature import planar_four_vessel
+from printctl.analysis.networks import Drive, load_source, read_noted, write_network
 from printctl.errors import UsageError
 from tests.design.networks import random_network, random_trees
 
@@ -24,24 +29,6 @@ def same(found: VesselNetwork, network: VesselNetwork, rel: float) -> None:
 
     assert found.vessel_count == network.vessel_count
     np.testing.assert_allclose(shapes(found), shapes(network), rtol=rel)
-
-
-@pytest.mark.parametrize("first", UNITS)
-@pytest.mark.parametrize("second", UNITS)
-def test_every_format_becomes_every_other(tmp_path: Path, first: str, second: str) -> None:
-    network = random_trees(3, 9, 2)
-    a, b = tmp_path / f"a{first}", tmp_path / f"b{second}"
-    write_network(a, network)
-    write_network(b, read_noted(a, UNITS[first]).network)
-    same(read_noted(b, UNITS[second]).network, network, 1e-9)
-
-
-def test_simvascular_paths_are_a_new_folder(tmp_path: Path) -> None:
-    write_network(tmp_path / "Paths", random_trees(3, 9, 2))
-    assert list((tmp_path / "Paths").glob("*.pth"))
-    with pytest.raises(UsageError, match="new folder"):
-        write_network(tmp_path / "Paths", random_trees(3, 9, 2))
-    assert {path.name for path in tmp_path.iterdir()} == {"Paths"}
 
 
 def test_a_format_that_cannot_hold_a_network_leaves_nothing(tmp_path: Path) -> None:
@@ -74,18 +61,63 @@ def test_the_unit_is_asked_for_where_the_format_is_silent(tmp_path: Path) -> Non
                 read_noted(path, "cm")
 
 
-@pytest.mark.parametrize(
-    ("name", "word"),
-    [("a.xyz", "isn't a network's"), ("a", "no suffix"), ("a.csv", "isn't there")],
-)
-def test_wrong_sources_are_refused(tmp_path: Path, name: str, word: str) -> None:
-    with pytest.raises(UsageError, match=word):
-        read_noted(tmp_path / name, "mm")
+# --- test_source
+DRIVE = Drive(0.5, 4.0)
 
 
-def test_wrong_targets_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "folder.csv").mkdir()
-    with pytest.raises(UsageError, match="is a folder"):
-        check_target(tmp_path / "folder.csv")
-    with pytest.raises(UsageError, match=r"\.obj can't be written"):
-        check_target(tmp_path / "a.obj")
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """As a run leaves it, as far as it matters here."""
+    network = planar_four_vessel()
+    write_network_csv(tmp_path / "network.csv", network)
+    write_flow_csv(tmp_path / "flow.csv", network, solve_flow(network, DRIVE.conditions()))
+    box = trimesh.creation.box(bounds=[[0, 0, 0], [16, 8, 3]])
+    box.export(tmp_path / "tissue.stl")
+    gauged = {"vessels": [{"vessel": 2, "error_percent": -3.0, "rms_um": None}]}
+    (tmp_path / "registration.json").write_text(json.dumps(gauged))
+    return tmp_path
+
+
+def test_a_run_brings_all_that_is_known_of_it(folder: Path) -> None:
+    source = load_source(folder, None, Drive())
+    assert source.network.vessel_count == planar_four_vessel().vessel_count
+    # The run's own flow, not one solved for with the drive of the command line.
+    assert source.known.flow["flow_ml_min"].max() == pytest.approx(0.5)
+    assert source.known.gauged["error_percent"][2] == -3.0
+    assert list(source.known.gauged) == ["error_percent"]
+    assert source.surface is not None
+    assert source.notes == ()
+
+
+def test_a_number_typed_takes_the_place_of_a_run_s_own_and_the_rest_stays(folder: Path) -> None:
+    """The flow that wasn't typed was the default's, not the run's."""
+    recipe = {
+        "schema": 1,
+        "name": "planar",
+        "print_scale": 2,
+        "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
+        "vasculature": {"design": "planar_four_vessel"},
+        "flow": {"inlet_flow_ml_min": 0.5, "viscosity_mpa_s": 3},
+    }
+    facts = {"schema": 1, "facts": {"recipe": recipe}, "stages": {}}
+    (folder / "manifest.json").write_text(json.dumps(facts))
+    typed = load_source(folder, None, Drive(viscosity_mpa_s=6.0))
+    assert typed.known.flow["flow_ml_min"].max() == pytest.approx(4.0)
+    assert "4 mL/min in all of 6 mPa·s" in typed.notes[0]
+    (folder / "flow.csv").unlink()
+    own = load_source(folder, None, Drive())
+    assert typed.known.flow["wall_shear_pa"] == pytest.approx(2 * own.known.flow["wall_shear_pa"])
+
+
+def test_lines_through_one_trunk_are_read_as_one_vessel_and_said(tmp_path: Path) -> None:
+    path = tmp_path / "lines.csv"
+    path.write_text(
+        "x,y,z,radius,parent\n"
+        "0,0,0,1,-1\n0,0,10,1,0\n6,0,16,0.7,1\n"
+        "0,0,0,1,-1\n0,0,4,1,3\n0,0,10,1,4\n-6,0,16,0.7,5\n"
+    )
+    source = load_source(path, "mm", None)
+    assert source.network.vessel_count == 3
+    assert source.known.flow == {}
+    (note,) = source.notes
+    assert "1 of 2 merged with others over 10 mm" in note

@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from design.solids import Solid, write_stl
 from design.tissue import block
-from printctl.errors import RecipeError
-from printctl.pipeline.context import RunContext
-from printctl.pipeline.design_run import DESIGN
-from printctl.pipeline.facts import recipe_facts
-from printctl.pipeline.stage import wanted_stages
-from printctl.pipeline.stages import oxygen as stage
-from printctl.progress import StageBars
-from printctl.recipe import Recipe, parse_recipe
-from printctl.run_folder.manifest import Manifest
 from registration.report.page import report_html
 from tests.system.cli import called as printctl
 
@@ -30,12 +19,6 @@ FORK = (
     "1,1,2,3,3,2,4,5,5,0.2,0.2,artery,0\n"
     "2,1,3,3,3,2,2,1,5,0.2,0.2,artery,0\n"
 )
-BASE = {
-    "schema": 1,
-    "name": "ox",
-    "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
-    "vasculature": {"design": "planar_four_vessel"},
-}
 
 
 @pytest.fixture(scope="module")
@@ -99,45 +82,3 @@ def test_what_makes_no_sense_is_refused(folder: Path, options: tuple[str, ...], 
     assert done.returncode != 0
     assert words in " ".join(done.stderr.split())
     assert "Traceback" not in done.stderr
-
-
-def _context(recipe: Recipe, folder: Path) -> RunContext:
-    bars = StageBars(Console(file=io.StringIO()))
-    return RunContext(recipe, folder, folder, Manifest.load(folder), bars)
-
-
-def test_a_recipe_without_the_section_has_neither_stage_nor_word(tmp_path: Path) -> None:
-    plain = parse_recipe(BASE, "test")
-    asked = parse_recipe({**BASE, "oxygen": {"cells_per_ml": 1e6}}, "test")
-    assert "oxygen" not in recipe_facts(plain)
-    assert recipe_facts(asked)["oxygen"]["cells_per_ml"] == 1e6
-    assert stage.STAGE not in wanted_stages(_context(plain, tmp_path), DESIGN)
-    assert stage.STAGE in wanted_stages(_context(asked, tmp_path), DESIGN)
-
-
-def test_a_section_taken_out_is_forgotten(tmp_path: Path) -> None:
-    context = _context(parse_recipe(BASE, "test"), tmp_path)
-    context.manifest.stages["oxygen"] = None  # type: ignore[assignment]
-    wanted_stages(context, DESIGN)
-    assert "oxygen" not in context.manifest.stages
-
-
-def test_the_stage_depends_on_section_flow_and_scale(tmp_path: Path) -> None:
-    def told(**sections: object) -> object:
-        return stage.depends(_context(parse_recipe({**BASE, **sections}, "test"), tmp_path))
-
-    one = told(oxygen={})
-    assert one == told(oxygen={"cells_per_ml": 1e7})
-    assert one != told(oxygen={"cells_per_ml": 2e7})
-    assert one != told(oxygen={}, flow={"inlet_flow_ml_min": 1.0})
-    assert one != told(oxygen={}, print_scale=2)
-    wave = {"pulse": {"amplitude_ml_min": 0.1, "period_s": 1}}
-    assert one == told(oxygen={}, flow=wave)
-    behind = {"outlet": {"resistance_mmhg_min_ml": 4}}
-    assert told(oxygen={}, flow=behind) == told(oxygen={}, flow={"pulse": wave["pulse"] | behind})
-    assert one != told(oxygen={}, flow=behind)
-
-
-def test_a_misspelt_key_is_refused() -> None:
-    with pytest.raises(RecipeError, match=r"oxygen\.cell_density"):
-        parse_recipe({**BASE, "oxygen": {"cell_density": 1e7}}, "test")

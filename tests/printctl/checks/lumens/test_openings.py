@@ -6,26 +6,46 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from manifold3d import CrossSection, Manifold
 
 from design.network import VesselNetwork
+from design.solids import Solid, solid_from_surface
 from firmware_profiles.bead import BeadSection
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens import (
+    Leak,
     Openings,
     SectionStations,
+    WrittenLines,
+    check_model,
+    find_leaks,
+    find_place,
     measure,
+    model_lumens,
     network_lumens,
+    network_trees,
     read_lines,
     report_lumens,
     rounded_to_steps,
 )
+from printctl.checks.lumens.stations import slabs_near
+from printctl.errors import UsageError
+from sim.gcode.lumens.leak_kernels import find_runs, join_runs
+from sim.gcode.lumens.ray_kernels import first_hit, stadium_span
+from sim.gcode.lumens.width_kernels import widest_in_polygon
 from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
     LINE_MM,
+    SIDES,
     UL_PER_E,
     Strokes,
     gcode,
+    ring,
     tube,
 )
+from tests.slower import examples
 
 HERE = np.zeros(3)
 NONE = np.zeros(3, dtype=np.int64)
@@ -48,23 +68,6 @@ def test_an_upright_lumen_is_as_wide_as_its_innermost_ring_leaves_it(radius: flo
     found = measure(lines, stations)
     assert found.diameter == pytest.approx(2 * radius, abs=1.5e-3)
     assert found.area == pytest.approx(np.pi * radius**2, rel=0.01)
-
-
-def test_the_circle_finds_the_lumens_middle() -> None:
-    lines = read_lines(gcode([tube(0.3, centre=(0.12, -0.05))] * 6), UL_PER_E)
-    found = measure(lines, network_lumens(upright(6, 0.3), HERE, LAYER_MM, LINE_MM))
-    assert found.diameter == pytest.approx(0.6, abs=2e-3)
-    assert found.centre[:, :2] == pytest.approx(
-        np.tile([0.12, -0.05], (len(found.area), 1)), abs=4e-3
-    )
-
-
-def test_a_line_through_a_lumen_leaves_the_circle_beside_it() -> None:
-    across = np.array([[-0.5, 0.1], [0.5, 0.1]])
-    lines = read_lines(gcode([[*tube(0.3), across]] * 4), UL_PER_E)
-    found = measure(lines, network_lumens(upright(4, 0.3), HERE, LAYER_MM, LINE_MM))
-    # From the wall at y = -0.3 to the line's flank at 0.1 - 0.075.
-    assert found.diameter == pytest.approx(0.325, abs=3e-3)
 
 
 @pytest.mark.parametrize(
@@ -124,40 +127,6 @@ def test_a_slanted_lumen_is_narrowed_by_the_layers_steps(bead: Any, inside: floa
     assert found.area[inner] == pytest.approx(np.pi * (radius + notch) ** 2, rel=0.03)
 
 
-def test_a_closed_layer_is_found_and_named() -> None:
-    fill = [np.array([[-0.4, y], [0.4, y]]) for y in np.arange(-3, 4) * 0.1]
-    layers = [[*tube(0.3), *(fill if k == 3 else [])] for k in range(8)]
-    lines = read_lines(gcode(layers), UL_PER_E)
-    stations = network_lumens(upright(8, 0.3), HERE, LAYER_MM, LINE_MM)
-    report = report_lumens(stations, measure(lines, stations), lines, HERE)
-    assert report.closed.all()
-    assert report.closed_layers[0].tolist() == [3]
-    assert report.layer[0] == 3
-    assert report.conductance[0] == 0
-    assert report.narrowest_mm[0] == 0
-
-
-def test_places_are_told_in_the_parts_frame() -> None:
-    place = np.array([20.0, 30.0, 0.0])
-    lines = read_lines(gcode([tube(0.3, centre=(20, 30))] * 5), UL_PER_E)
-    stations = network_lumens(upright(5, 0.3), place, LAYER_MM, LINE_MM)
-    report = report_lumens(stations, measure(lines, stations), lines, place)
-    assert report.at_mm[0, :2] == pytest.approx([0, 0], abs=2e-3)
-    assert report.conductance[0] == pytest.approx(1.0, abs=0.02)
-
-
-def test_coarse_steps_change_the_lumen_as_moved_lines_do() -> None:
-    lines = read_lines(gcode([tube(0.3)] * 4), UL_PER_E)
-    stations = network_lumens(upright(4, 0.3), HERE, LAYER_MM, LINE_MM)
-    moved = [[np.rint(stroke * 10) / 10 for stroke in tube(0.3)]] * 4
-    stepped = measure(rounded_to_steps(lines, (10.0, 10.0)), stations)
-    widths = rounded_to_steps(lines, (10.0, 10.0)).width
-    assert widths == pytest.approx(LINE_MM, abs=2e-5)
-    again = measure(read_lines(gcode(moved), None, line_mm=LINE_MM), stations)
-    assert stepped.diameter == pytest.approx(again.diameter, abs=1e-3)
-    assert abs(float(stepped.diameter[0]) - 0.6) > 5e-3
-
-
 def _stations(radius: np.ndarray, own: np.ndarray) -> SectionStations:
     n = len(radius)
     axis = np.column_stack([np.zeros((n, 2)), np.linspace(0.01, 0.05, n)])
@@ -180,15 +149,296 @@ def test_conductance_adds_resistances_of_the_fourth_power() -> None:
     assert report.narrowest_mm[0] == 0.3
 
 
-def test_stations_of_a_taper_know_its_radius_and_a_fork_owns_none() -> None:
-    nodes = np.array([[0.0, 0, 0], [0, 0, 2], [1, 0, 3], [-1, 0, 3]])
-    network = VesselNetwork.from_segments(
-        nodes, np.array([[0, 1], [1, 2], [1, 3]]), np.array([0.4, 0.3, 0.2]),
-        NONE, NONE,
+def test_the_ink_s_bead_says_how_wide_a_line_is() -> None:
+    data = gcode([tube(0.3), tube(0.3)])
+    mean = LINE_MM - LAYER_MM * (1 - np.pi / 4)
+    for model, width in (("rectangle", mean), ("ellipse", mean * 4 / np.pi), (20.0, mean + 0.02)):
+        found = read_lines(data, UL_PER_E, bead=BeadSection(model)).width
+        assert found == pytest.approx(width, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"G0 X1\nG0 X2\n", "no move"),
+        (b"G1 X1 Z1 E1\nG1 X2 Z2 E2\n", "line 1 writes from z 0 to 1"),
+        (b"G0 Z0.06\nG1 X1 E9\nG0 Z0.12\nG1 X2 E99\n", "check what E means"),
+    ],
+)
+def test_what_cant_be_read_is_refused(data: bytes, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        read_lines(data, UL_PER_E)
+
+
+# --- lumen openings and leaks: real ones found, none invented
+LAYERS = 6
+TOP = LAYERS * LAYER_MM
+"""Of the axes of two tubes with four walls each, that touch."""
+
+
+def network(*at: tuple[float, float]) -> VesselNetwork:
+    """Upright vessels of 0.3 mm radius, a tree each."""
+    nodes = np.array([[x, y, z] for x, y in at for z in (0.0, TOP)])
+    count = len(at)
+    return VesselNetwork.from_segments(
+        nodes, np.arange(2 * count).reshape(-1, 2), np.full(count, 0.3), NONE[:count],
+        np.arange(count) + 10,
     )  # fmt: skip
-    stations = network_lumens(network, HERE, LAYER_MM, LINE_MM)
-    trunk = stations.lumen == 0
-    assert stations.step_mm[trunk].sum() == pytest.approx(2)
-    assert (stations.axis[trunk & ~stations.own][:, 2] > 1.6).all()
-    assert (stations.axis[trunk & stations.own][:, 2] <= 1.6).all()
-    assert (np.diff(stations.axis[trunk][:, 2]) <= LAYER_MM + 1e-9).all()
+
+
+def leaks(layers: list[Strokes], designed: VesselNetwork, width: float = 0.05) -> tuple[Leak, ...]:
+    lines = read_lines(gcode(layers), UL_PER_E)
+    return find_leaks(lines, network_trees(designed, lines, HERE), width)
+
+
+def slit(radius: float, width: float) -> Strokes:
+    """A tube whose rings all stand open by ``width`` at angle 0."""
+    return [
+        ring((0, 0), r, (-half, half))
+        for r in (radius + (k + 0.5) * LINE_MM for k in range(4))
+        for half in [np.arcsin((width + LINE_MM) / 2 / r)]
+    ]
+
+
+def long_tubes(layers: int = 24) -> VesselNetwork:
+    """Long enough that its ports are far from its middle."""
+    nodes = np.array([[0, 0, 0], [0, 0, layers * LAYER_MM]], dtype=float)
+    return VesselNetwork.from_segments(
+        nodes, np.array([[0, 1]]), np.array([0.3]), NONE[:1], np.array([7])
+    )
+
+
+def test_a_tight_tube_doesnt_leak_through_its_ports() -> None:
+    assert leaks([tube(0.3)] * LAYERS, network((0, 0))) == ()
+
+
+def test_a_slit_as_wide_as_a_leak_is_found_where_it_is() -> None:
+    layers = [slit(0.3, 0.15) if k == 12 else tube(0.3) for k in range(24)]
+    (leak,) = leaks(layers, long_tubes())
+    assert (leak.tree, leak.into, leak.layer) == ("7", "outside", 12)
+    assert leak.at_mm[0] == pytest.approx(0.35, abs=0.1)
+    assert leak.at_mm[1] == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_way_over_several_layers_is_found() -> None:
+    """Two inner rings open in one layer, two outer ones in the next."""
+    tight, open_ = tube(0.3), slit(0.3, 0.2)
+    change = {12: open_[:3] + tight[3:], 13: tight[:2] + open_[2:]}
+    assert len(leaks([change.get(k, tight) for k in range(24)], long_tubes())) == 1
+
+
+def test_two_trees_that_open_into_each_other_are_named() -> None:
+    nodes = np.array([[x, 0, z] for x in (0.0, 1.8) for z in (0.0, 24 * LAYER_MM)])
+    pair = VesselNetwork.from_segments(
+        nodes, np.array([[0, 1], [2, 3]]), np.full(2, 0.3), NONE[:2], np.array([3, 4])
+    )
+
+    def layer(gap: bool) -> Strokes:
+        """A plate of lines along x, left out where the lumens are, and between them."""
+        strokes = []
+        for y in np.arange(-8, 9) * LINE_MM:
+            away = np.sqrt(max(0.45**2 - y * y, 0.0))
+            cuts = [-away, away, 1.8 - away, 1.8 + away] if away else []
+            if gap and abs(y) < 0.1:
+                cuts = [cuts[0], cuts[3]]
+            ends = [-1.2, *cuts, 3.0]
+            strokes += [
+                np.array([[a, y], [b, y]]) for a, b in zip(ends[::2], ends[1::2], strict=True)
+            ]
+        return strokes
+
+    assert leaks([layer(False)] * 24, pair) == ()
+    found = leaks([layer(k == 12) for k in range(24)], pair)
+    assert [(leak.tree, leak.into) for leak in found] == [("3", "4"), ("4", "3")]
+    assert {leak.layer for leak in found} == {12}
+
+
+# --- lumens of a part without a network, and the part's position
+OUTER = 0.3 + 4 * LINE_MM
+LAYERS_MODEL = 10
+PLACE = np.array([20.0, 30.0, 0.0])
+
+
+def solid(body: Manifold) -> Solid:
+    mesh = body.to_mesh()
+    return solid_from_surface(
+        np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3], np.asarray(mesh.tri_verts)
+    )
+
+
+def disc(radius: float) -> CrossSection:
+    return CrossSection.circle(radius, SIDES)
+
+
+def pipe(layers: int = LAYERS_MODEL) -> Solid:
+    return solid(Manifold.extrude(disc(OUTER) - disc(0.3), layers * LAYER_MM))
+
+
+def print_of_pipe() -> WrittenLines:
+    return read_lines(gcode([tube(0.3, centre=(20, 30))] * LAYERS_MODEL), UL_PER_E)
+
+
+def test_a_hole_through_all_layers_is_one_lumen() -> None:
+    lines = print_of_pipe()
+    stations, trees, unfollowed = model_lumens(pipe(), lines, PLACE)
+    assert stations.count == 1
+    assert len(stations) == LAYERS_MODEL
+    assert stations.designed_mm == pytest.approx(0.6 * np.cos(np.pi / SIDES), abs=1e-3)
+    assert measure(lines, stations).diameter == pytest.approx(0.6, abs=2e-3)
+    assert find_leaks(lines, trees, 0.05) == ()
+    assert unfollowed == 0
+
+
+def test_a_level_way_through_the_part_is_told_as_not_checked() -> None:
+    tunnel = Manifold.cylinder(4 * OUTER, LAYER_MM, circular_segments=SIDES).rotate((0, 90, 0))
+    body = Manifold.extrude(disc(OUTER) - disc(0.3), LAYERS_MODEL * LAYER_MM)
+    beside = Manifold.cube((1.0, 1.0, LAYERS_MODEL * LAYER_MM)).translate((OUTER - 0.1, -0.5, 0))
+    drilled = beside - tunnel.rotate((0, 0, 90)).translate((OUTER + 0.5, -2 * OUTER, 0.3))
+    lines = print_of_pipe()
+    check = check_model(
+        lines, solid(body + drilled), PLACE, rounded_to_steps(lines, (80.0, 80.0)), 0.05
+    )
+    assert check.unfollowed == 1
+    assert check.refusal is not None
+    assert "ways through the part that lie level, 1," in check.refusal
+
+
+def test_a_skirt_or_another_part_asks_for_the_place() -> None:
+    skirt = ring((20, 30), 3.0)
+    layers = [[skirt, *tube(0.3, centre=(20, 30))]] * LAYERS_MODEL
+    with pytest.raises(UsageError, match="--place"):
+        find_place(read_lines(gcode(layers), UL_PER_E), pipe())
+    with pytest.raises(UsageError, match="mm high"):
+        find_place(print_of_pipe(), pipe(2 * LAYERS_MODEL))
+
+
+# --- lumen kernels (rays, widest circle, connected runs), against slow oracles
+coordinate = st.floats(-2, 2, allow_nan=False).map(lambda v: round(v, 4))
+
+
+def naive_distance(points: FloatArray, line: FloatArray) -> FloatArray:
+    """Plan distance of points (n, 2) to a stadium (ends, half width); negative inside."""
+    a, b = line[:2], line[2:4]
+    way = b - a
+    share = np.clip((points - a) @ way / max(float(way @ way), 1e-30), 0, 1)
+    found: FloatArray = np.linalg.norm(points - a - share[:, None] * way, axis=1) - line[4]
+    return found
+
+
+def written(line: FloatArray, layer: IntArray, layers: int, mean: FloatArray) -> WrittenLines:
+    return WrittenLines(
+        line[:, :2].copy(),
+        line[:, 2:4].copy(),
+        2 * line[:, 4],
+        mean,
+        layer.astype(np.int64),
+        np.linspace(0.0, 0.1 * (layers - 1), layers),
+        np.linspace(0.1, 0.1 * layers, layers),
+        np.arange(len(line)),
+    )
+
+
+def station(point: FloatArray, reach: float) -> SectionStations:
+    one = np.ones(1)
+    return SectionStations(
+        np.zeros(1, dtype=np.int64),
+        point[None],
+        np.array([[1.0, 1.0, 1.0]]) / np.sqrt(3),
+        one,
+        one,
+        one * reach,
+        one * reach,
+        one,
+        one > 0,
+        ("0",),
+    )
+
+
+@given(*(coordinate for _ in range(8)), st.floats(0.05, 0.6))
+def test_a_ray_is_in_a_stadium_where_points_on_it_are(
+    px: float, py: float, dx: float, dy: float, x0: float, y0: float, x1: float, y1: float, h: float
+) -> None:
+    if np.hypot(dx, dy) < 0.01:
+        return
+    low, high = stadium_span(px, py, dx, dy, x0, y0, x1, y1, h)
+    t = np.linspace(-500, 500, 4001)
+    t = np.concatenate([t / 100 / np.hypot(dx, dy), t / np.hypot(dx, dy)])
+    points = np.array([px, py]) + t[:, None] * [dx, dy]
+    away = naive_distance(points, np.array([x0, y0, x1, y1, h]))
+    inside = (t >= low) & (t <= high)
+    assert (away[inside] < 1e-6).all()
+    assert (away[~inside] > -1e-6).all()
+
+
+@settings(deadline=None, max_examples=examples(60))
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["rectangle", "rounded", "ellipse", 15.0]))
+def test_a_ray_stops_at_the_first_line_of_any_layer(seed: int, model: Any) -> None:
+    """Lines by their own cross-section: as wide at each height as its outline says."""
+    rng = np.random.default_rng(seed)
+    line = np.column_stack([rng.uniform(-1, 1, (30, 4)), rng.uniform(0.06, 0.1, 30)])
+    mean = BeadSection(model).area(2 * line[:, 4], 0.1) / 0.1
+    deep = (line[:, 4] - mean / 2) / (1 - np.pi / 4)  # half ellipses that leave this mean
+    layer = np.sort(np.append(rng.integers(0, 6, 24), np.arange(6))).astype(np.int64)
+    point = np.array([*rng.uniform(-0.5, 0.5, 2), rng.uniform(0, 0.6)])
+    way = rng.normal(size=3) * [1, 1, rng.choice([0.0, 1.0, 9.0])]
+    way /= np.linalg.norm(way)
+    limit = 1.0
+    slabs = slabs_near(written(line, layer, 6, mean), station(point, limit))
+    found = first_hit(slabs, point[0], point[1], point[2], way[0], way[1], way[2], limit)
+    t = np.linspace(0, limit, 20001)
+    at = point + t[:, None] * way
+    here = np.floor(at[:, 2] / 0.1)
+    away = np.full(len(t), np.inf)
+    for k in range(30):
+        there = here == layer[k]
+        up = at[there][:, 2] / 0.1 - layer[k] - 0.5
+        less = deep[k] * (1 - np.sqrt(np.clip(1 - 4 * up**2, 0, 1)))
+        away[there] = np.minimum(away[there], naive_distance(at[there][:, :2], line[k]) + less)
+    inked = np.flatnonzero(away < 0)
+    expected = t[inked[0]] if len(inked) else limit
+    assert found <= expected + 1e-4
+    # It stops on a line's edge, or where a slab begins, never in the open.
+    if found < limit:
+        near = np.abs(t - found) < 1e-3
+        assert away[near].min() < 1e-3
+
+
+@settings(deadline=None, max_examples=examples(30))
+@given(st.integers(0, 2**32 - 1))
+def test_the_widest_circle_is_that_of_a_fine_search(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    away = rng.uniform(0.4, 1.0, 40)
+    corner = np.column_stack([away * np.cos(angle), away * np.sin(angle)])
+    x, y, radius = widest_in_polygon(corner, 0.0, 0.0, 1.0, 1e-4)
+    edges = np.column_stack([np.roll(corner, 1, axis=0), corner, np.zeros(40)])
+
+    def clear(points: FloatArray) -> FloatArray:
+        found: FloatArray = np.min([naive_distance(points, edge) for edge in edges], axis=0)
+        return found
+
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.35, 0.35, 71)] * 2), axis=-1).reshape(-1, 2)
+    inside = np.linalg.norm(grid, axis=1) < 0.3  # of the least corner's chord
+    assert radius >= clear(grid[inside]).max() - 1.1e-4
+    assert radius == pytest.approx(float(clear(np.array([[x, y]]))[0]), abs=1e-9)
+
+
+@settings(deadline=None, max_examples=examples(60))
+@given(st.integers(0, 2**32 - 1))
+def test_runs_join_into_the_spaces_of_a_flood(seed: int) -> None:
+    from scipy.ndimage import label
+
+    rng = np.random.default_rng(seed)
+    pixels = np.where(rng.random((4, 9, 11)) < 0.45, -1, 0).astype(np.int32)
+    group = np.zeros(1, dtype=np.int64)
+    runs = [find_runs(layer, group) for layer in pixels]
+    first = np.concatenate([[0], np.cumsum([len(r) for r in runs])]).astype(np.int64)
+    run = np.concatenate(runs)
+    parent = np.arange(len(run))
+    used = join_runs(run, first, parent, np.zeros((0, 2), dtype=np.int64))
+    assert used == 0
+    spaces, count = label(pixels == 0)
+    layer = np.searchsorted(first, np.arange(len(run)), side="right") - 1
+    of = spaces[layer, run[:, 0], run[:, 1]]
+    assert len(np.unique(parent)) == count
+    assert len({*zip(parent.tolist(), of.tolist(), strict=True)}) == count

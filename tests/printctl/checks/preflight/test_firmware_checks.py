@@ -4,8 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from firmware_profiles import Printer, Syringe, load
-from printctl.checks.preflight import Check, gcode_checks, refuse_failed, syringe_checks, warnings
+from firmware_profiles import Bath, Ink, Printer, Syringe, load
+from printctl.checks.preflight import (
+    Check,
+    gcode_checks,
+    refuse_failed,
+    syringe_checks,
+    temperature_checks,
+    warnings,
+)
 from printctl.errors import SafetyError
 from sim.gcode.dry_run.run import dry_run
 
@@ -56,29 +63,11 @@ def test_a_command_of_another_firmware_is_refused_with_its_line(
         refuse_failed([check])
 
 
-def test_all_unknown_commands_are_told_not_only_the_last() -> None:
-    check = named(checks_of(body() + "M911\nM912\nM911\n", MARLIN), "commands unknown")
-    assert check.value == 3
-    assert "M911" in check.remedy
-    assert "M912" in check.remedy
-
-
 def test_a_command_that_the_profile_names_is_known() -> None:
     printer = KLIPPER.model_copy(update={"extra_commands": ("M600", "PRIME_NOZZLE")})
     checks = checks_of(body("") + "M600\nPRIME_NOZZLE X=1\nprime_nozzle\n", printer)
     assert named(checks, "commands unknown").passed
     assert not named(checks_of(body("") + "PRIME_NOZZLE\n", KLIPPER), "commands unknown").passed
-
-
-@pytest.mark.parametrize(
-    ("printer", "line"),
-    [(MARLIN, "M85 S600"), (of("prusa"), "M85 S600"), (KLIPPER, "SET_IDLE_TIMEOUT TIMEOUT=600")],
-)
-def test_a_timeout_before_the_first_move_passes(printer: Printer, line: str) -> None:
-    check = named(checks_of(f"{line}\n{body()}", printer), "the firmware's own switch-off")
-    assert check.passed
-    assert check.value == 600
-    assert check.place == "line 1"
 
 
 @pytest.mark.parametrize("late", ["", "M85 S600\n", "M85 S0\n"])
@@ -88,31 +77,11 @@ def test_a_job_that_heats_without_a_timeout_is_refused(late: str) -> None:
     assert "M85 S600" in check.remedy
 
 
-def test_a_timeout_that_the_job_takes_back_is_none() -> None:
-    text = f"M85 S600\nM140 S25\n{body()}M85 S0\nG1 X50 F600\n"
-    check = named(checks_of(text, MARLIN), "the firmware's own switch-off")
-    assert check.refuses
-    assert "line 10" in check.place
-    asked = text.replace("M85 S0", "M85")  # a question takes nothing back
-    assert named(checks_of(asked, MARLIN), "the firmware's own switch-off").passed
-
-
-def test_a_heater_set_by_klipper_s_own_command_heats() -> None:
-    text = "SET_HEATER_TEMPERATURE HEATER=heater_bed TARGET=30\n" + body("")
-    assert named(checks_of(text, KLIPPER), "the firmware's own switch-off").refuses
-
-
 def test_a_cold_job_without_a_timeout_is_told_of_it() -> None:
     check = named(checks_of(body(), MARLIN), "the firmware's own switch-off")
     assert not check.passed
     assert not check.refuses
     assert "dead host" in warnings([check])[0]
-
-
-def test_a_dwell_longer_than_the_timeout_is_refused() -> None:
-    check = named(checks_of(f"M85 S60\n{body()}G4 S61\n", MARLIN), "the firmware's own switch-off")
-    assert check.refuses
-    assert check.limit == 61
 
 
 def test_dwells_that_follow_each_other_are_one_to_the_firmware() -> None:
@@ -127,30 +96,12 @@ def test_dwells_that_follow_each_other_are_one_to_the_firmware() -> None:
     assert named(checks_of(apart, MARLIN), "the firmware's own switch-off").passed
 
 
-@pytest.mark.parametrize("dwell", ["G4 P0", "G4 S0", "G4", "G4 P0\nG4 S0\nM105"])
-def test_a_dwell_of_no_time_is_none(dwell: str) -> None:
-    text = f"M85 S60\n{body()}{dwell}\n"
-    check = named(checks_of(text, MARLIN), "the firmware's own switch-off")
-    assert (check.passed, check.limit) == (True, 0)
-
-
-def test_a_job_that_switches_the_timeout_off_is_refused_cold_too() -> None:
-    check = named(checks_of(f"M85 S0\n{body()}", MARLIN), "the firmware's own switch-off")
-    assert check.refuses
-
-
 def test_a_firmware_without_a_timeout_is_an_alarm_not_silence() -> None:
     checks = checks_of("M140 S37\n" + body(), DUET)
     check = named(checks, "the firmware's own switch-off")
     assert not check.passed
     assert not check.refuses
     assert DUET.firmware in check.remedy
-
-
-def test_m85_is_no_timeout_to_a_duet() -> None:
-    checks = checks_of("M85 S600\n" + body(), DUET)
-    assert named(checks, "commands unknown").passed
-    assert not named(checks, "the firmware's own switch-off").passed
 
 
 @pytest.mark.parametrize(
@@ -189,14 +140,6 @@ def test_klipper_s_configuration_is_asked_for() -> None:
     assert "above 0.0835 mm²" in told
 
 
-def test_klipper_s_own_placing_is_where_the_tip_stands() -> None:
-    text = "SET_KINEMATIC_POSITION X=50 Y=50 Z=10\nG92 E0\nG1 X51 F600\n"
-    run = dry_run(text.encode(), KLIPPER, START)
-    assert run.low_mm.tolist() == [50, 50, 10]
-    assert run.high_line.tolist() == [3, 0, 0]
-    assert run.unknown == ()
-
-
 def test_an_offset_that_shifts_places_is_refused_and_one_taken_back_isn_t() -> None:
     begin = "SET_KINEMATIC_POSITION X=50 Y=50 Z=10\n"
     for line in ("SET_GCODE_OFFSET Z=0.2", "set_gcode_offset X=0 MOVE=1",
@@ -206,14 +149,6 @@ def test_an_offset_that_shifts_places_is_refused_and_one_taken_back_isn_t() -> N
         assert named(checks, "offset").place == "line 2"
     checks = checks_of(f"{begin}SET_GCODE_OFFSET X=0 Y=0 Z=0\n{body('')}", KLIPPER)
     assert not [check for check in checks if check.check == "offset"]
-
-
-def test_short_moves_of_a_foreign_file_are_told_with_their_line() -> None:
-    text = body() + "G1 X60.02 F600\nG1 X60.04\nG1 X61\n"
-    check = named(checks_of(text, MARLIN), "moves below the planner's least")
-    assert check.value == 2
-    assert check.place == "line 8"
-    assert not check.refuses
 
 
 @pytest.mark.parametrize(
@@ -267,3 +202,224 @@ def test_a_time_after_which_motors_lose_their_power_is_refused_before_the_last_m
     assert (found.refuses, found.place) == (True, "line 8")
     rest = [check.check for check in checks_of(body() + f"G1 X50\n{off}\n", printer)]
     assert not [check for check in rest if check.startswith("motors without power")]
+
+
+# --- digital outputs set by a controller's program file: checks
+A3200 = load(Printer, "aerotech_pneumatic")
+FILE = "$DO[0].X=0\nG71\nG76\nG90\nVELOCITY ON\nG92 X60 Y70 Z30\n{}\nG1 X61 F5\n"
+
+
+def outputs(line: str, printer: Printer) -> Check:
+    run = dry_run(FILE.format(line).encode(), printer, (60.0, 70.0, 30.0))
+    (found,) = [one for one in gcode_checks(run, printer) if one.check.startswith("outputs set")]
+    return found
+
+
+@pytest.mark.parametrize("line", ["$DO[0].X=1", "$DO[0].X = 0", "$do[0].x=0", ""])
+def test_the_profile_s_valve_may_be_switched(line):
+    assert outputs(line, A3200).passed
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["$DO[1].X=1", "$DO[1].X=0", "$DO[0].Y=1", "$DO[0].X=2", "$DO[0].X=(1)", "$DO = 5"]
+    + ["DigitalOutputSet(X, 1, 1)"],
+)
+def test_any_other_output_is_refused_by_its_line(line):
+    """A lamp, a heater or a brake may hang there."""
+    found = outputs(line, A3200)
+    assert (found.refuses, found.place) == (True, "line 7")
+    assert "take it out" in found.remedy
+    assert "$DO[0].X=1" in found.remedy
+
+
+# --- tip positions declared in a job: once, before the first move
+DUET_PLACE_CHECKS = load(Printer, "ender5_duet3_replistruder5")
+START_PLACE_CHECKS = (100, 100, 20)
+
+
+def told_anew(printer, *lines, start=START_PLACE_CHECKS):
+    job = "\n".join(["G21", "G90", "M82", *lines, "M400", ""]).encode()
+    rows = gcode_checks(dry_run(job, printer, start), printer)
+    return [row for row in rows if row.check.startswith("place of")]
+
+
+PLACED = "G92 X100 Y100 Z20 E0"
+NAMED = "SET_KINEMATIC_POSITION X=100 Y=100 Z=20"
+
+
+@pytest.mark.parametrize(
+    ("printer", "lines", "told"),
+    [
+        (MARLIN, [PLACED, "G92 Z100", "G1 Z101 F200", "G92 Z20"], ("Z", 100, 20)),
+        (MARLIN, [PLACED, "G1 Z21 F200", "G92 Z20"], ("Z", 20, 21)),
+        (MARLIN, [PLACED, "G1 X101 F200", "G92 X0"], ("X", 0, 101)),
+        (MARLIN, ["G1 X101 F200", "G92 X0"], ("X", 0, 101)),
+        (KLIPPER, [NAMED, "G1 Z21 F200", "SET_KINEMATIC_POSITION Z=100"], ("Z", 100, 21)),
+        (KLIPPER, [NAMED, "G92 Z5", "G1 Z6 F200"], ("Z", 5, 20)),
+        (KLIPPER, ["G92 X30", "SET_KINEMATIC_POSITION X=30", "G1 X32 F200"], ("X", 30, 100)),
+        (DUET_PLACE_CHECKS, [PLACED, "G92 Z0", "G1 Z1 F200"], ("Z", 0, 20)),
+    ],
+)
+def test_another_place_told_later_is_a_failed_row(printer, lines, told):
+    (row,) = told_anew(printer, *lines)
+    axis, value, stands = told
+    assert row.refuses
+    assert (row.check, row.value, row.limit) == (f"place of {axis} told anew", value, stands)
+
+
+@pytest.mark.parametrize(
+    ("printer", "lines"),
+    [
+        (MARLIN, [PLACED, "G1 X101 E1 F200", "G92 E0", "G1 X102 E1"]),
+        (MARLIN, [PLACED, "G1 X101 Z22 F200", "G92 X101 Z22"]),
+        (KLIPPER, [NAMED, "G92 E0", "G1 X101 F200", "SET_KINEMATIC_POSITION X=101"]),
+        (DUET_PLACE_CHECKS, ["G92 X100", "G92 Y100", "G92 Z20", "G1 X101 F200"]),
+    ],
+)
+def test_the_same_place_and_the_plunger_s_count_pass(printer, lines):
+    assert told_anew(printer, *lines) == []
+    moved = (0, 0, 0)
+    assert told_anew(printer, *lines, start=moved) == []
+
+
+# --- temperature waits that no heater can satisfy
+DUET_WAIT_CHECKS = load(Printer, "ender5_duet3_replistruder5")
+
+
+def waits(printer, *lines):
+    job = "\n".join(["G21", "G90", "M82", "G92 E0", *lines, "G1 X101 F300", ""])
+    rows = gcode_checks(dry_run(job.encode(), printer, (100, 100, 10)), printer)
+    return [row for row in rows if row.check.startswith("wait for a temperature")]
+
+
+@pytest.mark.parametrize("printer", [MARLIN, DUET_WAIT_CHECKS], ids=["marlin", "duet"])
+@pytest.mark.parametrize("line", ["M109 R5", "M190 R2", "M191 S5", "M191 R25", "M109 R29.9"])
+def test_a_wait_for_cold_is_a_failed_row_with_its_line_and_the_room(printer, line):
+    (row,) = waits(printer, line)
+    assert row.refuses
+    assert row.place == "line 5"
+    assert (row.value, row.limit) == (float(line[6:]), 30)
+    assert "a room of 15 to 30" in row.remedy
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["TEMPERATURE_WAIT SENSOR=extruder MAXIMUM=5"],
+        ["M104 S0", "TEMPERATURE_WAIT SENSOR=extruder MINIMUM=9"],
+        ["M104 S8", "TEMPERATURE_WAIT SENSOR=extruder MINIMUM=9"],
+        ["TEMPERATURE_WAIT SENSOR=heater_bed MINIMUM=35"],
+        ["M140 S36", "TEMPERATURE_WAIT SENSOR=heater_bed MAXIMUM=35"],
+        ["M109 S5"],
+        ["M190 S25"],
+    ],
+)
+def test_a_wait_that_klipper_never_ends_is_a_failed_row(lines):
+    (row,) = waits(KLIPPER, *lines)
+    assert row.refuses
+    assert row.place == f"line {4 + len(lines)}"
+
+
+@pytest.mark.parametrize(
+    ("printer", "lines"),
+    [
+        (MARLIN, ["M109 S5"]),
+        (MARLIN, ["M109 R37"]),
+        (MARLIN, ["M190 S37"]),
+        (MARLIN, ["M104 S5"]),
+        (KLIPPER, ["M190 S37", "TEMPERATURE_WAIT SENSOR=heater_bed MINIMUM=36 MAXIMUM=38"]),
+        (KLIPPER, ["SET_HEATER_TEMPERATURE HEATER=extruder TARGET=9",
+                   "TEMPERATURE_WAIT SENSOR=extruder MINIMUM=9"]),
+        (KLIPPER, ["M109 S0"]),
+    ],
+)  # fmt: skip
+def test_a_wait_that_heaters_end_passes(printer, lines):
+    assert waits(printer, *lines) == []
+
+
+# --- heater commands in a job: of another head, without a target, beyond the limit
+PRINTERS = {
+    "marlin": MARLIN,
+    "prusa": MARLIN.model_copy(update={"firmware": "prusa"}),
+    "reprapfirmware": load(Printer, "ender5_duet3_replistruder5"),
+    "klipper": load(Printer, "klipper_bioprinter"),
+}
+INK, BATH = load(Ink, "collagen_fresh"), load(Bath, "gelatin_support")
+WARM = (INK.temperature_c.low + INK.temperature_c.high) / 2
+CODES = ("M104", "M109", "M140", "M190", "M141", "M191")
+ODD = (
+    "", f"T9 S{WARM:g}", f"S{WARM:g} T1", f"T0.5 S{WARM:g}", f"T-1 S{WARM:g}", "T9", "S", "S999",
+    "R999", "S-5", f"S{WARM:g} R999", f"P9 S{WARM:g}", f"H9 S{WARM:g}",
+)  # fmt: skip
+CODED = [f"{code} {words}".strip() for code in CODES for words in ODD]
+OTHERS = [
+    "G10 P0 S999", "G10 S999 R999", f"G10 P9 S{WARM:g}", "M568 P0 S999", f"M568 P9 S{WARM:g}",
+    "M303 E0 S999", "M116 P9", "M143 S999", "M144", "M145 S0 H999 B999",
+]  # fmt: skip
+NAMED_HEAT_COMMANDS = [
+    *(
+        f"SET_HEATER_TEMPERATURE {words}"
+        for words in (
+            "HEATER=extruder", "HEATER=extruder TARGET=999", "HEATER=extruder TARGET=-5",
+            "HEATER=extruder TARGET=nan", "HEATER=extruder TARGET=inf",
+            f"HEATER=extruder9 TARGET={WARM:g}", f"HEATER=extruder1 TARGET={WARM:g}",
+            f"HEATER=chamber TARGET={WARM:g}", f"SENSOR=extruder TARGET={WARM:g}",
+            f"TARGET={WARM:g}", f"HEATER=extruder MINIMUM={WARM:g}",
+        )
+    ),
+    *(
+        f"TEMPERATURE_WAIT {words}"
+        for words in (
+            "SENSOR=extruder", "SENSOR=extruder MINIMUM=999", "SENSOR=extruder MAXIMUM=-50",
+            "SENSOR=heater_bed MINIMUM=999", "SENSOR=extruder MINIMUM=inf",
+            "SENSOR=extruder MAXIMUM=inf", "SENSOR=extruder MINIMUM=nan",
+            f"SENSOR=extruder MINIMUM={WARM:g} MAXIMUM={WARM - 1:g}",
+            f"SENSOR=extruder9 MINIMUM={WARM:g}", f"HEATER=extruder MINIMUM={WARM:g}",
+            f"MINIMUM={WARM:g}",
+        )
+    ),
+]  # fmt: skip
+FINE = {
+    "klipper": [
+        f"SET_HEATER_TEMPERATURE HEATER=extruder TARGET={WARM:g}",
+        "SET_HEATER_TEMPERATURE HEATER=heater_bed TARGET=0",
+        "TEMPERATURE_WAIT SENSOR=extruder MAXIMUM=30",
+        f"M104 S{WARM:g}\nTEMPERATURE_WAIT SENSOR=extruder MINIMUM={WARM:g} MAXIMUM=30",
+    ]
+}
+
+
+def failed_rows(family: str, line: str):
+    printer = PRINTERS[family]
+    job = f"G21\nG90\nM82\nG92 E0\n{line}\nG1 X101 F300\n".encode()
+    run = dry_run(job, printer, (100, 100, 10))
+    rows = [*gcode_checks(run, printer), *temperature_checks(run, INK, BATH)]
+    return [row for row in rows if row.refuses and "switch-off" not in row.check]
+
+
+@pytest.mark.parametrize("line", CODED + OTHERS)
+@pytest.mark.parametrize("family", PRINTERS)
+def test_odd_heat_is_a_failed_row_that_names_its_line(family, line):
+    rows = failed_rows(family, line)
+    assert rows, line
+    assert any("line 5" in f"{row.place} {row.remedy}" for row in rows)
+
+
+@pytest.mark.parametrize("line", NAMED_HEAT_COMMANDS)
+def test_odd_heat_by_name_is_a_failed_row_that_names_its_line(line):
+    rows = failed_rows("klipper", line)
+    assert rows, line
+    assert any("line 5" in f"{row.place} {row.remedy}" for row in rows)
+
+
+@pytest.mark.parametrize("family", PRINTERS)
+def test_heat_that_ink_and_machine_bear_passes(family):
+    fine = [f"M104 S{WARM:g}", f"M104 T0 S{WARM:g}", "M104 S0", "M140 S0", f"M140 S{WARM:g}"]
+    for line in (*fine, *FINE.get(family, ())):
+        assert failed_rows(family, line) == [], line
+
+
+def test_a_heater_set_by_klipper_s_own_command_heats() -> None:
+    text = "SET_HEATER_TEMPERATURE HEATER=heater_bed TARGET=30\n" + body("")
+    assert named(checks_of(text, KLIPPER), "the firmware's own switch-off").refuses

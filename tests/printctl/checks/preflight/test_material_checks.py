@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from firmware_profiles import (
     Bath,
@@ -22,19 +25,24 @@ from firmware_profiles import (
 from printctl.checks.preflight import (
     Check,
     PlacedDish,
+    PrintTime,
     SetUp,
-    bath_checks,
+    budget_of,
     chemistry_check,
     dish_checks,
     file_checks,
-    floor_check,
     force_checks,
     hardest_push,
     held_check,
-    syringe_check,
-    temperature_checks,
-    warnings,
+    ink_use,
+    step_checks,
+    viability_checks,
+    viability_facts,
 )
+from printctl.checks.preflight.bore import line_checks
+from printctl.checks.preflight.dish import hub_gap, wall_gap
+from printctl.checks.set_up import HeadLoading, hub_gap_of, wall_gap_of
+from printctl.recipe.making import CarePart
 from sim.gcode.dry_run.run import DryRun, dry_run
 
 PRINTER = load(Printer, "generic_marlin")
@@ -71,37 +79,6 @@ def test_an_ink_prints_only_where_the_bath_sets_it(ink: Ink, bath: Bath, fits: b
     assert fits or ink.name in check.sentence()
 
 
-def test_what_is_lacking_is_named() -> None:
-    assert "calcium" in chemistry_check(ALGINATE, GELATIN).remedy
-    assert "thrombin" in chemistry_check(FIBRIN, GELATIN).remedy
-
-
-@pytest.mark.parametrize(
-    ("line", "wrong"),
-    [
-        ("M104 S4", None),
-        ("M109 S11", "warmest setting of the ink"),
-        ("M104 S1", "coldest setting of the ink"),
-        ("M104 S0", None),
-        ("M140 S25", None),
-        ("M190 S37", "warmest setting of the bath"),
-    ],
-)
-def test_temperatures_of_the_job_are_held_against_the_materials(
-    line: str, wrong: str | None
-) -> None:
-    checks = temperature_checks(run_of("G1 X101 F600", line), COLLAGEN, GELATIN)
-    failed = [check for check in checks if not check.passed]
-    assert [check.check for check in failed] == ([wrong] if wrong else [])
-    assert all(check.place == "line 3" and check.unit == "°C" for check in failed)
-
-
-def test_a_bath_that_melts_while_printed_in_is_refused() -> None:
-    (check,) = bath_checks(GELATIN.model_copy(update={"max_printing_c": 37.0}))
-    assert check.refuses
-    assert bath_checks(load(Bath, "cell_matrix")) == []
-
-
 # --- what the bath holds ------------------------------------------------------------------------
 
 
@@ -130,10 +107,6 @@ def test_a_filament_that_would_sink_is_named(widest: float, passed: bool) -> Non
     assert held_check(widest, *measured).refuses == (not passed)
 
 
-def test_equal_densities_hold_anything() -> None:
-    assert held_check(50.0, *densities(1.03, 1.03, 0.001)).passed
-
-
 # --- force --------------------------------------------------------------------------------------
 
 
@@ -149,33 +122,11 @@ def test_newtonian_push_is_poiseuille_s() -> None:
     assert push.force_n == pytest.approx(resistance * flow * math.pi / 4 * 4.61**2 * 1e-6)
 
 
-def test_force_holds_the_syringe_s_friction_and_flow_the_ink_s_factor() -> None:
-    ink = COLLAGEN.model_copy(update={"viscosity_pa_s": 2.0})
-    run = run_of("G92 E0", "G1 X110 E0.1 F600")
-    plain = hardest_push(run, ink, NEEDLE, SYRINGE)
-    rubbed = hardest_push(run, ink, NEEDLE, SYRINGE.model_copy(update={"friction_n": 3.0}))
-    assert rubbed.force_n == pytest.approx(plain.force_n + 3)
-    leaking = hardest_push(run, ink.model_copy(update={"flow_factor": 0.8}), NEEDLE, SYRINGE)
-    assert leaking.flow_ul_s == pytest.approx(0.8 * plain.flow_ul_s)
-    assert leaking.pressure_pa == pytest.approx(0.8 * plain.pressure_pa)
-
-
 def test_a_fast_retraction_is_no_push() -> None:
     ink = COLLAGEN.model_copy(update={"viscosity_pa_s": 2.0})
     run = run_of("G92 E0", "G1 X110 E0.1 F600", "G1 E0 F100", "G1 E-1 F120")
     assert hardest_push(run, ink, NEEDLE, SYRINGE).line == 3
     assert hardest_push(run_of("G92 E0", "G1 E-1 F60"), ink, NEEDLE, SYRINGE).force_n == 0
-
-
-def test_an_ink_that_holds_pressure_unrelieved_is_told_of() -> None:
-    ink = COLLAGEN.model_copy(update={"yield_stress_pa": 100.0, "retract_ul": 0.0})
-    (check,) = force_checks(run_of("G1 X110 F600"), ink, NEEDLE, SYRINGE, PRINTER)
-    # 4 · 100 Pa · 12.7 mm / 0.16 mm
-    assert check.value == pytest.approx(31.75)
-    assert not check.refuses
-    assert "weeps" in check.remedy
-    relieved = ink.model_copy(update={"retract_ul": 0.02})
-    assert force_checks(run_of("G1 X110 F600"), relieved, NEEDLE, SYRINGE, PRINTER) == []
 
 
 def test_power_law_shear_is_that_of_its_velocity_profile() -> None:
@@ -203,10 +154,6 @@ def test_only_a_measured_ink_is_refused_for_its_pressure(calibrated: bool, refus
     assert "friction not known" in checks[1].check
     assert all(check.place == "line 3" and not check.passed for check in checks)
     assert all(check.refuses == refuses for check in checks)
-
-
-def test_limits_that_nobody_knows_are_not_invented() -> None:
-    assert force_checks(run_of("G1 E1 F60"), COLLAGEN, NEEDLE, SYRINGE, PRINTER) == []
 
 
 # --- dish ---------------------------------------------------------------------------------------
@@ -240,17 +187,6 @@ def test_needle_keeps_off_a_round_wall_below_its_top(
     assert check.place == f"line {line}"
 
 
-def test_a_box_is_looked_at_side_by_side() -> None:
-    box = PlacedDish(load(Dish, "box_80mm"), (100.0, 100.0), 0.0)
-    checks = dish_checks(run_of("G1 Z5 F60", "G1 X138.5 Y138.5 F600"), box, NEEDLE)
-    assert [check.check for check in checks] == [
-        "needle to the dish's wall",
-        "needle's hub to the dish's wall",
-    ]
-    assert checks[0].value == pytest.approx(1.5 - 0.155)
-    assert checks[1].value == pytest.approx(1.5 - 6.0)  # nobody measured the hub: 12 mm
-
-
 def test_depth_of_the_bath_covers_the_part_and_spares_the_hub() -> None:
     run = run_of("G92 E0", "G1 Z2 F60", "G1 X105 E0.01 F600", "G1 Z11 F60", "G1 X106 E0.02 F600")
     checks = dish_checks(run, standing(), NEEDLE)
@@ -263,26 +199,7 @@ def test_depth_of_the_bath_covers_the_part_and_spares_the_hub() -> None:
     assert named(deep, "deepest tip").refuses  # 13 mm below the surface, 12.7 mm long
 
 
-def test_tip_keeps_off_the_floor() -> None:
-    check = floor_check(run_of("G1 Z0.5 F60"), GELATIN, 0.0)
-    assert check.refuses
-    assert (check.value, check.limit, check.place) == (0.5, 1.0, "line 2")
-
-
 # --- all of it ----------------------------------------------------------------------------------
-
-
-def test_what_was_not_named_is_a_warning_and_what_was_is_looked_at() -> None:
-    run = run_of("G92 E0", "M140 S30", "G1 Z5 F60", "G1 X120 E0.05 F600")
-    bare = file_checks(run, SetUp(PRINTER, SYRINGE, COLLAGEN))
-    told = " ".join(warnings(bare))
-    assert "needle and bath" in told
-    assert "dish" in told
-    whole = file_checks(run, SetUp(PRINTER, SYRINGE, COLLAGEN, NEEDLE, CALCIUM, standing()))
-    refused = {check.check for check in whole if check.refuses}
-    assert {"what sets the ink and the bath lacks", "warmest setting of the bath"} <= refused
-    assert named(whole, "needle to the dish's wall").passed
-    assert not any(check.check in ("set-up", "dish") for check in whole)
 
 
 @pytest.mark.parametrize("line", ["G29", "G30 X10 Y10", "BED_MESH_CALIBRATE"])
@@ -296,10 +213,136 @@ def test_probing_with_the_needle_mounted_is_refused(line: str) -> None:
     assert check.place == "line 2"
 
 
-def test_a_syringe_that_runs_empty_is_named_with_the_line() -> None:
-    text = ["G92 E0", "G1 X101 E30 F60", "G1 X102 E59 F60"]  # 59 mm and 20 µL are 1005 µL
-    check = syringe_check(run_of(*text), SYRINGE)
+# --- lines of a G-code file against the needle's bore
+INK = load(Ink, "collagen_fresh")
+
+
+def check_of(area_mm2: float, needle: str, rise_mm: float, layer_mm: float = 0.06) -> Check:
+    """Two strokes of 20 mm with so much ink a mm, on two levels or each rising."""
+    per_mm = area_mm2 / (math.pi / 4 * SYRINGE.inner_mm**2 * INK.flow_factor)
+    lines, e = ["G21", "G90", "M82", "M302 P1", "G1 X50 Y50 Z10 F1200"], 0.0
+    for k in range(2):
+        z, e = 10 + k * layer_mm, e + 20 * per_mm
+        lines += [f"G1 X50 Z{z:g} F1200", f"G1 X70 Z{z + rise_mm:g} E{e:.6f} F300"]
+    run = dry_run("\n".join(lines).encode(), PRINTER, (50, 50, 10))
+    (check,) = line_checks(run, PRINTER, HeadLoading(SYRINGE, INK, load(Needle, needle)))
+    return check
+
+
+@pytest.mark.parametrize(
+    ("needle", "passed"), [("fresh_150um", True), ("30g", True), ("27g", False), ("18g", False)]
+)
+def test_lines_of_layers_are_held_against_the_bore(needle: str, passed: bool) -> None:
+    area = float(INK.bead_section.area(0.15, 0.06))
+    check = check_of(area, needle, 0.0)
+    assert check.value == pytest.approx(0.15, rel=0.02)
+    assert check.passed == passed
+    assert "line 7" in check.place
+
+
+@pytest.mark.parametrize(("filament_mm", "passed"), [(0.128, True), (0.10, False)])
+def test_filaments_are_held_against_the_bore(filament_mm: float, passed: bool) -> None:
+    check = check_of(math.pi / 4 * filament_mm**2, "30g", 5.0)
+    assert check.value == pytest.approx(filament_mm, rel=0.02)
+    assert check.passed == passed
+
+
+# --- clearance between needle and dish wall, for single and for many moves
+NEEDLE_WALL_GAPS = load(Needle, "25g")
+coordinate = st.floats(-50, 150)
+place = st.tuples(coordinate, coordinate, st.floats(-5, 40))
+
+
+@given(st.sampled_from(["petri_60mm", "chamber_slide"]), st.lists(st.tuples(place, place)))
+def test_one_move_has_the_gap_that_it_has_among_many(name, moves):
+    standing = PlacedDish(load(Dish, name), (40.0, 50.0), 3.0)
+    tips, rows = np.array(moves).reshape(-1, 2, 3), np.ones(len(moves), np.bool_)
+    alone = [wall_gap_of(ends, standing, 0.5) for ends in moves]
+    assert alone == pytest.approx(wall_gap(tips, rows, standing, 0.5))
+    alone = [hub_gap_of(ends, standing, NEEDLE_WALL_GAPS) for ends in moves]
+    assert alone == pytest.approx(hub_gap(tips, rows, standing, NEEDLE_WALL_GAPS))
+
+
+# --- checks of time against cell lifetime, ink against syringe, motor steps against moves
+AREA = math.pi / 4 * SYRINGE.inner_mm**2
+SAID = {"viability_min": 30.0, "viability_source": "live/dead counts of lot 7"}
+
+
+def run_of_process_checks(*lines: str, printer: Printer = PRINTER) -> DryRun:
+    return dry_run("\n".join(["M302 P1", "G0 X10 Y10 Z5 F6000", *lines]).encode(), printer)
+
+
+def ink(**more: object) -> Ink:
+    return Ink.model_validate(INK.model_dump() | SAID | more)
+
+
+def test_a_budget_wants_its_source() -> None:
+    with pytest.raises(ValidationError, match="viability_source"):
+        ink(viability_source=None)
+    with pytest.raises(ValidationError, match="viability_source"):
+        CarePart(viability_min=20)
+
+
+@pytest.mark.parametrize(("minutes", "passed"), [(29.9, True), (30.0, True), (30.1, False)])
+def test_print_time_is_held_against_the_budget(minutes: float, passed: bool) -> None:
+    (check,) = viability_checks(PrintTime(60 * minutes), budget_of(ink()))
+    assert check.passed == passed
+    assert not check.refuses
+    assert "live/dead counts of lot 7" in check.place
+
+
+def test_a_measured_ink_or_the_recipe_itself_refuses() -> None:
+    sure = ink(calibrated=True, starting_values=())
+    (check,) = viability_checks(PrintTime(3600.0), budget_of(sure))
     assert check.refuses
-    assert check.place == "line 4, syringe: volume_ul"
-    assert check.value == pytest.approx(59 * math.pi / 4 * 4.61**2 + 20)
-    assert syringe_check(run_of(*text[:2]), SYRINGE).passed
+    (check,) = viability_checks(PrintTime(3600.0), budget_of(INK, 45.0, "our protocol"))
+    assert check.refuses
+    assert check.limit == 45
+
+
+def test_changes_of_syringe_count_with_their_time_or_are_named() -> None:
+    budget = budget_of(ink())
+    (check,) = viability_checks(PrintTime(1200.0, 2, 6.0), budget)
+    assert check.value == pytest.approx(32)
+    assert not check.passed
+    known, unknown = viability_checks(PrintTime(1200.0, 2), budget)
+    assert known.passed
+    assert not unknown.passed
+    assert "2 changes" in unknown.remedy
+    assert viability_facts(PrintTime(1200.0, 2), budget)["changes_timed"] is False
+
+
+def test_ink_is_what_is_pushed_and_what_each_filling_leaves_behind() -> None:
+    run = run_of_process_checks("G1 X20 E10 F60", "G1 E9 F60", "G1 X30 E30 F60")
+    use = ink_use(run, PRINTER, SYRINGE)
+    assert use.pushed_ul == pytest.approx(30 * AREA)
+    assert use.dead_ul == 20
+    assert use.fillings == 1
+    assert use.needed_ul == pytest.approx(30 * AREA + 20)
+    needle = load(Needle, "30g")
+    assert ink_use(run, PRINTER, SYRINGE, needle).dead_ul == pytest.approx(
+        20 + math.pi / 4 * needle.inner_mm**2 * needle.length_mm
+    )
+
+
+def names(run: DryRun, printer: Printer = PRINTER, syringe: Syringe = SYRINGE) -> list[str]:
+    checks = step_checks(run, printer, syringe)
+    assert not any(check.refuses for check in checks)
+    return [check.check for check in checks if not check.passed]
+
+
+def line(length: float, width: float = 0.15, height: float = 0.06) -> float:
+    """Plunger travel of a line, mm."""
+    return length * width * height / AREA
+
+
+def test_a_step_of_the_plunger_longer_than_a_move_is_told() -> None:
+    """One step is 2.6 nL: 0.29 mm of a line of 150 by 60 µm."""
+    run = run_of_process_checks(f"G1 X20 E{line(10):.6f} F600", f"G1 X20.2 E{line(10.2):.6f}")
+    (name,) = names(run)
+    assert name.startswith("line that one step of the plunger makes")
+    check = next(c for c in step_checks(run, PRINTER, SYRINGE) if not c.passed)
+    assert check.value == pytest.approx(1 / 6400 * AREA / (0.15 * 0.06), rel=1e-4)
+    assert check.limit == pytest.approx(0.2, abs=1e-9)
+    assert check.place == "line 4"
+    assert "1 of 2 moves" in check.remedy

@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from firmware_profiles import (
-    Bath,
-    Dish,
-    Ink,
-    MeasuredFlow,
-    Needle,
-    Printer,
-    Span,
-    Syringe,
-    flow_ul_s,
-    load,
-    profile_doubts,
-)
+from firmware_profiles import Bath, Dish, Ink, MeasuredFlow, Needle, Printer, Span, Syringe, load
 from printctl.checks.preflight import Check, PlacedDish, SetUp, file_checks
 from sim.gcode.dry_run.run import dry_run
 
@@ -124,28 +111,6 @@ def test_a_set_up_that_is_wrong_in_one_thing_is_told_of_that_alone(
     assert found[0].refuses == refuses
 
 
-def test_shear_is_that_of_the_set_pressure() -> None:
-    (check,) = failing([*BEGIN, *WRITE, *END], other("ink", max_shear_stress_pa=1.0))
-    # 80 kPa × 0.16 mm / (4 × 50 mm)
-    assert check.value == pytest.approx(80e3 * NEEDLE.inner_mm / (4 * NEEDLE.length_mm))
-
-
-def test_the_drop_is_the_ball_of_what_flows_while_the_valve_closes() -> None:
-    (check,) = failing([*BEGIN, *WRITE, *END], DROPS)
-    assert math.pi / 6 * check.value**3 == pytest.approx(2.0 * 0.03)
-
-
-def test_a_foreseen_flow_is_that_of_the_ink_s_viscosity() -> None:
-    (check,) = failing([*BEGIN, *WRITE, *END], head(measured=None))
-    assert f"{flow_ul_s(INK, NEEDLE, 80e3):.4g} µL/s" in check.remedy
-
-
-def test_writing_above_the_bath_counts_the_open_valve_as_writing() -> None:
-    high = [line for line in BEGIN if line != "G0 Z5 F240"]
-    (check,) = failing([*high, *WRITE, *END])
-    assert check.check.startswith("highest writing")
-
-
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -162,17 +127,3 @@ def test_a_head_that_can_t_be_is_refused(changes: dict[str, Any], says: str) -> 
     values["dispenser"] = {**values["dispenser"], **changes}
     with pytest.raises(ValueError, match=says):
         Printer.model_validate(values)
-
-
-def test_a_plunger_without_travel_is_refused() -> None:
-    values = load(Printer, "generic_marlin").model_dump(exclude_unset=True)
-    del values["plunger_travel_mm"]
-    with pytest.raises(ValueError, match="plunger_travel_mm"):
-        Printer.model_validate(values)
-
-
-def test_a_flow_measured_at_another_pressure_is_told_of() -> None:
-    printer = head(pressure_kpa=90.0).printer
-    told = [doubt for doubt in profile_doubts(printer) if doubt.key == "dispenser"]
-    assert [doubt.grave for doubt in told] == [False]
-    assert "measured at 80 kPa" in told[0].text

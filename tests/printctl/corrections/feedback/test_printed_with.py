@@ -13,8 +13,7 @@ import yaml
 
 from design.errors import ToolpathError
 from printctl.corrections.feedback.evidence import read_print
-from printctl.errors import RecipeError, SafetyError, UsageError
-from printctl.recipe import parse_recipe
+from printctl.errors import SafetyError, UsageError
 from printctl.run_folder.artefacts import NUMBERS
 from printctl.run_folder.manifest import Manifest
 from tests.printctl.cli.shell import Shell
@@ -179,11 +178,6 @@ def with_thin_wall(made: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-@pytest.mark.slow
-def test_a_wall_of_a_line_is_thick_enough(first: Path, made: dict[str, Any]) -> None:
-    printed(first, "near", with_thin_wall(made))
-
-
 def test_a_wall_of_less_than_a_line_is_refused(first: Path, made: dict[str, Any]) -> None:
     bad = with_thin_wall(made)
     with pytest.raises(ToolpathError, match="um of wall between them"):
@@ -199,12 +193,6 @@ def test_a_simulated_scans_compensation_is_not_printed_for_real(
     data["scan"] = {"file": "later.tif"}
     with pytest.raises(SafetyError, match="simulated scan"):
         run(first, "real", data)
-
-
-def test_both_ways_to_compensate_at_once_are_refused() -> None:
-    data = recipe_of(compensation="a.yaml", compensate={"radial_um": 10})
-    with pytest.raises(RecipeError, match="leave compensate out"):
-        parse_recipe(data, "r.yaml")
 
 
 @pytest.mark.slow

@@ -8,25 +8,29 @@ import os
 import stat
 import subprocess
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from printctl.history.bundle import write_bundle
+from printctl.history.bundle import cover_page, write_bundle
 from printctl.history.plain_zip import PlainZipWriter, read_members, safe_name
+from printctl.history.repeat import entry_of_bundle, make_job, plan_repeat
 from printctl.history.signing import (
     PRIVATE,
     BundleError,
     KeyTrouble,
+    RecordsError,
     lab_key,
     read_manifest,
-    read_public,
-    read_public_file,
 )
+from printctl.history.table import safe_cell
 from printctl.history.verify import Signature, verify_bundle, verify_stream
+from printctl.machine.link.history_entry import Alarm
 from printctl.machine.printing.films import film_file
+from printctl.pipeline.evidence import evidence
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.slower import examples
 
@@ -122,24 +126,6 @@ def test_every_byte_of_the_zips_own_structure_counts(tmp_path):
         assert not verified(bytes(flipped)).whole, place
 
 
-@settings(max_examples=examples(40), suppress_health_check=list(HealthCheck), deadline=None)
-@given(end=st.floats(0, 1, exclude_max=True), more=st.binary(max_size=20))
-def test_cut_or_lengthened_bundle_is_found(tmp_path_factory, end, more):
-    data = _once(tmp_path_factory, True)
-    assert not verified(data[: int(end * len(data))]).whole
-    assert verified(data + more).whole == (not more)
-
-
-def test_changed_file_is_named(tmp_path):
-    data = filed(tmp_path)
-    changed = rewritten(data, lambda files: files.update({"job.gcode": b"G28\n"}))
-    assert verified(changed).changed == ("job.gcode: changed",)
-    less = rewritten(data, lambda files: files.pop("job.gcode"))
-    assert verified(less).changed == ("job.gcode: not in the bundle any more",)
-    more = rewritten(data, lambda files: files.update({"virus.exe": b"MZ"}))
-    assert verified(more).changed == ("virus.exe: put in afterwards",)
-
-
 def test_manifest_changed_with_its_file_is_betrayed_by_the_signature(tmp_path):
     def change(files):
         manifest = json.loads(files["manifest.json"])
@@ -163,11 +149,6 @@ def test_signature_of_another_key_is_told_and_not_trusted(tmp_path):
     assert (found.whole, found.signature, found.good) == (True, Signature.UNKNOWN, False)
     assert found.fingerprint == lab_key().public.fingerprint
     assert "ISN'T KNOWN HERE" in " ".join(found.lines())
-
-
-def test_unsigned_bundle_says_so(tmp_path):
-    found = verified(filed(tmp_path, signed=False))
-    assert (found.whole, found.signature, found.good) == (True, Signature.NONE, False)
 
 
 def test_openssl_agrees_with_the_signature(tmp_path):
@@ -232,12 +213,6 @@ def test_what_is_no_bundle_is_told_without_a_traceback(data):
     assert not verify_stream(io.BytesIO(data), ()).whole
 
 
-@pytest.mark.parametrize("manifest", [b"[" * 200_000, b"{}", b"\xff", b'{"files": 3}', b"null"])
-def test_hostile_manifest_is_told(tmp_path, manifest):
-    data = rewritten(filed(tmp_path), lambda files: files.update({"manifest.json": manifest}))
-    assert "manifest.json" in verified(data).changed[0]
-
-
 def test_changed_gcode_is_missing_and_not_filed_as_the_prints(tmp_path):
     entry = printed(tmp_path / "run")
     (tmp_path / "run" / "part.gcode").write_bytes(b"G28\n")
@@ -264,21 +239,110 @@ def test_labs_key_is_made_once_and_for_its_owner_alone(data):
         lab_key()
 
 
-def test_public_key_comes_back_from_its_file_and_garbage_is_refused(tmp_path):
-    public = lab_key().public
-    (tmp_path / "lab.pem").write_bytes(public.pem())
-    assert read_public_file(tmp_path / "lab.pem") == public
-    with pytest.raises(KeyTrouble, match="PEM"):
-        read_public(b"-----BEGIN PUBLIC KEY-----\nx", "x.pem")
-    with pytest.raises(KeyTrouble, match="check the path"):
-        read_public_file(tmp_path / "absent.pem")
+# --- cover page of a record bundle
+HOSTILE = "<b>&<script>\x00\x1b[31m\n" + "x" * 5000
 
 
-def test_cover_shows_hostile_text_as_text(tmp_path):
-    entry = printed(tmp_path / "run", alarm="<script>alert(1)</script>", message="<img src=x>")
-    write_bundle(tmp_path / "out.zip", entry, lab_key())
-    with zipfile.ZipFile(tmp_path / "out.zip") as opened:
-        page = opened.read("cover.html").decode()
+def test_cover_has_verdict_hash_and_operator(tmp_path):
+    entry = printed(tmp_path / "run")
+    with_run(tmp_path / "run")
+    page = cover_page(evidence(entry))
+    assert page == cover_page(evidence(entry))
+    for words in ("<li>pass</li>", "ada at lab", entry.sha256):
+        assert words in page
+
+
+def test_cover_takes_hostile_text(tmp_path):
+    alarms = tuple(Alarm(1e9, HOSTILE) for _ in range(50))
+    entry = replace(printed(tmp_path / "run"), file=HOSTILE, message=HOSTILE, alarms=alarms)
+    page = cover_page(evidence(entry))
     assert "<script>" not in page
-    assert "<img" not in page
     assert "&lt;script&gt;" in page
+
+
+# --- repeat of a print: identical G-code or none; differences reported
+def test_profiles_that_differ_today_are_told_key_by_key(tmp_path):
+    entry = printed(tmp_path / "run")
+    with_run(tmp_path / "run")
+    told = {one.what: (one.then, one.now) for one in plan_repeat(entry).differences}
+    assert told["ink's profile collagen_fresh, name"][0] == "another"
+    assert not any("printer's profile" in what for what in told)
+
+
+def test_changed_gcode_is_refused_and_its_bundle_brings_it_back(tmp_path):
+    entry = printed(tmp_path / "run")
+    bundle = tmp_path / "out.zip"
+    write_bundle(bundle, entry, lab_key())
+    (tmp_path / "run" / "part.gcode").write_bytes(b"G28\n")
+    with pytest.raises(RecordsError, match=r"changed since the print.*--bundle"):
+        plan_repeat(entry)
+    made = make_job(plan_repeat(entry, bundle), tmp_path / "jobs")
+    assert made.read_bytes() == GCODE
+    assert entry_of_bundle(bundle).id == entry.id
+
+
+def test_damaged_or_foreign_bundle_is_refused(tmp_path):
+    entry, bundle = printed(tmp_path / "run"), tmp_path / "out.zip"
+    write_bundle(bundle, entry, lab_key())
+    (tmp_path / "run" / "part.gcode").unlink()
+    with pytest.raises(RecordsError, match="another G-code"):
+        plan_repeat(replace(entry, sha256="0" * 64), bundle)
+    data = bytearray(bundle.read_bytes())
+    data[len(data) // 2] ^= 1
+    bundle.write_bytes(data)
+    with pytest.raises(RecordsError, match="isn't whole"):
+        plan_repeat(entry, bundle)
+    with pytest.raises(RecordsError, match="isn't whole"):
+        entry_of_bundle(bundle)
+
+
+def test_file_that_changes_between_check_and_copy_makes_no_job(tmp_path):
+    plan = plan_repeat(printed(tmp_path / "run"))
+    plan.gcode.write_bytes(b"G28\n")
+    with pytest.raises(RecordsError, match="nothing was made"):
+        make_job(plan, tmp_path / "jobs")
+    assert not list((tmp_path / "jobs").glob("*"))
+
+
+# --- history as CSV, and a print's timeline
+CALCULATED = "=+-@"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "=cmd|' /C calc'!A0",
+        "+1",
+        "-1",
+        "@SUM(A1)",
+        "\t=1",
+        "\r=1",
+        "\n=1",
+        "  =1",
+        "\ufeff=1",
+        "＝1",
+    ],
+)
+def test_cell_that_a_spreadsheet_would_calculate_begins_with_an_apostrophe(text):
+    assert safe_cell(text) == f"'{text}"
+
+
+@given(st.text())
+def test_no_text_begins_as_a_formula_and_none_is_lost(text):
+    cell = safe_cell(text)
+    assert not cell.lstrip(" \ufeff\u00a0").startswith(tuple(CALCULATED))
+    assert cell.removeprefix("'") == text.replace("\0", "").removeprefix("'")
+
+
+@settings(max_examples=examples(40), suppress_health_check=list(HealthCheck), deadline=None)
+@given(end=st.floats(0, 1, exclude_max=True), more=st.binary(max_size=20))
+def test_cut_or_lengthened_bundle_is_found(tmp_path_factory, end, more):
+    data = _once(tmp_path_factory, True)
+    assert not verified(data[: int(end * len(data))]).whole
+    assert verified(data + more).whole == (not more)
+
+
+@pytest.mark.parametrize("manifest", [b"[" * 200_000, b"{}", b"\xff", b'{"files": 3}', b"null"])
+def test_hostile_manifest_is_told(tmp_path, manifest):
+    data = rewritten(filed(tmp_path), lambda files: files.update({"manifest.json": manifest}))
+    assert "manifest.json" in verified(data).changed[0]

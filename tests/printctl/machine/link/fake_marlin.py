@@ -217,11 +217,7 @@ class PtyPrinter:
     """
 
     def __init__(
-        self,
-        printer: FakeMarlin,
-        unplug_at: int | None,
-        hold_at: int | None,
-        pace_s: float = 0.0,
+        self, printer: FakeMarlin, unplug_at: int | None, hold_at: int | None, pace_s: float = 0.0
     ) -> None:
         self.printer, self.unplug_at, self.hold_at = printer, unplug_at, hold_at
         self.pace_s = pace_s

@@ -5,24 +5,45 @@ from __future__ import annotations
 import os
 import threading
 
+import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from firmware_profiles import Printer, load
+from firmware_profiles import Printer, WatchedGauge, load
+from printctl.checks.preflight.firmware import firmware_checks
+from printctl.cli.status import waiting_lines
 from printctl.machine.link import kill
-from printctl.machine.link.care import Care
+from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import PortLost, Refused
-from printctl.machine.link.journal import Journal, encode
+from printctl.machine.link.journal import Journal, encode, read_records
 from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.record import JOURNAL
 from printctl.machine.link.resuming import resumable
+from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.transport_serial import SerialTransport
+from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.faults import FaultFile, load_faults
+from sim.devices.faults import Gauge as SimGauge
+from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import Following, Script, layered, played
-from tests.printctl.machine.link.test_streamer import handshake_and, job_of, streamer_of
+from tests.printctl.machine.link.layered import (
+    PRINTER,
+    START,
+    Following,
+    Script,
+    doomed,
+    layered,
+    played,
+)
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated_transport import HostDiedError
+from tests.printctl.machine.link.test_streamer import job_of, streamer_of
+from tests.slower import first_of
 
 
 class Unplugged(FakeTransport):
@@ -82,7 +103,7 @@ def test_clock_that_jumps_does_no_harm(tmp_path):
     lines = zigzag(300)
     status = streamer_of(job_of(lines), transport, tmp_path).run()
     assert status.state is LinkState.DONE, status
-    sent = [line for line in handshake_and(printer) if line.startswith("G1")]
+    sent = [line for line in printer.numbered if line.startswith("G1")]
     assert sent == [line.decode() for line in lines]
 
 
@@ -116,27 +137,6 @@ def test_kill_is_tried_again_on_a_wire_that_takes_nothing(tmp_path, monkeypatch)
     assert transport.refusals < 0
     assert status.state is LinkState.KILLED
     assert b"M112" in transport.written
-
-
-def test_disk_that_was_full_still_gets_the_end_of_the_print(tmp_path, monkeypatch):
-    printer = FakeMarlin()
-    streamer = streamer_of(job_of(zigzag(3000)), FakeTransport(printer, VirtualClock()), tmp_path)
-    write, full = os.write, iter([True])
-    journal = streamer.wiring.journal._fd
-
-    def writing(fd: int, data: bytes) -> int:
-        if fd == journal and b'"ack"' in data and next(full, False):
-            return write(fd, data[:11])
-        return write(fd, data)
-
-    monkeypatch.setattr(os, "write", writing)
-    status = streamer.run()
-    assert status.state is LinkState.FAILED
-    assert "disk full" in status.message
-    history = read_journal(tmp_path / "journal.log")
-    assert history.end is not None
-    assert history.end["message"] == status.message
-    assert (history.damaged, history.gaps) == (1, 0)
 
 
 def interrupted(folder, *records: dict) -> None:
@@ -235,3 +235,263 @@ def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(monkeypatch
         wire.write_urgent(b"\nM112\n")
     os.close(slave)
     os.close(master)
+
+
+# --- random sequences of pauses, syringe changes and host deaths in one print
+DATA = layered(5, 20)
+JOB = parse_job(DATA, "test.gcode")
+FORESEEN = dry_run(DATA, PRINTER, START, cold_extrusion=True).executed
+
+
+class Restless(Script):
+    """A user who asks for something at random whenever there is news."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        super().__init__(on_paused=self.go_on)
+        self._rng, self._left = rng, 6
+
+    def status(self, status: Status) -> None:
+        super().status(status)
+        streamer = self.streamer
+        if streamer is None or status.state is not LinkState.PRINTING or self._left == 0:
+            return
+        if self._rng.random() < 0.3 and status.lines_done < JOB.marks.all[-3].index:
+            self._left -= 1
+            request = self._rng.choice(["now", "layer", "reload"])
+            if request == "now":
+                streamer.pause()
+            elif request == "layer":
+                streamer.pause(MarkKind.LAYER)
+            else:
+                streamer.reload()
+
+    def go_on(self, streamer: Streamer) -> None:
+        if streamer.status.waits_for != "syringe":
+            if self._rng.random() < 0.3:
+                streamer.reload()
+            else:
+                streamer.resume()
+        elif self._rng.random() < 0.2:
+            streamer.resume(unchanged=True)
+        else:
+            back = float(self._rng.uniform(-30.0, -5.0))
+            streamer.command(b"G1 E%.3f F60" % back, lambda lines: None)
+            streamer.command(
+                b"G1 E%.3f F60" % (back + 2.0), lambda lines: streamer.resume(NewSyringe(1.0))
+            )
+
+
+@pytest.mark.parametrize("seed", first_of(range(25), 3))
+def test_print_with_every_trouble_is_the_same_print(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    printer, clock, deaths = MarlinPrinter(PRINTER, START), VirtualClock(), 0
+    care = Care(checkpoint_s=0.0, reload_at=(JOB.marks.of(MarkKind.RELOAD)[2].index,))
+    script = Restless(rng)
+    while True:
+        last, part = int(rng.integers(20, 90)), rng.random()
+        transport = doomed(printer, clock, last if deaths < 5 else 0, part)  # 0: lives on
+        path = tmp_path / "journal.log"
+        history = read_journal(path) if deaths else None
+        if history is not None and not history.begun:
+            history = None
+        try:
+            status = played(DATA, tmp_path, transport, script, care, history=history)
+            break
+        except HostDiedError:
+            deaths += 1
+    assert status.state is LinkState.DONE, status
+    assert deaths >= 1
+    motion = printer.executed()
+    across = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
+    expected = np.any(FORESEEN.start[:, :2] != FORESEEN.end[:, :2], axis=1)
+    np.testing.assert_array_equal(motion.start[across], FORESEEN.start[expected])
+    np.testing.assert_array_equal(motion.end[across], FORESEEN.end[expected])
+    pushed = (motion.plunger_end - motion.plunger_start)[across]
+    wanted = (FORESEEN.plunger_end - FORESEEN.plunger_start)[expected]
+    np.testing.assert_allclose(pushed, wanted, atol=1e-9)
+
+
+# --- watched gauges (force, pressure): queried during a print, ending it above a limit
+WATCHED = WatchedGauge(query="M871", regex=r"Force: ([-+.\d]+) N", unit="N", high=12.5, every_s=0.5)
+WATCHING = PRINTER.model_copy(update={"watch": (WATCHED,), "extra_commands": ("M871",)})
+SAYS = "Force: {value:.2f} N"
+DATA_MEASURING = layered(6, 40)
+JOB_MEASURING = parse_job(DATA_MEASURING, "test.gcode")
+
+
+def transport_of(ramp, says=SAYS, clock=None, rng=None, **troubles) -> SimTransport:
+    printer = MarlinPrinter(PRINTER, START)
+    printer.gauges = {"M871": SimGauge(command="M871", says=says, ramp=ramp)}
+    return SimTransport(printer, clock or VirtualClock(), rng, **troubles)
+
+
+def printed(tmp_path, transport, script=None, printer: Printer = WATCHING, **options) -> Status:
+    return played(
+        DATA_MEASURING, tmp_path, transport, script or Script(), printer=printer, **options
+    )
+
+
+def records(tmp_path, sort: str) -> list[dict]:
+    found = read_records(tmp_path / "journal.log")
+    return [one for one in found if one is not None and one["t"] == sort]
+
+
+def assert_moved_as_foreseen(transport: SimTransport) -> None:
+    motion = transport.printer.executed()
+    foreseen = dry_run(DATA_MEASURING, PRINTER, START, cold_extrusion=True).executed
+    np.testing.assert_array_equal(motion.end, foreseen.end)
+    np.testing.assert_array_equal(motion.plunger_end, foreseen.plunger_end)
+
+
+# --- a whole print ---------------------------------------------------------------------------
+
+
+def test_readings_below_the_limit_are_journalled_and_shown_and_change_nothing(tmp_path):
+    transport, script = transport_of([[0, 1.0], [100, 11.0]]), Script()
+    status = printed(tmp_path, transport, script)
+    assert status.state is LinkState.DONE, status
+    assert status.alarms == 0
+    assert_moved_as_foreseen(transport)
+    read = records(tmp_path, "reading")
+    values = [one["value"] for one in read]
+    assert values == sorted(values)
+    assert {(one["query"], one["unit"]) for one in read} == {("M871", "N")}
+    took = transport.clock.now()
+    assert 0.6 * took / 0.5 < len(read) - 1 <= took / 0.5  # every 0.5 s, between two lines
+    assert status.readings == (f"M871: {values[-1]:g} N, at most 12.5 N",)
+    assert f"reads {status.readings[0]}" in waiting_lines(status)
+    assert Status.from_dict(status.to_dict()) == status
+    assert read_journal(tmp_path / "journal.log").done == len(JOB_MEASURING)
+
+
+def test_a_reading_above_the_limit_ends_the_print_by_a_controlled_stop(tmp_path):
+    transport = transport_of([[0, 1.0], [3, 1.0], [6, 20.0]])
+    status = printed(tmp_path, transport, retreat=Retreat(relief_mm=0.3, lift_mm=15))
+    assert (status.state, status.position_known) == (LinkState.FAILED, True)
+    assert "N, its limit is 12.5 N" in status.message
+    assert 0 < status.lines_done < len(JOB_MEASURING)
+    last = records(tmp_path, "reading")[-2:]
+    assert all(one["value"] > 12.5 for one in last)
+    crossed = 3 + 3 * 11.5 / 19
+    motion = transport.printer.executed()
+    assert motion.time_end[-1] > crossed
+    assert motion.end[-1, 2] - motion.start[-1, 2] == pytest.approx(15)
+    relief = motion.plunger_end[-2] - motion.plunger_start[-2]
+    assert relief == pytest.approx(-0.3, abs=2e-3)
+    written = np.flatnonzero(motion.plunger_end > motion.plunger_start)
+    held = 18 * 0.15  # what planner and queue held, s
+    assert motion.time_end[written[-1]] < crossed + 0.5 + held
+    assert any("limit" in text for text in read_journal(tmp_path / "journal.log").alarms)
+
+
+def test_one_wrong_answer_above_the_limit_ends_nothing(tmp_path):
+    transport = transport_of([[0, 1.0], [100, 11.0]])
+    gauge, answers = transport.printer.gauges["M871"], iter(range(10**6))
+
+    class Once(SimGauge):
+        def at(self, time_s: float) -> str:
+            return "Force: 91.00 N" if next(answers) == 4 else gauge.at(time_s)
+
+    transport.printer.gauges = {"M871": Once(**gauge.model_dump())}
+    status = printed(tmp_path, transport)
+    assert status.state is LinkState.DONE, status
+    assert [one["value"] > 12.5 for one in records(tmp_path, "reading")].count(True) == 1
+    assert_moved_as_foreseen(transport)
+
+
+def test_answers_that_can_t_be_read_are_one_alarm(tmp_path):
+    transport = transport_of([[0, 1.0], [100, 11.0]])
+    gauge, answers = transport.printer.gauges["M871"], iter(range(10**6))
+
+    class Broken(SimGauge):
+        def at(self, time_s: float) -> str:
+            return "Force: none" if next(answers) > 2 else gauge.at(time_s)
+
+    transport.printer.gauges = {"M871": Broken(**gauge.model_dump())}
+    status = printed(tmp_path, transport)
+    assert status.state is LinkState.DONE, status
+    assert [one["text"] for one in records(tmp_path, "alarm")] == [
+        "3 answers to M871 running can't be read"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ramp", "says", "words"),
+    [
+        ([[0, 12.5]], SAYS, "at rest, before the first line"),
+        ([[0, 40.0]], SAYS, "reads 40 N, its limit is 12.5 N"),
+        ([[0, 1.0]], "no sensor", "isn't answered by what its regex"),
+        ([[0, 1.0]], "Force: . N", "isn't answered by what its regex"),
+    ],
+)
+def test_before_the_first_line_a_reading_must_be_there_and_below(tmp_path, ramp, says, words):
+    transport = transport_of(ramp, says)
+    status = printed(tmp_path, transport)
+    assert (status.state, status.lines_done) == (LinkState.FAILED, 0)
+    assert status.error == "HandshakeError"
+    assert words in status.message
+    assert len(transport.printer.executed()) == 0
+
+
+@pytest.mark.parametrize("seed", first_of(range(8), 3))
+def test_a_host_that_dies_among_its_questions_goes_on_exactly(tmp_path, seed):
+    rng, clock = np.random.default_rng(seed), VirtualClock()
+    transport = transport_of([[0, 1.0]], clock=clock)
+    transport.die_at(int(rng.integers(20, 200)), float(rng.random()))
+    often = WATCHED.model_copy(update={"every_s": 0.25})
+    printer = WATCHING.model_copy(update={"watch": (often,)})
+    with pytest.raises(HostDiedError):
+        printed(tmp_path, transport, printer=printer)
+    again = SimTransport(transport.printer, clock)
+    history = read_journal(tmp_path / "journal.log")
+    status = printed(tmp_path, again, printer=printer, history=history)
+    assert status.state is LinkState.DONE, status
+    ends = again.printer.executed().end
+    foreseen = dry_run(DATA_MEASURING, PRINTER, START, cold_extrusion=True).executed.end
+    at = 0
+    for end in ends:
+        at += at < len(foreseen) and np.array_equal(end, foreseen[at])
+    assert at == len(foreseen)
+
+
+# --- one answer, one profile, one fault file -----------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"regex": "Force"}, "0 groups"),
+        ({"regex": "(a)(b)"}, "2 groups"),
+        ({"regex": "((("}, "is none"),
+        ({"query": "G1 Z0"}, "query"),
+        ({"query": "M112"}, "stops or renumbers"),
+        ({"high": float("inf")}, "finite"),
+        ({"every_s": 0.01}, "greater than"),
+        ({"low": 1}, "low"),
+    ],
+)
+def test_a_watch_that_can_t_be_is_refused(changes, says):
+    with pytest.raises(ValidationError, match=says):
+        WatchedGauge.model_validate(WATCHED.model_dump() | changes)
+
+
+def test_a_question_that_the_firmware_doesn_t_know_is_refused_beforehand():
+    run = dry_run(DATA_MEASURING, PRINTER, START)
+    strange = WATCHING.model_copy(update={"extra_commands": ()})
+    for printer, passed in ((WATCHING, True), (strange, False)):
+        checks = {check.place: check for check in firmware_checks(run, printer)}
+        assert checks[f"{printer.name}: watch"].passed == passed
+        assert checks[f"{printer.name}: watch"].refuses != passed
+
+
+def test_a_fault_file_s_gauge_is_a_ramp(tmp_path):
+    path = tmp_path / "faults.yaml"
+    path.write_text(
+        "gauges:\n  - {command: M871, says: 'Force: {value:.1f} N', ramp: [[10, 1], [20, 2]]}\n"
+    )
+    (gauge,) = load_faults(path).gauges
+    assert [gauge.at(time) for time in (0, 15, 99)] == [
+        "Force: 1.0 N", "Force: 1.5 N", "Force: 2.0 N"]  # fmt: skip
+    for wrong in ({"says": "{force}"}, {"ramp": [[2, 1], [1, 1]]}, {"command": "G1"}):
+        with pytest.raises(ValidationError):
+            FaultFile.model_validate({"gauges": [gauge.model_dump() | wrong]})

@@ -33,7 +33,6 @@ from tests.printctl.machine.link.simulated import (
     same_motion,
 )
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport
-from tests.slower import first_of
 
 BEGINS_S = 20.0
 
@@ -235,23 +234,6 @@ def test_ink_that_stands_before_the_needle_is_lifted_for_a_pause_is_told(tmp_pat
     assert_each_told(tmp_path, line.printer.executed(), least=1)
 
 
-@pytest.mark.parametrize("seed", first_of(range(25), 4))
-def test_answers_that_are_all_late_by_up_to_five_seconds_lead_nowhere_else(tmp_path, seed):
-    line, rng = DeadLine(0.0, held=False), np.random.default_rng(seed)
-    up = line.line.up
-
-    def late(data: bytes, now: float) -> None:
-        line.line.hold(5.0 * rng.random() if data else 0.0)
-        up(data, now)
-
-    line.line.up = late  # type: ignore[method-assign]
-    status, _ = printed(gcode(60), tmp_path, line)
-    assert status.state is LinkState.DONE
-    alone, _ = DeadLine(0.0, held=False), (tmp_path / "alone").mkdir()
-    printed(gcode(60), tmp_path / "alone", alone)
-    assert same_motion(line.printer.executed(), alone.printer.executed())
-
-
 @pytest.mark.parametrize("asked_s", [0.8, 6.0, 20.0])
 @pytest.mark.parametrize(("down", "up"), [(True, True), (True, False), (False, True)])
 @pytest.mark.parametrize("held", [False, True])
@@ -293,14 +275,6 @@ def test_board_that_stands_still_is_told(tmp_path, mm):
     status, _ = printed(HEADER + b"\n".join(moves) + b"\n", tmp_path, line)
     assert stood_s(status.message) == pytest.approx(5.0, abs=0.5)
     assert status.alarms == 1
-
-
-def test_dwell_and_pause_are_no_standstill(tmp_path):
-    data = gcode(60) + b"G4 P4000\nG1 X60 F600\nG4 S3\nG1 X50\n"
-    line = SimulatedTransport(MarlinPrinter(PRINTER, START), VirtualClock())
-    status, _ = printed(data, tmp_path, line, "pause")
-    assert status.state is LinkState.DONE
-    assert status.alarms == 0
 
 
 def test_print_that_a_silent_line_ends_tells_for_how_long_and_where_its_motors_stand(tmp_path):

@@ -5,23 +5,17 @@ from __future__ import annotations
 import pytest
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families import find_family
 from firmware_profiles.families.link_protocol import Halting
-from firmware_profiles.families.marlin.replies import Kind, classify
-from firmware_profiles.families.reprapfirmware.facts import crc16
-from printctl.machine.link.care import Care
 from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.families import protocol_for
-from printctl.machine.link.firmware import parse_firmware
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
-from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper, xmodem
+from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import zigzag
 from tests.printctl.machine.link.jobs import parse_job, with_codes
-from tests.printctl.machine.link.protocols import STREAMED, made_protocol
+from tests.printctl.machine.link.protocols import made_protocol
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
 
 FAKES = {"reprapfirmware": FakeDuet, "klipper": FakeKlipper}
@@ -95,14 +89,6 @@ def test_klipper_isnt_done_before_its_board_has_answered(tmp_path):
     assert status.state is LinkState.KILLED
     assert not status.position_known
     assert status.lines_executed == 0
-
-
-def test_klipper_move_out_of_range_is_a_fault(tmp_path):
-    job = [*JOB[:10], b"G1 X501", *JOB[10:]]
-    status = streamer_of("klipper", FakeKlipper(), tmp_path, job).run()
-    assert status.state is LinkState.FAILED
-    assert "out of range" in status.message
-    assert status.position_known  # the way out was made
 
 
 class StuckKlipper(FakeKlipper):
@@ -226,48 +212,6 @@ def test_end_compares_the_motors_steps_of_a_duet(tmp_path, astray_mm, axes, stat
     assert status.state is state
     assert words in status.message
     assert "aren't" in words or "aren't" not in status.message
-
-
-def test_crc_is_that_of_xmodem():
-    assert crc16(b"123456789") == 0x31C3 == xmodem(b"123456789")
-
-
-def test_names_of_all_families_are_read():
-    replies = {
-        b"FIRMWARE_NAME:Marlin 2.1 (Nov 20 2026 03:35:05) SOURCE_CODE_URL:x": "marlin",
-        b"FIRMWARE_NAME:Prusa-Firmware 3.13.0 based on Marlin FIRMWARE_URL:y": "prusa",
-        b"FIRMWARE_NAME: RepRapFirmware for Duet 3 MB6HC FIRMWARE_VERSION: 3.6.0": "reprapfirmware",
-        b"ok FIRMWARE_NAME:Klipper FIRMWARE_VERSION:v0.13": "klipper",
-    }
-    for text, family in replies.items():
-        firmware = parse_firmware([text])
-        assert firmware.is_a(find_family(family).link.says), text
-        assert ":" not in firmware.name.replace("03:35:05", "")
-
-
-def test_only_marlin_is_called_verified():
-    assert [name for name in STREAMED if find_family(name).link.verified] == ["marlin"]
-
-
-def test_prusas_unknown_code_is_known_as_such():
-    reply = classify(b"Unknown M code: M999 S1")
-    assert reply.kind is Kind.UNKNOWN_COMMAND
-    assert reply.command == b"M999 S1"
-
-
-@pytest.mark.parametrize(
-    ("profile", "field", "by_default"),
-    [
-        ("generic_marlin", "silent_limit_s", 60.0),
-        ("klipper_bioprinter", "busy_limit_s", 1800.0),
-        ("makergear_m2_duet2", "busy_limit_s", 1800.0),
-    ],
-)
-def test_the_limit_on_silence_can_be_chosen_for_each_family(profile, field, by_default):
-    printer = load(Printer, profile)
-    assert getattr(protocol_for(printer, 0.05).timing, field) == by_default
-    chosen = protocol_for(printer, 0.05, Care(silent_limit_s=300.0)).timing
-    assert getattr(chosen, field) == 300.0
 
 
 class TellingKlipper(FakeKlipper):

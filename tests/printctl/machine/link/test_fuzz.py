@@ -146,9 +146,7 @@ def test_no_line_leaves_under_a_wrong_number_or_in_other_words(family, said):
 
 @pytest.mark.parametrize("family", FAKES)
 @settings(max_examples=examples(40), deadline=None, suppress_health_check=list(HealthCheck))
-@given(
-    said=st.lists(st.tuples(st.integers(0, 12), st.booleans(), UTTERANCE), max_size=12),
-)
+@given(said=st.lists(st.tuples(st.integers(0, 12), st.booleans(), UTTERANCE), max_size=12))
 def test_whole_print_ends_and_moves_only_along_the_file(family, said):
     fake, script = FAKES[family](), deque(said)
     left = script[0][0] if script else 0

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from printctl.checks.gcode_view.line_map import LineMap
 from printctl.cli.status import waiting_lines
-from printctl.machine.link.errors import JobError
+from printctl.machine.link.errors import Refused
 from printctl.machine.link.find_link import read_outcome
-from printctl.machine.link.grown_text import grown_text
-from printctl.machine.link.inserts import Insert, file_count
+from printctl.machine.link.flow_check import check_factor, check_flow
+from printctl.machine.link.insert_check import InsertPlace, judged_lines
+from printctl.machine.link.inserts import Insert
+from printctl.machine.link.job_frame import frame_at
+from printctl.machine.link.job_reach import JobReach
 from printctl.machine.link.journal import Journal
-from printctl.machine.link.journalled_print import JournalledPrint
+from printctl.machine.link.journalled_print import JournalledPrint, read_journal
+from printctl.machine.link.look_book import LookDecision
 from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.modal import Modal
 from printctl.machine.link.record import JOURNAL, LinkRecord
 from printctl.machine.link.recovering import plan_recovery
 from printctl.machine.link.reloading import plunger_travel
@@ -23,11 +26,10 @@ from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.print_state.actions import possible_actions
 from printctl.machine.printing.inserted_ink import filling_in_file, inserted_ink
-from printctl.machine.printing.map_of_rest import OF_LINES, write_map
 from printctl.machine.printing.progress import Filling
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import PRINTER
-from tests.printctl.machine.link.looking import layered, patch
+from tests.printctl.machine.link.looking import Observer, fresh, layered, observed, patch
 
 DATA = layered(3, 6)
 OWN = parse_job(DATA, "test.gcode")
@@ -41,27 +43,6 @@ def mend(layer: int, look: int, before: int) -> Insert:
 
 FIRST, SECOND = mend(0, 1, 0), mend(1, 2, 11)
 GROWN = OWN.grown(FIRST).grown(SECOND)
-
-
-def test_lines_files_lines_and_marks_shift_behind_an_insert():
-    assert GROWN.own.lines == OWN.lines
-    assert GROWN.lines[FIRST.after : FIRST.after + 11] == list(FIRST.lines)
-    assert len(GROWN.file_lines) == len(GROWN) == len(OWN) + 22
-    assert set(GROWN.file_lines[FIRST.after : FIRST.after + 11]) == {OWN.file_line(FIRST.after)}
-    shifted = [mark.index for mark in GROWN.marks.of(MarkKind.LAYER)]
-    assert shifted == [ENDS[0], ENDS[1] + 11, ENDS[2] + 22]
-    with pytest.raises(JobError, match="doesn't fit"):
-        GROWN.grown(FIRST)
-
-
-@pytest.mark.parametrize("done", range(0, len(GROWN) + 1, 5))
-def test_the_files_own_commands_are_counted(done):
-    own = [line for k, line in enumerate(GROWN.lines[:done]) if not _put_in(k)]
-    assert file_count(done, GROWN.positions) == len(own)
-
-
-def _put_in(index: int) -> bool:
-    return any(one.after <= index < one.after + len(one.lines) for one in (FIRST, SECOND))
 
 
 @pytest.mark.parametrize("begin", range(8, len(GROWN) - 1))
@@ -87,37 +68,6 @@ def test_rest_of_a_job_whose_flow_was_corrected_has_its_doses(begin):
     writes = [k for k in range(*third) if b" X" in grown.lines[k] and b" E" in grown.lines[k]]
     ratios = [(travel[k + 1] - travel[k]) / (own[k - 10] - own[k - 11]) for k in writes]
     assert ratios == pytest.approx([0.9] * len(writes), abs=5e-3)
-
-
-def test_marks_stay_before_what_was_put_in_and_comments_are_kept():
-    text = grown_text(GROWN, DATA)
-    rows = [line.strip() for line in text.lines]
-    at = text.row_of[FIRST.after]
-    assert rows[at - 2 : at] == [b";LAYER_END:0", b";RELOAD"]
-    assert [row for row in text.file_row if row >= 0] == list(range(DATA.count(b"\n")))
-    again = parse_job(b"".join(text.lines), "a")
-    assert again.lines == GROWN.lines
-    assert again.marks.all == GROWN.marks.all
-
-
-def test_the_rests_map_has_nothing_of_what_was_put_in(tmp_path):
-    count = DATA.count(b"\n")
-    job = tmp_path / "a.gcode"
-    job.write_bytes(DATA)
-    np.savez(tmp_path / "a.map.npz", **{name: np.arange(count) for name in OF_LINES})
-    begin = FIRST.after + 4
-    stood = {"line": begin, "begin_at": None, "certain": True, "dropped": False, "done": begin}
-    plan = plan_recovery(GROWN, DATA, JournalledPrint(stood=stood), PRINTER, Retreat())
-    rest = tmp_path / "rest.gcode"
-    rest.write_bytes(plan.gcode)
-    write_map(job, plan, rest)
-    source = np.load(tmp_path / "rest.map.npz")["source"].tolist()
-    rows = plan.gcode.splitlines()
-    assert len(source) == len(rows)
-    own = DATA.splitlines()
-    told = [(own[at], row) for at, row in zip(source, rows, strict=True) if at >= 0]
-    assert all(one == other for one, other in told)
-    assert len(told) == count - (OWN.file_lines[FIRST.after] - 1)
 
 
 def test_an_interrupted_print_counts_what_was_put_in(tmp_path):
@@ -157,10 +107,125 @@ def test_a_print_that_is_held_for_a_look_may_be_gone_on_with_by_the_operator(tmp
     assert waiting_lines(status) == ["waits for: a decision on look 3"]
 
 
-def test_a_map_of_lines_follows_what_was_put_in():
-    text = grown_text(GROWN, DATA)
-    own = LineMap(np.arange(DATA.count(b"\n")), of_vessels=False, strand=np.arange(100))
-    grown = own.at_rows(text.file_row)
-    assert grown.source.tolist() == text.file_row
-    assert grown.kind is None
-    assert grown.strand is not None
+# --- inserts that are refused, each with its reason; nothing of them is journalled or sent
+AT = Modal(x=10.0, y=10.0, z=2.0, e=1.0, f=600.0)
+LOW = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0))
+HIGH = ((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))
+REACH = JobReach(0.5, 8.0, LOW, high_hull_mm=HIGH)
+PLACE = InsertPlace(AT, REACH, PRINTER)
+
+
+@pytest.mark.parametrize(
+    ("lines", "why"),
+    [
+        ([], "has 0 lines"),
+        (["G28"], "G28 may not be inserted"),
+        (["M104 S0"], "M104 may not be inserted: .* heaters"),
+        (["M84"], "M84"),
+        (["M83"], "relative extrusion"),
+        (["M221 S110"], "M221"),
+        (["T1"], "T1"),
+        (["G92 X0"], "no other axis"),
+        (["G1 X--5"], "X--5"),
+        (["G1 X12\nM112"], "line end within a line"),
+        (["G1 X12 F600"], "ends at X12 and the job goes on from X10: go back to X10"),
+        (["G1 E1.5 F60", "G1 F600"], "end it with G92 E1.00000"),
+        (["G1 X12 F300", "G1 X10"], "end it with G1 F600"),
+        (["G1 X12 F600000", "G1 X10 F600"], "mm/s of X exceeds"),
+        (["G1 E3 F6000", "G1 E1", "G1 F600"], "mm/s of E exceeds"),
+        (["G1 Z0.2", "G1 Z2"], "Z 0.2 mm is below 0.5 mm"),
+        (["G1 Z9 F300", "G1 X60 Y10 F600", "G1 X10", "G1 Z2"], "X 60 Y 10 is more than"),
+        (
+            ["G1 X30", "G1 X10"],
+            "below Z 8 mm and the needle|more than 1 mm beside all of the job's own moves",
+        ),
+        (["G1 Z8 F300", "G1 X900", "G1 X10", "G1 Z2"], "X 900.000 mm is outside"),
+        (["G1 Z9 F300", "G1 X30 Y30", "G1 Z7"], "more than 1 mm beside|goes on from"),
+        (["G4 S100"], "a wait of 100 s"),
+        (["G2 X12 I1"], "G2"),
+        (["G4 S60"] * 31, "more than 30 min"),
+        (["G1 X12 F0.01", "G1 X10 F600"], "more than 30 min"),
+        (["G1 E-19 F60", "G92 E1", "G1 F600"], "20 mm behind its place"),
+        (["G1 E-4 F60", "G92 E1", "G1 F600"], "5 mm behind where it stood"),
+        ([*["G1 E45 F60", "G92 E1"] * 5, "G1 F600"], "more than the"),
+    ],
+)
+def test_refused_with_the_reason(lines, why):
+    with pytest.raises(Refused, match=why):
+        judged_lines(lines, PLACE, "the insert")
+
+
+def test_only_the_look_that_goes_on_takes_one_insert(tmp_path):
+    data, transport = layered(2, 12), fresh()
+    good, other = patch(data, 0), [*patch(data, 0)[:-1], "G4 P10", "G1 F300"]
+    observer = Observer(decides=lambda number: None)
+
+    def says(status):
+        if status.state is LinkState.LOOKING:
+            number = status.look["number"]
+            with pytest.raises(Refused, match=f"held for look {number}, not for look 7"):
+                observer.insert(7, good)
+            if number == 1:
+                observer.insert(1, ["G28"])
+                observer.insert(1, good)
+                observer.insert(1, [line.partition(" ;")[0] for line in good])
+                observer.insert(1, other)
+            observer.decide(number, LookDecision.GO_ON)
+        elif status.state is LinkState.PRINTING:
+            with pytest.raises(Refused, match="held for look"):
+                observer.insert(9, good)
+
+    observer.seen_by = says
+    status = observed(data, tmp_path, transport, observer)
+    assert status.state is LinkState.DONE, status
+    assert len(observer.refusals) == 2
+    assert "G28" in observer.refusals[0]
+    assert "has an insert of 11 lines already" in observer.refusals[1]
+    first, again = (one for one in observer.answers if one["event"] == "inserted")
+    assert first == again
+    assert len(read_journal(tmp_path / "journal.log").inserts) == 1
+    streamer = observer.streamer
+    with pytest.raises(Refused, match="has ended"):
+        streamer.insert(1, good, "", print, print)
+
+
+@pytest.mark.parametrize(
+    ("flow", "why"),
+    [(0.1, "outside 0.3 to 3"), (4.0, "outside 0.3 to 3"), (1.9, "the plunger would go 7.6 mm/s")],
+)
+def test_flow_out_of_bounds_is_refused(flow, why):
+    text = "G92 X10 Y10 Z2 E1\nG1 F600 X10\nG1 X11 E1.4\nG1 E9\nG1 X12 E9.1 F60\n"
+    job = parse_job(text.encode(), "a")
+    with pytest.raises(Refused, match=why):
+        check_factor(flow, PLACE, "it")
+        check_flow(job, job.grown(Insert(1, 2, (), "", flow)), PLACE, "it")
+
+
+@pytest.mark.parametrize("by", [(0.0, 0.0, 0.0), (5.0, -3.0, 1.5)])
+def test_places_are_counted_from_the_touch_off_where_the_job_renames_them(by):
+    """The same job, whose second half calls places otherwise: the same is taken and refused."""
+    x, y, z = by
+    file = f"""G92 X10 Y10 Z2 E1
+G1 X0 Y0 Z0.5 F600
+G1 X20 Y20 E2
+G1 X0 Y20
+G1 X10 Y10 Z3
+G1 Z2
+G92 X{10 + x} Y{10 + y} Z{2 + z}
+G1 X{5 + x} Y{5 + y}
+G1 X{10 + x} Y{10 + y}
+"""
+    job = parse_job(file.encode(), "a")
+    frame = frame_at(job, len(job), PRINTER)
+    reach = JobReach.of(job.lines, None, frame.shift_at)
+    assert (reach.low_mm, reach.top_mm) == (0.5, 3.0)
+    assert reach.is_inside(1, 19, 1)
+    assert not reach.is_inside(19, 1, 1)
+    at = Modal(x=10.0 + x, y=10.0 + y, z=2.0 + z, e=2.0, f=600.0)
+    place = InsertPlace(at, reach, PRINTER, shift_mm=frame.shift_at(len(job) - 1))
+    back = [f"G1 X{10 + x} Y{10 + y} Z{2 + z} F300", "G1 F600"]
+    assert len(judged_lines([f"G1 X{1 + x} Y{19 + y}", *back], place, "it")) == 3
+    with pytest.raises(Refused, match="X 19 Y 1 is more than 1 mm beside"):
+        judged_lines([f"G1 X{19 + x} Y{1 + y}", *back], place, "it")
+    with pytest.raises(Refused, match=r"Z 0\.4 mm is below 0\.5 mm"):
+        judged_lines([f"G1 Z{0.4 + z:.3f} F300", *back], place, "it")

@@ -5,18 +5,23 @@ from __future__ import annotations
 import os
 import re
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from printctl.cli.status import status_lines
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.completed_moves import moves_ahead, surely_moved
 from printctl.machine.link.errors import Refused
+from printctl.machine.link.find_link import read_outcome
 from printctl.machine.link.history_entry import entry_of
 from printctl.machine.link.job import Job
+from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.record import JOURNAL, RECORD, LinkRecord, save_private
 from printctl.machine.link.recovering import plan_recovery
 from printctl.machine.link.recovery_begin import NoCheckpoint
 from printctl.machine.link.resuming import resumable
@@ -24,13 +29,15 @@ from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
+from printctl.machine.print_state.state import assemble_state
+from printctl.machine.printing.journal_facts import JournalledFacts
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.journals import journal_in
-from tests.printctl.machine.link.layered import doomed
+from tests.printctl.machine.link.layered import doomed, layered
 from tests.printctl.machine.link.sim_transport import SimTransport
-from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed, wire
+from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.slower import first_of
 
@@ -62,38 +69,6 @@ def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:
         printer=PRINTER,
     )
     return Streamer(wiring, parse_job(data, "test.gcode")).run(history)
-
-
-def test_host_killed_in_a_pause_comes_down_and_primes_again(tmp_path):
-    data, transport = gcode(300), wire()
-    at: list[Streamer] = []
-
-    def on_status(status: Status) -> None:
-        if status.state is LinkState.PRINTING and status.lines_done > 50:
-            at[0].pause()
-        if status.state is LinkState.PAUSED:
-            raise HostDiedError
-
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(tmp_path),
-        printer=PRINTER,
-        on_status=on_status,
-    )
-    at.append(Streamer(wiring, parse_job(data, "test.gcode")))
-    with pytest.raises(HostDiedError):
-        at[0].run()
-    lifted = transport.printer.executed().end[-1]
-    assert lifted[2] == pytest.approx(30.0)
-    status = resumed(data, tmp_path, SimTransport(transport.printer, transport.clock))
-    assert status.state is LinkState.DONE, status
-    motion = transport.printer.executed()
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert np.array_equal(motion.end[-1], foreseen.end[-1])
-    assert motion.plunger_end[-1] == foreseen.plunger_end[-1]
-    assert len(motion) == len(foreseen) + 13  # relieve, lift, ten steps down, prime
 
 
 @pytest.mark.parametrize("paused", [False, True])
@@ -240,3 +215,48 @@ def test_what_another_program_set_while_the_host_was_dead_is_taken_back(tmp_path
     assert np.array_equal(motion.end[-1], foreseen.end[-1])
     assert motion.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
     assert printer.machine.heat.bed.target_c == 0
+
+
+# --- message about a print whose link process was killed: the printer's behaviour, by family
+def killed(folder, profile: str, state: LinkState, done: int = 60, port: str = "/dev/printer"):
+    job = folder / "job of mine.gcode"
+    job.write_bytes(layered(4, 60))
+    save_private(folder / RECORD, LinkRecord(1, "", "", str(job), profile, port, 1.0))
+    with closing(Journal(folder / JOURNAL)) as journal:
+        sha256 = parse_job(layered(4, 60), job.name).sha256
+        journal.add("job", name=job.name, sha256=sha256, lines=300, started=1.0, pid=1)
+        journal.add("state", state=LinkState.PRINTING, message="")
+        journal.add("ack", done=done)
+        if state is not LinkState.PRINTING:
+            journal.add("state", state=state, message="")
+    return read_outcome(folder)
+
+
+@pytest.mark.parametrize(
+    ("profile", "held"),
+    [
+        ("generic_marlin", "up to 20 moves"),
+        ("klipper_bioprinter", "some seconds of moves"),
+        ("makergear_m2_duet2", "moves (last"),
+    ],
+)
+def test_motors_may_run_out_what_the_printer_has_taken(tmp_path, profile, held):
+    message = killed(tmp_path, profile, LinkState.PRINTING).message
+    assert "nothing has stopped its motors" in message
+    assert held in message
+    assert "heaters stay on" in message
+
+
+def test_a_paused_printer_stands(tmp_path):
+    assert "its motors stood" in killed(tmp_path, "generic_marlin", LinkState.PAUSED).message
+
+
+def test_command_that_recovers_can_be_copied(tmp_path):
+    status = killed(tmp_path, "generic_marlin", LinkState.PRINTING)
+    (line,) = [
+        line
+        for line in status_lines(assemble_state(tmp_path, status, JournalledFacts()), "my run")
+        if line.startswith("recover:")
+    ]
+    assert "printctl recover 'my run' --from-line " in line
+    assert line.split("--from-line ")[1].split()[0].isdigit()

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import ast
+import errno
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from printctl.machine.link.errors import JournalError
-from printctl.machine.link.journal import Journal, decode, encode
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.errors import JournalError, Refused
+from printctl.machine.link.journal import RESERVE, Journal, decode, encode
 from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.states import LinkState
+from printctl.machine.link.print_notes import archive_journal, journal_of, notes_path, read_notes
+from printctl.machine.link.recovery_begin import beginning
+from printctl.machine.link.resuming import resumable
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.link.streamer import Streamer
+from printctl.machine.link.wire_log import RING_BYTES, LoggedTransport, WireLog
+from sim.devices.families.marlin.printer import MarlinPrinter
+from tests.printctl.machine.link.scripted_transport import ScriptedTransport
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed
 
 
 def written(path):
@@ -34,13 +47,6 @@ def test_reads_what_was_written(tmp_path):
     assert history.alarms == ["µ and ✓ are escaped"]
     assert history.end is None
     assert history.damaged == 0
-
-
-def test_control_lines_are_not_job_lines(tmp_path):
-    history = read_journal(written(tmp_path / "j"))
-    assert history.job_line(50) == 50
-    assert history.job_line(51) == 50
-    assert history.job_line(60) == 59
 
 
 @pytest.mark.parametrize("missing", range(1, 40))
@@ -129,3 +135,149 @@ def test_record_that_is_missing_in_the_middle_is_a_gap_and_a_torn_end_is_none(tm
     assert (read_journal(tmp_path / "j").damaged, read_journal(tmp_path / "j").gaps) == (1, 0)
     (tmp_path / "j").write_bytes(lines[0] + lines[1][:5] + b"?" + lines[1][6:] + lines[2])
     assert (read_journal(tmp_path / "j").damaged, read_journal(tmp_path / "j").gaps) == (1, 1)
+
+
+# --- disk full during a print: the journal keeps reserved space for final records
+class SmallDisk:
+    """Stands for ``os.write`` on a disk that takes so many bytes; each write takes what fits."""
+
+    def __init__(self, folder: Path, size: int) -> None:
+        self._write, self._folder, self._size = os.write, folder, size
+        self.others = 0
+
+    def __call__(self, fd: int, data: bytes) -> int:
+        used = sum(file.stat().st_size for file in self._folder.iterdir())
+        left = self._size - used - self.others
+        if left <= 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return self._write(fd, data[:left])
+
+
+def print_on(disk: SmallDisk, journal: Journal, monkeypatch) -> tuple[Status, Streamer]:
+    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    monkeypatch.setattr(os, "write", disk)
+    found = printed(gcode(300), journal.path.parent, transport, journal=journal)
+    monkeypatch.undo()
+    journal.close()
+    return found
+
+
+@pytest.mark.parametrize("room", range(2007, 2060, 7))  # at 2000 two lines pass there
+def test_end_of_a_print_on_a_full_disk_is_in_its_journal(tmp_path, monkeypatch, room):
+    journal = Journal(tmp_path / "journal.log", reserve=True)
+    status, streamer = print_on(SmallDisk(tmp_path, room + 65_536), journal, monkeypatch)
+    assert status.state is LinkState.FAILED
+    assert "disk full" in status.message or "No space" in status.message
+    history = read_journal(journal.path)
+    assert history.end["message"] == status.message
+    assert history.damaged == 0
+    begin = beginning(streamer.job, history, PRINTER, None)
+    assert begin.index == status.lines_executed
+    assert "nothing is left out or written twice" in begin.stood
+    assert not (tmp_path / RESERVE).exists()
+
+
+def test_print_whose_end_didnt_fit_isnt_gone_on_with(tmp_path, monkeypatch):
+    """Somebody else takes the room that was kept back."""
+    journal = Journal(tmp_path / "journal.log", reserve=True)
+    disk = SmallDisk(tmp_path, 68_000)
+
+    def greedy(self: Journal) -> bool:
+        disk.others = 1_000_000
+        return used(self)
+
+    used = Journal.use_reserve
+    monkeypatch.setattr(Journal, "use_reserve", greedy)
+    _, streamer = print_on(disk, journal, monkeypatch)
+    history = read_journal(journal.path)
+    assert history.end is None
+    with pytest.raises(Refused, match="the disk was full"):
+        resumable(tmp_path, streamer.job.sha256)
+
+
+def test_room_that_was_kept_back_is_free_after_a_print(tmp_path):
+    journal = Journal(tmp_path / "journal.log", reserve=True)
+    assert (tmp_path / RESERVE).stat().st_size > 60_000
+    journal.add("end", state="done", message="", done=1)
+    journal.close()
+    assert not (tmp_path / RESERVE).exists()
+
+
+def test_reserve_stays_for_a_print_that_is_gone_on_with(tmp_path):
+    Journal(tmp_path / "journal.log", reserve=True).close()
+    assert (tmp_path / RESERVE).stat().st_size > 60_000
+    assert not read_journal(tmp_path / "journal.log").cut_short
+
+
+# --- operator's notes stay with their print when its folder is reused
+def begun(folder: Path, started: float) -> Path:
+    """A print's journal in a folder, those before put aside."""
+    path = archive_journal(folder)
+    journal = Journal(path)
+    journal.add("job", name=f"{started:g}.gcode", sha256="h", lines=1, started=started)
+    journal.add("end", state="done", done=1)
+    journal.close()
+    return path
+
+
+def test_a_journal_is_found_by_when_its_print_began(tmp_path: Path) -> None:
+    for started in (1e9, 2e9, 3e9):
+        begun(tmp_path, started)
+    found = [journal_of(tmp_path, "", at).name for at in (0.5e9, 1e9, 2.5e9, 9e9)]
+    assert found == ["journal.log", "journal.1.log", "journal.2.log", "journal.log"]
+
+
+def test_what_cannot_be_read_counts_as_nothing(tmp_path: Path) -> None:
+    journal = begun(tmp_path, 1e9)
+    assert read_notes(journal) == {}
+    for text in ("[1]", '{"values": ', "[" * 100_000):
+        notes_path(journal).write_text(text)
+        assert read_notes(journal) == {}
+    (tmp_path / "journal.7.log").write_bytes(b"torn")
+    assert journal_of(tmp_path, "", 2e9) == journal
+
+
+# --- wire log: bounded, ordered, kept after a failure
+def traffic(text: str) -> list[tuple[str, bytes]]:
+    return [
+        (line.split()[1], ast.literal_eval(line.split(None, 2)[2]))
+        for line in text.splitlines()
+        if " # " not in line
+    ]
+
+
+def test_both_directions_and_the_urgent_are_kept_in_order_with_times(tmp_path):
+    log = WireLog(tmp_path)
+    wire = LoggedTransport(ScriptedTransport(lambda data: b"ok\n", VirtualClock()), log)
+    wire.write(b"N1 M105*36\n")
+    assert wire.read(1.0) == b"ok\n"
+    wire.write_urgent(b"\nM112\n")
+    log.keep(tmp_path / "kept.log")
+    log.close()
+    kept = (tmp_path / "kept.log").read_text()
+    assert traffic(kept) == [(">", b"N1 M105*36\n"), ("<", b"ok\n"), ("!", b"\nM112\n")]
+    assert (tmp_path / "wire.log").read_text() == kept
+    times = [float(line.split()[0]) for line in kept.splitlines()]
+    assert times == sorted(times)
+
+
+def test_only_the_last_traffic_is_held_in_memory(tmp_path):
+    log = WireLog()
+    for k in range(20_000):
+        log.add(">", b"N%d G1 X1.000 Y2.000 E0.01000*77\n" % k)
+    log.keep(tmp_path / "kept.log")
+    lines = traffic((tmp_path / "kept.log").read_text())
+    assert sum(len(data) for _, data in lines) < RING_BYTES
+    assert lines[-1][1].startswith(b"N19999 ")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_full_disk_ends_the_log_and_nothing_else():
+    """An error in there would end the link process, or a kill before its M112 is repeated."""
+    log = WireLog(Path("/dev/full"))
+    wire = LoggedTransport(ScriptedTransport(lambda data: b"ok\n", VirtualClock()), log)
+    wire.write_urgent(b"\nM112\n")
+    wire.write(b"N1 M105*36\n")
+    assert wire.read(1.0) == b"ok\nok\n"
+    log.close()
+    assert "No space left" in log.lost

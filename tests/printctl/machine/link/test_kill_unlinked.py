@@ -12,7 +12,7 @@ from printctl.machine.link.record import JOURNAL
 from printctl.machine.link.states import LinkState
 from tests.printctl.cli.shell import Shell
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
-from tests.printctl.machine.link.test_killed_host_words import killed
+from tests.printctl.machine.link.test_host_killed import killed
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 

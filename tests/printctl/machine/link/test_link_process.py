@@ -19,7 +19,6 @@ from printctl.machine.link.errors import (
     AlreadyPrinting,
     HandshakeError,
     JobError,
-    NoLink,
     PortInUse,
     PortMissing,
 )
@@ -68,14 +67,6 @@ def test_prints_a_whole_job(tmp_path, profile):
         assert outcome.lines_done == len(lines)
         assert handshake_and(served.printer)[: len(lines)] == lines
         assert attach(tmp_path / "run").wait().state is LinkState.DONE
-
-
-def test_missing_port_is_named_with_a_remedy(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 3)
-    with pytest.raises(PortMissing, match=r"/dev/nowhere doesn't exist \(ports found: .*--port"):
-        start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
-    with pytest.raises(PortMissing, match=r"simulated printer's, which has ended.*print anew"):
-        start_print(tmp_path / "job.gcode", profile, "/dev/pts/99999", tmp_path / "run")
 
 
 def test_job_that_would_dose_twice_is_refused(tmp_path, profile):
@@ -309,11 +300,6 @@ def test_folder_with_a_long_path_still_has_its_socket(tmp_path, profile):
         assert attach(folder).status.state is LinkState.DONE
 
 
-def test_nothing_to_attach_to_is_named(tmp_path):
-    with pytest.raises(NoLink, match="no print was started"):
-        attach(tmp_path)
-
-
 def test_print_goes_on_after_the_cable_was_out(tmp_path, profile):
     lines = write_job(tmp_path / "job.gcode", 400)
     printer = FakeMarlin()
@@ -351,18 +337,3 @@ def test_link_process_that_dies_at_once_is_told_with_its_last_words(tmp_path, pr
     (tmp_path / "run" / "link.json").mkdir(parents=True)
     with pytest.raises(LinkError, match=r"ended at once: .*IsADirectoryError"):
         start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
-
-
-def test_status_is_that_of_now(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
-        assert 95 <= client.status.lines_done <= 98  # of 99 lines one is a token, or a few
-        client.pause()
-        served.gate.set()
-        until(client, LinkState.PAUSED)
-        assert client.status.state is LinkState.PAUSED
-        client.stop()
-        assert client.wait(30).state is LinkState.STOPPED
-        assert client.status.state is LinkState.STOPPED

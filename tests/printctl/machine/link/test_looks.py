@@ -10,9 +10,8 @@ import pytest
 from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journal import Journal
-from printctl.machine.link.journalled_print import JournalledPrint, read_journal
+from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.look_book import LookDecision
-from printctl.machine.link.looks import _still_paused
 from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.states import LinkState
 from sim.gcode.dry_run.run import dry_run
@@ -49,23 +48,6 @@ def test_print_is_held_after_each_layer_until_somebody_has_decided(tmp_path):
     assert status.look is None
     foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)
-
-
-def test_inserts_are_streamed_as_lines_of_the_job(tmp_path):
-    data, transport = layered(3, 20), fresh()
-    observer = Observer({1: patch(data, 0), 3: patch(data, 2)})
-    status = observed(data, tmp_path, transport, observer)
-    assert status.state is LinkState.DONE, (status, observer.refusals)
-    history = read_journal(tmp_path / "journal.log")
-    assert [one.look for one in history.inserts] == [1, 3], observer.refusals
-    assert status.lines_total == status.lines_done == len(parse_job(data, "a")) + 22
-    assert status.inserted == history.positions
-    grown = grown_file(data, history.inserts)
-    foreseen = dry_run(grown, PRINTER, START, cold_extrusion=True).executed
-    made = transport.printer.executed()
-    assert own_strokes(made) == own_strokes(foreseen)
-    assert np.array_equal(made.end[-1], foreseen.end[-1])
-    assert made.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
 
 
 WRITES = [1, 13, 25, 37, 49, *range(7, 60, 12), *range(2, 60, 6)]
@@ -185,25 +167,6 @@ def test_a_look_that_nobody_decides_becomes_a_pause_with_an_alarm(tmp_path):
     history = read_journal(tmp_path / "journal.log")
     assert history.looked[0]["decision"] == "pause"
     assert transport.clock.now() > 33
-
-
-def test_alarms_before_a_hosts_death_stay_in_the_count(tmp_path):
-    data, transport = layered(2, 12), fresh()
-    observer = Observer(decides=lambda number: None, resumes=False)
-
-    def says(status):
-        if status.state is LinkState.PAUSED:
-            raise HostDiedError
-
-    observer.seen_by = says
-    with pytest.raises(HostDiedError):
-        observed(data, tmp_path, transport, observer)
-    wire, later = SimTransport(transport.printer, transport.clock), Observer()
-    status = observed(data, tmp_path, wire, later, resume=True)
-    assert status.state is LinkState.DONE, status
-    told = {one.alarms for one in later.seen if one.state is not LinkState.CONNECTING}
-    assert told == {status.alarms} == {1}
-    assert status.alarms == len(read_journal(tmp_path / "journal.log").alarms)
 
 
 @pytest.mark.parametrize("decides", [LookDecision.STOP, None])
@@ -332,18 +295,46 @@ def pushes_of(motion):
     return pushed[(pushed > 1e-6) & (pushed < 0.006)]
 
 
-@pytest.mark.parametrize(
-    ("state", "decision", "done", "again"),
-    [
-        (LinkState.PAUSED, "pause", 40, True),
-        (LinkState.PAUSING, "pause", 40, True),
-        (LinkState.RESUMING, "pause", 40, False),
-        (LinkState.PAUSED, "go_on", 40, False),
-        (LinkState.PAUSED, "pause", 41, False),
-    ],
-)
-def test_a_pause_that_came_of_a_look_is_looked_at_again_after_the_hosts_death(
-    state, decision, done, again
-):
-    history = JournalledPrint(state=state, looked=[{"look": 1, "decision": decision, "done": 40}])
-    assert _still_paused(history, done) is again
+# --- looks behind what was inserted: made where its lines end, by another host as well
+def made(folder) -> list[tuple[int, str]]:
+    """Lines taken and what ended, at each look that an observer was told of."""
+    history = read_journal(folder / "journal.log")
+    return [int(one["done"]) for one in history.looked]
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_a_look_is_made_where_an_insert_ends_if_asked_for(tmp_path, again):
+    data, transport = layered(2, 12), fresh()
+    observer = Observer({1: patch(data, 0)}, looks_behind=(1,) * again)
+    status = observed(data, tmp_path, transport, observer)
+    assert status.state is LinkState.DONE, (status, observer.refusals)
+    (insert,) = read_journal(tmp_path / "journal.log").inserts
+    places = made(tmp_path)
+    behind = insert.after + len(insert.lines)
+    assert (behind in places) is again
+    assert len(places) == 2 + again
+    told = [one.look["mark"] for one in observer.seen if one.look and one.look["done"] == behind]
+    assert set(told) == ({"end of what was inserted"} if again else set())
+    foreseen = dry_run(grown_file(data, [insert]), PRINTER, START, cold_extrusion=True)
+    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen.executed)
+
+
+@pytest.mark.parametrize("dies_at", ["insert", "looked"])
+def test_it_is_made_by_another_host_as_well(tmp_path, monkeypatch, dies_at):
+    data, transport, add = layered(2, 12), fresh(), Journal.add
+    observer = Observer({1: patch(data, 0)}, looks_behind=(1,))
+
+    def dies(journal, name, **values):
+        add(journal, name, **values)
+        if name == dies_at:
+            raise HostDiedError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Journal, "add", dies)
+        with pytest.raises(HostDiedError):
+            observed(data, tmp_path, transport, observer)
+    wire, later = SimTransport(transport.printer, transport.clock), Observer()
+    status = observed(data, tmp_path, wire, later, resume=True)
+    assert status.state is LinkState.DONE, status
+    (insert,) = read_journal(tmp_path / "journal.log").inserts
+    assert made(tmp_path).count(insert.after + len(insert.lines)) == 1

@@ -10,7 +10,6 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.position_reply import parse_shifted
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.states import LinkState, Status
@@ -81,14 +80,6 @@ def printed(folder: Path, text: bytes, data: bytes | None = None) -> tuple[Statu
     return status, wire.printer.executed()
 
 
-def test_a_print_with_its_own_renamings_is_done_and_whole(tmp_path):
-    own = {30: "G92 E0", 31: "G1 E0.9", 32: "G92 E0.32", 60: "G92 X60\nG1 X60\nG92 X50"}
-    status, made = printed(tmp_path, b"", job(own))
-    assert status.state is LinkState.DONE
-    assert not read_journal(tmp_path / "journal.log").alarms
-    assert len(made.end) >= MOVES
-
-
 @pytest.mark.parametrize(
     "text",
     ["G91", "M83", "M221 S50", "SET_GCODE_OFFSET X=2", "SET_GCODE_OFFSET Z=-2", "G92 X9", "G92 E5"]
@@ -132,17 +123,3 @@ def test_place_renamed_in_a_pause_is_found_before_the_needle_is_lowered(tmp_path
     assert LinkState.PAUSED in states
     assert status.state is LinkState.POSITION_UNKNOWN
     assert wire.printer.executed().end[:, 2].min() >= START[2] - 1e-6
-
-
-def test_a_reply_to_get_position_is_read():
-    place, shift = parse_shifted(
-        (
-            b"// mcu: stepper_x:8000 stepper_y:0 stepper_z:0",
-            b"// toolhead: X:12.000000 Y:2.000000 Z:3.000000 E:0.200000",
-            b"// gcode: X:12.000000 Y:2.000000 Z:3.000000 E:0.200000",
-            b"// gcode base: X:2.000000 Y:0.000000 Z:0.000000 E:-0.100000",
-            b"// gcode homing: X:0.000000 Y:0.000000 Z:0.000000",
-        )
-    )
-    assert place == pytest.approx({"X": 10.0, "Y": 2.0, "Z": 3.0, "E": 0.3})
-    assert shift == {"X": 2.0, "Y": 0.0, "Z": 0.0, "E": -0.1}

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-
 import numpy as np
 import pytest
 
+from design.toolpath import Toolpath
+from design.toolpath.embedded import EmbeddedOptions
+from design.toolpath.fresh import FreshOptions
+from design.toolpath.gcode import GcodeOptions, write_gcode
+from firmware_profiles import Syringe, load
 from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
@@ -20,6 +23,8 @@ from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
+from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
+from tests.design.toolpath.shapes import as_solid, block, random_tree
 from tests.printctl.machine.link.fake_marlin import FakeTransport
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import (
@@ -73,25 +78,6 @@ def two_in_flight() -> MarlinProtocol:
 
 
 @pytest.mark.parametrize("protocol", [one_in_flight, two_in_flight])
-@pytest.mark.parametrize("seed", first_of(range(30), 4))
-def test_paused_at_random_moments_does_every_line_once_and_in_order(tmp_path, seed, protocol):
-    rng = np.random.default_rng(seed)
-    data = layered(6, 25)
-    count = len(parse_job(data, "a")) - 30
-    moments = sorted(rng.choice(np.arange(6, count), size=5, replace=False).tolist())
-    script = Script(on_paused=change_or_resume)
-    script.at_line = {line: REQUESTS[rng.choice(list(REQUESTS))] for line in moments}
-    care = Care(checkpoint_s=float(rng.choice([0.0, 0.1])))
-    status, job, printer = followed(data, tmp_path, script, care=care, protocol=protocol())
-    assert status.state is LinkState.DONE, status
-    assert script.at_line == {}
-    assert len(script.pauses) >= 1
-    assert with_x(printer.numbered) == with_x(line.decode() for line in job.lines)
-    assert printer.taken == len(job)
-    assert read_journal(tmp_path / "journal.log").done == len(job)
-
-
-@pytest.mark.parametrize("protocol", [one_in_flight, two_in_flight])
 @pytest.mark.parametrize("seed", first_of(range(10), 3))
 def test_pauses_on_a_noisy_line_lose_and_double_nothing(tmp_path, seed, protocol):
     rng = np.random.default_rng(seed)
@@ -126,67 +112,6 @@ def test_other_families_pause_and_change_the_syringe_as_well(tmp_path, firmware)
     assert status.state is LinkState.DONE, status
     assert [one.lines_done for one in script.pauses] == list(reloads)
     assert not any(line.startswith("M84") for line in fake.executed)
-
-
-@pytest.mark.parametrize("seed", first_of(range(12), 4))
-def test_paused_at_random_moments_moves_as_the_dry_run_foresaw(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    data = layered(4, 30)
-    clock = VirtualClock()
-    transport = SimTransport(MarlinPrinter(PRINTER, START), clock)
-    script = Script(on_paused=change_or_resume)
-    when = sorted(rng.uniform(3.5, 9.0, size=3).tolist())
-    kinds = rng.choice(list(REQUESTS), size=3)
-    read = transport.read
-
-    def reading(timeout: float) -> bytes:
-        while when and clock.now() > when[0] and script.streamer is not None:
-            when.pop(0)
-            if script.streamer.status.state is LinkState.PRINTING:
-                with contextlib.suppress(LinkError):  # no mark is left ahead
-                    REQUESTS[kinds[len(when)]](script.streamer)
-        return read(timeout)
-
-    transport.read = reading  # type: ignore[method-assign]
-    status = played(data, tmp_path, transport, script, care=Care(checkpoint_s=0.0))
-    assert status.state is LinkState.DONE, status
-    motion = transport.printer.executed()
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    ends = np.column_stack([motion.end, motion.plunger_end])
-    expected = np.column_stack([foreseen.end, foreseen.plunger_end])
-    at = 0
-    for row in ends:  # what was foreseen is done in order; between lie retreats and returns alone
-        if at < len(expected) and np.array_equal(row, expected[at]):
-            at += 1
-        else:
-            assert np.array_equal(row[:2], expected[at - 1][:2]), "sideways in a retreat"
-    assert at == len(expected)
-    assert len(script.pauses) >= 1
-
-
-def test_pause_after_a_layer_waits_for_its_mark(tmp_path):
-    data = layered(3, 20)
-    script = Script(at_line={12: REQUESTS["layer"]})
-    status, job, _ = followed(data, tmp_path, script)
-    assert status.state is LinkState.DONE
-    assert [one.lines_done for one in script.pauses] == [job.marks.of(MarkKind.LAYER)[0].index]
-    assert "end of layer 1" in script.pauses[0].message
-    waiting = [one for one in script.seen if one.waits_for == "pause after layer"]
-    assert all(one.lines_done <= script.pauses[0].lines_done for one in waiting)
-
-
-def test_plunger_that_the_job_has_relieved_is_not_relieved_twice(tmp_path):
-    def relieved_in(name: str, request: str) -> list[str]:
-        script = Script(at_line={12: REQUESTS[request]})
-        (tmp_path / name).mkdir()
-        _, _, printer = followed(
-            layered(3, 20), tmp_path / name, script, retreat=Retreat(relief_mm=0.1)
-        )
-        lift = next(k for k, line in enumerate(printer.numbered) if " Z30" in line)
-        return printer.numbered[lift - 3 : lift]
-
-    assert any(line.startswith("G1 E") for line in relieved_in("now", "now"))
-    assert not any(line.startswith("G1 E") for line in relieved_in("after", "layer"))
 
 
 def test_pause_after_what_the_job_does_not_mark_is_refused(tmp_path):
@@ -319,19 +244,6 @@ def test_checkpoints_are_made_at_marks_as_often_as_asked(tmp_path, every, expect
     )  # the job's own, and the link's before it and at the end
 
 
-def test_checkpoints_cost_no_printing_time_while_the_planner_is_full(tmp_path):
-    ended = []
-    for every in (None, 0.0):
-        folder = tmp_path / str(every)
-        folder.mkdir()
-        transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
-        played(layered(12, 20), folder, transport, Script(), Care(checkpoint_s=every))
-        motion = transport.printer.executed()
-        ended.append(motion.time_end[-1] - motion.time_start[0])
-    assert len(read_journal(tmp_path / "0.0" / "journal.log").checkpoints) == 12
-    assert ended[1] == pytest.approx(ended[0], rel=1e-4)
-
-
 @pytest.mark.parametrize("last", range(1, 16))
 def test_host_killed_in_a_pause_after_a_layer_goes_on_exactly(tmp_path, last):
     data = layered(3, 20)
@@ -386,3 +298,58 @@ def test_checkpoint_finds_a_position_that_is_not_the_jobs(tmp_path):
     )
     assert status.state is LinkState.POSITION_UNKNOWN
     assert "Z is 13.00" in status.message
+
+
+# --- jobs of our own writer: held at their marks with the needle clear of ink
+PLACE = np.array([60.0, 70.0, 20.0])
+START_WRITTEN_JOBS = (60.0, 40.0, 60.0)
+
+
+def fresh() -> Toolpath:
+    return fresh_toolpath(as_solid(block(3, 2, 0.24)), FreshOptions())
+
+
+def embedded() -> Toolpath:
+    return embedded_toolpath(random_tree(8, 10, 3, 0.1), EmbeddedOptions())
+
+
+@pytest.mark.parametrize(("make", "kind"), [(fresh, MarkKind.LAYER), (embedded, MarkKind.VESSEL)])
+def test_pause_at_every_mark_leaves_from_above_all_that_is_written(tmp_path, make, kind):
+    toolpath = make()
+    syringe = load(Syringe, "hamilton_1ml")
+    data = write_gcode(
+        toolpath, PRINTER, syringe, PLACE, GcodeOptions(start_mm=START_WRITTEN_JOBS)
+    ).data
+    job = parse_job(data, "part.gcode")
+    ends = job.marks.of(kind)
+    reloads = job.marks.of(MarkKind.RELOAD)
+    assert len(ends) > 2
+    assert [mark.index for mark in reloads] == [mark.index for mark in ends[:-1]]
+    paused: list[int] = []
+
+    def on_paused(streamer: Streamer) -> None:
+        paused.append(streamer.status.lines_done)
+        streamer.resume(NewSyringe())
+
+    transport = SimTransport(MarlinPrinter(PRINTER, START_WRITTEN_JOBS), VirtualClock())
+    care = Care(checkpoint_s=0.0, reload_at=tuple(mark.index for mark in reloads))
+    status = played(data, tmp_path, transport, Script(on_paused=on_paused), care)
+    assert status.state is LinkState.DONE, status
+    assert paused == list(care.reload_at)
+
+    motion = transport.printer.executed()
+    foreseen = dry_run(data, PRINTER, START_WRITTEN_JOBS).executed
+    across = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
+    expected = np.any(foreseen.start[:, :2] != foreseen.end[:, :2], axis=1)
+    np.testing.assert_array_equal(motion.end[across], foreseen.end[expected])
+    pushed = (motion.plunger_end - motion.plunger_start)[across]
+    wanted = (foreseen.plunger_end - foreseen.plunger_start)[expected]
+    np.testing.assert_allclose(pushed, wanted, atol=1e-9)
+    # Parked from above all that was written until then.
+    lifts = np.flatnonzero(motion.end[:, 2] >= motion.start[:, 2] + 30)
+    assert len(lifts) >= len(paused)
+    for lift in lifts:
+        before = slice(0, lift)
+        writing = (motion.plunger_end > motion.plunger_start)[before] & across[before]
+        if writing.any():
+            assert motion.start[lift, 2] >= motion.end[before, 2][writing].max()

@@ -20,15 +20,7 @@ from printctl.cli.main import app
 from printctl.machine.link import LinkState, port_detection, start_print
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import HandshakeError, PortError, PortMissing
-from printctl.machine.link.port_detection import (
-    AUTO,
-    PrinterPort,
-    choose_port,
-    locate,
-    matches,
-    rates_to_try,
-    sweep,
-)
+from printctl.machine.link.port_detection import AUTO, choose_port, matches, rates_to_try, sweep
 from printctl.machine.link.ports import PortInfo
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, write_job
@@ -44,12 +36,6 @@ def with_ids(*ids: str) -> Printer:
 
 
 # --- the port
-
-
-def test_one_port_with_the_profiles_id_is_chosen():
-    assert choose_port(with_ids("27b1:0001", "2341:0042"), [OTHER, MEGA]) == "/dev/ttyACM0"
-
-
 def test_two_alike_are_refused_with_both_named_unless_the_serial_number_tells_them_apart():
     with pytest.raises(PortError, match=r"several ports.*ttyACM0 .*7583.*ttyACM1 .*9911.*--port"):
         choose_port(with_ids("2341:0042"), [MEGA, TWIN, OTHER])
@@ -64,20 +50,7 @@ def test_none_is_refused_with_what_there_is():
     assert not matches(with_ids(), OTHER)
 
 
-def test_what_is_given_is_not_asked_about():
-    assert locate("/dev/none", 57_600, PRINTER) == PrinterPort("/dev/none", 57_600)
-    assert locate("/dev/none", None, PRINTER) == PrinterPort("/dev/none", PRINTER.baud)
-
-
-@pytest.mark.parametrize("text", ["fast", "-1", "12.5", "9999999999", "²"])
-def test_rate_that_is_none_is_refused(text):
-    with pytest.raises(PortError, match="neither a number nor auto"):
-        port_detection.read_baud(text)
-
-
 # --- the rate
-
-
 class Line:
     """A wire that reads well at one rate; at others both sides hear noise."""
 
@@ -160,8 +133,6 @@ def test_question_at_a_wrong_rate_reads_as_no_command():
 
 
 # --- through a real port
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="a terminal's rate is looked up as on Linux")
 def test_auto_port_and_rate_start_a_print(tmp_path, monkeypatch):
     import termios

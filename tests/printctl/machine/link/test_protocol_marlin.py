@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from firmware_profiles.families.link_protocol import (
     CommandReplied,
-    Fault,
-    FirmwareHalted,
     FirmwareReset,
     LinesResent,
     Notice,
     Renumbered,
     StrayOk,
-    Synchronised,
     TokenSent,
 )
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.marlin.replies import Kind, classify, frame
+from firmware_profiles.families.marlin.sender import guard_command
 from firmware_profiles.families.marlin.state import QUESTION, RENUMBER
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.journal import read_records
+from printctl.machine.link.states import LinkState
+from sim.devices.board.wire import Wire
+from sim.devices.families.marlin.numbering import EMERGENCY
+from sim.devices.families.marlin.printer import MarlinPrinter
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed
+from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 
 JOB = [b"G1 X1", b"G1 X2", b"G1 X3", b"G1 X4"]
 TOKEN = frame(2, b"M0118 E1 at 2.1")
@@ -53,47 +68,6 @@ def settle(protocol: MarlinProtocol, last: int, now: float) -> list:
     return [*events, *protocol.tick(now + 0.051)]
 
 
-def test_one_line_in_flight():
-    protocol = started()
-    assert not protocol.feed(b"o", 0.1)
-    assert protocol.take_output() == b""
-    assert not protocol.feed(b"k\n", 0.1)
-    assert protocol.take_output() == frame(2, JOB[1])
-    assert protocol.lines_done == 1
-
-
-def test_resend_repeats_only_the_lost_line():
-    protocol = started()
-    protocol.feed(b"ok\n", 0.0)
-    protocol.take_output()
-    protocol.feed(b"Error:checksum mismatch, Last Line: 1\nResend: 2\nok\n", 1.0)
-    assert protocol.take_output() == b""  # nothing while a reply may be under way
-    now = ask(protocol, 1.0)
-    settle(protocol, 1, now)
-    assert protocol.take_output() == frame(2, JOB[1])
-    assert (protocol.lines_done, protocol.line_errors) == (1, 1)
-
-
-def test_garbled_resend_number_is_not_believed():
-    protocol = started()
-    protocol.feed(b"Resend: 9\nok\n", 1.0)
-    now = ask(protocol, 1.0)
-    settle(protocol, 0, now)
-    assert protocol.take_output() == frame(1, JOB[0])
-
-
-def test_answer_whose_halves_disagree_is_asked_for_again():
-    protocol = started()
-    protocol.feed(b"?\n", 1.0)
-    now = ask(protocol, 1.0)
-    protocol.feed(answer(0).replace(b"Resend: 1", b"Resend: 3"), now)
-    protocol.tick(now + 0.051)
-    assert protocol.take_output() == b""
-    now = ask(protocol, now + 0.051)
-    settle(protocol, 0, now)
-    assert protocol.take_output() == frame(1, JOB[0])
-
-
 def test_silence_asks_which_line_was_taken_and_goes_on():
     protocol = started()
     assert not protocol.tick(2.4)
@@ -104,56 +78,6 @@ def test_silence_asks_which_line_was_taken_and_goes_on():
     assert protocol.take_output() == TOKEN
     protocol.feed(b"echo:at 2.1\nok\n", 2.8)  # the ok was lost
     assert protocol.take_output() == frame(3, JOB[1])
-
-
-def test_busy_printer_is_waited_for():
-    protocol = started()
-    for second in range(1, 60):
-        assert not protocol.feed(b"echo:busy: processing\n", float(second))
-        assert not protocol.tick(second + 0.9)
-        assert protocol.take_output() == b""
-
-
-def test_reports_are_no_sign_of_life():
-    protocol = started()
-    protocol.feed(b" T:21.00 /0.00 B:21.00 /0.00 @:0 B@:0\n", 2.0)
-    protocol.tick(2.6)
-    assert protocol.take_output() == QUESTION
-
-
-def test_taken_line_with_a_blocked_planner_is_waited_for_not_repeated():
-    protocol = started()
-    protocol.feed(b"ech\x00:bus\x01: proc\n", 1.0)  # garbled, the ok is still to come
-    now = ask(protocol, 1.0)
-    settle(protocol, 1, now)
-    assert protocol.take_output() == TOKEN
-    protocol.feed(b"ok\n", 2.0)
-    assert protocol.take_output() == b""
-    protocol.feed(b"echo:at 2.1\nok\n", 2.0)
-    assert protocol.take_output() == frame(3, JOB[1])
-
-
-def test_fragment_of_a_garbled_line_is_not_taken_for_an_acknowledgement():
-    protocol = started()
-    protocol.feed(b'echo:Unknown command: "O1 G1 X1"\nok\n', 1.0)
-    now = ask(protocol, 1.0)
-    settle(protocol, 0, now)
-    assert protocol.take_output() == frame(1, JOB[0])
-
-
-def test_unknown_command_is_a_fault_although_ok_follows():
-    protocol = started()
-    events = protocol.feed(b'echo:Unknown command: "G1 X1"\nok\n', 1.0)
-    assert next(event for event in events if isinstance(event, Fault)).line == 1
-    settle(protocol, 1, ask(protocol, 1.0))
-    assert b"G1" not in protocol.take_output()
-
-
-def test_cold_extrusion_is_a_fault_although_ok_follows():
-    protocol = started()
-    events = protocol.feed(b"echo: cold extrusion prevented\nok\n", 1.0)
-    assert events == [Fault("echo: cold extrusion prevented", 1, True, about_command=True)]
-    assert protocol.lines_done == 1
 
 
 def test_lines_acknowledged_by_a_surplus_ok_are_sent_again_once_confirmed():
@@ -225,46 +149,197 @@ def test_reset_in_mid_job_ends_it_even_if_start_was_garbled():
     assert protocol.held
 
 
-def test_halt_ends_everything():
-    protocol = started()
-    said = b"echo:M112 Shutdown\nError:Printer halted. kill() called!\n//action:poweroff\n"
-    assert any(isinstance(event, FirmwareHalted) for event in protocol.feed(said, 1.0))
-    protocol.take_output()
-    assert not protocol.tick(100.0)
-    assert protocol.take_output() == b""
+# --- late oks: none is taken as the answer to a later line
+JOB_LATE_OKS = [b"G1 X%d" % k for k in range(1, 41)]
 
 
-def test_advanced_ok_to_another_line_is_doubted():
-    protocol = started()
-    protocol.feed(b"ok N1 P15 B3\n", 0.0)
-    assert protocol.take_output() == frame(2, JOB[1])
-    protocol.feed(b"ok N1 P15 B3\n", 0.1)
-    assert protocol.lines_done == 1
-    now = ask(protocol, 0.1)
-    settle(protocol, 1, now)
-    assert protocol.take_output() == frame(2, JOB[1])
-
-
-def test_manual_command_is_numbered_and_goes_between_two_lines():
-    protocol = started()
-    protocol.submit(b"M105", 0.0)
-    assert protocol.take_output() == b""
-    protocol.feed(b"ok\n", 0.0)
-    assert protocol.take_output() == frame(2, b"M105")
-    events = protocol.feed(b"ok T:21.00 /0.00 @:0\n", 0.1)
-    assert events == [CommandReplied(b"M105", 2, (b"ok T:21.00 /0.00 @:0",))]
-    assert protocol.take_output() == frame(3, JOB[1])
-    assert protocol.lines_done == 1
-
-
-def test_renumbering_is_repeated_until_the_printer_confirms_it():
+def started_late_oks(first: int = 30) -> MarlinProtocol:
+    """Line ``first`` + 1 is in flight at time 0."""
     protocol = MarlinProtocol()
-    protocol.renumber(0.0)
-    assert protocol.take_output() == RENUMBER
-    now = ask(protocol, 0.0)
-    protocol.feed(answer(7), now)
-    protocol.tick(now + 0.051)
-    assert protocol.take_output() == RENUMBER
-    now = ask(protocol, now + 0.051)
-    assert settle(protocol, 0, now) == [Synchronised(0)]
-    assert protocol.idle
+    protocol.load(JOB_LATE_OKS, first, first)
+    protocol.held = False
+    protocol.go(0.0)
+    assert protocol.take_output() == frame(first + 1, JOB_LATE_OKS[first])
+    return protocol
+
+
+def silent_then_taken(protocol: MarlinProtocol, last: int, now: float = 0.0) -> list:
+    """Fall silent; say that the line in flight was taken; give the events of what follows."""
+    protocol.tick(now + 2.6)
+    assert protocol.take_output() == QUESTION
+    events = list(protocol.feed(answer(last), now + 2.62))
+    return [*events, *protocol.tick(now + 2.7)]
+
+
+def token_of(events: list, protocol: MarlinProtocol) -> TokenSent:
+    (sent,) = [event for event in events if isinstance(event, TokenSent)]
+    assert protocol.take_output() == frame(sent.number, guard_command(sent.command))
+    return sent
+
+
+def echo_of(token: TokenSent) -> bytes:
+    return b"echo:" + token.command.removeprefix(b"M118 E1 ") + b"\n"
+
+
+def test_ok_that_comes_after_the_question_is_not_the_next_lines():
+    """Found on a real Marlin: each later ok was one line early, and the print was done too soon."""
+    protocol = started_late_oks()
+    token = token_of(silent_then_taken(protocol, 31), protocol)
+    assert protocol.lines_done == 31  # it is taken, as the printer says
+    assert not protocol.feed(b"ok\n", 3.2)  # line 31's, 0.57 s later
+    assert protocol.take_output() == b""
+    protocol.feed(echo_of(token), 3.3)
+    assert protocol.take_output() == b""
+    protocol.feed(b"ok\n", 3.3)
+    assert protocol.take_output() == frame(token.number + 1, JOB_LATE_OKS[31])
+
+
+def test_several_oks_that_come_in_one_read_move_nothing_forward():
+    protocol = started_late_oks()
+    token = token_of(silent_then_taken(protocol, 31), protocol)
+    assert protocol.feed(b"ok\nok\nok\n", 3.0) == []
+    assert protocol.take_output() == b""
+    events = protocol.feed(echo_of(token) + b"ok\n", 3.1)
+    assert [type(event) for event in events] == [StrayOk]  # two oks belong to no line
+    assert protocol.take_output() == b""
+    assert protocol.held
+
+
+def test_slow_board_is_asked_again_within_two_seconds_and_waited_for():
+    """Taken, and its echo not back: no more tokens than the board's queue has room for."""
+    protocol = started_late_oks()
+    token = token_of(silent_then_taken(protocol, 31), protocol)
+    now, asked_s, tokens = 2.7, 2.7, 0
+    while now < 600.0:
+        now = max(now, protocol.deadline)
+        events = list(protocol.tick(now))
+        assert all(isinstance(event, Notice | TokenSent) for event in events)
+        tokens += sum(isinstance(event, TokenSent) for event in events)
+        if QUESTION in protocol.take_output():
+            assert now - asked_s < 2.0
+            asked_s = now
+            protocol.feed(b"echo:busy: processing\n" + answer(32 + tokens), now)
+    assert tokens <= 1
+    assert token
+
+
+# --- garbled echo of a synchronisation token: queried again at once
+# --- interpretation of a real Marlin's replies, and framing of lines to it
+@pytest.mark.parametrize(
+    ("text", "kind", "number"),
+    [
+        (b"ok", Kind.OK, -1),
+        (b"ok T:-15.00 /0.00 B:-15.00 /0.00 @:0 B@:0", Kind.OK, -1),
+        (b"ok N18 P0 B0", Kind.OK, 18),
+        (b"ok P15 B3", Kind.OK, -1),
+        (b"okok", Kind.JUNK, -1),
+        (b"oj", Kind.JUNK, -1),
+        (b"Resend: 25", Kind.RESEND, 25),
+        (b"Resend: 2?", Kind.TEXT, -1),
+        (b"Error:checksum mismatch, Last Line: 24", Kind.ERROR, 24),
+        (b"Error:MINTEMP triggered, system stopped! Heater_ID: E0", Kind.FAULT, -1),
+        (b"Error:Printer halted. kill() called!", Kind.HALT, -1),
+        (b"echo:busy: processing", Kind.BUSY, -1),
+        (b"echo:busy: paused for user", Kind.BUSY, -1),
+        (b'echo:Unknown command: "\x80\xff\x01G1"', Kind.UNKNOWN_COMMAND, -1),
+        (b"echo: cold extrusion prevented", Kind.REFUSAL, -1),
+        (b"//action:notification Settings Stored", Kind.ACTION, -1),
+        (b"start", Kind.START, -1),
+        (b"Marlin bugfix-2.1.x", Kind.START, -1),
+        (b"wait", Kind.WAIT, -1),
+        (b" T:-15.00 /0.00 B:-15.00 /0.00 @:0 B@:0", Kind.REPORT, -1),
+        (b"X:0.00 Y:0.00 Z:0.00 E:5.00 Count X:800 Y:0 Z:0", Kind.REPORT, -1),
+        (b"  M92 X80.00 Y80.00 Z400.00 E500.00", Kind.TEXT, -1),
+    ],
+)
+def test_recorded_forms(text, kind, number):
+    reply = classify(text)
+    assert (reply.kind, reply.number) == (kind, number)
+
+
+@given(st.binary(max_size=80))
+def test_any_bytes_are_classified(text):
+    assert classify(text).text == text
+
+
+@given(st.integers(0, 7), st.integers(0, 1))
+def test_a_garbled_ok_is_never_an_ok(bit, place):
+    text = bytearray(b"ok")
+    text[place] ^= 1 << bit
+    assert classify(bytes(text)).kind is not Kind.OK
+
+
+# --- sent lines: no single flipped bit turns one into a stop code
+def seen_by_the_emergency_parser(line: bytes) -> list[bytes]:
+    wire = Wire(250_000, 128, EMERGENCY)
+    wire.send(0.0, line)
+    wire.deliver(1.0)
+    return wire.urgent
+
+
+def flipped(line: bytes) -> list[bytes]:
+    return [
+        line[:place] + bytes([line[place] ^ 1 << bit]) + line[place + 1 :]
+        for place in range(len(line) - 1)
+        for bit in range(8)
+    ]
+
+
+def written_in_a_print(tmp_path) -> list[bytes]:
+    """All lines of a print with a pause, renumbering apart, which comes before any move."""
+    printer, clock = FakeMarlin(), VirtualClock()
+    transport = FakeTransport(printer, clock)
+    job = job_of([b"M104 S37", b"M400", b"M114", *zigzag(20)])
+
+    def on_status(status):
+        if status.state is LinkState.PAUSED:
+            streamer.resume()
+
+    streamer = streamer_of(job, transport, tmp_path, on_status)
+    streamer.pause()
+    assert streamer.run().state is LinkState.DONE
+    lines = {line + b"\n" for line in bytes(transport.written).split(b"\n") if line}
+    return sorted(lines - {RENUMBER.strip() + b"\n"})
+
+
+def test_no_flipped_bit_makes_a_stop_or_a_renumbering_of_what_is_sent(tmp_path):
+    lines = written_in_a_print(tmp_path)
+    assert QUESTION.strip() + b"\n" in lines
+    for line in lines:
+        for garbled in flipped(line):
+            assert not {b"112", b"410"}.intersection(seen_by_the_emergency_parser(garbled)), garbled
+            assert b"M110" not in garbled
+
+
+# --- invalid ADVANCED_OK fields: treated as a plain ok, reported once
+FACTS = PRINTER.model_copy(update={"advanced_ok": True})
+
+
+class Lying(SimTransport):
+    """Rewrites each answer."""
+
+    def __init__(self, pattern: bytes, by: bytes) -> None:
+        super().__init__(MarlinPrinter(FACTS, START), VirtualClock())
+        self._pattern, self._by, self._rest = re.compile(pattern), by, b""
+
+    def read(self, timeout: float) -> bytes:
+        whole, end, self._rest = (self._rest + super().read(timeout)).rpartition(b"\n")
+        return self._pattern.sub(self._by, whole + end)
+
+
+def told_odd(folder: Path) -> list[str]:
+    texts = [r["text"] for r in read_records(folder / "journal.log") if r and r["t"] == "notice"]
+    return [text for text in texts if "ADVANCED_OK" in text]
+
+
+@pytest.mark.parametrize(
+    "room",
+    [b"P99 B99", b"P0 B0", b"P-1 B999999999999999999999", b"P1.5 B0.25", b"P-3 B-3", b"P7 B2"],
+)
+def test_room_that_lies_costs_nothing(tmp_path, room):
+    transport = Lying(rb"P\d+ B\d+", room)
+    status, _ = printed(gcode(100), tmp_path, transport)
+    assert status.state is LinkState.DONE
+    assert status.line_errors == status.alarms == 0
+    assert len(told_odd(tmp_path)) == (room.startswith((b"P-", b"P1.")))
+    assert transport.clock.now() < 60

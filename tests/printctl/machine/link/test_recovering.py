@@ -9,13 +9,17 @@ from firmware_profiles import Printer, load
 from printctl.checks.preflight import gcode_checks
 from printctl.machine.link.care import Care
 from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.completed_moves import surely_moved
+from printctl.machine.link.completed_moves import moves_ahead, surely_moved
 from printctl.machine.link.errors import LinkError
 from printctl.machine.link.journalled_print import JournalledPrint, read_journal
 from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.modal import Modal
 from printctl.machine.link.recovering import Recovery, plan_recovery
+from printctl.machine.link.recovery_begin import NoCheckpoint
 from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.link.stop_place import StopPlace, find_stop_line
+from printctl.machine.link.streamer import Streamer
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import parse_fault
 from sim.gcode.dry_run.run import dry_run
@@ -23,6 +27,9 @@ from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import gcode, printed, wire
+from tests.printctl.machine.link.test_stop_in_waits import HEADER, MARLIN, Moment, stopped
+from tests.printctl.machine.link.test_stop_in_waits import RETREAT as RETREAT_STOP_PLACE
 
 DATA = layered(5, 20)
 JOB = parse_job(DATA, "test.gcode")
@@ -151,27 +158,6 @@ def test_checkpoint_whose_moves_may_still_have_been_queued_is_not_believed():
         plan_recovery(JOB, DATA, JournalledPrint(done=30, checkpoints=made[:1]), PRINTER, RETREAT)
 
 
-def test_later_beginnings_are_offered():
-    marks = JOB.marks.of(MarkKind.LAYER)
-    made = [{"done": marks[0].index, "mark": "end of layer 0"}]
-    history = JournalledPrint(done=marks[1].index + 3, checkpoints=made)
-    steps = " ".join(plan_recovery(JOB, DATA, history, PRINTER, RETREAT).steps)
-    line = JOB.file_lines[marks[2].index]
-    assert f"--from-line, such as {line} (after the end of layer 3)" in steps
-    assert "straight up" in steps.split(".")[0]
-    assert "Don't home" in steps
-
-
-def test_homed_machine_is_told_to_home_clear_of_the_part():
-    data = DATA.replace(b"G92 X50 Y50 Z10 E0", b"G92 E0")
-    job = parse_job(data, "a")
-    line = job.file_lines[job.marks.of(MarkKind.LAYER)[1].index]
-    plan = plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
-    assert plan.start is None
-    assert any("Don't home Z with the needle mounted" in text for text in plan.steps)
-    assert b"G92 X" not in plan.gcode
-
-
 def renamed(at: int, by: dict[str, float]) -> bytes:
     """The job with a G92 after a layer's end that calls X, Y and Z so much more from there on."""
     lines, place, seen = DATA.decode().split("\n"), dict[str, float](), False
@@ -224,13 +210,6 @@ def test_a_place_that_is_told_behind_the_first_move_keeps_the_rest_from_being_pl
         plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
 
 
-def test_a_homed_machines_job_may_name_the_place_it_is_at():
-    data = renamed(1, {"Z": 0.0}).replace(b"G92 X50 Y50 Z10 E0", b"G92 E0")
-    job = parse_job(data, "a")
-    line = job.file_lines[job.marks.of(MarkKind.LAYER)[3].index]
-    assert plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line).start is None
-
-
 @pytest.mark.parametrize(
     ("told", "late"),
     [
@@ -255,21 +234,6 @@ def test_a_job_that_tells_a_part_of_its_place_is_gone_on_with_from_where_it_was_
     np.testing.assert_allclose(ours, foreseen, atol=1e-4)
     assert_checks_take_the_place(plan)
     with pytest.raises(LinkError, match="nobody can tell after a loss of position"):
-        plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
-
-
-@pytest.mark.parametrize("told", ["G92 Z10 E0", "G92 X50 Y50 E0", "G92 E0"])
-def test_an_axis_that_no_line_has_told_yet_is_where_the_checks_took_the_tip_to_stand(told):
-    data = DATA.replace(b"G92 X50 Y50 Z10 E0", told.encode())
-    job = parse_job(data, "test.gcode")
-    line = job.file_lines[12]  # of the first layer, before any Z
-    plan = plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line, start_mm=START)
-    run = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False).executed
-    before = len(parse_job(plan.gcode, "rest")) - (len(job) - plan.begin)
-    whole = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    ours, foreseen = rows(run, run.line >= before), rows(whole, whole.line >= plan.begin)
-    np.testing.assert_allclose(ours, foreseen, atol=1e-4)
-    with pytest.raises(LinkError, match=r"doesn't say where the needle|nobody can tell"):
         plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
 
 
@@ -331,12 +295,6 @@ def test_klipper_is_told_the_place_in_its_own_words():
     assert not any("told anew" in check for check in again)
 
 
-@pytest.mark.parametrize("line", [1, 10_000])
-def test_line_outside_the_job_is_refused(line):
-    with pytest.raises(LinkError, match="isn't between"):
-        plan_recovery(JOB, DATA, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
-
-
 def test_a_rest_is_planned_where_klipper_alone_was_told_the_height():
     lines = ["G21", "G90", "M82", "SET_KINEMATIC_POSITION X=100 Y=100 Z=20", "G92 E0"]
     lines += [f"G1 X{100 + k} Y100 E{0.1 * k:.1f} F600" for k in range(1, 9)]
@@ -363,3 +321,181 @@ def test_the_rest_says_its_first_layer_s_height(tmp_path):
     before = said.splitlines()[: job.file_lines[plan.begin] - 1]
     assert rest[first] == [line for line in before if line.startswith(b";HEIGHT:")][-1]
     assert_rest_is_the_jobs(plan)
+
+
+# --- recovery without a checkpoint, from a held print's, and from one whose motors stood
+def test_without_a_checkpoint_the_first_line_that_may_not_be_made_is_named():
+    """Command 60 was taken, 20 moves may be ahead: begin with the line of command 41."""
+    with pytest.raises(NoCheckpoint) as refused:
+        plan_recovery(JOB, DATA, JournalledPrint(done=60), PRINTER, RETREAT)
+    made = surely_moved(JOB.lines, 60, moves_ahead(PRINTER))
+    assert refused.value.line == JOB.file_lines[made] > 0
+    assert f"line {refused.value.line} is the first" in str(refused.value)
+    assert plan_recovery(JOB, DATA, JournalledPrint(done=60), PRINTER, RETREAT, refused.value.line)
+
+
+def test_where_no_move_was_surely_made_it_is_told_what_to_look_up():
+    klipper = PRINTER.model_copy(update={"firmware": "klipper"})
+    for printer, done in ((PRINTER, 12), (klipper, 60)):
+        with pytest.raises(NoCheckpoint, match="the first line that isn't on the part") as refused:
+            plan_recovery(JOB, DATA, JournalledPrint(done=done), printer, RETREAT)
+        assert refused.value.line == 0
+
+
+def test_rest_after_a_power_cut_in_a_pause_begins_where_it_was_held(tmp_path):
+    """A job without marks; the motors stood, so that nobody has to say with which line."""
+    data = gcode(80)
+    transport = wire()
+    asked: list[LinkState] = []
+
+    def on_status(status: Status) -> None:
+        if status.lines_done > 40 and not asked:
+            asked.append(status.state)
+            streamers[0].pause()
+        if status.state is LinkState.PAUSED and len(asked) == 1:
+            asked.append(status.state)
+            transport.printer.reset()
+
+    streamers: list[Streamer] = []
+    status, _ = printed(data, tmp_path, transport, on_status=on_status, keep=streamers)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    plan = plan_recovery(
+        parse_job(data, "test.gcode"),
+        data,
+        read_journal(tmp_path / "journal.log"),
+        PRINTER,
+        RETREAT,
+    )
+    assert plan.begin == status.lines_done == status.lines_executed > 40
+
+
+def checkpoint(done: int, **more: bool) -> dict[str, object]:
+    return {"t": "checkpoint", "done": done, "mark": "end of layer 1", "agrees": True, **more}
+
+
+def test_checkpoint_of_a_firmware_that_plans_by_time_counts_where_its_motors_stood():
+    """Hundreds of short moves may be ahead: 308 lines were left out on a real Klipper."""
+    klipper = load(Printer, "klipper_bioprinter")
+    history = JournalledPrint(done=100, checkpoints=[checkpoint(60)])
+    with pytest.raises(NoCheckpoint):
+        plan_recovery(JOB, DATA, history, klipper, RETREAT)
+    stood = JournalledPrint(done=100, made=60, checkpoints=[checkpoint(60, stands=True)])
+    assert plan_recovery(JOB, DATA, stood, klipper, RETREAT).begin == 60
+
+
+# --- stop position of a printer in its job, and the rest by `recover`
+LINES = [b"G1 X10 Y0 Z1 E1", b"G1 X10 Y10 E2", b"G1 X0 Y10 E3", b"G1 X0 Y0 E4", b"G1 X10 Y0 E5"]
+PLACED = [b"G92 X0 Y0 Z1 E0", *LINES]
+JOB_STOP_PLACE = HEADER + "".join(
+    f"G1 X{50 + 20 * (k % 2)} Y{50 + k / 4:.2f} E{k / 10:.1f} F1200\n" for k in range(1, 61)
+)
+
+
+def test_a_place_that_is_passed_twice_is_told_by_the_plunger():
+    found = find_stop_line(PLACED, 1, 6, Modal(5.0, 0.0, 1.0, 4.5))
+    assert (found.line, found.certain) == (5, True)
+
+
+@pytest.mark.parametrize("place", [Modal(5.0, 5.0, 1.0, 2.5), Modal(10.0, 4.0, 1.0, 3.0)])
+def test_a_place_beside_all_lines_offers_the_first_that_may_be_open(place):
+    assert find_stop_line(PLACED, 1, 6, place) == StopPlace(1, None, False)
+
+
+def written(motion: ExecutedMotion) -> tuple[np.ndarray, float]:
+    """Length and plunger travel of what is written sideways, all in all."""
+    sideways = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
+    pushed = (motion.plunger_end - motion.plunger_start)[sideways]
+    length = np.linalg.norm(motion.end - motion.start, axis=1)[sideways]
+    return length[pushed > 0].sum(), pushed[pushed > 0].sum()
+
+
+@pytest.mark.parametrize("after_s", [0.3, 0.9, 4.7, 5.62])  # not within 0.5 mm of a corner
+@pytest.mark.parametrize("count", [8, 20])
+def test_what_was_made_and_the_rest_are_the_job(tmp_path, after_s, count):
+    status, wire = stopped(Moment(b"G1 X", after_s, count), tmp_path, job=JOB_STOP_PLACE)
+    history = read_journal(tmp_path / "journal.log")
+    assert history.stood is not None
+    assert history.stood["certain"], history.stood
+    job = parse_job(JOB_STOP_PLACE.encode(), "test.gcode")
+    plan = plan_recovery(job, JOB_STOP_PLACE.encode(), history, MARLIN, RETREAT_STOP_PLACE)
+    first = wire.printer.executed()
+    rest = dry_run(plan.gcode, MARLIN, (50.0, 50.0, 10.0), cold_extrusion=True).executed
+    whole = written(dry_run(JOB_STOP_PLACE.encode(), MARLIN, (50.0, 50.0, 10.0)).executed)
+    made = np.add(written(first), written(rest))
+    assert made[0] == pytest.approx(whole[0], abs=0.05)
+    assert made[1] == pytest.approx(whole[1], abs=0.003)
+    told = " ".join(plan.steps)
+    assert "nothing is left out or written twice" in told, status
+
+
+def test_a_stop_in_a_pause_goes_on_with_the_next_line(tmp_path):
+    stopped(Moment(b"G1 Z", 0.2, count=3), tmp_path, job=JOB_STOP_PLACE)
+    history = read_journal(tmp_path / "journal.log")
+    assert history.stood is not None
+    assert (history.stood["line"], history.stood["certain"]) == (history.done, True)
+
+
+def test_nothing_is_left_of_a_job_whose_lines_were_all_made():
+    job = parse_job(JOB_STOP_PLACE.encode(), "a")
+    stood = {"line": len(job), "begin_at": None, "certain": True, "dropped": False}
+    history = JournalledPrint(done=len(job), stood=stood)
+    with pytest.raises(LinkError, match="every line"):
+        plan_recovery(job, JOB_STOP_PLACE.encode(), history, MARLIN, RETREAT_STOP_PLACE)
+
+
+@pytest.mark.parametrize("after_s", [0.3, 4.7])
+def test_lines_that_were_certainly_made_before_a_stop_are_told_as_made(tmp_path, after_s):
+    """`stood` counts them; the planner may have held each of them when it was told to drop all."""
+    status, _ = stopped(Moment(b"G1 X", after_s, 20), tmp_path, job=JOB_STOP_PLACE)
+    stood = read_journal(tmp_path / "journal.log").stood
+    assert stood is not None
+    assert stood["certain"]
+    assert status.lines_executed == stood["line"] > len(HEADER.splitlines())
+
+
+def test_an_uncertain_place_adds_no_line_to_those_made(tmp_path):
+    job = HEADER + "".join(
+        f"G3 X{50 + 20 * (k % 2)} Y50 I{10 - 20 * (k % 2)} J0 E{k / 10:.1f} F2400\n"
+        for k in range(1, 21)
+    )
+    status, _ = stopped(Moment(b"G3 X", 0.9, 8), tmp_path, job=job)
+    stood = read_journal(tmp_path / "journal.log").stood
+    assert stood is not None
+    assert not stood["certain"]
+    assert status.lines_executed <= stood["line"]
+
+
+EACH = HEADER + "".join(
+    f"G92 E0\nG1 X{50 + 20 * (k % 2)} Y{50 + k / 4:.2f} E0.1 F1200\n" for k in range(1, 61)
+)
+
+
+@pytest.mark.parametrize("after_s", [0.3, 0.9, 4.7])
+def test_a_rest_begins_where_it_stood_though_each_line_counts_anew(tmp_path, after_s):
+    _, wire = stopped(Moment(b"G1 X", after_s, 20), tmp_path, job=EACH)
+    history = read_journal(tmp_path / "journal.log")
+    assert history.stood is not None
+    assert history.stood["certain"], history.stood
+    job = parse_job(EACH.encode(), "test.gcode")
+    plan = plan_recovery(job, EACH.encode(), history, MARLIN, RETREAT_STOP_PLACE)
+    rest = dry_run(plan.gcode, MARLIN, (50.0, 50.0, 10.0), cold_extrusion=True).executed
+    whole = written(dry_run(EACH.encode(), MARLIN, (50.0, 50.0, 10.0)).executed)
+    made = np.add(written(wire.printer.executed()), written(rest))
+    assert made[0] == pytest.approx(whole[0], abs=0.05)
+    assert made[1] == pytest.approx(whole[1], abs=0.003)
+
+
+def test_an_uncertain_beginning_says_how_much_is_written_twice():
+    job = HEADER + "G1 X60 E0.5 F600\nG3 X60 Y60 I0 J5 E1\nG1 Z20\nG1 X50 E1.5\n"
+    stood = {"line": 6, "begin_at": None, "certain": False, "dropped": True}
+    history = JournalledPrint(done=9, stood=stood)
+    read = parse_job(job.encode(), "a")
+    plan = plan_recovery(read, job.encode(), history, MARLIN, RETREAT_STOP_PLACE, ul_per_mm=10.0)
+    told = "at most 25.7 mm of path and 10.00 µL (1.000 mm of plunger), lines 7 to 9."
+    assert f"Written twice may be {told}" in plan.steps[-1]
+
+
+@pytest.mark.parametrize("line", [1, 10_000])
+def test_line_outside_the_job_is_refused(line):
+    with pytest.raises(LinkError, match="isn't between"):
+        plan_recovery(JOB, DATA, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)

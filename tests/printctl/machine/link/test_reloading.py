@@ -84,22 +84,6 @@ def test_plunger_goes_on_from_the_new_syringe_exactly_as_in_the_job(tmp_path):
     assert history.reload is None
 
 
-@pytest.mark.parametrize("word", [{}, {"unchanged": True}, {"change": NewSyringe(9.0)}])
-def test_second_word_while_the_needle_comes_back_changes_nothing(tmp_path, word):
-    class Hasty(Script):
-        def status(self, status: Status) -> None:
-            if status.state is LinkState.RESUMING and self.streamer is not None:
-                self.streamer.resume(**word)
-            super().status(status)
-
-    at = JOB.marks.of(MarkKind.RELOAD)[1].index
-    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
-    script = Hasty(on_paused=change)
-    status = played(DATA, tmp_path, transport, script, Care(reload_at=(at,)))
-    assert status.state is LinkState.DONE, status
-    assert_same_print(transport.printer.executed())
-
-
 def test_resuming_without_a_word_about_the_syringe_is_refused(tmp_path):
     refused = []
 

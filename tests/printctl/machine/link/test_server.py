@@ -40,10 +40,7 @@ class Spy:
         self.requests.append("reload")
 
     def resume(
-        self,
-        change: NewSyringe | None = None,
-        unchanged: bool = False,
-        unobserved: bool = False,
+        self, change: NewSyringe | None = None, unchanged: bool = False, unobserved: bool = False
     ) -> None:
         self.requests.append(f"resume {change}" if change else "resume")
 
@@ -108,18 +105,6 @@ def hear(guest: socket.socket) -> dict:
     return json.loads(data)
 
 
-def test_status_and_requests_arrive(door):
-    spy, _, enter, token = door
-    guest = enter()
-    say(guest, do="status", token=token)
-    assert hear(guest)["lines_done"] == 5
-    for request in ("stop", "pause", "resume"):
-        say(guest, do=request, token=token)
-    say(guest, do="command", text="M114", token=token)
-    assert hear(guest) == {"event": "reply", "command": "M114", "lines": ["X:0.00", "ok"]}
-    assert spy.requests == ["stop", "pause", "resume", "M114"]
-
-
 def test_request_that_asks_for_an_answer_is_heard_or_refused(door):
     spy, _, enter, token = door
     guest = enter()
@@ -140,20 +125,6 @@ def test_request_that_asks_for_an_answer_is_heard_or_refused(door):
         assert hear(guest)["event"] == "heard"
     change = NewSyringe(plunger_mm=2.5)
     assert spy.requests == ["pause after layer", f"resume {change}", "reload", "alive"]
-
-
-def test_only_subscribers_are_told(door):
-    _, server, enter, token = door
-    one, other = enter(), enter()
-    say(one, do="subscribe", token=token)
-    assert hear(one)["state"] == "printing"
-    say(other, do="status", token=token)
-    assert hear(other)["asked"]
-    server.publish(Status(LinkState.PAUSED))
-    assert hear(one)["state"] == "paused"
-    say(other, do="status", token=token)
-    assert hear(other)["asked"]  # and not what was published
-    say(one, do="detach", token=token)
 
 
 NONSENSE = [b"nonsense\n", b"[]\n", b'{"do": "dance"}\n', b"{}\n", b"\xff\n", b"[" * 9000 + b"\n"]
@@ -222,25 +193,6 @@ def test_a_value_of_another_type_is_refused_by_its_name(door, request_, name, va
     assert spy.requests == []
 
 
-def test_an_insert_of_the_right_types_is_taken(door):
-    spy, _, enter, token = door
-    guest = enter()
-    for flow in (None, 1, 1.25):
-        say(guest, **{**INSERT, "flow": flow, "token": token, "answer": True})
-        assert hear(guest)["event"] == "heard"
-    say(guest, do="insert", look=3, flow=1.1, answer=True, token=token)
-    assert hear(guest)["event"] == "heard"
-    say(guest, **{**LOOK_DONE, "token": token, "answer": True})
-    assert hear(guest)["event"] == "heard"
-    assert spy.requests == [
-        "insert 25 1 None",
-        "insert 25 1 1.0",
-        "insert 25 1 1.25",
-        "insert 3 0 1.1",
-        "look_done 25 go_on",
-    ]
-
-
 def test_a_message_beyond_the_limit_gets_one_answer_and_the_next_is_heard(door):
     spy, _, enter, token = door
     guest = enter()
@@ -253,15 +205,6 @@ def test_a_message_beyond_the_limit_gets_one_answer_and_the_next_is_heard(door):
     say(guest, do="stop", answer=True, token=token)
     assert hear(guest) == {"event": "heard", "do": "stop"}
     assert spy.requests == ["stop"]
-
-
-def test_a_long_first_message_is_told_the_limit_of_first_ones(door):
-    _, _, enter, token = door
-    guest = enter()
-    say(guest, **{**INSERT, "lines": ["G1 X1.000 Y1.000"] * 1000, "token": token})
-    assert "10,000 bytes" in hear(guest)["message"]
-    say(guest, do="status", token=token)
-    assert hear(guest)["event"] == "status"
 
 
 @pytest.mark.parametrize("used", ["NaN", "-1", "1e999", '"1"', "null"])

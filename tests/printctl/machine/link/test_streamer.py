@@ -13,7 +13,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.machine.link import kill
 from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import JournalError, PortLost
+from printctl.machine.link.errors import PortLost
 from printctl.machine.link.job import Job
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import read_journal
@@ -54,34 +54,6 @@ def streamer_of(
     return streamer
 
 
-def handshake_and(printer: FakeMarlin) -> list[str]:
-    """What was executed under a number after M84 S0, the last command before the job."""
-    return printer.numbered[printer.numbered.index("M84 S0") + 1 :]
-
-
-def test_executes_every_line_once_and_in_order(tmp_path):
-    printer, clock = FakeMarlin(), VirtualClock()
-    lines = [b"G92 E0", *zigzag(300)]
-    status = streamer_of(job_of(lines), FakeTransport(printer, clock), tmp_path).run()
-    assert status.state is LinkState.DONE
-    assert handshake_and(printer) == [line.decode() for line in lines] + ["M400", "M114", "M105"]
-    history = read_journal(tmp_path / "journal.log")
-    assert history.done == len(lines)
-    assert history.state is LinkState.DONE
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_noise_and_lost_oks_neither_lose_nor_double_a_line(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    printer, clock = FakeMarlin(), VirtualClock()
-    lines = zigzag(400)
-    transport = FakeTransport(printer, clock, rng, noise=0.0004, drop_ok=0.003)
-    status = streamer_of(job_of(lines), transport, tmp_path).run()
-    assert status.state is LinkState.DONE, status
-    sent = [line for line in handshake_and(printer) if line not in ("M114", "M400", "M105")]
-    assert sent == [line.decode() for line in lines]
-
-
 def test_silent_printer_is_a_handshake_error_within_its_time_limit(tmp_path):
     printer, clock = FakeMarlin(), VirtualClock()
     printer.mute = True
@@ -91,14 +63,6 @@ def test_silent_printer_is_a_handshake_error_within_its_time_limit(tmp_path):
     assert "no firmware answers at fake" in status.message
     assert "baud rate (profile: 115200)" in status.message
     assert clock.now() < 30
-
-
-def test_other_firmware_is_refused(tmp_path):
-    printer, clock = FakeMarlin(), VirtualClock()
-    printer.firmware = "Klipper"
-    status = streamer_of(job_of(zigzag(3)), FakeTransport(printer, clock), tmp_path).run()
-    assert status.error == "HandshakeError"
-    assert "answers M115 with 'Klipper'" in status.message
 
 
 def test_printer_whose_steps_differ_from_the_profile_is_refused(tmp_path):
@@ -145,24 +109,6 @@ def test_many_line_errors_pause_the_print(tmp_path):
     assert LinkState.PAUSED in [one.state for one in seen]
     assert status.state is LinkState.STOPPED
     assert any("line errors" in text for text in read_journal(tmp_path / "journal.log").alarms)
-
-
-def test_full_disk_ends_in_a_controlled_stop(tmp_path):
-    printer, clock = FakeMarlin(), VirtualClock()
-
-    class FullDisk(Journal):
-        def add(self, sort: str, **values: object) -> None:
-            if sort == "ack":
-                raise JournalError("journal can't be written: disk full; free space on the disk")
-            super().add(sort, **values)
-
-    transport, journal = FakeTransport(printer, clock), FullDisk(tmp_path / "other.log")
-    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, journal=journal)
-    status = streamer.run()
-    assert status.state is LinkState.FAILED
-    assert "disk full" in status.message
-    assert printer.executed[-2:] == ["M400", printer.tokens[-1]]
-    assert any(line.startswith("G1 E") for line in printer.executed[-7:])  # relieved
 
 
 def test_stop_before_the_first_line_sends_none(tmp_path):
@@ -241,14 +187,6 @@ def test_kill_without_an_answer_pulls_the_reset_line(tmp_path, monkeypatch):
     assert "reset line" in status.message
 
 
-def test_scripted_far_end_hears_what_was_written(tmp_path):
-    printer, clock = FakeMarlin(), VirtualClock()
-    transport = ScriptedTransport(printer.receive, clock)
-    status = streamer_of(job_of(zigzag(3)), transport, tmp_path).run()
-    assert status.state is LinkState.DONE
-    assert b"".join(transport.written).count(b"\nN1 G1 X20.000 Y10.000 E0.00000 F600*") == 1
-
-
 def test_stop_after_homing_asks_where_the_needle_is(tmp_path):
     printer, clock = FakeMarlin(), VirtualClock()
     printer.at.update(Z=3.0, E=1.0)
@@ -261,67 +199,6 @@ def test_stop_after_homing_asks_where_the_needle_is(tmp_path):
     streamer = streamer_of(job, FakeTransport(printer, clock), tmp_path, stopping)
     assert streamer.run().state is LinkState.STOPPED
     assert printer.numbered[-3:] == ["G1 E0.90000 F30", "G1 Z23.00000 F300", "M400"]
-
-
-def test_modes_left_by_an_earlier_job_are_set_right(tmp_path):
-    printer, clock = FakeMarlin(), VirtualClock()
-    streamer_of(job_of(zigzag(3)), FakeTransport(printer, clock), tmp_path).run()
-    first = next(i for i, line in enumerate(printer.executed) if line.startswith("G1"))
-    assert {"G21", "G90", "M82"} <= set(printer.executed[:first])
-
-
-class SurplusTransport(FakeTransport):
-    """One ok more than lines, from line 50 on."""
-
-    def write(self, data: bytes) -> None:
-        if data.startswith(b"N50 "):
-            self.waiting += b"ok\n"
-        super().write(data)
-
-    def read(self, timeout: float) -> bytes:
-        """Give one answer a read: two in one would tell of the surplus at once."""
-        answer, ok, rest = self.waiting.partition(b"ok\n")
-        self.waiting = answer + ok
-        data = super().read(timeout)
-        self.waiting += rest
-        return data
-
-
-@pytest.mark.parametrize("moved", [0.0, 2.0])
-def test_surplus_ok_is_noticed_and_the_position_verified_before_going_on(tmp_path, moved):
-    printer, clock = FakeMarlin(), VirtualClock()
-    transport = SurplusTransport(printer, clock)
-    garbled: list[bytes] = []
-    take = printer._take
-
-    def taking(line: str) -> bytes:
-        if line.startswith("N60 ") and not garbled:
-            garbled.append(line.encode())
-            said = take(line.replace("G1", "G7"))
-            printer.at["X"] += moved
-            return said
-        return take(line)
-
-    printer._take = taking  # type: ignore[method-assign]
-    lines = zigzag(100)
-    status = streamer_of(job_of(lines), transport, tmp_path).run()
-    alarms = read_journal(tmp_path / "journal.log").alarms
-    assert any("weren't taken after all" in text for text in alarms)
-    if moved:
-        assert status.state is LinkState.POSITION_UNKNOWN
-    else:
-        assert status.state is LinkState.DONE
-        sent = [line for line in handshake_and(printer) if line not in ("M114", "M400", "M105")]
-        assert sent == [line.decode() for line in lines]
-
-
-def test_firmware_without_busy_messages_is_noted_and_printed_on(tmp_path):
-    printer, clock = FakeMarlin(), VirtualClock()
-    printer.keepalive = False
-    streamer = streamer_of(job_of(zigzag(30)), FakeTransport(printer, clock), tmp_path)
-    assert streamer.run().state is LinkState.DONE
-    assert not streamer.protocol.keepalive
-    assert any("busy messages" in text for text in read_journal(tmp_path / "journal.log").alarms)
 
 
 class SurplusInPause(FakeTransport):

@@ -15,7 +15,6 @@ from serial import Serial, SerialException
 from firmware_profiles import Printer, load
 from printctl.machine.link import transport_serial
 from printctl.machine.link.errors import PortDenied, PortError, PortInUse, PortLost, PortMissing
-from printctl.machine.link.ports import list_ports
 from printctl.machine.link.transport import open_port
 from printctl.machine.link.transport_serial import SerialTransport, _refusal
 
@@ -121,13 +120,6 @@ def test_refusals_name_the_remedy():
         open_port("tcp:nowhere", PRINTER)
 
 
-def test_file_that_is_no_port_is_refused(tmp_path):
-    path = tmp_path / "file"
-    path.write_text("x")
-    with pytest.raises(PortError, match="serial port"):
-        open_port(str(path), PRINTER)
-
-
 @pytest.mark.parametrize("form", ["tcp:127.0.0.1:{}", "socket://127.0.0.1:{}"])
 def test_tcp_reads_writes_and_notices_the_end(form):
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -153,18 +145,6 @@ def test_tcp_reads_writes_and_notices_the_end(form):
         with pytest.raises(PortLost):
             wire.read(5.0)
         wire.close()
-
-
-def test_tcp_with_nobody_there_is_a_missing_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-    with pytest.raises(PortMissing, match="nobody answers"):
-        open_port(f"tcp:127.0.0.1:{port}", PRINTER)
-
-
-def test_ports_are_listed_by_name():
-    found = [port.device for port in list_ports()]
-    assert found == sorted(found)
 
 
 @needs_pty
@@ -211,3 +191,10 @@ def test_host_that_is_killed_locks_nobody_out_of_a_pseudo_terminal():
         done = subprocess.run(command, capture_output=True, text=True)
         assert done.returncode == -signal.SIGKILL, done.stderr
     os.close(master)
+
+
+def test_file_that_is_no_port_is_refused(tmp_path):
+    path = tmp_path / "file"
+    path.write_text("x")
+    with pytest.raises(PortError, match="serial port"):
+        open_port(str(path), PRINTER)

@@ -8,23 +8,34 @@ import pytest
 from firmware_profiles.families.marlin.sender import guard_command
 from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.firmware import mode_lines
+from printctl.machine.link.heads import head_at
 from printctl.machine.link.journalled_print import JournalledPrint, read_journal
 from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.modal import Modal
 from printctl.machine.link.recovering import plan_recovery
-from printctl.machine.link.retreat import Retreat
+from printctl.machine.link.reloading import plan_head_reloads, plunger_travel
+from printctl.machine.link.retreat import Retreat, heaters_off
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.valve import is_about_valve, is_open, reopen, shut, shut_and_wait
+from printctl.machine.link.valve import is_open
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.gcode.reading import read_line
-from tests.printctl.machine.link.airy import AIR, CLOSES, HEAD, OPENS, START, Airy, airy, laid_by
+from sim.gcode.dry_run.run import dry_run
+from tests.printctl.machine.link.airy import AIR, CLOSES, OPENS, START, Airy, airy, laid_by
 from tests.printctl.machine.link.fake_marlin import FakeTransport
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import PRINTER, Arming, Script, played
+from tests.printctl.machine.link.layered import Arming, Script, doomed, played
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated_transport import HostDiedError
+from tests.printctl.machine.link.two_heads import DATA as DATA_HEADS
+from tests.printctl.machine.link.two_heads import (
+    FORESEEN,
+    QUICK,
+    assert_same_print,
+    job_of,
+    machine,
+    strokes,
+)
+from tests.printctl.machine.link.two_heads import JOB as JOB_HEADS
+from tests.printctl.machine.link.two_heads import START as START_HEADS
 from tests.slower import first_of
 
 DATA = airy(3, 12)
@@ -55,63 +66,6 @@ def sent(printer: Airy) -> list[str]:
 
 
 # --- what is read and said -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("line", "about"),
-    [
-        (b"M106 P0 S255", True),
-        (b"M106 S0 P0", True),
-        (b"M106P0S128", True),
-        (b"M0106 P0 S255.0", True),
-        (b"M106 P1 S255", False),
-        (b"M1060 P0 S255", False),
-        (b"G1 X1", False),
-        (b"M104 S0", False),
-    ],
-)
-def test_lines_about_the_valve_are_told_from_others(line, about):
-    assert is_about_valve(read_line(line, AIR).text, AIR) == about
-    assert not is_about_valve(line, PRINTER)
-
-
-@pytest.mark.parametrize(
-    ("line", "opened"),
-    [
-        (b"SET_PIN PIN=air VALUE=1", True),
-        (b"set_pin VALUE=1 PIN=air", True),
-        (b"SET_PIN PIN=air VALUE=0", False),
-        (b"SET_PIN PIN=air VALUE=0.5", False),
-        (b"SET_PIN PIN=lamp VALUE=1", True),
-    ],
-)
-def test_klipper_s_pins_are_told_by_name(line, opened):
-    words = {"opens": "SET_PIN PIN=air VALUE=1", "closes": "SET_PIN PIN=air VALUE=0"}
-    head = HEAD.model_copy(update=words)
-    klipper = AIR.model_copy(update={"firmware": "klipper", "dispenser": head})
-    assert is_open([b"SET_PIN PIN=air VALUE=1", line], 2, klipper) == opened
-
-
-def test_the_last_line_about_the_valve_counts():
-    lines = [CLOSING, b"G0 X1", b"M106 S255 P0", b"G4 P30", b"M106 P1 S0", b"G1 X2", CLOSING]
-    assert [is_open(lines, done, AIR) for done in range(8)] == [False] * 3 + [True] * 4 + [False]
-    assert reopen(lines, 5, AIR) == [OPENING, b"G4 P30"]
-    assert reopen(lines, 7, AIR) == []
-    assert reopen(lines, 5, PRINTER) == []
-
-
-def test_needle_leaves_with_the_valve_shut_and_without_e():
-    at = Modal(x=1, y=2, z=3, e=4.0, f=600)
-    assert Retreat(lift_mm=20).leave(at, AIR) == [CLOSING, b"G1 Z23.00000 F300"]
-    assert Retreat().rejoin(at, AIR, prime_mm=0.5) == [b"G1 Z3.00000 F300", b"G1 F600"]
-    assert Retreat().leave(Modal(), AIR) == [CLOSING]
-    assert shut(PRINTER) == []
-    assert shut_and_wait(AIR) == [CLOSING, b"G4 P30"]
-
-
-def test_modes_of_a_head_without_plunger_have_no_e():
-    assert mode_lines(AIR) == (b"G21", b"G90")
-    assert mode_lines(PRINTER) == (b"G21", b"G90", b"M82")
 
 
 # --- stops and pauses --------------------------------------------------------------------------
@@ -172,19 +126,6 @@ def test_paused_at_random_moments_the_same_is_laid_as_without(tmp_path, seed):
     assert not any(" E" in line or line.startswith("M82") for line in own)
 
 
-@pytest.mark.parametrize("seed", first_of(range(10), 3))
-def test_pauses_on_a_noisy_line_lay_the_same_as_well(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    moments = rng.choice(np.arange(7, len(JOB) - 40), size=4, replace=False).tolist()
-    script = Script(at_line={line: lambda streamer: streamer.pause() for line in moments})
-    printer = Airy(job=JOB, script=script)
-    transport = FakeTransport(printer, VirtualClock(), rng, noise=0.001, drop_ok=0.01)
-    status = played(DATA, tmp_path, transport, script, Care(checkpoint_s=0.0), printer=AIR)
-    assert status.state is LinkState.DONE, status
-    assert printer.laid == laid_by(JOB).laid
-    assert not printer.is_open
-
-
 def test_resumed_within_a_path_the_valve_opens_last_and_its_delay_is_waited_for(tmp_path):
     script = Script(at_line={within_a_path(): lambda streamer: streamer.pause()})
     status, printer = printed(tmp_path, script)
@@ -199,14 +140,6 @@ def test_resumed_within_a_path_the_valve_opens_last_and_its_delay_is_waited_for(
     assert "M400" in commands[down:ours]
     lift = next(k for k in range(down - 1, 0, -1) if commands[k].startswith("G1 Z30"))
     assert CLOSES in commands[lift - 2 : lift]
-
-
-def test_paused_between_paths_the_valve_stays_shut(tmp_path):
-    travel = JOB.lines.index(CLOSING, 10) + 3
-    script = Script(at_line={travel: lambda streamer: streamer.pause()})
-    status, printer = printed(tmp_path, script)
-    assert status.state is LinkState.DONE
-    assert printer.executed.count(OPENS) == JOB.lines.count(OPENING)
 
 
 def test_a_position_that_is_wrong_ends_the_print_with_the_valve_shut(tmp_path):
@@ -289,38 +222,6 @@ def test_a_host_that_died_shuts_the_valve_first_and_rejoins(tmp_path, seed):
     assert all(down < k for k in opened)
 
 
-def test_a_host_that_died_in_a_change_of_syringe_told_or_not(tmp_path):
-    told = set()
-    for last in range(1, 24):
-        folder = tmp_path / str(last)
-        folder.mkdir()
-        clock, printer = VirtualClock(), MarlinPrinter(AIR, START)
-        transport = SimTransport(printer, clock)
-
-        def change(streamer: Streamer) -> None:
-            streamer.resume(NewSyringe() if streamer.status.waits_for == "syringe" else None)
-
-        script = Arming(transport, last, 1.0, on_paused=change)
-        script.at_line = {}
-        try:
-            reload_at = (JOB.marks.of(MarkKind.RELOAD)[0].index,)
-            played(DATA, folder, transport, script, Care(reload_at=reload_at), printer=AIR)
-        except HostDiedError:
-            history = read_journal(folder / "journal.log")
-            printer.settle()
-            counted = history.syringe and history.syringe["n"] <= printer.lines.last_number
-            again = Script(on_paused=change)
-            status = played(
-                DATA, folder, SimTransport(printer, clock), again, history=history, printer=AIR
-            )
-            assert status.state is LinkState.DONE, (last, status)
-            asked = any(one.waits_for == "syringe" for one in again.pauses)
-            told.add((history.reload is not None, bool(counted), asked))
-    changing, counted_too = (True, False, True), (True, True, False)
-    assert {changing, counted_too} <= told <= {changing, counted_too, (False, False, True),
-                                               (False, False, False)}  # fmt: skip
-
-
 # --- the rest of a job ---------------------------------------------------------------------------
 
 
@@ -342,3 +243,202 @@ def test_rest_of_a_job_opens_the_valve_only_where_the_tip_is_back(begin):
     assert ours.laid == alone.laid[len(alone.laid) - len(ours.laid) :]
     assert "plunger" not in " ".join(plan.steps)
     assert "pressure off" in plan.steps[0]
+
+
+# --- two-head prints: pause, stop, syringe change, and resumption after the host's death
+RETREAT = Retreat(relief_mm=0.005, others=(Retreat(relief_mm=0.002),))
+
+
+def went_on(folder, printer, clock, script=None, **more):
+    """Resume in the folder until the print is done; anew where no line of the job had left."""
+    transport = SimTransport(printer, clock)
+    history = read_journal(folder / "journal.log")
+    if not history.begun:  # `resumable` refuses it
+        (folder / "journal.log").unlink()
+        history = None
+    return played(
+        DATA_HEADS, folder, transport, script or Script(), history=history, printer=QUICK,
+        retreat=RETREAT, **more,
+    )  # fmt: skip
+
+
+# --- what is read and said -------------------------------------------------------------------
+
+
+# --- whole prints -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", first_of(range(60), 6))
+def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    printer, clock = machine()
+    last, part = (
+        int(rng.integers(1, 2 * len(JOB_HEADS))),
+        float(rng.choice([0.0, rng.uniform(), 1.0])),
+    )
+    transport = doomed(printer, clock, last, part)
+    try:
+        status = played(DATA_HEADS, tmp_path, transport, Script(), printer=QUICK, retreat=RETREAT)
+    except HostDiedError:
+        if seed % 3 == 0:  # somebody took the other head meanwhile
+            printer.exchange(b"T0 S1\n" if printer.machine.motion.tool else b"T1 S1\n")
+            printer.take_output()
+        status = went_on(tmp_path, printer, clock)
+    assert status.state is LinkState.DONE, status
+    assert_same_print(printer.executed())
+
+
+def test_a_stop_leaves_with_the_head_in_use_relieved(tmp_path):
+    printer, clock = machine()
+    first = JOB_HEADS.lines.index(b"T1 S1")
+    when = next(
+        k
+        for k in range(first, len(JOB_HEADS))
+        if b" E" in JOB_HEADS.lines[k] and b"X" in JOB_HEADS.lines[k]
+    )
+
+    class Watched(SimTransport):
+        def write(self, data):
+            super().write(data)
+            if script.streamer.status.lines_done >= when + 2:
+                script.streamer.stop()
+
+    script = Script()
+    transport = Watched(printer, clock)
+    status = played(DATA_HEADS, tmp_path, transport, script, printer=QUICK, retreat=RETREAT)
+    assert status.state is LinkState.STOPPED
+    done = printer.executed()
+    pulled = done.plunger_end - done.plunger_start
+    assert done.tool[pulled < 0][-1] == 1
+    assert pulled[pulled < 0][-1] == pytest.approx(-0.002, abs=2e-4)
+    assert done.end[-1, 2] > done.end[-3, 2]
+
+
+def test_every_head_s_heater_goes_off():
+    assert heaters_off(QUICK.model_copy(update={"safe_state_on": ()})) == [
+        b"M104 T0 S0",
+        b"M104 T1 S0",
+        b"M140 S0",
+    ]
+
+
+def test_a_firmware_built_for_one_extruder_is_refused_before_the_first_line(tmp_path):
+    one = MarlinPrinter(QUICK.model_copy(update={"heads": ()}), START_HEADS)
+    transport = SimTransport(one, VirtualClock())
+    status = played(DATA_HEADS, tmp_path, transport, Script(), printer=QUICK)
+    assert (status.state, status.error) == (LinkState.FAILED, "HandshakeError")
+    assert "built for 1 (EXTRUDER_COUNT)" in status.message
+    assert len(one.executed()) == 0
+
+
+# --- change of syringe ---------------------------------------------------------------------------
+
+
+def change(streamer):
+    """Drive the plunger of the head whose syringe is changed, then say it is done."""
+    if not streamer.status.waits_for.startswith("syringe "):
+        streamer.resume()
+        return
+    streamer.command(b"G1 E-2 F60", lambda said: None)
+    streamer.command(b"M400", lambda said: streamer.resume(NewSyringe()))
+
+
+def test_the_syringe_of_the_idle_head_is_changed_without_a_stroke_of_the_other(tmp_path):
+    reloads = [mark.index for mark in JOB_HEADS.marks.of(MarkKind.RELOAD)]
+    plan = {
+        index: head
+        for index in reloads
+        for head in (0, 1)
+        if head_at(JOB_HEADS.lines, index) == 1 - head
+    }
+    care = Care(reload_at=tuple(plan), reload_heads=tuple(plan.values()))
+    assert {0, 1} == set(plan.values())
+    printer, clock = machine()
+    script = Script(on_paused=change)
+    transport = SimTransport(printer, clock)
+    status = played(
+        DATA_HEADS, tmp_path, transport, script, care=care, printer=QUICK, retreat=RETREAT
+    )
+    assert status.state is LinkState.DONE, status
+    assert len([one for one in script.pauses if "head " in one.message]) == len(plan)
+    assert_same_print(printer.executed())
+
+
+@pytest.mark.parametrize("seed", first_of(range(30), 8))
+def test_a_host_killed_while_a_syringe_is_changed(tmp_path, seed):
+    rng = np.random.default_rng(200 + seed)
+    reloads = [mark.index for mark in JOB_HEADS.marks.of(MarkKind.RELOAD)]
+    index, head = int(rng.choice(reloads)), int(rng.integers(2))
+    care = Care(reload_at=(index,), reload_heads=(head,))
+    printer, clock = machine()
+    transport = SimTransport(printer, clock)
+    script = Arming(transport, int(rng.integers(1, 24)), float(rng.uniform()), on_paused=change)
+    try:
+        status = played(
+            DATA_HEADS, tmp_path, transport, script, care=care, printer=QUICK, retreat=RETREAT
+        )
+    except HostDiedError:
+        again = Script(on_paused=change)
+        status = went_on(tmp_path, printer, clock, again, care=care)
+    assert status.state is LinkState.DONE, status
+    assert_same_print(printer.executed())
+
+
+def test_reloads_are_planned_for_each_head_where_its_own_syringe_ends():
+    job = parse_job(job_of((0, 1, 0, 1, 0, 1, 0, 1), ul=10.0), "test.gcode", QUICK)
+    travel = [plunger_travel(job.lines, head) for head in (0, 1)]
+    passes = [max(one) / 4 for one in travel]
+    at, heads = plan_head_reloads(job, (2.2 * passes[0], 3.2 * passes[1]))
+    assert sorted(heads) == [0, 1]
+    assert list(at) == sorted(set(at))
+    for index, head in zip(at, heads, strict=True):
+        most = (2.2, 3.2)[head] * passes[head]
+        assert max(travel[head][: index + 1]) <= most
+        assert max(travel[head]) - travel[head][index] <= most
+    none, _ = plan_head_reloads(job, (0.0, 100.0))
+    assert none == ()
+
+
+def test_a_firmware_that_doesn_t_take_the_head_is_not_moved(tmp_path):
+    printer, clock = machine()
+    at = next(k for k, line in enumerate(JOB_HEADS.lines) if line == b"T1 S1") + 6
+    transport = doomed(printer, clock, 2 * at + 20, 1.0)
+    with pytest.raises(HostDiedError):
+        played(DATA_HEADS, tmp_path, transport, Script(), printer=QUICK, retreat=RETREAT)
+    printer.firmware.take_tool = lambda command: None  # as a build with one extruder: silence
+    before = printer.machine.motion.planner["position"][0].tolist()
+    status = went_on(tmp_path, printer, clock)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert "doesn't say that it uses head" in status.message
+    assert printer.machine.motion.planner["position"][0].tolist() == before
+
+
+# --- after a power cut -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", [0.3, 0.5, 0.8])
+def test_the_rest_of_a_job_is_printed_by_the_same_heads(tmp_path, part):
+    first = int(part * len(JOB_HEADS))
+    mark = JOB_HEADS.marks.next(MarkKind.VESSEL, first)
+    begin = mark.index
+    history = read_journal_of(tmp_path)
+    found = plan_recovery(
+        JOB_HEADS, DATA_HEADS, history, QUICK, RETREAT, from_line=JOB_HEADS.file_lines[begin]
+    )
+    run = dry_run(found.gcode, QUICK, START_HEADS)
+    assert not [one for one in run.findings if one.code != "plunger_travel"], run.findings
+    rest, whole = strokes(run.executed), strokes(FORESEEN)
+    written = whole[whole[:, 7] > 0]
+    ours = rest[rest[:, 7] > 0]
+    np.testing.assert_allclose(ours[:, :7], written[-len(ours) :, :7], atol=1e-9)
+    np.testing.assert_allclose(ours[:, 7], written[-len(ours) :, 7], atol=1.01 / 6400)
+    text = found.gcode.decode()
+    assert text.index("M280 P0 S90") < text.index("G0 Z")
+    assert text.index("M280 P1 S90") < text.index("G0 Z")
+    assert "M218 T1 X0 Y0 Z0" in text
+
+
+def read_journal_of(folder):
+    printer, clock = machine()
+    played(DATA_HEADS, folder, SimTransport(printer, clock), Script(), printer=QUICK)
+    return read_journal(folder / "journal.log")

@@ -85,27 +85,6 @@ def test_asking_changes_nothing_and_moves_nothing(tmp_path: Path) -> None:
         assert first == asked(firmware, folder)[0]
 
 
-def test_rrf_answers_of_a_real_board_s_wording_are_read() -> None:
-    settings = read_settings(
-        find_family("reprapfirmware"),
-        {
-            b"M115": (
-                b"FIRMWARE_NAME: RepRapFirmware for Duet 2 WiFi/Ethernet FIRMWARE_VERSION: 3",
-            ),
-            b"M203": (
-                b"Max speeds (mm/min): X: 6000.0, Y: 6000.0, Z: 180.0, E: 1200.0:1200.0, "
-                b"min. speed 30.00",
-            ),
-            b"M208": (b"Axis limits (mm)s X-5.0:200.0, Y0.0:250.0, Z-0.5:200.0",),
-            b"M302": (b"Cold extrusion is allowed (use M302 P0 to forbid it)",),
-        },
-    )
-    assert settings.values["max_speed_mm_s.z"] == pytest.approx(3)
-    assert settings.values["max_speed_mm_s.e"] == pytest.approx(20)
-    assert (settings.values["x_mm.low"], settings.values["z_mm.low"]) == (-5.0, -0.5)
-    assert settings.notes == ("Cold extrusion is allowed (use M302 P0 to forbid it)",)
-
-
 def test_endstops_that_are_off_are_told() -> None:
     replies = (b"  M211 S0 ; OFF", b"  Min:  X0.00 Y0.00 Z0.00   Max:  X200.00 Y200.00 Z200.00")
     settings = read_settings(find_family("marlin"), {b"M211": replies})
@@ -113,9 +92,7 @@ def test_endstops_that_are_off_are_told() -> None:
     assert settings.values["x_mm.high"] == 200
 
 
-def test_corrected_profile_has_the_printer_s_values_and_fewer_starting_ones(
-    tmp_path: Path,
-) -> None:
+def test_corrected_profile_has_the_printer_s_values_and_fewer_starting_ones(tmp_path: Path) -> None:
     profile = load(Printer, "makergear_m2_duet2")
     settings = Settings(
         "RepRapFirmware",

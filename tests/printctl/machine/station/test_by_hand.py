@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import threading
 
 import pytest
 
-from printctl.machine.link.errors import AlreadyPrinting, LinkError, Refused
+from printctl.machine.link.errors import AlreadyPrinting, Refused
 from printctl.machine.station import StationState, attach, connect
 from printctl.machine.station.status import StationStatus
+from tests.printctl.cli.shell import Shell
 
 
 def test_tells_where_it_stands_and_how_warm_it_is(at_rest):
@@ -26,12 +28,6 @@ def test_jogs_and_goes_to_places(at_rest):
     assert at_rest.jog("x", 1.5).position_mm == (101.5, 100, 50)
     assert at_rest.jog({"y": -2, "z": 0.05}, speed_mm_s=2).position_mm == (101.5, 98, 50.05)
     assert at_rest.move_to(z=60).position_mm == (101.5, 98, 60)
-
-
-def test_many_small_steps_add_up(at_rest):
-    for _ in range(8):
-        at_rest.jog("x", 0.005)
-    assert at_rest.command("M114")[0].startswith("X:100.04 ")
 
 
 @pytest.mark.parametrize(
@@ -67,10 +63,7 @@ def test_refusal_says_why_and_moves_nothing(at_rest, asked, why):
 
 def test_homing_needs_the_needle_off(at_rest):
     at_rest.mount(needle="25g", dish="petri_60mm")
-    with pytest.raises(
-        Refused,
-        match=r"needle .25G, half an inch. mounted above the dish",
-    ):
+    with pytest.raises(Refused, match=r"needle .25G, half an inch. mounted above the dish"):
         at_rest.home()
     with pytest.raises(Refused, match="would drive it"):
         at_rest.command("G28 Z")
@@ -153,9 +146,65 @@ def test_second_station_in_the_folder_is_refused(at_rest, monkeypatch):
         connect("generic_marlin", "simulated", at_rest.folder, sim_speed=30)
 
 
-def test_wrong_profile_or_port_is_said(folder, profile):
-    with pytest.raises(LinkError, match="/dev/nowhere doesn't exist"):
-        connect(profile, "/dev/nowhere", folder)
-    status = attach(folder).status
-    assert status.state is StationState.LOST
-    assert "/dev/nowhere" in status.message
+# --- `printctl station` from the command line: connect, query, move
+@pytest.fixture
+def shell(monkeypatch, capsys, at_rest):
+    inner = Shell(monkeypatch, capsys, "station")
+
+    def run(*command: str) -> tuple[int, str, str]:
+        return inner(*command, "--folder", str(at_rest.folder))
+
+    return run
+
+
+def test_moves_and_tells(shell):
+    code, out, _ = shell("jog", "--x", "2", "--z", "-1", "--json")
+    assert code == 0
+    assert json.loads(out)["position_mm"] == [102, 100, 49]
+    assert "tip at X100.00 Y100.00 Z49.00" in shell("jog", "--to", "--x", "100")[1]
+    code, out, _ = shell("status")
+    assert out.startswith("ready: ")
+    assert "nozzle 21" in out
+
+
+def test_says_what_is_mounted_and_pushes(shell):
+    out = shell("mount", "--syringe", "bd_1ml", "--needle", "25g", "--dish-centre", "100,100")[1]
+    assert "mounted: needle 25g, syringe bd_1ml" in out
+    before = json.loads(shell("status", "--json")[1])["ul_left"]
+    after = json.loads(shell("push", "--ul", "1", "--json")[1])["ul_left"]
+    assert before - after == pytest.approx(1, abs=0.01)
+
+
+def test_sends_a_line_and_gives_the_reply(shell):
+    code, out, _ = shell("send", "M114")
+    assert (code, out[:8]) == (0, "X:100.00")
+
+
+def test_touches_off_and_counts_anew(shell):
+    shell("mount", "--needle", "25g", "--dish", "petri_60mm")
+    assert "floor of the dish at Z 49.90 mm" in shell("touch-off", "--foil", "0.1")[1]
+    assert "floor of the dish at Z 0.00 mm" in shell("where", "--z", "0.1")[1]
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "why"),
+    [
+        (("jog", "--x", "200"), 1, "outside 0 to 200 mm"),
+        (("jog",), 2, "no axis is named"),
+        (("mount",), 2, "nothing is named"),
+        (("mount", "--dish-centre", "middle"), 2, "isn't X,Y in mm"),
+        (("heat", "bed", "90"), 1, "outside 0 to 45 °C"),
+        (("send", "M112"), 1, "isn't for manual use"),
+        (("reconnect",), 1, "is connected"),
+    ],
+)
+def test_refusal_is_one_line_and_an_exit_code(shell, command, code, why):
+    found, _, said = shell(*command)
+    assert found == code
+    assert why in " ".join(said.split())
+
+
+def test_without_a_station_it_says_so(monkeypatch, capsys, tmp_path):
+    code, _, said = Shell(monkeypatch, capsys, "station")("status", "--folder", str(tmp_path))
+    assert code == 1
+    assert "connect first" in said

@@ -36,10 +36,7 @@ class JobText:
     def stroke(self, points: Sequence[Sequence[float]], mark: str = "", feed: int = 600) -> None:
         """Write a path."""
         at = np.array(points, dtype=float)
-        self.lines += [
-            "G0 X{:.3f} Y{:.3f} F2400".format(*at[0]),
-            f"G0 Z{at[0, 2]:.4f} F300",
-        ]
+        self.lines += ["G0 X{:.3f} Y{:.3f} F2400".format(*at[0]), f"G0 Z{at[0, 2]:.4f} F300"]
         if not self.first:
             self.e += RELIEF_E
             self.lines.append(f"G1 E{self.e:.7f} F1.4")

@@ -47,13 +47,6 @@ def test_shipped_plates_have_their_wells_inside_the_standard_outside(count: int)
     assert shipped(Plate).count(f"corning_{count}") == 1
 
 
-def test_the_96_well_plate_is_the_standard_s() -> None:
-    """ANSI/SLAS 4-2004: a pitch of 9 mm, the array in the middle of the plate."""
-    plate = load(Plate, "corning_96")
-    assert plate.offset_mm("A1") == pytest.approx((-11 * 4.5, 7 * 4.5))
-    assert plate.offset_mm("H12") == pytest.approx((11 * 4.5, -7 * 4.5))
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -69,32 +62,6 @@ def test_a_plate_that_can_t_be_is_refused(changes: dict[str, Any], words: str) -
         Plate.model_validate(PLATE.model_dump() | changes)
 
 
-def test_a_turned_plate_has_a1_where_one_sees_it() -> None:
-    """Behind on the left; a quarter against the clock in front on the left; and so on."""
-    signs = [
-        tuple(
-            at > middle
-            for at, middle in zip(
-                standing_plate(PLATE, PRINTER, turned_deg=turn).centre_mm("A1"),
-                (100, 100),
-                strict=True,
-            )
-        )
-        for turn in (0, 90, 180, 270)
-    ]
-    assert signs == [(False, True), (False, False), (True, False), (True, True)]
-    box = load(Plate, "corning_6").model_copy(update={"shape": "box", "well_y_mm": 30.0})
-    turned = standing_plate(box, PRINTER, turned_deg=90).dish
-    assert (turned.inner_x_mm, turned.inner_y_mm) == (30.0, 34.8)
-
-
-@pytest.mark.parametrize("turn", [0, 90, 180, 270])
-def test_a1_stands_where_the_recipe_says(turn: int) -> None:
-    standing = standing_plate(PLATE, PRINTER, (60.0, 80.0), turn)
-    assert standing.centre_mm("A1") == (60.0, 80.0)
-    assert dist(standing.centre_mm("A2"), (60, 80)) == pytest.approx(19.3)
-
-
 def test_a_plate_too_high_for_the_printer_is_refused() -> None:
     low = PRINTER.model_copy(
         update={"z_mm": PRINTER.z_mm.model_copy(update={"low": 0.0, "high": 21.0})}
@@ -104,11 +71,6 @@ def test_a_plate_too_high_for_the_printer_is_refused() -> None:
 
 
 # --- names and ways -------------------------------------------------------------------------------
-
-
-def test_wells_are_named_one_by_one_along_a_row_and_as_a_block() -> None:
-    assert names("A1", "b2..b4", "C01") == ["A1", "B2", "B3", "B4", "C1"]
-    assert names("A5..B6") == ["A5", "A6", "B5", "B6"]
 
 
 @pytest.mark.parametrize(
@@ -136,10 +98,6 @@ def test_the_way_visits_each_well_once_and_isn_t_longer_than_row_by_row(wells: s
     found = route(sorted(wells), STANDING)
     assert sorted(found) == sorted(wells)
     assert length(found) <= length(sorted(wells)) + 1e-9
-
-
-def test_the_way_over_a_whole_plate_goes_from_neighbour_to_neighbour() -> None:
-    assert length(route(PLATE.wells, STANDING)) == pytest.approx(23 * 19.3)
 
 
 # --- variants -------------------------------------------------------------------------------------
@@ -174,22 +132,6 @@ def test_what_no_sweep_can_vary_is_refused(sweep: dict[str, Any], words: str) ->
         points(sweep, "grid")
 
 
-def where(**said: Any) -> dict[str, tuple[int, int]]:
-    return {well.name: (well.variant, well.copy) for well in assigned(part(**said), PLATE)}
-
-
-def test_copies_follow_each_other_in_whole_rounds() -> None:
-    assert where(sweep={"seed": [1, 2]}, copies=2) == {
-        "A1": (0, 1), "A2": (1, 1), "A3": (0, 2), "A4": (1, 2),
-    }  # fmt: skip
-    assert where(sweep={"seed": [1, 2]}, wells=["D6", "A1..A3"]) == {
-        "D6": (0, 1), "A1": (1, 1), "A2": (0, 2), "A3": (1, 2),
-    }  # fmt: skip
-    assert where(wells="all") == {name: (0, k + 1) for k, name in enumerate(PLATE.wells)}
-    assert where() == {"A1": (0, 1)}
-    assert list(where(wells="B2, C1..C2")) == ["B2", "C1", "C2"]
-
-
 @pytest.mark.parametrize(
     ("said", "words"),
     [
@@ -209,3 +151,22 @@ def test_an_empty_well_can_t_be_scanned() -> None:
     asked = part(wells=["B1..B3"], scanned=["A1"])
     with pytest.raises(RecipeError, match="A1, in which nothing is printed"):
         scanned_wells(asked, PLATE, assigned(asked, PLATE))
+
+
+def test_a_turned_plate_has_a1_where_one_sees_it() -> None:
+    """Behind on the left; a quarter against the clock in front on the left; and so on."""
+    signs = [
+        tuple(
+            at > middle
+            for at, middle in zip(
+                standing_plate(PLATE, PRINTER, turned_deg=turn).centre_mm("A1"),
+                (100, 100),
+                strict=True,
+            )
+        )
+        for turn in (0, 90, 180, 270)
+    ]
+    assert signs == [(False, True), (False, False), (True, False), (True, True)]
+    box = load(Plate, "corning_6").model_copy(update={"shape": "box", "well_y_mm": 30.0})
+    turned = standing_plate(box, PRINTER, turned_deg=90).dish
+    assert (turned.inner_x_mm, turned.inner_y_mm) == (30.0, 34.8)

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from firmware_profiles import Ink, load
+from printctl.errors import UsageError
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.load import STARTER
+from printctl.web.core import Core
 from printctl.web.design import form as forms
 from printctl.web.design.checking import check_data, check_text
-from printctl.web.design.recipes import EXAMPLES
+from printctl.web.design.recipes import EXAMPLES, Recipes
+from printctl.web.design.run_processes import RunProgress
 from printctl.web.design.schema import recipe_form
+from printctl.web.design.service import DesignService
+from printctl.web.design.widgets.editor import Editor
 from printctl.web.design.widgets.field_text import input_text, parse_typed
+from printctl.web.design.widgets.pick_pane import place_of
 from printctl.web.design.yaml_text import read_text, rewrite_yaml
-from printctl.web.errors import BadRequestError
+from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
+from printctl.web.settings import ServeSettings
+from printctl.web.workspace import Workspace
 
 SHIPPED = [STARTER, *sorted(EXAMPLES.glob("*.yaml"))]
 FORM = recipe_form()
@@ -79,43 +89,6 @@ def test_every_key_of_the_model_is_in_the_form() -> None:
     assert free - limits == plate | inlets
 
 
-def test_fields_know_bounds_units_choices_and_defaults() -> None:
-    fields = dict(FORM.walk())
-    layer = fields["toolpath", "layer_um"]
-    assert (layer.node.low, layer.node.high, layer.unit, layer.default) == (10, 2000, "µm", 60.0)
-    assert fields["printer", "ink"].node.profile == "inks"
-    assert fields["flow", "pulse", "shape"].node.values == ("ejection", "kassab", "roller_pump")
-    tags = [option.tag for option in fields["vasculature",].node.options]
-    grown = ["grow: tree", "grow: closed_loop", "grow: forest"]
-    assert tags == ["design", "network", "lattice", *grown]
-
-
-def test_each_option_of_a_choice_is_told_by_what_it_begins_with() -> None:
-    choices = [field.node for _, field in FORM.walk() if field.node.sort == "choice"]
-    assert len(choices) > 5
-    for node in choices:
-        for option in node.options:
-            found = node.option(option.begin)
-            assert found is not None
-            assert found.tag == option.tag
-
-
-def test_a_value_inside_a_section_that_isnt_there_brings_its_kind() -> None:
-    data = forms.set_value(FORM, PLANAR, ("toolpath", "layer_um"), 50)
-    assert data["toolpath"] == {"method": "fresh", "layer_um": 50}
-    assert "toolpath" not in PLANAR
-
-
-def test_what_is_taken_back_leaves_no_empty_section() -> None:
-    data = forms.set_value(FORM, PLANAR, ("printer", "care", "reload"), True)
-    assert forms.remove_value(FORM, data, ("printer", "care", "reload")) == PLANAR
-
-
-def test_an_optional_section_stays_when_it_is_empty() -> None:
-    data = forms.set_value(FORM, {**PLANAR, "oxygen": {}}, ("oxygen", "sherwood"), 4)
-    assert forms.remove_value(FORM, data, ("oxygen", "sherwood"))["oxygen"] == {}
-
-
 @pytest.mark.parametrize(
     ("more", "place", "words"),
     [
@@ -146,27 +119,6 @@ def test_a_problem_stands_at_its_field(
     assert words in found[0].message
 
 
-def test_own_profiles_are_those_in_the_store(tmp_path: Path) -> None:
-    store = ProfileStore(tmp_path)
-    own = store.folder(Ink) / "measured.yaml"
-    own.parent.mkdir(parents=True)
-    own.write_text(yaml.safe_dump(load(Ink, "collagen_fresh").model_dump(mode="json")))
-    (own.parent / "no name.yaml").write_text("{}")
-    elsewhere = tmp_path / "elsewhere.yaml"
-    elsewhere.write_text(own.read_text())
-
-    def problems(name: str) -> list[str]:
-        data = {**PLANAR, "printer": {"ink": name}}
-        return [one.message for one in check_data(data, tmp_path, store).problems]
-
-    assert problems(store.given(Ink, "measured")) == []
-    assert "of your own in" in problems(str(elsewhere))[0]
-    assert "of your own in" in problems("../profiles/inks/measured.yaml")[0]
-    own.write_text("viscosity: x")
-    assert problems(store.given(Ink, "measured")) != []
-    assert store.names(Ink)[0] == "measured"
-
-
 def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
     text = STARTER.read_text(encoding="utf-8")
     data = read_text(text)
@@ -177,13 +129,6 @@ def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
     assert read_text(again) == changed
     assert again.count("#") == text.count("#")
     assert "layer_um: 75" in again
-
-
-def test_a_section_in_one_line_stays_in_one() -> None:
-    text = "# mine\nname: n  # its name\ntoolpath: {method: fresh, layer_um: 60}  # thin\n"
-    data = forms.set_value(FORM, read_text(text), ("toolpath", "layer_um"), 1)
-    wanted = "# mine\nname: n  # its name\ntoolpath: {method: fresh, layer_um: 1}  # thin\n"
-    assert rewrite_yaml(text, data) == wanted
 
 
 BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nname: n\n"
@@ -228,3 +173,158 @@ def test_hostile_text_is_refused(text: str, words: str) -> None:
 )
 def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
     assert check_text(text, tmp_path, ProfileStore(tmp_path)).problems
+
+
+# --- recipe keys that a click on the tissue sets, by kind of growth
+@pytest.mark.parametrize(
+    "given", [None, {}, {"at": [1, 2]}, {"at": [1, 2, "3"]}, {"at": [1, True, 3]},
+              {"at": [1, 2, float("nan")]}, {"at": [1, 2, 1e9]}, [1, 2, 3]]
+)  # fmt: skip
+def test_what_a_frame_sends_is_a_place_or_nothing(given: Any) -> None:
+    assert place_of(given) is None
+    assert place_of({"at": [1, 2.5, -3]}) == [1.0, 2.5, -3.0]
+
+
+# --- stored recipes of a workspace
+@pytest.fixture
+def recipes(tmp_path: Path) -> Recipes:
+    return Recipes(Workspace(tmp_path / "ws").make())
+
+
+def test_a_text_changed_elsewhere_isnt_overwritten(recipes: Recipes) -> None:
+    first = recipes.new("one")
+    recipes.write("one", first.text + "# mine\n", first.version)
+    with pytest.raises(ConflictError, match="changed elsewhere"):
+        recipes.write("one", first.text + "# yours\n", first.version)
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "", ".x", "x" * 99, "a b", "ä", "..", "x\n"])
+def test_names_that_lead_elsewhere_are_refused(recipes: Recipes, name: str) -> None:
+    with pytest.raises(BadRequestError):
+        recipes.new(name)
+    with pytest.raises(BadRequestError):
+        recipes.read(name)
+
+
+def test_only_files_that_recipes_read_are_taken(recipes: Recipes) -> None:
+    assert recipes.take_file("a/heart.stl", b"solid") == "heart.stl"
+    with pytest.raises(BadRequestError, match="recipes name files"):
+        recipes.take_file("x.py", b"")
+    with pytest.raises(ConflictError):
+        recipes.take_file("heart.stl", b"another")
+
+
+def test_the_editor_keeps_what_cant_be_read_out_of_the_file(recipes: Recipes) -> None:
+    text = recipes.new("one").text
+    editor = Editor(recipes)
+    editor.load("one")
+    editor.set_text("a: [")
+    assert not editor.saved
+    assert "isn't YAML" in editor.problems[0].message
+    assert recipes.read("one").text == text
+
+
+def test_the_editor_writes_a_wrong_value_and_says_where(recipes: Recipes) -> None:
+    recipes.new("one")
+    editor = Editor(recipes)
+    editor.load("one")
+    editor.put(("toolpath", "layer_um"), 1)
+    assert "10" in editor.problem_at(("toolpath", "layer_um"))
+    assert editor.problems_below(("toolpath",)) == 1
+    assert "layer_um: 1\n" in recipes.read("one").text
+    editor.remove(("toolpath", "layer_um"))
+    assert editor.problems == ()
+    assert "layer_um" not in yaml.safe_load(recipes.read("one").text)["toolpath"]
+
+
+# --- detached runs: started, found by a restarted server, cancelled, refused
+_LIMIT_S = 60.0
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    return Workspace(tmp_path / "ws").make()
+
+
+def _server(workspace: Workspace) -> DesignService:
+    return DesignService(Core(ServeSettings(workspace.root), workspace))
+
+
+@pytest.fixture
+def service(workspace: Workspace) -> DesignService:
+    made = _server(workspace)
+    made.recipes.new("one")
+    return made
+
+
+def _until(service: DesignService, *states: str) -> RunProgress:
+    deadline = time.monotonic() + _LIMIT_S
+    while time.monotonic() < deadline:
+        run = service.runs.progress("one")
+        if run.state in states:
+            return run
+        time.sleep(0.05)
+    raise AssertionError(f"never {states}: {service.runs.progress('one')}")
+
+
+@pytest.mark.slow
+def test_another_server_finds_a_run_and_cancels_it(
+    service: DesignService, workspace: Workspace
+) -> None:
+    service.runs.start("one")
+    pid = _until(service, "running").pid
+    os.killpg(pid, signal.SIGSTOP)  # or it is done before it is cancelled, on a busy machine
+    other = _server(workspace)
+    found = other.runs.progress("one")
+    assert found.going_on
+    assert found.stages
+    with pytest.raises(ConflictError, match="going on"):
+        other.runs.start("one")
+    other.runs.cancel("one")
+    os.killpg(pid, signal.SIGCONT)
+    assert _until(other, "interrupted").message
+    with pytest.raises(ConflictError, match="isn't going on"):
+        other.runs.cancel("one")
+    assert _until(service, "interrupted") == other.runs.progress("one")
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_is_told_so(service: DesignService, workspace: Workspace) -> None:
+    service.runs.start("one")
+    run = _until(service, "running")
+    os.killpg(run.pid, signal.SIGKILL)
+    found = _until(service, "interrupted")
+    assert "process is gone" in found.message
+    assert _until(_server(workspace), "interrupted").message == found.message
+
+
+@pytest.mark.slow
+def test_a_failed_stage_says_why(service: DesignService) -> None:
+    service.recipes.take_file("n.csv", b"vessel,node0\n1,2\n")
+    text = service.recipes.read("one")
+    given = "{network: n.csv, unit: mm}\n"
+    wrong = text.text.replace("\n  design: planar_four_vessel", f" {given}#")
+    service.recipes.write("one", wrong, text.version)
+    service.runs.start("one", "flow")
+    run = _until(service, "failed")
+    assert [stage.name for stage in run.stages if stage.state == "failed"] == ["vasculature"]
+    assert run.message
+    assert "Traceback" not in run.message
+
+
+def test_what_prints_isnt_started_here(service: DesignService) -> None:
+    with pytest.raises(BadRequestError, match="Job room"):
+        service.runs.start("one", "print")
+    with pytest.raises(UsageError, match="no stage"):
+        service.runs.start("one", "--yes")
+    with pytest.raises(ConflictError, match="no finished print"):
+        service.runs.go_on("one")
+
+
+def test_a_wrong_recipe_isnt_started(service: DesignService) -> None:
+    text = service.recipes.read("one")
+    service.recipes.write("one", text.text + "colour: red\n", text.version)
+    with pytest.raises(BadRequestError, match="colour"):
+        service.runs.start("one")
+    with pytest.raises(NotFoundError):
+        service.runs.start("two")

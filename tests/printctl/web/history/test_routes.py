@@ -12,6 +12,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from printctl.history.signing import lab_key
+from printctl.web.history.print_filter import PrintFilter
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.printctl.web.serving import Served, served
 
@@ -193,3 +194,20 @@ def test_nothing_is_told_or_made_without_a_token(app, tmp_path):
         assert app.client().get(WAY + way).status_code == 401
     for way in ("/verify", f"/{entry.id}/repeat"):
         assert app.client().post(WAY + way).status_code in (401, 403)
+
+
+# --- history filter: form values and URL round trip; invalid ones dropped
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"sort": "nonsense"},
+        {"since": "yesterday", "until": "0000-00-00"},
+        {"page": "-1"},
+        {"page": "²"},
+        {"page": "9" * 99},
+        {"page": "0"},
+        {"descending": "maybe", "other": "1"},
+    ],
+)
+def test_nonsense_is_left_out(asked: dict[str, str]) -> None:
+    assert PrintFilter.asked(asked) == (PrintFilter(), 0)

@@ -22,12 +22,7 @@ from tests.printctl.web.shell.browsers import serious, shown
 from tests.sim_process import printer_process
 
 pytestmark = pytest.mark.browser
-LOOKS = [
-    (1024, 768, "dark"),
-    (1280, 800, "dark"),
-    (1024, 768, "light"),
-    (400, 800, "light"),
-]
+LOOKS = [(1024, 768, "dark"), (1280, 800, "dark"), (1024, 768, "light"), (400, 800, "light")]
 MUST = ("time", "layer", "ink", "heat", "tip", "alarms")
 
 

@@ -5,16 +5,36 @@ from __future__ import annotations
 import io
 import json
 import math
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
-from printctl.checks.preflight import Budget
-from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from firmware_profiles import Ink, Printer, Syringe, load
+from printctl.checks.gcode_view import Pushing, read_job
+from printctl.checks.preflight import Budget, HeadLoading, volumes
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.job_start import declared_start
+from printctl.machine.printing.job_table import JobTable
+from printctl.machine.printing.journal_facts import read_so_far
+from printctl.machine.printing.progress import Filling, progress
+from printctl.machine.printing.remaining import Estimate, Remaining
+from printctl.web.errors import BadRequestError, ConflictError
+from printctl.web.job.declared_start import declared_of
+from printctl.web.job.machine import Machine, mounted_checks, set_up_of
+from printctl.web.job.print_facts import facts
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.steps_after import Ramp, flush_limit, ramped_c
+from printctl.web.job.tabulating import make_table
+from printctl.web.job.to_start import places_to
 from printctl.web.job.viability import viability
+from sim.gcode.dry_run.run import dry_run
+from tests.printctl.machine.link.jobs import load_job, parse_job
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, START, add
 
@@ -32,13 +52,6 @@ def test_what_is_no_text_or_too_large_is_refused_and_leaves_nothing(service):
     with pytest.raises(BadRequestError):
         service.upload("a.gcode", io.BytesIO(b""))
     assert not list((service.core.workspace.root / "jobs").iterdir())
-
-
-def test_the_same_file_again_does_no_harm_another_one_is_refused(service):
-    first = service.upload("a.gco", io.BytesIO(b"G1 X1\n"))
-    assert service.upload("a.gcode", io.BytesIO(b"G1 X1\n")).sha256 == first.sha256
-    with pytest.raises(ConflictError, match=r"another file a\.gcode"):
-        service.upload("a.gcode", io.BytesIO(b"G1 X2\n"))
 
 
 def test_a_job_is_checked_as_on_the_command_line_and_remembered(service):
@@ -96,19 +109,6 @@ def test_the_record_keeps_every_change_with_who(service):
     assert {one["who"] for one in kept["changes"]} == {"Ada"}
 
 
-def test_steps_are_ticked_once_and_can_be_taken_back(service):
-    job = add(service)
-    first = service.after.steps(job)[0]["id"]
-    service.after.tick(OPERATOR, job, first, True)
-    steps = service.after.tick(OPERATOR, job, first, True)
-    assert (steps[0]["done"], steps[0]["who"]) == (True, "Ada")
-    assert not service.after.tick(OPERATOR, job, first, False)[0]["done"]
-    kept = service.records.load(service.records.current(job))
-    assert [one["done"] for one in kept["steps"]] == [True, False]
-    with pytest.raises(NotFoundError):
-        service.after.tick(OPERATOR, job, "dance", True)
-
-
 def test_only_pictures_become_photos_and_are_written_anew(service):
     job = add(service)
     with pytest.raises(BadRequestError):
@@ -139,18 +139,6 @@ def test_the_clock_of_the_cells_says_whether_the_print_will_be_in_time():
     )
 
 
-def test_warming_follows_its_rate_and_never_passes_the_target():
-    assert ramped_c(20.0, 37.0, 1.0, 0.0) == 20.0
-    assert ramped_c(20.0, 37.0, 1.0, 90.0) == pytest.approx(21.5)
-    assert ramped_c(20.0, 37.0, 1.0, 1e6) == 37.0
-    assert ramped_c(40.0, 37.0, 1.0, 60.0) == 39.0
-
-
-def test_warming_wants_a_heater_that_is_there(service):
-    with pytest.raises(ConflictError, match="no heater 'bed'"):
-        Ramp(service.printing, "bed", 37.0, 1.0)
-
-
 def test_the_flush_limit_scales_poiseuille_flow_to_the_wall_shear_allowed(tmp_path):
     # One tube: wall shear 4 µ Q / (π r³), pressure drop 8 µ L Q / (π r⁴); their ratio is 2 L / r.
     r, length, mu, q = 0.25e-3, 10e-3, 1e-3, 1e-9
@@ -163,3 +151,217 @@ def test_the_flush_limit_scales_poiseuille_flow_to_the_wall_shear_allowed(tmp_pa
     assert found.vessel == "3"
     assert found.pressure_pa == pytest.approx(2.0 * 2 * length / r)
     assert flush_limit(tmp_path / "none.csv", 2.0) is None
+
+
+# --- tip travel to a job's start, and its description in the set-up
+PLACE = st.tuples(*[st.floats(0, 200)] * 3)
+
+
+@given(PLACE, PLACE, st.none() | st.floats(0, 200))
+def test_the_tip_goes_aside_only_above_all_that_is_known(tip, start, over):
+    places = places_to(tip, start, over)
+    assert places[-1] == start
+    for before, after in zip([tip, *places], places, strict=False):
+        if before[:2] != after[:2]:
+            assert before[2] == after[2] >= max(tip[2], start[2], over or 0.0)
+
+
+def test_a_job_that_declares_its_start_keeps_it_wherever_the_tip_stands():
+    machine = Machine("generic_marlin", "simulated", tip_mm=(30.0, 30.0, 30.0))
+    assert set_up_of(machine, JobSetUp(), (100.0, 100.0, 9.0)).start_mm == (100.0, 100.0, 9.0)
+    assert set_up_of(machine, JobSetUp()).start_mm == (30.0, 30.0, 30.0)
+
+
+@pytest.mark.parametrize("due", [True, False])
+def test_a_needle_that_wasnt_touched_off_refuses_the_print(due):
+    tip = JobSetUp().start_mm
+    machine = Machine("generic_marlin", "simulated", tip_mm=tip, touch_off_due=due)
+    said = JobSetUp().model_copy(update={"printer": "generic_marlin"})
+    found = [check.check for check in mounted_checks(machine, said, 1.0) if check.refuses]
+    assert found == (["needle's touch-off"] if due else [])
+
+
+# --- declared start position of a large job, found quickly
+MOVES = b"".join(b"G1 X%d Y2 F600\n" % (k % 9) for k in range(5000))
+PLACED = b"G21\nG92 X1 Y2 Z3 E0\n"
+
+
+@pytest.mark.parametrize(
+    ("data", "found"),
+    [
+        (PLACED + MOVES, (1.0, 2.0, 3.0)),
+        (PLACED + MOVES + b"G92 E0\n" + MOVES, (1.0, 2.0, 3.0)),
+        (PLACED + MOVES + b"; G92 X9 Y9 Z9\n" + MOVES, (1.0, 2.0, 3.0)),
+        (PLACED + MOVES + b"  G92 X9 Y9 Z9", (1.0, 2.0, 3.0)),
+        (MOVES + PLACED + MOVES, None),
+        (MOVES, None),
+        (b"M105\n" * 3000 + PLACED + MOVES, (1.0, 2.0, 3.0)),
+        (b"M105\n" * 3000 + MOVES + PLACED, None),
+        (b"SET_KINEMATIC_POSITION X=1 Y=2 Z=3\n" + MOVES, (1.0, 2.0, 3.0)),
+        (b"", None),
+    ],
+)
+def test_the_start_is_that_of_the_whole_job(
+    data: bytes, found: tuple[float, float, float] | None, tmp_path: Path
+) -> None:
+    path = tmp_path / "job.gcode"
+    path.write_bytes(data)
+    name = "klipper_bioprinter" if b"KINEMATIC" in data else "generic_marlin"
+    assert declared_of(path, name) == found
+    try:
+        job = load_job(path, load(Printer, name))
+        assert declared_start(job) == found
+    except LinkError:
+        assert found is None
+
+
+# --- facts of a print on the first screen, in words
+PROGRESS = {
+    "remaining_error_s": None,
+    "ends_at": 0.0,
+    "passes": False,
+    "layer": 1,
+    "layers": 2,
+    "layers_done": 0,
+    "vessels": 0,
+    "ink_ul": 1.0,
+    "ink_total_ul": 2.0,
+    "ink_left_ul": None,
+    "tip_mm": (53.5, 55.0, 10.0),
+}
+
+
+def told(state: str, **more: Any) -> dict[str, Any]:
+    about = {"time_left_s": 1.0, "ended": False, "alarms": 0, "line_errors": 0, "last_alarm": ""}
+    return {"state": state, "position_known": True, "progress": PROGRESS, **about, **more}
+
+
+@pytest.mark.parametrize(
+    ("state", "said"),
+    [
+        ("printing", "X53.50 Y55.00 Z10.00"),
+        ("pausing", "X53.50 Y55.00 Z10.00"),
+        ("paused", "raised from X53.50 Y55.00 Z10.00"),
+        ("resuming", "raised from X53.50 Y55.00 Z10.00"),
+        ("stopped", "raised from about X53.50 Y55.00 Z10.00"),
+        ("done", "X53.50 Y55.00 Z10.00"),
+    ],
+)
+def test_a_needle_that_a_pause_or_a_stop_has_raised_isn_t_told_to_be_in_the_part(state, said):
+    assert facts(told(state), None)["tip"] == said
+
+
+# --- scene of the first shown job, prepared in advance
+# --- job table, progress and remaining time, against slow oracles
+PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
+INK = load(Ink, "collagen_fresh")
+START_ESTIMATING = (50.0, 50.0, 10.0)
+
+
+def table_of(data: bytes) -> JobTable:
+    run = dry_run(data, PRINTER, START_ESTIMATING)
+    view = read_job(
+        data, "job.gcode", Pushing(PRINTER, None, "", SYRINGE.inner_mm, SYRINGE.name), None
+    )
+    volume = volumes(run, PRINTER, [HeadLoading(SYRINGE, INK, None)])
+    return make_table(parse_job(data, "job.gcode"), run, volume, view)
+
+
+def naive(data: bytes) -> tuple[list[float], list[int]]:
+    """µL and file line after each command, read line by line."""
+    area = math.pi / 4 * SYRINGE.inner_mm**2 * INK.flow_factor
+    ink, line = [0.0], [0]
+    done = 0.0
+    for number, text in enumerate(data.decode().splitlines(), start=1):
+        if text.startswith(";"):
+            continue
+        words = {word[0]: float(word[1:]) for word in text.split()[1:] if word[1:]}
+        if text.startswith("G1") and "E" in words:
+            done = max(done, words["E"] * area)  # what was taken back comes out again
+        ink.append(done)
+        line.append(number)
+    return ink, line
+
+
+def test_the_table_tells_ink_line_and_layer_of_every_command():
+    data = layered(4, 12)
+    table = table_of(data)
+    ink, line = naive(data)
+    assert len(table) == len(line) - 1
+    np.testing.assert_allclose(table.ink_ul, ink, atol=1e-9)
+    assert table.file_line.tolist() == line
+    assert table.layer_count == 4
+    assert table.layers_done[-1] == 4
+    assert (np.diff(table.time_s) >= 0).all()
+    assert table.time_s[-1] == dry_run(data, PRINTER, START_ESTIMATING).duration_s
+    lines = data.decode().splitlines()
+    written = [k for k, text in enumerate(lines, 1) if text.startswith("G1 X") and "E" in text]
+    for layer in range(4):
+        moves = written[layer * 12 : (layer + 1) * 12]
+        rows = np.flatnonzero(np.isin(table.file_line, moves))
+        assert set(table.layer[rows].tolist()) == {layer}
+        assert table.layers_done[rows[-1]] == layer + 1
+        assert table.layers_done[rows[-2]] == layer
+
+
+def test_ink_left_counts_from_the_syringe_that_was_put_in():
+    table = table_of(layered(4, 12))
+    area = math.pi / 4 * SYRINGE.inner_mm**2
+    half = len(table) // 2
+    filling = Filling(half, 5.0, area)
+    told = progress(table, len(table), 0.0, 0.0, Estimate(0.0, None, 1.0), filling)
+    used = (table.plunger_mm[-1] - table.plunger_mm[half]) * area
+    assert told.ink_left_ul == pytest.approx(5.0 * area - used)
+    assert progress(table, 3, 0.0, 0.0, Estimate(1.0, None, 1.0)).ink_left_ul is None
+
+
+def test_the_error_told_covers_19_of_20_prints():
+    rng, inside = np.random.default_rng(5), 0
+    for _ in range(300):
+        real = np.concatenate([[0.0], np.cumsum(10.0 * rng.normal(1.1, 0.2, 100))])
+        remaining = Remaining(1000.0)
+        for k in range(31):
+            remaining.saw(10.0 * k, float(real[k]))
+        told = remaining.estimate(300.0)
+        assert told.error_s is not None
+        inside += abs(real[100] - real[30] - told.remaining_s) <= told.error_s
+    assert 0.90 <= inside / 300 <= 0.99
+
+
+def test_pauses_are_left_out_of_the_time_at_work():
+    state = {"t": "state"}
+    records = [
+        {"t": "job", "sha256": "a", "started": 100.0, "at": 100.0},
+        {**state, "state": "printing", "at": 110.0},
+        {**state, "state": "pausing", "at": 150.0},
+        {**state, "state": "paused", "at": 155.0},
+        {"t": "syringe", "done": 42, "plunger_mm": 1.5, "at": 300.0},
+        {**state, "state": "resuming", "at": 400.0},
+        {**state, "state": "printing", "at": 410.0},
+    ]
+    found = read_so_far(records)
+    assert found.started == 100.0
+    assert found.active_until(425.0) == pytest.approx(55.0)
+    assert found.filled == (42, 1.5)
+    ended = read_so_far([*records, {"t": "end", "state": "done", "at": 420.0}])
+    assert ended.active_until(999.0) == pytest.approx(50.0)
+    assert read_so_far([*records, {**records[0], "at": 500.0}]).active_s == pytest.approx(40.0)
+
+
+def test_the_same_file_again_does_no_harm_another_one_is_refused(service):
+    first = service.upload("a.gco", [b"G1 X1\n"])
+    assert service.upload("a.gcode", [b"G1 X1\n"]).sha256 == first.sha256
+    with pytest.raises(ConflictError, match=r"another file a\.gcode"):
+        service.upload("a.gcode", [b"G1 X2\n"])
+
+
+def test_warming_follows_its_rate_and_never_passes_the_target():
+    assert ramped_c(20.0, 37.0, 1.0, 0.0) == 20.0
+    assert ramped_c(20.0, 37.0, 1.0, 90.0) == pytest.approx(21.5)
+    assert ramped_c(20.0, 37.0, 1.0, 1e6) == 37.0
+    assert ramped_c(40.0, 37.0, 1.0, 60.0) == 39.0
+
+
+def test_warming_wants_a_heater_that_is_there(service):
+    with pytest.raises(ConflictError, match="no heater 'bed'"):
+        Ramp(service.printing, "bed", 37.0, 1.0)

@@ -107,16 +107,17 @@ def test_updates_draw_the_new_moves_alone(page: Any, address: str) -> None:
     assert page.evaluate("view.root.dataset.drawn") == drawn
 
 
-def test_an_appended_picture_is_the_one_drawn_anew(page: Any, address: str) -> None:
-    opened(page, f"{address}/job/squares?live=true")
-    page.evaluate("view.options.ahead = 0")
-    for commands in (40, 80, 120):
-        executed(page, commands)
-    appended = picture(page)
-    page.evaluate("view.choose({})")
-    page.wait_for_timeout(1000)
-    differ = (np.abs(appended - picture(page)).max(axis=2) > 30).mean()
-    assert differ < 0.002
+def test_the_page_follows_the_servers_events(page: Any, address: str) -> None:
+    opened(page, f"{address}/job/squares?source=/events")
+    said = {"event": "print", "lines_done": 60, "lines_executed": 50, "position": [3, 4, 0.6]}
+    page.wait_for_function("view.feed.socket.readyState === 1")
+    httpx.post(f"{address}/tell", json={"event": "other"}).raise_for_status()
+    httpx.post(f"{address}/tell", json=said).raise_for_status()
+    page.wait_for_function("view.status.executed === 50")
+    httpx.post(f"{address}/tell", json=said | {"job": "other", "lines_executed": 70})
+    page.wait_for_timeout(1500)
+    assert page.evaluate("view.needle.place") == [3, 4, 0.6]
+    assert "50 of" in page.locator(".live-words").inner_text()
 
 
 def test_the_slider_hides_layers(page: Any, address: str) -> None:
@@ -128,35 +129,11 @@ def test_the_slider_hides_layers(page: Any, address: str) -> None:
     assert "layers 1 to 2 of 12" in page.locator(".live-range").inner_text()
 
 
-def test_keys_turn_and_fit_the_picture(page: Any, address: str) -> None:
-    opened(page, f"{address}/job/squares")
-    before = picture(page)
-    page.locator(".live-stage").focus()
-    for _ in range(5):
-        page.keyboard.press("ArrowRight")
-    page.wait_for_timeout(800)
-    assert (np.abs(before - picture(page)).max(axis=2) > 30).mean() > 0.02
-    page.keyboard.press("f")
-    page.wait_for_timeout(800)
-    assert (np.abs(before - picture(page)).max(axis=2) > 30).mean() < 0.005
-
-
 def test_a_job_that_cannot_be_shown_says_why_as_text(page: Any, address: str) -> None:
     page.goto(f"{address}/job/nasty")
     page.wait_for_selector(".live-problem")
     assert "writes" in page.locator(".live-problem").inner_text()
     assert page.locator(".live-view img").count() == 0
-
-
-def test_nothing_is_drawn_while_nothing_changes(page: Any, address: str) -> None:
-    opened(page, f"{address}/job/squares?live=true")
-    executed(page, 30)
-    page.evaluate(
-        "() => { window.frames_asked = 0; const ask = requestAnimationFrame;"
-        " window.requestAnimationFrame = (go) => { window.frames_asked += 1; return ask(go); }; }"
-    )
-    page.wait_for_timeout(1500)
-    assert page.evaluate("window.frames_asked") == 0
 
 
 def test_without_serious_findings_of_axe(page: Any, address: str) -> None:

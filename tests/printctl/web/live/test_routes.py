@@ -1,5 +1,4 @@
 import asyncio
-import re
 from pathlib import Path
 
 import httpx
@@ -8,7 +7,6 @@ from fastapi import FastAPI
 
 from printctl.web.live import JobSource, SceneError
 from printctl.web.live.maker_client import SceneMaker
-from printctl.web.live.modules import static_files
 from printctl.web.live.routes import router
 from tests.printctl.web.live import jobs
 from tests.printctl.web.live.oracle import read_packed
@@ -111,18 +109,6 @@ def test_a_job_that_takes_too_long_is_given_up(tmp_path: Path) -> None:
 
     with pytest.raises(SceneError, match=r"wasn't made in 0\.001 s"):
         asyncio.run(hurry())
-
-
-def test_scripts_name_each_other_by_files_that_are_there() -> None:
-    files = static_files()
-    for name, file in files.items():
-        if name == "three.js" or not name.endswith(".js"):
-            continue
-        text = file.data.decode()
-        named = re.findall(r"""^(?:import|}) .*from ['"]([^'"]+)['"];$""", text, re.MULTILINE)
-        named += re.findall(r'import\("([^"]+)"\)', text)
-        assert named or "import " not in text
-        assert [one for one in named if one.removeprefix("./") not in files] == [], name
 
 
 @pytest.mark.parametrize("name", ["live_view.js", "three.js", "live_view.css"])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from printctl.checks.gcode_view import LineMap, read_line_map
 from printctl.web.live import LiveScene, SceneError, make_scene
 from printctl.web.live.pack import pack_scene
-from printctl.web.live.scene import ACT, HEAD, LAYER, NONE, VESSEL, WIDTH
+from printctl.web.live.scene import ACT, NONE, VESSEL
 from printctl.web.live.scene_worker import write_scene
 from registration.report.gcode import Act
 from tests.printctl.machine.link.jobs import parse_job
@@ -38,20 +38,6 @@ def test_packed_numbers_are_those_of_a_plain_reader(tmp_path: Path) -> None:
     assert about["layers"] == pytest.approx([0.2, 0.4, 0.6, 0.8])
 
 
-COMMENTED = (
-    b"; begin\n(by hand)\n\nG21\nG90 (absolute)\nM82\n  \nG92 X0 Y0 Z0 E0\n"
-    b"G1 X5 E1 F600 ; one\n;G1 X9\nG1 Y5 (two) E2\n(G1 X7)\n\tM400\nG1 X0 E3\n"
-)
-
-
-def test_commands_are_counted_as_the_link_counts_them(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, COMMENTED)
-    job = parse_job(COMMENTED, "job.gcode")
-    assert scene.about["commands"] == len(job)
-    sent = [job.lines[k].split()[0:2] for k in scene.command]
-    assert sent == [[b"G1", b"X5"], [b"G1", b"Y5"], [b"G1", b"X0"]]
-
-
 LINES = st.sampled_from(
     [b"G1 X%d Y1 E%d", b"; c", b"", b"(c)", b"M400", b"G4 P1", b"  ", b"G0 Z%d.5"] + [b"M105 (c)"]
 )
@@ -71,23 +57,6 @@ def test_commands_agree_with_the_link_whatever_stands_between(
     assert scene.command[-1] == len(job) - 1
 
 
-def test_an_arc_is_several_moves_of_one_command(tmp_path: Path) -> None:
-    gcode = jobs.HEAD + b"G1 X10 E1 F600\nG2 X20 Y0 I5 J0 E2\nG1 X30 E3\n"
-    scene = scene_of(tmp_path, gcode)
-    of_arc = scene.command == 5
-    assert of_arc.sum() > 5
-    place = scene.about["low_mm"] + scene.points[:, :3] * np.array(scene.about["step_mm"])
-    reach = np.hypot(place[1:][of_arc, 0] - 15, place[1:][of_arc, 1])
-    assert reach == pytest.approx(5.0, abs=2e-3)
-
-
-def test_homing_leaves_a_gap_instead_of_a_line(tmp_path: Path) -> None:
-    gcode = b"G28\nG90\nM82\nG1 X10 Y10 Z1 F600\nG1 X20 E1\n"
-    act = scene_of(tmp_path, gcode).points[1:, ACT]
-    assert act[-1] == Act.WRITE
-    assert (act[:-1] == Act.JUMP).all()
-
-
 def test_vessels_come_from_the_map_beside_the_file(tmp_path: Path) -> None:
     gcode = jobs.squares(2)
     lines = gcode.count(b"\n")
@@ -98,15 +67,6 @@ def test_vessels_come_from_the_map_beside_the_file(tmp_path: Path) -> None:
     assert set(scene.points[1:, VESSEL].tolist()) == {3, NONE}
     assert scene.about["vessels"] == 1
     assert scene.about["passes"]
-
-
-def test_layers_heads_and_widths_stand_at_each_move(tmp_path: Path) -> None:
-    points = scene_of(tmp_path, jobs.squares(3)).points[1:]
-    writes = points[:, ACT] == Act.WRITE
-    assert set(points[writes, LAYER].tolist()) == {0, 1, 2}
-    assert (points[writes, WIDTH] > 0).all()
-    assert (points[~writes, WIDTH] == 0).all()
-    assert not points[:, HEAD].any()
 
 
 @pytest.mark.parametrize(
@@ -125,14 +85,3 @@ def test_a_file_that_cannot_be_shown_says_why(tmp_path: Path, gcode: bytes, said
     with pytest.raises(SceneError, match=said):
         write_scene(jobs.source(tmp_path, gcode))
     assert not list((tmp_path / "cache").glob("*"))
-
-
-def test_a_scene_is_made_once_and_again_for_another_file(tmp_path: Path) -> None:
-    source = jobs.source(tmp_path, jobs.squares(1))
-    first = write_scene(source)
-    made = first.stat().st_mtime_ns
-    assert write_scene(source) == first
-    assert first.stat().st_mtime_ns == made
-    other = write_scene(jobs.source(tmp_path, jobs.squares(2)))
-    assert other != first
-    assert sorted(source.cache.iterdir()) == sorted([first, other])

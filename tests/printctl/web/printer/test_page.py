@@ -118,16 +118,6 @@ def test_connect_jog_by_button_and_key_and_see_it_move(visit: Open) -> None:
     comes_to(page, 2, z + 0.1)
 
 
-def test_arrow_keys_outside_the_pad_move_nothing(visit: Open) -> None:
-    page = connected(visit())
-    before = place(page)
-    page.get_by_role("textbox", name="Command", exact=True).focus()
-    page.keyboard.press("ArrowUp")
-    page.keyboard.press("PageUp")
-    page.wait_for_timeout(1500)
-    assert place(page) == before
-
-
 def test_a_refused_move_is_explained_beside_the_pad(visit: Open) -> None:
     page = connected(visit())
     page.get_by_role("button", name="10 mm", exact=True).click()

@@ -1,71 +1,26 @@
 """Manual moves, heaters, plunger and connection, with a simulated printer."""
 
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
 import pytest
 
-from firmware_profiles import Dish, load
+from firmware_profiles import Dish, Printer, Syringe, load
 from printctl.machine.link.errors import Refused
-from printctl.machine.station import StationState
-from printctl.web.errors import ConflictError, NotFoundError, NotInControlError
+from printctl.machine.station import StationState, StationStatus, Temperature
+from printctl.web.errors import BadRequestError, ConflictError, NotInControlError
+from printctl.web.printer import following
+from printctl.web.printer.calibration_requests import CalibrationRequest, Read
+from printctl.web.printer.macros import Macro
+from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.printer.service import PrinterService
-from tests.printctl.web.printer.conftest import ME, OTHER, make_service, wait_for
-
-
-def test_without_a_printer_nothing_moves_and_the_message_says_what_to_do(
-    idle: PrinterService,
-) -> None:
-    with pytest.raises(ConflictError, match="connect one first"):
-        idle.hands.jog(ME, "x", 1.0)
-    assert idle.status.state is StationState.CLOSED
-
-
-def test_a_profile_that_is_not_there_is_refused_before_a_port_is_opened(
-    idle: PrinterService,
-) -> None:
-    with pytest.raises(NotFoundError, match="marlin_avr"):
-        idle.connect(ME, "no_such_printer", "simulated")
-
-
-def test_a_new_server_finds_the_station_again(service: PrinterService) -> None:
-    assert service.status.open
-    assert service.status.profile == "generic_marlin"
-
-
-def test_a_second_printer_is_not_connected_over_the_first(service: PrinterService) -> None:
-    with pytest.raises(ConflictError, match="disconnect it first"):
-        service.connect(ME, "marlin_avr", "simulated")
-
-
-def test_jog_moves_by_the_step_and_news_say_where_it_is(service: PrinterService) -> None:
-    before = service.status.position_mm
-    assert before is not None
-    after = service.hands.jog(ME, "x", 0.1).position_mm
-    assert after == pytest.approx((before[0] + 0.1, before[1], before[2]))
-    wait_for(
-        service,
-        lambda: service.core.events.latest["station"]["position_mm"] == pytest.approx(after),
-    )
-
-
-def test_a_move_beyond_the_axis_is_refused_with_value_and_limit(service: PrinterService) -> None:
-    with pytest.raises(Refused, match=r"-10\.00 mm is outside 0 to 200 mm"):
-        service.hands.jog(ME, "x", -10.0)
-
-
-def test_only_who_holds_the_controls_moves_but_anyone_stops(service: PrinterService) -> None:
-    service.core.controls.take(ME)
-    for refused in (
-        lambda: service.hands.jog(OTHER, "x", 1.0),
-        lambda: service.hands.heat(OTHER, "bed", 30.0),
-        lambda: service.hands.plunger(OTHER, 1.0),
-        lambda: service.hands.mount(OTHER, needle="25g"),
-        lambda: service.console.send(OTHER, "M105"),
-        lambda: service.guide.start(OTHER, "floor"),
-        lambda: service.disconnect(OTHER),
-    ):
-        with pytest.raises(NotInControlError, match="the operator holds the controls"):
-            refused()
-    assert service.stop_motion().open
+from tests.printctl.web.printer.conftest import ME, OTHER, wait_for
 
 
 def test_out_of_the_bath_is_above_the_rim_where_that_is_known(service: PrinterService) -> None:
@@ -124,11 +79,215 @@ def test_a_needle_above_a_dish_is_to_be_touched_off(service: PrinterService) -> 
     assert service.hands.mount(ME, needle="25g", dish="petri_60mm").mounted.touch_off_due
 
 
-def test_two_services_hear_the_same(service: PrinterService) -> None:
-    other = make_service(service.core.workspace.root)
+# --- console and macros of the Printer page
+def test_a_macro_holds_nothing_that_the_console_refuses(idle: PrinterService) -> None:
+    bad = Macro(name="halt", commands=("M105", "M112"))
+    with pytest.raises(BadRequestError, match="line 2: M112"):
+        idle.macros.save(ME, "generic_marlin", bad)
+    assert idle.macros.of("generic_marlin") == []
+
+
+def test_a_macro_that_was_smuggled_into_the_file_is_not_run(service: PrinterService) -> None:
+    path = service.core.workspace.private / "macros" / "generic_marlin.yaml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("macros: [{name: bad, commands: [M105, G91]}]")
+    sent = len(service.console.entries())
+    with pytest.raises(BadRequestError, match="G91"):
+        service.macros.run(ME, "bad")
+    assert len(service.console.entries()) == sent
+    path.unlink()
+
+
+# --- syringe or needle change on the Printer page
+def test_more_than_a_syringe_holds_is_refused(service: PrinterService) -> None:
+    with pytest.raises(BadRequestError, match="1000"):
+        service.changing.syringe(ME, "hamilton_1ml", "", 1500.0)
+
+
+def test_a_purge_is_slow_small_and_limited_in_all(service: PrinterService) -> None:
+    before = service.changing.syringe(ME, "hamilton_1ml", "collagen_fresh", 1000.0).ul_left
+    with pytest.raises(BadRequestError, match="at most 5"):
+        service.changing.purge(ME, 20.0)
+    with pytest.raises(BadRequestError, match=r"at most at 0\.4 µL/s"):
+        service.changing.purge(ME, 1.0, 4.0)
+    for _ in range(int(PURGE_UL / PURGE_STEP_UL)):
+        status = service.changing.purge(ME, PURGE_STEP_UL)
+    assert before is not None
+    assert status.ul_left == pytest.approx(before - PURGE_UL, abs=0.1)
+    with pytest.raises(ConflictError, match="clog"):
+        service.changing.purge(ME, 1.0)
+    service.changing.syringe(ME, "hamilton_1ml", "collagen_fresh", 1000.0)
+    assert service.changing.purged_ul == 0
+
+
+def test_another_needle_forgets_floor_and_bath(service: PrinterService) -> None:
+    service.hands.mount(ME, needle="25g", dish="petri_60mm", bath_level_mm=9.0)
+    service.guide.start(ME, "floor")
+    for _ in range(3):
+        service.guide.read(ME)
+    service.guide.use(ME)
+    status = service.changing.needle(ME, "30g")
+    assert status.mounted.needle == "30g"
+    assert status.mounted.floor_mm is None
+    assert status.mounted.bath_level_mm is None
+
+
+# --- touch-off: three readings must agree
+def test_floor_is_the_middle_reading_less_the_foil(service: PrinterService) -> None:
+    service.hands.mount(ME, needle="25g", dish="petri_60mm")
+    service.guide.start(ME, "floor", foil_mm=0.02)
+    service.hands.jog(ME, "z", 0.5)
+    service.guide.read(ME)
+    with pytest.raises(ConflictError, match="1 of 3 readings"):
+        service.guide.use(ME)
+    for step in (0.02, 0.02):
+        service.hands.jog(ME, "z", step)
+        touching = service.guide.read(ME)
+    assert touching.agrees
+    status = service.guide.use(ME)
+    assert status.mounted.floor_mm == pytest.approx(0.52 - 0.02, abs=1e-6)
+    assert service.guide.touching is None
+
+
+def test_readings_that_scatter_are_not_used(service: PrinterService) -> None:
+    service.hands.mount(ME, needle="25g", dish="petri_60mm")
+    service.guide.start(ME, "bath")
+    for _ in range(3):
+        service.hands.jog(ME, "z", 0.1)
+        service.guide.read(ME)
+    with pytest.raises(ConflictError, match="don't agree"):
+        service.guide.use(ME)
+    service.guide.read(ME)
+    service.guide.read(ME)
+    status = service.guide.use(ME)
+    assert status.mounted.bath_level_mm == pytest.approx(0.3, abs=1e-6)
+
+
+# --- ring buffer of the last ten minutes' readings
+def status(now: float, target: float | None = 0.0) -> StationStatus:
+    return StationStatus(
+        StationState.READY,
+        temperatures=(Temperature("bed", now, target),),
+        readings=("M871: 12.5 N, at most 40 N", "M872: not read yet, at most 3 kPa"),
+    )
+
+
+# --- a station that was killed, followed: heard once, and looked for again after a while
+GONE = StationStatus(StationState.LOST, "the station ended without a word")
+
+
+class Dead:
+    """What is attached to where a station was killed."""
+
+    status = GONE
+    heard = 0
+
+    def events(self) -> Iterator[StationStatus]:
+        Dead.heard += 1
+        yield GONE
+
+    def detach(self) -> None:
+        """There is nothing to detach from."""
+
+
+def test_a_dead_station_keeps_no_core_busy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its last word was read thousands of times a second, from a journal that grew."""
+    elsewhere = following.attach  # servers of other tests may still follow theirs
+    monkeypatch.setattr(
+        following, "attach", lambda folder: Dead() if folder == tmp_path else elsewhere(folder)
+    )
+    monkeypatch.setattr(following, "LOOK_AGAIN_S", 60.0)
+    told = threading.Event()
+    follower = following.Follower(tmp_path, lambda status: told.set())
+    follower.begin()
     try:
-        wait_for(other, lambda: other.status.open)
-        moved = service.hands.jog(ME, "y", 1.0).position_mm
-        wait_for(other, lambda: other.status.position_mm == moved)
+        assert told.wait(20)
+        threading.Event().wait(0.3)
+        assert follower.status is GONE
+        assert Dead.heard == 1
     finally:
-        other.close()
+        follower.end()
+
+
+# --- calibrations on the page: same results as the command line
+AT = (100.0, 100.0, 50.0)
+
+
+def weighed(share: float) -> Read:
+    """Doses of a plunger whose steps give ``share`` of what they should."""
+    syringe = load(Syringe, "hamilton_1ml")
+    area = math.pi / 4 * syringe.inner_mm**2
+    rng = np.random.default_rng(1)
+    rows = []
+    for ul in (20.0, 40.0, 60.0) * 4:
+        mass = 0.998 * ul * share + rng.normal(0, 0.02)
+        rows.append((f"{ul / area:.5f}", f"{mass:.2f}"))
+    return Read(rows=tuple(rows), printer="generic_marlin", syringe="hamilton_1ml")
+
+
+def test_a_test_lies_among_the_jobs_with_its_sheet(idle: PrinterService) -> None:
+    made = idle.calibrating.make(
+        ME, "weigh", CalibrationRequest(printer="generic_marlin", at_mm=AT)
+    )
+    job = idle.core.workspace.job_file(made.job)
+    assert made.job in idle.core.workspace.jobs()
+    assert len(made.rows) == 12
+    assert all(row[-1] == "" for row in made.rows)
+    assert job.with_suffix(".csv").read_text().startswith("travel_mm,mass_mg\n")
+    assert made.lines > 24
+
+
+def test_a_test_that_preflight_refuses_is_not_written(idle: PrinterService) -> None:
+    outside = CalibrationRequest(printer="generic_marlin", at_mm=(199.0, 100.0, 50.0), axis="x")
+    with pytest.raises(Exception, match=r"(?i)outside|exceed|x_mm"):
+        idle.calibrating.make(ME, "backlash", outside)
+    assert idle.core.workspace.jobs() == []
+
+
+def test_weighing_finds_the_steps_and_writes_a_copy_that_can_be_connected(
+    idle: PrinterService,
+) -> None:
+    read = weighed(0.9)
+    found = idle.calibrating.fit("weigh", read).lines["steps per travel, if the bore is right"]
+    steps = load(Printer, "generic_marlin").steps_per_mm.e
+    assert found.holds(steps / 0.9)
+    idle.calibrating.save(ME, read, "printer", "bench_1")
+    assert "bench_1" in idle.store.printers()
+    copy = idle.store.load(Printer, "bench_1")
+    assert copy.steps_per_mm.e == pytest.approx(steps / 0.9, rel=0.01)
+    assert "measured by printctl calibrate" in copy.source
+    idle.calibrating.save(ME, read, "syringe", "syringe_1")
+    bore = idle.store.load(Syringe, "syringe_1").inner_mm
+    assert bore == pytest.approx(load(Syringe, "hamilton_1ml").inner_mm * math.sqrt(0.9), rel=0.01)
+
+
+def test_a_copy_does_not_take_a_shipped_name_or_leave_its_folder(
+    idle: PrinterService, tmp_path: Path
+) -> None:
+    before = sorted(tmp_path.rglob("*.yaml"))
+    with pytest.raises(ConflictError, match="another"):
+        idle.calibrating.save(ME, weighed(0.9), "printer", "generic_marlin")
+    with pytest.raises(BadRequestError):
+        idle.calibrating.save(ME, weighed(0.9), "printer", "../evil")
+    assert sorted(tmp_path.rglob("*.yaml")) == before
+
+
+def test_a_second_printer_is_not_connected_over_the_first(service: PrinterService) -> None:
+    with pytest.raises(ConflictError, match="disconnect it first"):
+        service.connect(ME, "marlin_avr", "simulated")
+
+
+def test_only_who_holds_the_controls_moves_but_anyone_stops(service: PrinterService) -> None:
+    service.core.controls.take(ME)
+    for refused in (
+        lambda: service.hands.jog(OTHER, "x", 1.0),
+        lambda: service.hands.heat(OTHER, "bed", 30.0),
+        lambda: service.hands.plunger(OTHER, 1.0),
+        lambda: service.hands.mount(OTHER, needle="25g"),
+        lambda: service.console.send(OTHER, "M105"),
+        lambda: service.guide.start(OTHER, "floor"),
+        lambda: service.disconnect(OTHER),
+    ):
+        with pytest.raises(NotInControlError, match="the operator holds the controls"):
+            refused()
+    assert service.stop_motion().open

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import stat
 import zipfile
+import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
 
-from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.errors import BadRequestError, NotFoundError
+from printctl.web.scan import unpacked_size
+from printctl.web.scan.findings import alignment, findings
+from printctl.web.scan.slices import TINT, Slices, picture, plane
 from printctl.web.scan.store import ScanStore, scan_name
+from printctl.web.scan.unpacked_size import refuse_growth
+from printctl.web.scan.unpacking import unpack_stack
 from printctl.web.workspace import Workspace
-from registration.files.readers import ScanOverrides, read_scan
+from registration.files.readers import ScanOverrides, read_scan, write_scan_tiff
+from registration.scan import Scan
 
 
 @pytest.fixture
@@ -104,18 +113,6 @@ def test_more_than_is_taken_is_refused_as_it_comes(store: ScanStore) -> None:
     assert _files(store) == []
 
 
-def test_slices_that_differ_are_refused(store: ScanStore) -> None:
-    one, two = np.zeros((4, 6), np.uint8), np.zeros((4, 7), np.uint8)
-    with pytest.raises(BadRequestError, match=r"1\.tif: 4 × 6 of uint8; 2\.tif: 4 × 7"):
-        store.take("s.zip", io.BytesIO(_zip({"1.tif": _tiff(one), "2.tif": _tiff(two)})))
-
-
-def test_a_taken_name_is_refused(store: ScanStore) -> None:
-    store.take("a.tif", io.BytesIO(b"x"))
-    with pytest.raises(ConflictError, match="already"):
-        store.take("a.tif", io.BytesIO(b"y"))
-
-
 @pytest.mark.parametrize(
     ("name", "ours"),
     [
@@ -135,16 +132,166 @@ def test_what_cant_be_a_scans_name_is_refused(name: str) -> None:
         scan_name(name)
 
 
+# --- decompression bombs: scans that unpack to far more than was sent are refused
+MOST = 10**10
+SIZE = 2_600_000
+
+
+def zeros(level: int = 31) -> bytes:
+    packer = zlib.compressobj(9, zlib.DEFLATED, level)
+    piece = bytes(100_000)
+    return b"".join(packer.compress(piece) for _ in range(SIZE // 10**5)) + packer.flush()
+
+
+@pytest.fixture(autouse=True)
+def _growth_is_looked_at_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From 2 MB on, not from 200: to pack what grows so far takes seconds."""
+    monkeypatch.setattr(unpacked_size, "_RATIO_FROM", 2_000_000)
+
+
+@pytest.fixture(scope="module")
+def packed() -> bytes:
+    return zeros()
+
+
+def test_a_gzip_that_grows_is_refused(tmp_path: Path, packed: bytes) -> None:
+    (tmp_path / "scan.nii.gz").write_bytes(packed)
+    with pytest.raises(BadRequestError, match="more than 200 times its size"):
+        refuse_growth(tmp_path / "scan.nii.gz", MOST)
+
+
+def test_what_follows_a_small_gzip_stream_counts_as_well(tmp_path: Path, packed: bytes) -> None:
+    (tmp_path / "scan.nii.gz").write_bytes(gzip.compress(b"first") + packed)
+    with pytest.raises(BadRequestError, match="more than 200 times its size"):
+        refuse_growth(tmp_path / "scan.nii.gz", MOST)
+
+
+def test_an_nrrd_with_gzip_inside_is_refused(tmp_path: Path, packed: bytes) -> None:
+    head = b"NRRD0004\ntype: uint8\nencoding: gzip\n\n"
+    (tmp_path / "scan.nrrd").write_bytes(head + packed)
+    with pytest.raises(BadRequestError, match="more than 200 times its size"):
+        refuse_growth(tmp_path / "scan.nrrd", MOST)
+
+
+def test_zips_that_grow_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scan.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("slice.tif", bytes(SIZE))
+    with pytest.raises(BadRequestError, match="more than 200 times its size"):
+        refuse_growth(path, MOST)
+    with pytest.raises(BadRequestError, match="more than 200 times its size"):
+        unpack_stack(path, tmp_path / "out", MOST)
+
+
+# --- slice pictures of a scan, against plain NumPy
+SHAPE = (5, 7, 9)
+
+
+def _scan() -> Scan:
+    volume = np.arange(np.prod(SHAPE), dtype=np.uint16).reshape(SHAPE)
+    return Scan(
+        volume=volume,
+        voxel_mm=(0.04, 0.03, 0.02),
+        refractive_index=1.0,
+        optical_depth=False,
+        scale="linear",
+        modality="microct",
+        depth_down=False,
+        came_from=Path("scan"),
+    )
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    place = tmp_path / "scan.tif"
+    write_scan_tiff(place, _scan())
+    return place
+
+
+@pytest.mark.parametrize("index", [0, 2, 4])
+def test_slices_are_those_of_the_volume(index: int) -> None:
+    volume = _scan().volume
+    np.testing.assert_array_equal(plane(volume, "z", index), volume[index])
+    np.testing.assert_array_equal(plane(volume, "y", index), volume[:, index])
+    np.testing.assert_array_equal(plane(volume, "x", index), volume[:, :, index])
+
+
+def test_what_is_above_the_threshold_is_tinted() -> None:
+    image = np.array([[0.0, 10.0], [20.0, 30.0]])
+    seen = picture(image, 0.0, 30.0, threshold=20.0)
+    np.testing.assert_array_equal(seen[0, 1], [85, 85, 85])
+    np.testing.assert_array_equal(seen[1, 1], [(255 + part) // 2 for part in TINT])
+    assert (seen[1, 0] != seen[1, 0, 0]).any()
+
+
+def test_a_changed_scan_is_read_again(path: Path) -> None:
+    slices = Slices()
+    before = slices.open(path)
+    path.with_suffix(".json").write_text('{"modality": "confocal"}')
+    assert before.scan.modality == "microct"
+    assert slices.open(path).scan.modality == "confocal"
+
+
+# --- registration findings in words
+def _turned(degrees: float) -> list[list[float]]:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return [[c, -s, 0, 1.5], [s, c, 0, -2.25], [0, 0, 1, 0.125], [0, 0, 0, 1]]
+
+
+NUMBERS: dict[str, Any] = {
+    "transform_scan_to_part": _turned(30.0),
+    "scale": [0.99, 1.0, 1.01],
+    "interval_95": {"rotation_deg": [0.01, 0.02], "shift_um": [1.0, 4.0], "scale": [0.001]},
+    "rigid": {"rms_um": 30.5, "p95_um": 75.4},
+    "ambiguity": {"flag": False},
+    "vessels": [
+        {
+            "vessel": 0,
+            "designed_um": 1000,
+            "measured_um": 980,
+            "error_percent": -2,
+            "open": True,
+            "decision": "pass",
+        },
+        {
+            "vessel": 1,
+            "designed_um": 400,
+            "measured_um": 300,
+            "error_percent": -25,
+            "open": True,
+            "decision": "fail",
+        },
+        {"vessel": 2, "designed_um": 400, "measured_um": 100, "error_percent": -75, "open": False},
+        {"vessel": 3, "designed_um": 400, "measured_um": None, "open": None},
+    ],
+    "verdict": {"passed": False, "reasons": ["Vessel 2 is closed"]},
+}
+
+
+def test_pose_scales_and_intervals_are_told_with_units() -> None:
+    said = dict(alignment(NUMBERS))
+    assert said["Turned by"] == "30.00° (± 0.02 °, 95 %)"
+    assert said["Shifted by x, y, z"] == "1.500, −2.250, 0.125 mm (± 4 µm, 95 %)"
+    scale = said["Part against design along x, y, z"]
+    assert scale == "99.00 %, 100.00 %, 101.00 % (± 0.1 %, 95 %)"
+    assert said["Pose"] == "unambiguous"
+    assert said["RMS deviation, rigid fit"] == "30.5 µm; 95 % of it within 75.4 µm"
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]"])
+def test_without_a_registration_there_are_none(tmp_path: Path, text: str) -> None:
+    (tmp_path / "registration.json").write_text(text)
+    with pytest.raises(NotFoundError, match="no scan is registered"):
+        findings(tmp_path)
+
+
 @pytest.mark.parametrize("scan", ["file~../x", "file~", "run~../..", "x", "file~a/b", "file~.x"])
 def test_scans_elsewhere_arent_found(store: ScanStore, scan: str) -> None:
     with pytest.raises((BadRequestError, NotFoundError)):
         store.path(scan)
 
 
-def test_what_is_said_goes_with_the_scan(store: ScanStore) -> None:
-    scan = store.take("a.tif", io.BytesIO(b"x"))
-    store.say(scan, ScanOverrides(voxel_mm=(0.03, 0.02, 0.01), modality="oct"))
-    assert store.said(scan) == {"voxel_mm": [0.03, 0.02, 0.01], "modality": "oct"}
-    assert [row.scan for row in store.rows()] == [scan]
-    store.delete(scan)
-    assert _files(store) == []
+def test_more_than_is_taken_is_refused_at_any_ratio(tmp_path: Path) -> None:
+    (tmp_path / "scan.nii.gz").write_bytes(gzip.compress(bytes(range(256)) * 8000))
+    with pytest.raises(BadRequestError, match="at most 1 MB"):
+        refuse_growth(tmp_path / "scan.nii.gz", 10**6)

@@ -175,17 +175,6 @@ def assert_targets_are_large(page: Any, size: dict[str, int]) -> None:
     page.evaluate("window.scrollTo(0, 0)")
 
 
-@pytest.mark.slow
-def test_the_theme_is_remembered(served: Any, browser: Any) -> None:
-    page = logged_in(browser.new_context(color_scheme="light"), f"{served[0].url}/printer")
-    page.click("#pc-theme")
-    page.click("#pc-theme")
-    page.wait_for_selector("#pc-theme:has-text('dark')")
-    page.goto(f"{served[0].url}/history")
-    page.wait_for_selector("body.body--dark")
-    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
-
-
 def test_a_script_that_slips_into_a_page_does_not_run(browser: Any, printer_page: Any) -> None:
     page = printer_page
     page.evaluate(

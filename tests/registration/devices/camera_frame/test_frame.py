@@ -28,7 +28,6 @@ from registration.devices.camera_frame import (
 )
 from registration.devices.camera_frame.frame import project
 from registration.devices.camera_frame.insert import Process
-from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.slower import first_rows

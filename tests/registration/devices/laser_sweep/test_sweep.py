@@ -12,15 +12,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from registration.devices.laser_sweep import (
-    fit_laser,
-    read_laser,
-    sweep_heights,
-    trace,
-)
+from registration.devices.laser_sweep import fit_laser, read_laser, sweep_heights, trace
 from registration.devices.laser_sweep.pictures import sweep_pictures
 from registration.devices.laser_sweep.profiles import line_middles, straight_line
-from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.registration.devices.laser_sweep import sweeps

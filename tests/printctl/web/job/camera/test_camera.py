@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
-from printctl.errors import UsageError
-from printctl.web.job.camera.camera import CameraProcess, CameraState, source_of
-from tests.printctl.web.job.camera.pictures import BLUE, RED, film, seen_colour, sequence, until
+from printctl.machine.link import LinkState
+from printctl.machine.printing.films import film_file, frames_folder
+from printctl.web.core import Core
+from printctl.web.job.camera import timelapse
+from printctl.web.job.camera.camera import CameraProcess, CameraState
+from printctl.web.job.camera.film import MOST_FRAMES, write_film
+from printctl.web.job.camera.timelapse import LEAVE_FREE_BYTES, limit_reached
+from printctl.web.job.service import JobService
+from tests.printctl.web.job.camera.pictures import BLUE, RED, seen_colour, sequence, until
+from tests.printctl.web.job.conftest import OPERATOR, add, ready
 from tests.printctl.web.serving import served
 
 
@@ -35,16 +42,6 @@ def test_pictures_come_one_after_another(camera):
     assert (blue, green, red) == pytest.approx(BLUE, abs=6)
     until(lambda: camera.seen.still.number > 10)  # the sequence of four begins anew
     assert camera.seen.state == "there"
-
-
-def test_a_large_film_is_made_smaller(tmp_path, told):
-    camera = CameraProcess(film(tmp_path / "film.avi"), told.append, apart_s=0.05)
-    try:
-        still = until(lambda: camera.seen.still)
-        with Image.open(io.BytesIO(still.jpeg)) as picture:
-            assert picture.size == (1280, 960)
-    finally:
-        camera.close()
 
 
 def test_a_lost_camera_is_told_of_and_found_again(camera, told, tmp_path):
@@ -75,13 +72,6 @@ def test_a_password_in_an_address_is_not_told(told):
         camera.close()
 
 
-def test_a_source_that_can_be_nothing_is_refused(tmp_path):
-    assert source_of("0") == "0"
-    assert source_of(str(tmp_path / "frames_%03d.png")) == str(tmp_path / "frames_%03d.png")
-    with pytest.raises(UsageError, match="no folder"):
-        source_of(str(tmp_path / "nowhere" / "film.avi"))
-
-
 def test_the_still_is_served_fresh_and_only_where_there_is_a_camera(tmp_path):
     with served(tmp_path / "without").client() as client:
         client.get("/printer")
@@ -99,3 +89,76 @@ def test_the_still_is_served_fresh_and_only_where_there_is_a_camera(tmp_path):
         refused = client.get("/api/v1/camera/still")
         assert refused.status_code == 409
         assert "no picture from" in refused.json()["message"]
+
+
+# --- time-lapse of a print on the simulated printer, with a video file as camera
+WORDS = "generic_marlin on simulated"
+
+
+@pytest.fixture
+def core(core: Core, tmp_path: Path) -> Core:
+    source = sequence(tmp_path / "seen")
+    return replace(core, settings=replace(core.settings, camera=source))
+
+
+def ended(service: JobService, job: str):
+    heard = service.heard(job)
+    return heard if heard is not None and heard.status.state is LinkState.DONE else None
+
+
+@pytest.mark.slow
+def test_a_print_leaves_a_picture_a_layer_and_a_film(core, service, station):
+    job = add(service, layers=6)
+    until(lambda: service.watching.seen().state == "there")
+    service.start(OPERATOR, job, ready(service, job), WORDS)
+    heard = until(lambda: ended(service, job), 60.0)
+    folder = frames_folder(heard.folder, heard.journal.started)
+    kept = until(lambda: sorted(path.name for path in folder.glob("*.jpg")))
+    film = film_file(heard.folder, heard.journal.started)
+    until(film.is_file)
+    kept = sorted(path.name for path in folder.glob("*.jpg"))
+    assert kept[0] == "000001.jpg"
+    assert 4 <= len(kept) <= 7  # six layers and the end; the first may end before it is followed
+    told = service.watching.timelapse(job, heard)
+    assert (told.frames, told.film, told.message) == (len(kept), True, "")
+    assert service.watching.film(job, heard) == film
+    with Image.open(film) as seen:
+        assert seen.format == "WEBP"
+        assert seen.size == (320, 240)
+    again = JobService(replace(core, settings=replace(core.settings, camera=None)))
+    try:
+        assert again.watching.timelapse(job, again.heard(job)).film
+    finally:
+        again.close()
+
+
+def pictures(folder: Path, count: int, size: tuple[int, int] = (64, 48)) -> Path:
+    folder.mkdir()
+    for k in range(count):
+        shade = Image.new("RGB", size, (k * 37 % 256, k * 91 % 256, 200))
+        shade.save(folder / f"{k + 1:06d}.jpg")
+    return folder
+
+
+def test_a_long_film_takes_pictures_evenly_from_first_to_last(tmp_path):
+    folder = pictures(tmp_path / "frames", MOST_FRAMES + 50, (8, 8))
+    assert write_film(folder, tmp_path / "film.webp") == MOST_FRAMES
+    with Image.open(tmp_path / "film.webp") as film:
+        film.seek(film.n_frames - 1)
+        last = MOST_FRAMES + 49
+        shade = film.convert("RGB").getpixel((4, 4))
+        assert shade == pytest.approx((last * 37 % 256, last * 91 % 256, 200), abs=12)
+
+
+def test_the_pictures_have_a_limit_of_number_size_and_disk(tmp_path, monkeypatch):
+    kept = sorted(pictures(tmp_path / "frames", 3).glob("*.jpg"))
+    size = sum(path.stat().st_size for path in kept)
+    much = 10 * LEAVE_FREE_BYTES
+    assert limit_reached(kept, 100, much) == ""
+    assert "MB are free" in limit_reached(kept, 100, LEAVE_FREE_BYTES + 99)
+    monkeypatch.setattr(timelapse, "MOST_FRAMES", 3)
+    assert "3 are there, the most" in limit_reached(kept, 100, much)
+    monkeypatch.setattr(timelapse, "MOST_FRAMES", 4)
+    monkeypatch.setattr(timelapse, "MOST_BYTES", size + 99)
+    assert "the most" in limit_reached(kept, 100, much)
+    assert limit_reached(kept, 99, much) == ""

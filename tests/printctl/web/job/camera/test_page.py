@@ -12,7 +12,7 @@ import pytest
 from printctl.machine.link import LinkState
 from printctl.web.core import Core
 from printctl.web.job.service import JobService
-from tests.printctl.web.job.camera.pictures import film, sequence, until
+from tests.printctl.web.job.camera.pictures import sequence, until
 from tests.printctl.web.job.conftest import OPERATOR, add, ready
 from tests.printctl.web.serving import server_process
 from tests.printctl.web.shell.browsers import WIDE, serious, shown
@@ -75,13 +75,3 @@ def test_the_camera_is_seen_lost_and_found_and_the_film_plays(
         page = shown(browser, f"{server.url}/job?job=file~a.gcode")
         page.get_by_text("Set-up and preflight").wait_for()
         assert page.get_by_role("heading", name="Camera").count() == 0
-
-
-@pytest.mark.slow
-def test_a_camera_of_another_kind_is_shown(core: Core, browser: Any, tmp_path: Path) -> None:
-    workspace = core.workspace.root
-    (workspace / "jobs" / "a.gcode").write_text("G90\nG1 X50 Y50 Z10 F600\n")
-    source = film(tmp_path / "film.avi")
-    with server_process(workspace, "--camera", source) as server:
-        page = shown(browser, f"{server.url}/job")
-        page.wait_for_function(f"{_WIDTH} === 1280")

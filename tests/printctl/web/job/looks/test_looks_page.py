@@ -24,10 +24,7 @@ pytestmark = [
 @pytest.mark.slow
 def test_a_look_that_asks_is_shown_and_approved(browser: Any, tmp_path: Path) -> None:
     workspace = Workspace(tmp_path / "workspace").make()
-    with (
-        print_held_for_a_look(workspace) as client,
-        server_process(workspace.root) as server,
-    ):
+    with print_held_for_a_look(workspace) as client, server_process(workspace.root) as server:
         folder = workspace.print_folder(JOB)
         page = shown(browser, f"{server.url}/job?job={JOB}", viewport=WIDE)
         page.get_by_text("Look 1 at the end of layer 1", exact=True).wait_for()
