@@ -4,9 +4,6 @@ import re
 from functools import cache
 from pathlib import Path
 
-from printctl.failures import message_and_code
-from sim.errors import GcodeError
-
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("firmware_profiles", "design", "sim", "registration", "printctl")
 QUESTIONS = "## Questions that aren't errors"
@@ -41,12 +38,3 @@ def test_every_public_error_is_in_the_faq():
 
 def test_the_faq_has_no_error_that_is_gone():
     assert entries() - error_classes() == set()
-
-
-def test_errors_are_found_at_all():
-    assert {"RecipeError", "PortLost", "RootError", "GcodeError", "DyeError"} <= error_classes()
-    assert len(error_classes()) > 35
-
-
-def test_a_fault_of_the_simulator_leaves_as_a_message():
-    assert message_and_code(GcodeError("a binary file")) == ("a binary file", 2)

@@ -23,24 +23,12 @@ def test_area_is_the_inverse_of_width(model, area, height):
     assert bead.area(bead.width(np.array([area]), height), height) == pytest.approx(area)
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_more_ink_is_wider_and_none_has_no_width(model):
-    area = np.linspace(0, 0.05, 500)
-    width = BeadSection(model).width(area, 0.06)
-    assert width[0] == 0
-    assert (np.diff(width) > 0).all()
-
-
 def test_a_rounded_line_is_a_band_between_half_circles_and_round_where_it_is_small():
     height = 0.06
     band = (0.15 - height) * height + math.pi / 4 * height**2
     small = math.pi / 4 * 0.03**2
     found = BeadSection().width(np.array([band, small]), height)
     assert found == pytest.approx([0.15, 0.03])
-
-
-def test_a_measured_line_is_so_many_micrometres_wider_than_area_over_height():
-    assert BeadSection(20.0).width(np.array([0.15 * 0.06]), 0.06) == pytest.approx([0.17])
 
 
 def test_lines_apart_by_their_spacing_fill_a_layer():

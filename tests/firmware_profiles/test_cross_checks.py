@@ -14,7 +14,6 @@ from firmware_profiles import (
     Needle,
     Plate,
     Printer,
-    ProfileError,
     Syringe,
     load,
     profile_doubts,
@@ -99,10 +98,3 @@ def test_a_starting_value_that_is_no_key_is_refused_for_every_sort() -> None:
         changed(Bath, "gelatin_support", starting_values=["yield_stress"])
     with pytest.raises(ValueError, match=r"steps_per_mm\.u"):
         changed(Printer, "generic_marlin", starting_values=["steps_per_mm.u"])
-
-
-def test_a_round_dish_is_round() -> None:
-    with pytest.raises(ValueError, match="round dish"):
-        changed(Dish, "petri_60mm", inner_y_mm=50)
-    with pytest.raises(ProfileError, match="no dish profile"):
-        load(Dish, "bucket")

@@ -28,10 +28,6 @@ def test_every_shipped_profile_loads_and_names_its_source(model: type[Facts], na
     assert load(model, name).source
 
 
-def test_every_sort_ships_at_least_one() -> None:
-    assert {model for model, _ in SHIPPED} == set(MODELS)
-
-
 def test_unknown_name_lists_the_shipped_ones() -> None:
     with pytest.raises(ProfileError, match="hamilton_1ml"):
         load(Syringe, "no_such")
@@ -43,10 +39,6 @@ def _needle(tmp_path: Path, **changes: object) -> str:
     path = tmp_path / "needle.yaml"
     path.write_text("\n".join(lines))
     return str(path)
-
-
-def test_own_file_is_loaded_by_path(tmp_path: Path) -> None:
-    assert load(Needle, _needle(tmp_path)).inner_mm == 0.1
 
 
 @pytest.mark.parametrize(
@@ -67,11 +59,6 @@ def test_wrong_value_is_refused_with_its_key(
 ) -> None:
     with pytest.raises(ProfileError, match=message):
         load(Needle, _needle(tmp_path, **changes))
-
-
-def test_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="doesn't exist"):
-        load(Needle, str(tmp_path / "none.yaml"))
 
 
 @pytest.mark.parametrize("name", shipped(Printer))

@@ -11,9 +11,6 @@ from design.solids.solid import Solid
 from kernels.arrays import FloatArray
 from registration.alignment import Alignment, AlignmentOptions, align
 from registration.alignment.distance import ModelSurface
-from registration.alignment.freedoms import loose_freedoms
-from registration.alignment.motion import motion_words, orientation_words
-from registration.alignment.rotations import spread_rotations
 from registration.errors import AlignmentError
 from tests.registration.parts import corners, planar_construct, rod, solid
 from tests.registration.test_alignment import surface_points
@@ -119,14 +116,6 @@ def test_one_mark_tells_where_it_is_seen_and_is_asked_for_where_it_is_not() -> N
     assert any("x 1." in doubt and "wasn't seen" in doubt for doubt in found.doubts), found.doubts
 
 
-@pytest.mark.parametrize("off_mm", first_of([0.18, 0.24, 0.29]))
-def test_a_face_that_is_off_never_leaves_a_pose_sure(construct: Solid, off_mm: float) -> None:
-    points = surface_points(construct, 20_000, 7)
-    points[points[:, 2] < 0.05, 2] -= off_mm
-    found, _ = aligned(construct, points, UPRIGHT)
-    assert found.ambiguous
-
-
 @pytest.mark.slow
 def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
     points = surface_points(construct, 20_000, 7)
@@ -143,40 +132,3 @@ def test_a_ragged_face_does_not_pull_the_pose(construct: Solid) -> None:
     points[top, 2] -= np.random.default_rng(8).uniform(0, 0.3, int(top.sum()))
     _, error = aligned(construct, points, UPRIGHT)
     assert error < 0.02
-
-
-def test_depth_of_a_part_on_its_side_is_its_own_axis(construct: Solid) -> None:
-    points = surface_points(construct, 20_000, 9)
-    found, _ = aligned(construct, points, Rotation.from_euler("y", 90, degrees=True).as_matrix())
-    assert found.depth_axis == 0
-    assert found.depth_fitted
-
-
-def test_cover_leaves_no_orientation_farther_than_a_descent_reaches() -> None:
-    turns = Rotation.from_matrix(spread_rotations(1500)).as_quat()
-    other = Rotation.random(300, random_state=0).as_quat()
-    apart = 2 * np.arccos(np.clip(np.abs(other @ turns.T), 0, 1)).min(axis=1)
-    assert np.rad2deg(apart).max() < 20
-
-
-def test_motions_and_lays_in_words() -> None:
-    half = np.diag([-1.0, -1.0, 1.0, 1.0])
-    assert motion_words(half, np.zeros(3)) == "a half turn about z"
-    moved = replace_shift(np.eye(4), [0, 1.5, 0])
-    assert motion_words(moved, np.zeros(3)) == "a shift of 1.50 mm along y"
-    assert motion_words(np.diag([-1.0, 1, 1, 1]), np.zeros(3)) == "mirrored along x"
-    assert orientation_words(np.array([0, 0, 1.0])).startswith(
-        "turned over (light entered at its low z"
-    )
-
-
-def replace_shift(motion: FloatArray, shift: list[float]) -> FloatArray:
-    motion[:3, 3] = shift
-    return motion
-
-
-def test_a_direction_without_information_is_loose() -> None:
-    covariance = np.diag([1e-10, 1e-10, 1e-10, 1e-6, 0.25, 1e-6])
-    (only,) = loose_freedoms(covariance, np.array([[0, 0, 0], [10.0, 6, 3]]))
-    assert only.words == "its place along y"
-    assert only.half_mm == pytest.approx(1.96 * 0.5, rel=1e-3)

@@ -14,7 +14,6 @@ from registration.measuring.gauging import (
     ScannedSurface,
     deviations,
     hausdorff_p95_um,
-    share_within,
     summarise,
     surface_points,
 )
@@ -88,29 +87,6 @@ def test_missing_hole_shows_only_on_the_way_back() -> None:
     # The middle of the bore lies a whole radius from the nearest scanned surface.
     assert back.max_um == pytest.approx(1e3 * (1 - 0.3), abs=60)
     assert back.mean_um < -50
-
-
-def test_points_are_spread_by_area() -> None:
-    box = ModelSurface.of(solid(manifold3d.Manifold.cube((4.0, 1.0, 1.0))))
-    points = surface_points(box, 9000)
-    on_end = np.isclose(points[:, 0], 0).mean()
-    assert on_end == pytest.approx(1 / 18, abs=0.003)
-    top = points[np.isclose(points[:, 2], 1)]
-    counts, _, _ = np.histogram2d(top[:, 0], top[:, 1], bins=(8, 2))
-    assert counts.min() > 0.8 * counts.mean()
-    np.testing.assert_array_equal(points, surface_points(box, 9000))
-
-
-def test_share_within_any_tolerance() -> None:
-    deviation = np.array([-0.03, 0.01, 0.02, 0.06])
-    assert share_within(deviation, 15) == 0.25
-    assert summarise(deviation, (15.0, 60.0)).within == {15.0: 0.25, 60.0: 1.0}
-
-
-def test_nothing_measured_is_nan_not_zero() -> None:
-    empty = np.empty(0)
-    assert np.isnan(summarise(empty).rms_um)
-    assert np.isnan(hausdorff_p95_um(empty, np.ones(3)))
 
 
 def test_way_back_is_exact_in_any_frame() -> None:

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from design.geometry import boxes_of, build_hierarchy
 from kernels.arrays import FloatArray
 from registration.alignment.distance import ModelSurface, distance_grid
 from tests.registration.parts import planar_construct, planar_distance, solid
@@ -53,23 +52,6 @@ def test_sign_is_right_all_over_a_part_with_lumens_and_sharp_edges() -> None:
     np.testing.assert_array_equal(found[clear] < 0, truth[clear] < 0)
 
 
-def test_direction_is_the_gradient_of_the_distance() -> None:
-    surface = ModelSurface.of(planar_construct())
-    points = np.random.default_rng(2).uniform([0, 0, 0], [16, 8, 3], (300, 3))
-    here = surface.query(points)
-    ahead = surface.query(points + 1e-5 * here.direction).distance
-    back = surface.query(points - 1e-5 * here.direction).distance
-    np.testing.assert_allclose((ahead - back) / 2e-5, 1.0, atol=0.02)
-
-
-def test_point_on_the_surface_gets_the_outward_normal() -> None:
-    found = ModelSurface.of(solid(manifold3d.Manifold.cube((2, 2, 2)))).query(
-        np.array([[2.0, 1.1, 0.7]])
-    )
-    assert found.distance[0] == pytest.approx(0, abs=1e-12)
-    np.testing.assert_allclose(found.direction[0], [1, 0, 0], atol=1e-12)
-
-
 def test_grid_holds_the_exact_distances_at_its_points() -> None:
     surface = ModelSurface.of(solid(manifold3d.Manifold.cube((2, 1, 1))))
     grid = distance_grid(surface, margin_mm=1.0, finest_mm=0.25)
@@ -78,24 +60,3 @@ def test_grid_holds_the_exact_distances_at_its_points() -> None:
     assert (corner >= surface.bounds[1] + 1.0 - 1e-9).all()
     point = grid.origin_mm + grid.step_mm * np.array([3, 5, 2])
     assert grid.values[2, 5, 3] == pytest.approx(surface.query(point[None]).distance[0], abs=1e-6)
-
-
-def test_grid_grows_coarser_instead_of_too_large() -> None:
-    surface = ModelSurface.of(solid(manifold3d.Manifold.cube((20, 20, 20))))
-    assert distance_grid(surface, 1.0, 0.1, most=8000).values.size < 12_000
-
-
-def test_tree_of_triangles_that_double_in_size_is_no_deeper_than_a_search_holds() -> None:
-    size = 2.0 ** np.arange(-400, 400)
-    triangles = size[:, None, None] * (np.eye(3) + 1.0)
-    boxes, nodes, order = build_hierarchy(boxes_of(triangles))
-    depth = np.zeros(len(nodes), dtype=np.int64)
-    for node in range(len(nodes)):
-        first, last = nodes[node]
-        if first >= 0:
-            depth[[first, last]] = depth[node] + 1
-    assert depth.max() <= 64
-    assert sorted(order) == list(range(len(size)))
-    assert (
-        boxes[0].reshape(2, 3) == [triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))]
-    ).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from registration.segmentation.even_light import GLARE, even_signal, running_median, without_glare
+from registration.segmentation.even_light import even_signal
 from registration.segmentation.working import Working
 
 FloatVolume = NDArray[np.float32]
@@ -45,14 +45,6 @@ def test_a_focus_in_the_gel_is_evened_out_from_top_to_foot() -> None:
     assert (level[inside] < 0.5).mean() > 0.1
 
 
-def test_liquid_stays_liquid() -> None:
-    level = np.ones((100, 70, 70), dtype=np.float32)
-    signal = speckle(level)
-    share = signal / even_signal(signal, np.ones_like(level), working())
-    assert share[:10].mean() < 0.06
-    assert share[90:].mean() < 0.06
-
-
 def test_hazy_liquid_in_a_thin_lumen_is_no_dim_gel() -> None:
     """The level of gel beside it came down to the liquid's: half of that is too narrow a lumen."""
     size = np.array([0.036, 0.06, 0.06])
@@ -63,21 +55,3 @@ def test_hazy_liquid_in_a_thin_lumen_is_no_dim_gel() -> None:
     grid = Working((1, 1, 1), np.ones(3), size[::-1].copy(), np.zeros(3), 0.05)
     light = even_signal(signal.astype(np.float32), np.ones(off.shape, np.float32), grid)
     assert light[off < 0.35].mean() == pytest.approx(1.0, abs=0.05)
-
-
-def test_a_bright_line_of_a_face_is_cut_off_and_gel_beside_it_is_not() -> None:
-    signal = speckle(np.ones((100, 70, 70), dtype=np.float32))
-    signal[15:17, 10:60, 10:60] *= 10
-    signal[83:85, 10:60, 10:60] *= 10
-    dull = without_glare(signal, STEP_MM)
-    lines = np.concatenate([dull[15:17, 14:56, 14:56], dull[83:85, 14:56, 14:56]])
-    assert lines.max() < 1.2 * GLARE
-    assert dull[20:80, 14:56, 14:56].mean() > 0.97 * signal[20:80, 14:56, 14:56].mean()
-
-
-@pytest.mark.parametrize(("depth", "half"), [(30, 3), (6, 9), (50, 1)])
-def test_running_median_is_numpys_also_of_equal_values_and_short_volumes(depth, half) -> None:
-    values = np.random.default_rng(0).random((depth, 5, 7)).round(1).astype(np.float32)
-    around = np.arange(-half, half + 1)
-    naive = [np.median(values[np.clip(z + around, 0, depth - 1)], axis=0) for z in range(depth)]
-    np.testing.assert_array_equal(running_median(values, half), naive)

@@ -40,12 +40,6 @@ def away(x: float, y: float) -> np.ndarray:
     return np.hypot(vertices[:, 0] - x, vertices[:, 1] - y)
 
 
-def test_speckle_and_what_is_not_known_are_no_places() -> None:
-    off = face()[2]
-    assert listed(off) == ()
-    assert listed(np.full(len(off), np.nan)) == ()
-
-
 def test_a_rim_rounded_by_the_blur_is_no_place_and_a_chipped_one_is() -> None:
     vertices, _, off = face()
     rim = vertices[:, 0] < 0.2
@@ -66,10 +60,3 @@ def test_a_pit_and_a_bump_are_listed_with_sign_size_and_place() -> None:
     np.testing.assert_allclose(bump.at_mm, [1.0, 4.0, 0], atol=0.3)
     rows = place_rows({"by_surface": {"outer_faces": {"places": [asdict(pit), asdict(bump)]}}})
     assert [float(row[1]) for row in rows] == pytest.approx([0.5, 0.28], abs=0.05)
-
-
-def test_lumens_cut_a_place_in_two_and_stay_out_of_it() -> None:
-    vertices, _, off = face()
-    off = off + 300 * (away(2.5, 2.5) < 0.6)
-    lumen = np.abs(vertices[:, 0] - 2.5) < 0.1
-    assert len(listed(np.where(lumen, np.nan, off))) == 2

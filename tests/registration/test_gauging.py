@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
-from registration.measuring.gauging import deviations, find_changes, summarise, trace_vessels
-from registration.measuring.gauging.planes import clearances, stations
+from registration.measuring.gauging import deviations, find_changes, trace_vessels
 from registration.measuring.gauging.sections import Planes, cut_sections, oval_conductance
-from registration.notes import sight_notes
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumen_distance, lumens, solid
@@ -72,40 +68,12 @@ def tee(radius: tuple[float, float, float]) -> VesselNetwork:
     return VesselNetwork.from_segments(nodes, ends, np.array(radius), np.zeros(3), np.zeros(3))
 
 
-def test_clearance_at_a_tee_is_the_neighbours_radius() -> None:
-    found = clearances(tee((0.5, 0.5, 0.2)))
-    np.testing.assert_allclose(found[0], [0, 0.2], atol=1e-9)
-    np.testing.assert_allclose(found[1], [0.2, 0], atol=1e-9)
-    np.testing.assert_allclose(found[2], [0.5, 0], atol=1e-9)
-
-
-def test_stations_stay_on_the_vessel_and_interpolate_its_taper() -> None:
-    points = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0]])
-    network = VesselNetwork(
-        points[[0, 2]], np.array([[0, 1]]), np.zeros(1, int), np.zeros(1, int), np.array([0, 3]),
-        points, np.array([0.5, 0.4, 0.3]),
-    )  # fmt: skip
-    along, centre, tangent, radius = stations(network, 0, 0.1)
-    assert len(along) == 40
-    np.testing.assert_allclose(radius, 0.5 - 0.05 * along)
-    assert (np.minimum(np.abs(centre[:, 1]), np.abs(centre[:, 0] - 2)) < 1e-9).all()
-    np.testing.assert_allclose(np.linalg.norm(tangent, axis=1), 1)
-
-
 def test_wider_lumen_deviates_positively_for_either_model() -> None:
     network = tee((0.5, 0.5, 0.5))
     surface = ModelSurface.of(solid(lumens(network)))
     outside = np.array([[2.0, 0.6, 0.0], [2.0, 0.0, -0.55]])
     np.testing.assert_allclose(deviations(surface, outside, True), [0.1, 0.05], atol=0.004)
     np.testing.assert_allclose(deviations(surface, outside, False), [-0.1, -0.05], atol=0.004)
-
-
-def test_summary_of_known_numbers() -> None:
-    found = summarise(np.array([-0.03, 0.01, 0.02, 0.06]))
-    assert found.mean_um == pytest.approx(15)
-    assert found.median_um == pytest.approx(15)
-    assert found.rms_um == pytest.approx(np.sqrt((900 + 100 + 400 + 3600) / 4))
-    assert found.within == {25: 0.5, 50: 0.75, 100: 1.0}
 
 
 def test_beside_a_sibling_at_a_narrow_angle_no_diameter_is_measured() -> None:
@@ -153,13 +121,3 @@ def test_an_oval_conducts_less_than_a_circle_of_its_area() -> None:
     ratio = 2 * a * b / (a * a + b * b)
     found = oval_conductance(np.array([a / b, 1.0, np.nan]))
     np.testing.assert_allclose(found, [ratio, 1.0, 1.0])
-
-
-def test_a_mouth_in_which_no_diameter_is_measured_is_noted() -> None:
-    gauge = SimpleNamespace(vessel=4, open=True, seen_fraction=1.0, sections=2, length_mm=3.0,
-                            along_mm=np.array([0.44, 2.9]))  # fmt: skip
-    (note,) = sight_notes((gauge,), 1.0)  # type: ignore[arg-type]
-    assert "0.44 mm" in note
-    assert "vessel 4" in note
-    gauge.along_mm[0] = 0.2
-    assert sight_notes((gauge,), 1.0) == []  # type: ignore[arg-type]

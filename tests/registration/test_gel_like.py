@@ -90,32 +90,9 @@ def test_sediment_in_half_of_a_lumen_is_found() -> None:
     assert marked[[0, -1]] == pytest.approx([3, 6], abs=0.25)
 
 
-def test_faint_debris_in_the_lower_half_all_along_is_found() -> None:
-    trace = found(holding(lambda x, y, z: 0.18 * (z < 0) + 0 * (x + y)))[CHANNEL]
-    assert trace.own.mean() > 0.8
-    assert trace.gel_like[trace.own].all()
-
-
-def test_light_that_gel_above_scatters_on_is_no_debris() -> None:
-    """It fades downwards, over 0.4 mm as in scans."""
-    lit = holding(lambda x, y, z: 0.1 * np.exp(-(0.25 - z) / 0.4) + 0 * (x + y))
-    assert not any(trace.gel_like.any() for trace in found(lit))
-
-
 def test_cells_that_thicken_along_a_lumen_leave_it_open() -> None:
     clouded = holding(lambda x, y, z: 0.02 + 0.018 * (x - 1.7) + 0 * (y + z))
     assert not any(trace.gel_like.any() for trace in found(clouded))
-
-
-def test_a_parents_own_liquid_isnt_a_plug_of_its_branch() -> None:
-    """The channel is brighter all along; the headers that meet it reach into its lumen."""
-    traces_ = found(holding(lambda x, y, z: 0.16 + 0 * (x + y + z)))
-    assert not any(trace.gel_like.any() for trace in traces_)
-
-
-def test_a_narrowed_section_stays_a_stenosis() -> None:
-    scan = block(lambda vessel, along: -0.11 * (vessel == CHANNEL) * (abs(along - 2.3) < 0.15))
-    assert not found(scan)[CHANNEL].gel_like.any()
 
 
 def at_the_mouth(content: Callable[[FloatArray], FloatArray]) -> VesselTrace:

@@ -130,24 +130,3 @@ def test_a_round_outer_face_errs_like_an_outer_face_and_a_lumen_like_a_lumen() -
     # Quarters that face one way each, off by their own.
     assert (scale[0] > 0.5 * 1.96 * 0.004 / np.sqrt(2) / 4.0).all()
     assert (scale[1] < 1e-4).all()
-
-
-def test_what_was_not_fitted_has_no_interval() -> None:
-    points, _ = faces(np.random.default_rng(1), 1000)
-    sure = sure_of(points, START, ScanErrors.of_blur(0.02), FitFreedom((0, 1)))
-    assert np.isnan(sure.scale).tolist() == [False, False, True]
-    assert np.isnan(sure.offset_mm)
-
-
-def test_a_place_far_from_the_middle_is_known_less_well() -> None:
-    sure = Uncertainty(
-        rotation_deg=np.rad2deg([0.0, 0.0, 0.001]),
-        shift_mm=np.array([0.003, 0.004, 0.0]),
-        scale=np.array([0.002, np.nan, 0.0]),
-        offset_mm=0.001,
-    )
-    assert sure.of_place(np.zeros(3)) == pytest.approx(0.005)
-    # Along x by 5 mm: 10 µm of scale along x, 5 µm of the turn about z along y.
-    assert sure.of_place(np.array([5.0, 0.0, 0.0])) == pytest.approx(
-        np.sqrt(0.003**2 + 0.010**2 + 0.004**2 + 0.005**2)
-    )

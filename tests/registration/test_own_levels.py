@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import manifold3d
@@ -16,8 +15,7 @@ from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
 from registration.alignment.uncertainty import ScanErrors, section_errors
 from registration.measuring.gauging import VesselTrace, trace_vessels
-from registration.measuring.gauging.own_levels import MOST, THIN_GEL, with_own_levels
-from registration.measuring.gauging.sections import RAYS
+from registration.measuring.gauging.own_levels import MOST, with_own_levels
 from registration.segmentation import GelField, Segmentation, Strength
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumens, solid
@@ -89,13 +87,6 @@ def mean(trace: VesselTrace) -> float:
     return float(trace.diameter[trace.counted].mean())
 
 
-def test_the_row_is_of_short_vessels_with_whole_sections():
-    before, _ = gauged(scanned(1.0, 0.0))
-    assert [trace.short for trace in before[MIDDLE - 1 : FAR + 1]] == [True, True, True, False]
-    assert before[MIDDLE].counted.any()
-    assert mean(before[MIDDLE]) == pytest.approx(2 * RADIUS, abs=0.1 * BLUR)
-
-
 @pytest.mark.parametrize(
     ("gel", "liquid"), first_rows([(0.92, -0.03), (1.06, 0.0), (0.9, 0.0), (1.0, -0.05)], 2)
 )
@@ -105,16 +96,6 @@ def test_walls_lie_halfway_between_their_own_levels(gel: float, liquid: float):
     off = np.sqrt(2 * np.pi) * BLUR * (1 - gel - liquid)
     assert mean(before[MIDDLE]) - right == pytest.approx(off, rel=0.35)
     assert abs(mean(after[MIDDLE]) - right) < 0.25 * abs(off)
-
-
-def test_right_levels_move_nothing():
-    before, after = gauged(scanned(1.0, 0.0))
-    assert mean(after[MIDDLE]) == pytest.approx(mean(before[MIDDLE]), abs=0.05 * BLUR)
-
-
-def test_vessels_far_from_others_stay_as_they_are():
-    before, after = gauged(scanned(0.9, 0.0))
-    assert after[FAR] is before[FAR]
 
 
 def test_what_thin_gel_leaves_unknown_is_in_the_interval_of_the_mean_too():
@@ -134,43 +115,10 @@ def test_what_thin_gel_leaves_unknown_is_in_the_interval_of_the_mean_too():
     assert 0.05 * BLUR < after[MIDDLE].level_u < 0.4 * BLUR
 
 
-def test_less_contrast_tells_the_levels_less_well():
-    sharp, dull = (
-        gauged(replace(scanned(1.0, 0.0), contrast=contrast))[1][MIDDLE].level_u ** 2
-        - (THIN_GEL * BLUR) ** 2
-        for contrast in (20.0, 4.0)
-    )
-    assert dull == pytest.approx(25 * sharp)
-
-
 def test_what_is_no_gel_as_designed_moves_walls_no_farther():
     before, after = gauged(scanned(1.3, 0.1))
     moved = mean(after[MIDDLE]) - mean(before[MIDDLE])
     assert moved == pytest.approx(MOST * np.sqrt(2 * np.pi) * BLUR, rel=1e-4)
-
-
-def test_partial_sections_keep_their_own_term():
-    before, after = gauged(scanned(0.9, 0.0))
-    part = ~before[MIDDLE].sections.closed_outline
-    assert part.any()
-    np.testing.assert_array_equal(
-        after[MIDDLE].sections.median[part], before[MIDDLE].sections.median[part]
-    )
-
-
-def test_thin_gel_that_no_ray_meets_is_thin_gel_too():
-    """A few rays look into the neighbour: all that met a wall have thick gel behind it."""
-    before, _ = gauged(scanned(1.0, 0.0))
-    seen, fit = scanned(1.0, 0.0), Fit(np.eye(3), np.zeros(3), np.ones(3), BLOCK / 2)
-    old = before[MIDDLE].sections
-    rays = old.rays.copy()
-    angle = 2 * np.pi * np.arange(RAYS) / RAYS
-    across = before[MIDDLE].planes.across[:, :, 0]
-    beside = np.abs(across[:, 0, None] * np.cos(angle) + across[:, 1, None] * np.sin(angle)) > 0.6
-    rays[beside] = np.nan
-    unmet = replace(before[MIDDLE], sections=replace(old, rays=rays))
-    (after,) = with_own_levels([unmet], seen, fit, ModelSurface.of(construct()))
-    assert after.level_u > THIN_GEL * BLUR
 
 
 def test_levels_are_an_octs_and_need_the_designed_part():

@@ -75,35 +75,3 @@ def test_gel_thinner_than_the_blur_is_in_the_interval(ways, gap, blur):
     if found.closed_outline[0] or np.isnan(noise):
         return
     assert abs(found.median[0] - 2 * RADIUS) < 1.96 * noise
-
-
-def test_a_wall_beside_thin_gel_has_a_diameter_all_the_same():
-    for blur in (0.2, 0.35):
-        found, noise = beside([0.0], 0.2 * blur * RADIUS, blur * RADIUS)
-        assert not found.closed_outline[0]
-        assert 0.0 < noise < 0.6 * blur * RADIUS
-
-
-def test_the_median_is_of_the_rays_that_met_the_wall():
-    found, _ = beside([0.0, np.pi], 0.1 * 0.3 * RADIUS, 0.3 * RADIUS)
-    met = found.rays[np.isfinite(found.rays)]
-    undone = found.median[0] / 2 - np.median(met)
-    assert found.met[0] < 0.9
-    # Curvature alone lies between: σ²/(2 r).
-    assert undone == pytest.approx((0.3 * RADIUS) ** 2 / (2 * RADIUS), rel=0.1)
-
-
-def test_rays_that_disagree_tell_hardly_a_diameter():
-    """Where most meet other lumens' walls none of them says how wide this one is."""
-    noise = partial_noise(sections(0.8, 0.2 * RADIUS, seed=4), BLUR)
-    assert np.median(1.96 * noise) > RADIUS
-
-
-def test_under_half_of_the_wall_tells_nothing():
-    assert np.isnan(partial_noise(sections(0.4, 0.01, seed=1), BLUR)).all()
-
-
-def test_less_of_the_wall_is_less_sure():
-    found = [sections(met, 0.004, seed=2) for met in (0.6, 0.8, 1.0)]
-    noise = [np.median(partial_noise(each, BLUR)) for each in found]
-    assert noise[0] > noise[1] > noise[2] > 0.0

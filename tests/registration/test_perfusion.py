@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from design.hemodynamics import FlowConditions, solve_flow
 from registration.measuring.gauging import printed_network
 from registration.measuring.gauging.perfusion import fed_vessels, perfusion
 from tests.registration.phantom import CHANNEL, WIDE, block, ladder, traces
@@ -56,33 +53,6 @@ def test_occluded_channel_takes_no_flow_and_the_other_takes_all() -> None:
     assert not found.fed[CHANNEL]
     assert found.fed[WIDE]
     assert found.inflow_ul_s == pytest.approx(1)
-
-
-def test_blocked_inlet_perfuses_nothing() -> None:
-    block_in = block(filled=lambda p: np.abs(p[..., 0] - 0.8) - 0.2)
-    found = perfusion(ladder(), traces(block_in))
-    assert found is not None
-    assert found.perfused is False
-    assert (found.flow_ul_s == 0).all()
-    assert np.isnan(found.pressure_drop_pa)
-
-
-def test_conditions_drive_both() -> None:
-    driven = FlowConditions(2e-3, inlet_pressure_pa=100.0, outlet_pressure_pa=40.0)
-    found = perfusion(ladder(), traces(block()), driven)
-    assert found is not None
-    assert found.pressure_drop_pa == pytest.approx(60)
-    designed = solve_flow(ladder(), driven)
-    np.testing.assert_allclose(found.designed_flow_ul_s, designed.flow)
-    assert found.inflow_ul_s == pytest.approx(designed.flow[0], rel=0.06)
-
-
-def test_network_without_an_outlet_has_no_flow_to_compare() -> None:
-    ring = replace(
-        ladder(),
-        vessel_nodes=np.array([(0, 1), (1, 2), (3, 1), (2, 4), (5, 3), (4, 6), (6, 5), (7, 6)]),
-    )
-    assert perfusion(ring, traces(block())) is None
 
 
 def test_measured_radii_stand_in_the_printed_network() -> None:

@@ -59,28 +59,8 @@ def test_a_line_doesnt_move_the_wall(line: float, down: bool):
     assert held(values, gel) == pytest.approx(DEPTH - WALL - 0.5, abs=0.3)
 
 
-def test_a_band_of_glints_on_a_rough_wall_doesnt_move_it():
-    values = speckled(1)
-    rng = np.random.default_rng(2)
-    for z in range(WALL - 2, WALL + 2):
-        values[z] = 5 * rng.exponential(size=values.shape[1:])
-    assert held(values, deep(values)) == pytest.approx(DEPTH - WALL, abs=0.5)
-
-
 def test_speckle_of_a_wall_without_a_line_isnt_taken_for_one():
     values = speckled(3)
     before = np.minimum(values, 1.5)
     after = np.minimum(without_lines(values.copy(), deep(values), 1.5), 1.5)
     assert after.sum(axis=0).mean() == pytest.approx(before.sum(axis=0).mean(), abs=0.05)
-
-
-def test_a_wall_without_a_line_stays_as_it_is():
-    wall = share(0.0, True)
-    np.testing.assert_array_equal(without_lines(wall.copy(), inside(wall), 1.5), wall)
-
-
-def test_a_bright_particle_within_gel_stays():
-    values = np.ones((DEPTH, 12, 12), np.float32)
-    gel = np.ones(values.shape, np.bool_)
-    values[WALL, 6, 6] = 5.0
-    np.testing.assert_array_equal(without_lines(values.copy(), gel, 1.5), values)

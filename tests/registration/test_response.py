@@ -68,18 +68,6 @@ def test_response_is_told_from_what_the_gel_takes(depth_down: bool) -> None:
     assert np.ptp(off) < 0.35  # of 1.6 that the instrument takes, beside 1.8 that the gel does
 
 
-def test_an_instrument_that_takes_nothing_is_left_alone() -> None:
-    signal = scanned(gel_share(True), falls_to(1.0)) - np.float32(NOISE)
-    found = depth_response(signal, NOISE, working(), True)
-    assert found.min() > 0.7
-
-
-def test_without_gel_nothing_is_known() -> None:
-    rng = np.random.default_rng(1)
-    dark = (NOISE * (rng.gamma(2.0, 0.5, SHAPE) - 1)).astype(np.float32)
-    assert (depth_response(dark, NOISE, working(), True) == 1).all()
-
-
 def test_a_foot_below_a_lumen_has_no_pits() -> None:
     share = gel_share(True)
     scan = Scan(

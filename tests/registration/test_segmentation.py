@@ -9,14 +9,9 @@ from numpy.typing import NDArray
 from kernels.arrays import FloatArray
 from registration.segmentation.filters import (
     bin_mean,
-    gaussian_weights,
-    near_in_depth,
-    normalise,
-    smooth,
 )
 from registration.segmentation.levels import part_levels, sparse_levels
 from registration.segmentation.light import remaining_light
-from registration.segmentation.local_level import local_level
 from registration.segmentation.nets import surface
 
 
@@ -70,20 +65,6 @@ def test_binning_averages_linear_intensity_of_decibels() -> None:
     np.testing.assert_allclose(bin_mean(decibel, (2, 2, 3), True, 0.0), expected, rtol=1e-4)
 
 
-@pytest.mark.slow
-def test_smoothing_equals_the_plain_convolution() -> None:
-    values = np.random.default_rng(0).normal(size=(30, 11, 9)).astype(np.float32)
-    weights = (gaussian_weights(1.3), gaussian_weights(0.8), gaussian_weights(0.5))
-    out = np.empty_like(values)
-    smooth(values, out, weights, 0.0)
-    naive = values.astype(float)
-    for axis, w in enumerate(weights):
-        reach = len(w) // 2
-        padded = np.pad(naive, [(reach, reach) if a == axis else (0, 0) for a in range(3)], "edge")
-        naive = np.apply_along_axis(lambda v, w=w: np.convolve(v, w, "valid"), axis, padded)
-    np.testing.assert_allclose(out, naive, atol=1e-5)
-
-
 def test_sparse_lumens_of_one_percent_are_found() -> None:
     rng = np.random.default_rng(0)
     values = np.concatenate([rng.normal(100, 2, 99_000), rng.normal(40, 2, 1000)])
@@ -98,12 +79,6 @@ def test_a_whole_part_is_told_from_liquid_whichever_fills_more(gel: float) -> No
     found = part_levels(values)
     assert found.half == pytest.approx(70, abs=1)
     assert found.gel == pytest.approx(100, abs=1)
-
-
-def test_few_lumens_in_a_part_that_fills_the_field_are_found() -> None:
-    rng = np.random.default_rng(0)
-    values = np.concatenate([rng.normal(100, 4, 99_700), rng.normal(40, 4, 300)])
-    assert part_levels(values).half == pytest.approx(70, abs=1)
 
 
 def gel_block(tilt: float, attenuation: float, step: float) -> NDArray[np.float32]:
@@ -137,46 +112,3 @@ def test_light_compensation_gives_the_filled_share_times_the_attenuation(
     for z in (10, 25, 44):
         edge = np.interp(0.5, share[z, 5:24], np.arange(5, 24))
         assert edge == pytest.approx(12 + tilt * z, abs=0.5)
-
-
-def test_voxels_near_a_mask_in_depth_are_found() -> None:
-    mask = np.random.default_rng(0).random((40, 3, 5)) < 0.04
-    for reach in (1, 4):
-        expected = np.zeros_like(mask)
-        for z in range(len(mask)):
-            expected[z] = mask[max(0, z - reach) : z + reach + 1].any(axis=0)
-        np.testing.assert_array_equal(near_in_depth(mask, reach), expected)
-
-
-def test_levels_are_mapped_to_nothing_and_one() -> None:
-    shape, factor = (12, 9, 15), (3, 3, 5)
-    low = np.full((4, 3, 3), 2.0, np.float32)
-    high = np.full((4, 3, 3), 5.0, np.float32)
-    # Trilinear between block centres: exact on a ramp, away from the ends.
-    high += np.arange(4, dtype=np.float32)[:, None, None]
-    values = np.full(shape, 2.0, np.float32)
-    normalise(values, low, high, factor)
-    assert np.abs(values).max() == 0
-    ramp = (5.0 + (np.arange(12) + 0.5) / 3 - 0.5)[:, None, None] * np.ones(shape)
-    values = ramp.astype(np.float32)
-    normalise(values, low, high, factor)
-    np.testing.assert_allclose(values[2:-2], 1.0, atol=1e-5)
-
-
-@pytest.mark.slow
-def test_a_level_with_a_trend_is_right_at_the_end_of_what_it_is_known_from() -> None:
-    shape, ramp = (60, 12, 12), 0.01
-    z = np.arange(60, dtype=np.float32)[:, None, None]
-    values = np.broadcast_to(1.0 + ramp * z, shape).astype(np.float32)
-    where = np.broadcast_to((z >= 20) & (z < 40), shape).copy()
-    plain, straight = (
-        local_level(values, where, (2, 2, 2), np.full(3, 4.0), 1.0, trend)[:, 3, 3]
-        for trend in (False, True)
-    )
-    top, bottom = (1.0 + ramp * (2 * k + 0.5) for k in (10, 19))
-    assert straight[10] == pytest.approx(top, abs=0.01)
-    assert straight[19] == pytest.approx(bottom, abs=0.01)
-    # A mean knows only what lies further in.
-    assert plain[10] - top > 0.03
-    assert bottom - plain[19] > 0.03
-    assert straight[15] == pytest.approx(1.0 + ramp * 30.5, abs=0.01)

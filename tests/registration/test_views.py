@@ -16,8 +16,7 @@ from registration.measuring.judging import Tolerances, VesselLimits, judge
 from registration.measuring.judging.tolerance import symmetric
 from registration.overlay.sampling import Shades
 from registration.report.views import Views, add_scan_places, load_views, save_views, take_views
-from registration.report.views.mesh_cut import cut_mesh, join_lines
-from registration.report.views.stack import PIXELS, chosen_sections
+from registration.report.views.stack import PIXELS
 from tests.registration.parts import as_scan, planar_construct
 from tests.registration.registered import planar_part
 
@@ -39,21 +38,6 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     numbers = judge(report_dict(found), Tolerances(VesselLimits(symmetric(0.5))))
     add_scan_places(numbers, scan, found)
     return Case(scan, found, model, numbers, take_views(scan, model, found, numbers))
-
-
-def test_a_plane_cuts_a_cube_in_one_closed_square() -> None:
-    cube = planar_construct()
-    rings = [
-        ring for ring in join_lines(cut_mesh(cube.vertices, cube.faces, 0, 1.0)) if len(ring) > 3
-    ]
-    outer = max(rings, key=lambda ring: float(np.ptp(ring[:, 0])))
-    np.testing.assert_allclose(outer[0], outer[-1], atol=1e-6)
-    np.testing.assert_allclose(np.ptp(outer, axis=0), [8.0, 3.0], atol=1e-6)
-
-
-def test_a_plane_beside_a_mesh_cuts_nothing() -> None:
-    cube = planar_construct()
-    assert cut_mesh(cube.vertices, cube.faces, 2, 99.0).shape == (0, 2, 2)
 
 
 def test_every_finding_has_its_own_b_scan_voxel_by_voxel(case: Case) -> None:
@@ -113,11 +97,3 @@ def test_pictures_come_back_from_their_file_and_the_same_ones_give_the_same_byte
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
     assert again.findings[0].b_scan.title == case.views.findings[0].b_scan.title
     np.testing.assert_array_equal(again.sections.grey, case.views.sections.grey)
-
-
-def test_too_many_sections_are_thinned_but_never_those_that_are_not_a_pass() -> None:
-    rows = [["pass"] * 50 + ["fail"] * 5 + ["pass"] * 50, ["pass"] * 100]
-    chosen = chosen_sections(rows, most=60)
-    assert set(range(50, 55)) <= set(chosen[0].tolist())
-    assert 30 < sum(map(len, chosen)) <= 60
-    assert sum(map(len, chosen_sections(rows, most=1000))) == 205

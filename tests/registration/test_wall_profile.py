@@ -49,18 +49,6 @@ def test_walls_are_found_whatever_the_law_of_speckle(speckle: Literal["one look"
     assert found.line_mm[0] < 0.002
 
 
-@pytest.mark.parametrize("level", [True, False])
-def test_walls_that_shine_lie_further_out(level: bool):
-    shining = scan(0.03, level=level)
-    found = wall_profile(traces(shining), shining)
-    assert found is not None
-    line, unknown = found.line_mm
-    assert found.place_mm < PLACE - 0.004
-    assert line > 2 * unknown
-    if level:  # as in scans: all over there would be no gel's light to tell a wall by
-        assert found.place_mm + line == pytest.approx(PLACE, abs=2 * unknown)
-
-
 def test_sections_move_and_a_reference_moves_them_on_and_leaves_the_profiles_own_error():
     dull = scan(0.0)
     before = traces(dull)
@@ -89,9 +77,3 @@ def test_sections_move_and_a_reference_moves_them_on_and_leaves_the_profiles_own
             known_mm = other.sections.diameter > 0
             change = one.sections.diameter[known_mm] - other.sections.diameter[known_mm]
             np.testing.assert_allclose(change, 0.020, atol=1e-3)
-
-
-def test_without_light_nothing_moves():
-    dark = replace(scan(0.0), strength=None)
-    found, errors = traces(dark), ScanErrors.of_blur(0.04)
-    assert with_told_walls(found, dark, errors) == (found, errors, dark.field.wall_mm)

@@ -20,7 +20,6 @@ from registration.errors import RegistrationError
 from registration.files.writers import write_scan
 from registration.measuring.gauging import ScannedSurface
 from registration.measuring.gauging.sections import cut_sections
-from registration.overlay import Cutter, Raster
 from registration.scan import Scan
 from registration.segmentation import Segmentation, SegmentationOptions, segment
 from registration.segmentation.volume import GelField
@@ -140,11 +139,6 @@ def radii(ball: Segmentation) -> np.ndarray:
     return np.linalg.norm(ball.surface.vertices - MIDDLE, axis=1)
 
 
-def test_a_bright_ball_in_gel_is_wider_by_it() -> None:
-    plain, moved = (radii(bright_ball(wall)).mean() for wall in (0.0, 0.01))
-    assert moved - plain == pytest.approx(0.01, rel=0.05)
-
-
 @pytest.mark.parametrize("wall", [0.01, -0.01])
 def test_the_way_back_ends_at_the_moved_wall(wall: float) -> None:
     """Also from places between it and where the field has its level."""
@@ -156,18 +150,6 @@ def test_the_way_back_ends_at_the_moved_wall(wall: float) -> None:
         found = surface.deviations_back(MIDDLE + radius * way, Fit(*STILL))
         # Free where the ball reaches beyond.
         assert np.median(found) == pytest.approx(level + wall - radius, abs=0.001)
-
-
-@pytest.mark.parametrize("wall", [0.01, 0.0, -0.01])
-def test_a_cut_through_a_bright_ball_is_wider_by_it(wall: float) -> None:
-    """As the overlay holds it against the lines: by the area of what isn't gel."""
-    ball = bright_ball(wall)
-    scan = Scan(np.zeros((40, 40, 40)), (0.05,) * 3, 1.0, False, "linear", "microct", False, Path())
-    raster = Raster((0.2, 0.2), 0.004, (390, 390))
-    found = Cutter(scan, ball, np.eye(4)).cut(raster, float(MIDDLE[2]))
-    across = 2e3 * np.sqrt((~found.gel).sum() * raster.pixel_mm**2 / np.pi)
-    level = 2e3 * radii(bright_ball(0.0)).mean()
-    assert across == pytest.approx(level + 2e3 * wall, abs=2)
 
 
 MIDDLE = np.full(3, 19.5 * 0.05)

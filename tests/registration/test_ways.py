@@ -9,8 +9,8 @@ import pytest
 
 from kernels.arrays import FloatArray
 from registration.measuring.topology import leaks
-from registration.measuring.topology.gel_paths import _scores, find_gel_paths
-from registration.segmentation import GelField, Segmentation, are_separable, gel_evidence
+from registration.measuring.topology.gel_paths import find_gel_paths
+from registration.segmentation import GelField, Segmentation, gel_evidence
 from registration.segmentation.volume import Strength
 from tests.registration.phantom import CHANNEL, VOXEL, WIDE, block
 from tests.registration.test_defects import findings, hole
@@ -88,38 +88,6 @@ def test_light_from_below_gives_the_same_evidence() -> None:
 def test_sound_speckled_gel_has_no_way(seed: int) -> None:
     found = findings(speckled(block(), 0.15, seed=seed)).defects
     assert [d for d in found if d.kind in ("leak", "bridge")] == []
-
-
-def test_lumens_as_bright_as_gel_are_neither_open_nor_closed() -> None:
-    found = findings(speckled(block(), 0.95))
-    assert [vessel.open for vessel in found.vessels] == [None] * len(found.vessels)
-    assert [d for d in found.defects if d.kind in ("missing", "occlusion", "leak", "bridge")] == []
-    assert found.contrast.untold == 1.0
-
-
-def test_evidence_is_one_in_gel_whatever_the_depth() -> None:
-    scan = speckled(block(), 0.15)
-    assert isinstance(scan.field, GelField)
-    evidence = gel_evidence(scan.field, scan.strength)
-    gel = np.asarray(scan.field.values) > 0.9
-    depths = [z for z in range(len(gel)) if gel[z].mean() > 0.1]
-    means = np.array([evidence.fine[z][gel[z]].mean() for z in depths])
-    assert means == pytest.approx(np.ones(len(depths)), abs=0.05)
-
-
-def test_levels_nearer_than_four_deviations_arent_told_apart() -> None:
-    assert are_separable(1.0, 0.15, 0.06)
-    assert not are_separable(1.0, 0.86, 0.06)
-    assert not are_separable(1.0, 0.15, np.nan)
-
-
-def test_longest_ways_that_are_all_real_stand_out_still() -> None:
-    rng = np.random.default_rng(1)
-    length = np.concatenate([rng.uniform(0.2, 1.4, 7000), rng.uniform(1.45, 3.0, 1000)])
-    share = np.concatenate([rng.normal(0.97, 0.02, 7000), rng.normal(0.4, 0.1, 1000)])
-    score = _scores(length, share)
-    assert np.median(score[7000:]) > 10
-    assert score[:7000].max() < 6
 
 
 @pytest.mark.slow

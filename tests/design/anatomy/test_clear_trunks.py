@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from design.anatomy import clear_trunks as clear_trunks_module
 from design.anatomy.clear_trunks import clear_trunks
 from design.anatomy.trunk_lines import TrunkLines
 from design.errors import GrowthError
@@ -46,11 +45,6 @@ def cleared(lines: TrunkLines, radius: np.ndarray) -> tuple[TrunkLines, np.ndarr
     return lines, radius
 
 
-def test_what_is_apart_stays_as_it_is():
-    lines, radius = forked(100.0)
-    assert clear_trunks(tissue(), lines, lines, radius, OPTIONS) is None
-
-
 @pytest.mark.parametrize("degrees", [20.0, 30.0, 45.0])
 def test_narrow_forks_move_on_and_no_end_is_lost(degrees):
     before, radius = forked(degrees)
@@ -62,14 +56,6 @@ def test_narrow_forks_move_on_and_no_end_is_lost(degrees):
     # What was the larger branch carries both up to the fork.
     np.testing.assert_allclose(wide[fork], wide[0], rtol=1e-9)
     np.testing.assert_allclose(after.share[fork], 1.0)
-
-
-def test_where_forks_may_not_move_the_thinner_branch_is_left_away():
-    lines, radius = forked(20.0)
-    found = clear_trunks(tissue(), lines, lines, radius, OPTIONS, later=False)
-    assert found is not None
-    assert (found[0].child_count() == 0).sum() == 1
-    assert found[1].min() == pytest.approx(radius[6])
 
 
 def test_a_main_branch_stays_however_thin_it_is():
@@ -91,13 +77,6 @@ def test_what_leaves_the_tissue_is_left_away_with_all_below():
     assert len(found[0].parent) == len(lines.parent) - 1
 
 
-def test_nothing_left_is_an_error():
-    lines, radius = forked(100.0)
-    lines.points[1:] += 100.0
-    with pytest.raises(GrowthError, match="trunks don't fit"):
-        cleared(lines, radius)
-
-
 def test_a_tree_that_keeps_no_trunk_is_an_error():
     """It said that the trunk has no segments, and to grow without."""
     one, radius = forked(100.0)
@@ -110,41 +89,3 @@ def test_a_tree_that_keeps_no_trunk_is_an_error():
     )
     with pytest.raises(GrowthError, match="trunks don't fit"):
         cleared(two, np.tile(radius, 2))
-
-
-def test_branches_that_fork_at_once_move_on_too():
-    """Both fork at their first node: the thinner one was left away with all below it."""
-    lines, radius = forked(30.0)
-    twigs = np.flatnonzero(lines.parent == 5)
-    points = np.concatenate([lines.points, lines.points[twigs] + [[0, 0, 4.0], [0, 0, -4.0]]])
-    lines = TrunkLines(
-        points,
-        np.append(lines.parent, twigs),
-        np.append(lines.tree, [0, 0]),
-        np.append(lines.share, [0.05, 0.05]),
-    )
-    radius = np.append(radius, [0.1, 0.1])
-    after, wide = cleared(lines, radius)
-    ends = after.points[after.child_count() == 0].tolist()
-    assert points[17].tolist() in ends
-    assert points[29].tolist() in ends
-    assert after.child_count().max() == 2
-    below = after.parent[1:]
-    assert (wide[1:] <= wide[below] * (1 + 1e-9)).all()
-
-
-def test_a_thin_branch_in_the_way_does_not_take_the_wide_one_that_was_joined_on_it(monkeypatch):
-    """A heart's circumflex was laid along 14 % of its way: the rest hung on a twig that went."""
-    wide = [[12, 0, 0], [22, 3, 0], [22, -3, 0]]
-    thin = [[11.8, 0.4, 0], [13, 4, 0], [14, 8, 0]]
-    points = np.array([[0, 0, 0], [5, 0, 0], [10, 0, 0], *wide, *thin], dtype=float)
-    parent = np.array([-1, 0, 1, 2, 3, 3, 2, 6, 7])
-    share = np.array([1.0, 1.0, 1.0, 0.9, 0.5, 0.4, 0.1, 0.1, 0.1])
-    lines = TrunkLines(points, parent, np.zeros(9, int), share)
-    radius = np.array([1.0, 1.0, 1.0, 0.9, 0.7, 0.6, 0.1, 0.1, 0.1])
-    found = clear_trunks_module._Clashes(np.array([[4, 6], [3, 6]]), np.empty(0, dtype=np.int64))
-    monkeypatch.setattr(clear_trunks_module, "_clashes", lambda *_: found)
-    after, _ = clear_trunks(tissue(), lines, lines, radius, OPTIONS)
-    ends = after.points[after.child_count() == 0].tolist()
-    assert points[4].tolist() in ends
-    assert points[5].tolist() in ends

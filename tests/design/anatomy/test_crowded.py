@@ -50,27 +50,6 @@ def test_where_fewer_do_not_fit_either_they_are_not_advised() -> None:
     assert "200 and 140 were tried" in str(refused.value)
 
 
-def test_fewer_than_a_template_takes_are_neither_tried_nor_advised() -> None:
-    """A heart of 33 mm was told to ask for 13, and then that 13 are too few (2026-11-26)."""
-
-    def grow(options: GrowthOptions) -> AnatomicTrees:
-        assert options.terminals == 80
-        raise CrowdedError(13, 80)
-
-    with pytest.raises(CrowdedError, match=f"takes {LEAST_TERMINALS} at least: take a larger"):
-        grow_or_advise(grow, asked(80), LEAST_TERMINALS)
-
-
-def test_a_higher_drop_is_advised_where_fewer_terminals_do_not_fit() -> None:
-    def grow(options: GrowthOptions) -> AnatomicTrees:
-        if options.pressure_drop_pa < 25 * PA_PER_MMHG:
-            raise CrowdedError(options.terminals // 2, options.terminals)
-        return FITS
-
-    with pytest.raises(CrowdedError, match="give a pressure_drop_mmhg of 40, which was tried"):
-        grow_or_advise(grow, asked(400), LEAST_TERMINALS)
-
-
 @pytest.mark.parametrize(("fits", "advised"), [(15, 15), (50, 60), (400, 480)])
 def test_a_higher_drop_is_advised_only_where_it_was_grown(fits: float, advised: float) -> None:
     """24 terminals with the default drop were told to take a higher one, without a figure."""
@@ -82,24 +61,6 @@ def test_a_higher_drop_is_advised_only_where_it_was_grown(fits: float, advised: 
 
     with pytest.raises(WideTrunkError, match=f"too wide; give a pressure_drop_mmhg of {advised} "):
         grow_or_advise(grow, asked(24), LEAST_TERMINALS)
-
-
-def test_a_smaller_diameter_is_advised_where_radii_follow_from_it() -> None:
-    def grow(options: GrowthOptions) -> AnatomicTrees:
-        if (options.smallest_radius_mm or 0.0) > 0.21:
-            raise NoRoomError("too wide", drop_factor=2.0)
-        return FITS
-
-    options = replace(asked(24), smallest_radius_mm=0.25)
-    with pytest.raises(NoRoomError, match=r"give a smallest_diameter_mm of 0.42 or less, which"):
-        grow_or_advise(grow, options, LEAST_TERMINALS)
-
-
-@pytest.mark.parametrize("before", [WideTrunkError("too wide"), NoRoomError("none", placed=0)])
-def test_a_still_higher_drop_is_tried_where_nothing_fits_beside_a_trunk(before) -> None:
-    """A trunk that had no room, and then none beside it, has some with 3.2 mmHg."""
-    assert NoRoomError("none", placed=0).nearer_than(before)
-    assert not NoRoomError("none", placed=0).nearer_than(NoRoomError("some", placed=10))
 
 
 def test_a_smaller_clearance_is_advised_where_narrower_vessels_do_not_help() -> None:
@@ -116,24 +77,6 @@ def test_a_smaller_clearance_is_advised_where_narrower_vessels_do_not_help() -> 
     with pytest.raises(NoRoomError, match=r"no room; give a clearance_mm of 0.2 or less, which"):
         grow_or_advise(grow, options, LEAST_TERMINALS)
     assert len(tried) == 4
-
-
-def test_a_shorter_growth_tells_what_fits() -> None:
-    """Each count that was tried was grown for published radii too: a refusal took three times as
-    long as a growth."""
-    grown: list[int] = []
-
-    def grow(options: GrowthOptions) -> AnatomicTrees:
-        grown.append(options.terminals)
-        raise CrowdedError(200, options.terminals)
-
-    with pytest.raises(CrowdedError, match="ask for 200 terminals"):
-        grow_or_advise(grow, asked(400), LEAST_TERMINALS, lambda _: FITS)
-    assert grown == [400]
-
-
-def test_a_smallest_diameter_is_named_as_it_leaves_no_pressure_drop_to_choose() -> None:
-    assert "a smaller smallest_diameter_mm or, where that isn't given" in str(CrowdedError(30, 80))
 
 
 def test_too_few_terminals_and_too_few_trunk_ends_are_told_apart() -> None:

@@ -11,7 +11,6 @@ from design.anatomy.trunk_lines import lines_of
 from design.measures.published_radii import PublishedMatch
 from design.tissue import biventricle, tissue_from_surface
 from design.units import PA_PER_MMHG
-from design.vasculature.growth.forest import grow_forest
 from tests.design.anatomy.hearts import HEART, heart_tissue, trunk_length
 
 
@@ -32,18 +31,6 @@ def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_ra
 
 
 @pytest.mark.slow
-def test_a_drop_that_comes_nearer_is_corrected_once_more(monkeypatch):
-    """A heart was 0.2 sd off with the drop that should have brought it within."""
-    first, then = PublishedMatch(2.0, 1.1), PublishedMatch(1.2, 1.05)
-    matches = iter([first, then, PublishedMatch(0.9, 1.0)])
-    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
-    few = replace(HEART, terminals=40)
-    made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
-    wanted = HEART.pressure_drop_pa / (1.1 * 1.05) ** 4
-    assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx([wanted] * 2)
-
-
-@pytest.mark.slow
 def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     """A heart of 80 mm lost 29 % of its trunks to radii nearer to the published ones."""
     matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(0.9, 1.0)] * 3])
@@ -55,37 +42,6 @@ def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx(
         [HEART.pressure_drop_pa] * 2
     )
-
-
-@pytest.mark.slow
-def test_another_drop_that_leaves_tissue_without_supply_is_not_taken(monkeypatch):
-    """A part of a heart's right wall had a quarter of its terminals, with a trunk that was lost."""
-    matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(0.9, 1.0)] * 3])
-    ways = iter([6.6, 8.7, 8.4, 6.8])
-    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
-    monkeypatch.setattr("design.anatomy.published_drop._reach_mm", lambda *_: next(ways))
-    few = replace(HEART, terminals=40)
-    made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
-    wanted = HEART.pressure_drop_pa / 1.1 ** (4 / 4)
-    assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx([wanted] * 2)
-
-
-@pytest.mark.slow
-def test_growth_with_another_drop_is_tried_once(monkeypatch):
-    """24 times in a thin heart of 90 mm: 450 CPU seconds for trees that weren't taken."""
-    tries = []
-
-    def grown(*args, attempts, **named):
-        tries.append(attempts)
-        return grow_forest(*args, attempts=attempts, **named)
-
-    matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(3.0, 1.0)] * 3])
-    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
-    monkeypatch.setattr("design.anatomy.from_trunks.grow_forest", grown)
-    few = replace(HEART, terminals=40)
-    grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
-    assert tries[0] > 1
-    assert tries[-1] == 1
 
 
 def test_a_small_heart_keeps_its_main_branches():

@@ -4,16 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
-from manifold3d import Manifold, Mesh
 
 from design.anatomy.heart_base import _across_rims
 from design.anatomy.heart_places import find_heart_places
 from design.anatomy.openness import sample_surface
 from design.errors import TissueError
-from design.geometry.surface import Surface
 from design.tissue import biventricle
-from design.tissue.manifolds import arrays_of
 from tests.design.anatomy.hearts import closed_heart, heart_tissue
 from tests.design.tissue.kept import kept_tissue
 
@@ -72,25 +68,3 @@ def test_the_right_ventricle_is_told_by_its_shape_where_its_wall_is_not_thinner(
     assert "told by its cavity's shape" in places.doubts[0]
     assert "give right_direction" in places.doubts[0]
     assert np.degrees(np.abs(places.grooves)) == pytest.approx(np.full(2, 80.0), abs=11.0)
-
-
-def test_cavities_of_one_shape_and_walls_of_one_thickness_leave_the_side_open():
-    """The septum still lies between the two cavities; which is the right one isn't told."""
-    shells = [trimesh.creation.icosphere(4, radius) for radius in (18.0, 13.0)]
-    outer, inner = (
-        Manifold(Mesh(np.float32(one.vertices), np.uint32(one.faces))) for one in shells
-    )
-    both = [one.translate((x, 0.0, 0.0)) for one in (outer, inner) for x in (-15.0, 15.0)]
-    body = (both[0] + both[1] - both[2] - both[3]).trim_by_plane((0.0, 0.0, -1.0), -6.0)
-    places = places_of(Surface(*arrays_of(body)))
-    assert np.degrees(np.arccos(places.base[2])) < 3.0
-    assert abs(places.right[0]) > 0.99
-    assert any("can't be told from the right one" in doubt for doubt in places.doubts)
-
-
-def test_rims_of_a_thin_wall_are_told_from_what_lies_beyond_it():
-    """Walls of 1 mm were taken for rims all over: the base was 16 degrees off."""
-    thin = closed_heart(0.0, left_wall=1.4, right_wall=0.9)
-    places = places_of(thin)
-    assert np.degrees(np.arccos(places.base[2])) < 2.0
-    assert not places.doubts

@@ -49,16 +49,6 @@ def test_perforators_reach_all_tissue_and_each_feeds_little(box):
     assert np.percentile(after, 95) < 7.0
 
 
-def test_what_would_feed_too_much_gets_others_beside_it(box):
-    lines, volume = trunk_along_the_top(box, 0.5)
-    radius = 1.0 * lines.share ** (1 / 2.5)
-    count = len(radius)
-    whole, wide = with_perforators(box, lines, radius, volume, OPTIONS)
-    first = np.flatnonzero((whole.parent < count) & (np.arange(len(wide)) >= count))
-    # Those that are wider, at the trunk's end, find no room beside them.
-    assert (wide[first] < NARROW * radius[0]).mean() > 0.9
-
-
 def test_a_perforator_follows_a_thin_wall_around_a_cavity():
     """In a few straight pieces it would cut across the cavity."""
     wall = kept_tissue(annulus(40.0, 38.4, 10.0))
@@ -77,22 +67,6 @@ def test_a_perforator_follows_a_thin_wall_around_a_cavity():
     path = way_a_quarter_round(1.0)
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).sum() > 25.0
     assert way_a_quarter_round(100.0) is None
-
-
-def test_few_terminals_get_few_perforators(box):
-    lines, volume = trunk_along_the_top(box)
-    radius = 1.0 * lines.share ** (1 / 2.5)
-    few = GrowthOptions(terminals=60, clearance_mm=0.1, murray_exponent=2.5)
-    whole, _ = with_perforators(box, lines, radius, volume, few)
-    begins = (whole.parent < len(radius)) & (np.arange(len(whole.parent)) >= len(radius))
-    assert begins.sum() <= 8
-
-
-def test_without_room_there_are_none(box):
-    lines, volume = trunk_along_the_top(box)
-    radius = 300.0 * lines.share ** (1 / 2.5)
-    whole, _ = with_perforators(box, lines, radius, volume, OPTIONS)
-    assert len(whole.parent) == len(lines.parent)
 
 
 def test_perforators_stay_but_are_no_trunks_once_grown(box):

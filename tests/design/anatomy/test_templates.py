@@ -14,18 +14,16 @@ from design.anatomy import kidney as kidney_template
 from design.anatomy import liver as liver_template
 from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.grown import AnatomicTrees
-from design.anatomy.heart import HeartAnatomy, _left_out_note, grow_heart
-from design.anatomy.heart_places import find_heart_places
-from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer
+from design.anatomy.heart import HeartAnatomy, grow_heart
+from design.anatomy.heart_trunk import RIGHT
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.kidney_places import find_kidney_places
-from design.anatomy.layer import join_layer
 from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.liver_places import find_liver_places
 from design.anatomy.main_branches import MainBranch, missing_branches, trunk_pieces
 from design.anatomy.network import curved_network
 from design.anatomy.openness import sample_surface
-from design.anatomy.trunk_lines import TrunkLines, outward
+from design.anatomy.trunk_lines import outward
 from design.errors import GrowthError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselKind
@@ -36,7 +34,7 @@ from design.vasculature import GrowthOptions, check_supply, terminals_of
 from design.vasculature.collisions.collide import collisions
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.treemath import tree_radii
-from tests.design.anatomy.hearts import HEART, heart_tissue, trunk_length
+from tests.design.anatomy.hearts import HEART, heart_tissue
 
 KIDNEY = GrowthOptions(terminals=130, clearance_mm=0.05, pressure_drop_pa=2700)
 SAMPLED = {}
@@ -187,17 +185,6 @@ def test_a_kidneys_medulla_is_supplied_by_its_own_demand():
     assert check_supply(tissue, ends, flow)[1] == ()
 
 
-@pytest.mark.parametrize(("part", "told"), [(0.9, False), (0.8, True)])
-def test_trunks_that_are_left_out_are_told(part, told):
-    trees = heart().trees
-    planned = trunk_length(trees) / part
-    line = np.array([[0.0, 0.0, 0.0], [planned, 0.0, 0.0]])
-    lines = TrunkLines(line, np.array([-1, 0]), np.zeros(2, dtype=int), np.ones(2))
-    notes = _left_out_note(lines, trees)
-    assert bool(notes) == told
-    assert all(f"{planned:.0f} mm were planned" in note for note in notes)
-
-
 def test_main_branches_that_found_no_room_are_named():
     """All four are there in the shared heart; a branch planned elsewhere isn't."""
     found = heart()
@@ -308,12 +295,6 @@ def test_same_seed_same_bytes():
     assert again.trees[0].distal.tobytes() == cortex().trees[0].distal.tobytes()
 
 
-@pytest.mark.slow
-def test_a_kidney_of_the_same_seed_has_the_same_bytes():
-    again = grow_kidney(kidney_tissue.__wrapped__(), KIDNEY, KidneyAnatomy(trunk_ends=40))
-    assert again.trees[0].distal.tobytes() == kidney().trees[0].distal.tobytes()
-
-
 def test_too_few_terminals_are_refused():
     with pytest.raises(GrowthError, match="too few"):
         grow_heart(heart_tissue(), GrowthOptions(terminals=12))
@@ -380,14 +361,3 @@ def test_a_template_in_two_parts_is_refused_at_once_and_advises_what_it_can_do(g
     two.apply_translation((20, 0, 0))
     with pytest.raises(TissueError, match=r"216 mm³ around \(20, 0, 0\).* A template serves one"):
         grow(with_shell(one, two), GrowthOptions(terminals=100))
-
-
-def test_a_right_coronary_that_cant_get_round_ends_where_it_meets_the_left_one():
-    """Of a coarse mesh, whose right wall the layer doesn't pass: "give its inlet a place"."""
-    tissue = heart_tissue()
-    samples = sample_surface(tissue, 4000, 1)
-    places = find_heart_places(samples)
-    layer = heart_layer(tissue, samples, places, 1.0)
-    passed = np.abs(np.degrees(places.angle(layer.points))) > 15.0
-    forest, _ = heart_forest(join_layer(tissue, layer.points[passed], 0.5), places, 40, 0.25)
-    assert set(forest.tree[forest.parent > -2]) == {LEFT, RIGHT}

@@ -8,17 +8,14 @@ import pytest
 
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
-from design.anatomy.heart_places import _grooves, find_heart_places
-from design.anatomy.heart_trunk import guide_depth
-from design.anatomy.openness import sample_surface
 from design.anatomy.sink import check_trunks, sink_trunk
 from design.anatomy.tried_fewer import grow_or_advise
-from design.errors import LEAST_TERMINALS, TissueError, WideTrunkError
+from design.errors import LEAST_TERMINALS, WideTrunkError
 from design.tissue import block, tissue_from_surface
 from design.tissue import heart as heart_shape
 from design.units import PA_PER_MMHG
 from design.vasculature.treemath import tree_from_topology, tree_radii
-from tests.design.anatomy.hearts import HEART, closed_heart, heart_tissue
+from tests.design.anatomy.hearts import HEART, heart_tissue
 from tests.design.tissue.kept import kept_tissue
 
 CLEARANCE = 0.1
@@ -86,15 +83,6 @@ def test_a_heart_raises_a_drop_of_its_own_choice_until_trunks_fit(monkeypatch):
     assert len(drops) == 1
 
 
-def test_a_right_ventricle_wider_than_a_third_of_a_turn_has_its_groove_at_its_edge():
-    """The groove was taken to lie at 60 degrees, amid the thin wall: branches found no room."""
-    angle = np.radians(np.arange(-179.5, 180.0))
-    thin = (angle > np.radians(-110.0)) & (angle < np.radians(125.0))
-    front, back = _grooves(angle, np.where(thin, 2.5, 10.0))
-    assert np.degrees(front) == pytest.approx(120.0)
-    assert np.degrees(back) == pytest.approx(-110.0)
-
-
 @pytest.mark.slow
 def test_a_heart_of_a_thin_right_wall_grows(monkeypatch):
     outer = heart_shape.RIGHT_OUTER
@@ -115,16 +103,3 @@ def test_a_heart_of_a_thin_right_wall_grows(monkeypatch):
     made = grow_heart(tissue, options, HeartAnatomy(trunk_ends=10, published_radii=True))
     assert sum(int(tree.terminals[0]) for tree in made.trees) == 40
     assert any("wider trunks don't fit in the wall" in note for note in made.notes)
-
-
-def test_trunks_are_planned_less_deep_in_thin_walls():
-    """Trunks planned 1 mm deep found no place below walls of 1.6 and 1 mm: the refusal asked for
-    ostia further apart. With a right wall of 1.5 mm they kept to the left ventricle."""
-    tissue = kept_tissue(closed_heart(0.0, left_wall=1.6, right_wall=1.0))
-    samples = sample_surface(tissue, 4000)
-    places = find_heart_places(samples)
-    assert 0.3 < guide_depth(tissue, samples, places, 0.3) < 0.55
-    wide = find_heart_places(samples), kept_tissue(closed_heart(0.0))
-    assert guide_depth(wide[1], samples, wide[0], 0.3) == 1.0
-    with pytest.raises(TissueError, match=r"thin .* mm thick, .*; give a trunk_depth_mm of 0\.\d"):
-        guide_depth(tissue, samples, places, 1.0)

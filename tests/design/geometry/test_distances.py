@@ -40,14 +40,6 @@ def test_segment_segment_agrees_with_algebra(p):
 
 @settings(deadline=None)
 @given(points(4))
-def test_segment_segment_is_symmetric(p):
-    forth = segment_segment(*p[0], *p[1], *p[2], *p[3])[0]
-    back = segment_segment(*p[3], *p[2], *p[1], *p[0])[0]
-    assert abs(forth - back) < 1e-9
-
-
-@settings(deadline=None)
-@given(points(4))
 def test_point_triangle_agrees_with_plane_and_edges(p):
     squared = point_triangle_squared(*p[0], p[1:].ravel())
     assert abs(np.sqrt(squared) - oracles.point_triangle(*p)) < 1e-9

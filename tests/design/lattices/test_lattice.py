@@ -7,19 +7,16 @@ from typing import get_args
 import networkx
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from design.errors import NetworkError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.lattices import LatticeKind, LatticeOptions, build_lattice
 from design.lattices.cells import narrowest, tile, unit_cell
-from design.lattices.orient import directed, st_order
 from design.measures import MeasureOptions, measure_network
 from design.tissue import Tissue, annulus, block, cylinder
 from design.vasculature import collisions
 from tests.design.tissue.kept import kept_tissue
-from tests.slower import examples, first_of
+from tests.slower import first_of
 
 KINDS = get_args(LatticeKind)
 
@@ -138,35 +135,3 @@ def test_more_cells_than_memory_are_refused(rod: Tissue) -> None:
 def test_impossible_options_are_refused(options: tuple[str, float, float]) -> None:
     with pytest.raises(NetworkError, match="lattice"):
         LatticeOptions(*options)  # type: ignore[arg-type]
-
-
-@settings(deadline=None, max_examples=examples(60))
-@given(seed=st.integers(0, 2**32), count=st.integers(3, 25), chords=st.integers(0, 20))
-def test_in_an_st_order_only_the_ends_lack_a_neighbour(seed: int, count: int, chords: int) -> None:
-    random = np.random.default_rng(seed)
-    name = random.permutation(count)
-    ring = np.column_stack([name, np.roll(name, 1)])
-    more = random.integers(0, count, (chords, 2))
-    edges = np.concatenate([ring, more[more[:, 0] != more[:, 1]]])
-    edges = np.unique(np.sort(edges, axis=1), axis=0)
-    source, sink = random.choice(count, 2, replace=False)
-    place = st_order(edges, count, int(source), int(sink))
-    assert sorted(place) == list(range(count))
-    for node in range(count):
-        others = np.concatenate([edges[edges[:, 0] == node, 1], edges[edges[:, 1] == node, 0]])
-        assert (place[others] < place[node]).any() == (node != source)
-        assert (place[others] > place[node]).any() == (node != sink)
-
-
-def test_directions_hold_where_the_flow_stands_still() -> None:
-    # A bridge between two equal ways, with a node in its middle where nothing flows.
-    edges = np.array([[0, 1], [0, 2], [1, 3], [3, 2], [1, 4], [2, 4]])
-    turned = directed(edges, np.ones(6), 5, 0, 4)
-    assert set(range(5)) - set(turned[:, 1].tolist()) == {0}
-    assert set(range(5)) - set(turned[:, 0].tolist()) == {4}
-
-
-def test_directions_follow_the_flow() -> None:
-    edges = np.array([[1, 0], [2, 0], [2, 1], [3, 1], [2, 3]])
-    turned = directed(edges, np.array([10.0, 1.0, 1.0, 1.0, 1.0]), 4, 0, 3)
-    assert sorted(turned.tolist()) == [[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]]

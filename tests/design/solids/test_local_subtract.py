@@ -35,20 +35,6 @@ def test_a_ladder_open_at_both_faces_is_cut_as_by_the_whole_boolean(fillet: floa
     assert check_made(near) is not None
 
 
-def test_most_faces_stay_the_lumens_own() -> None:
-    lumen = _lumen()
-    near = subtract_near(block(), lumen, "it")
-    assert near is not None
-    own = {lumen.vertices[face[::-1]].tobytes() for face in lumen.faces}
-    kept = sum(near.vertices[face].tobytes() in own for face in near.faces)
-    assert kept > 0.8 * len(lumen.faces)
-
-
-def test_what_is_near_the_surface_all_along_is_left_to_the_whole_boolean() -> None:
-    network = channels([[0, 4, 2.95], [16, 4, 2.95]], [(0, 1)], 0.4)
-    assert subtract_near(block(), lumen_solid(network, extend_ends_mm=1.0), "it") is None
-
-
 def test_a_lumen_that_meets_no_face_and_a_body_of_two_shells_are_left_to_it() -> None:
     inner = lumen_solid(channels([[3, 4, 1.5], [9, 4, 1.5]], [(0, 1)], 0.4))
     assert subtract_near(block(), inner, "it") is None

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
 from design.errors import SolidError
-from design.solids import Solid, block_solid, lumen_solid, network_genus, surface_genus
+from design.solids import Solid, lumen_solid, network_genus, surface_genus
 from design.solids.facets import Facets
-from design.solids.smooth import assemble
-from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.fillet import rounded_distance, shoot, wall_rows
 from design.solids.smooth.layout import lay_out
-from design.solids.smooth.sphere import insert, start
-from design.solids.smooth.tube_start import reaches
-from design.solids.topology import edge_faults, is_closed
-from design.solids.tube import EndShape
+from design.solids.topology import edge_faults
 from tests.design.solids.networks import channels, ladder, lattice, vessel
 from tests.slower import first_of
 
@@ -97,46 +91,12 @@ def test_a_point_is_filled_where_no_ball_outside_the_vessels_reaches_it() -> Non
     assert tried > 100
 
 
-def test_between_plane_walls_the_fillet_is_the_balls_arc() -> None:
-    """Two tubes so wide that their walls are planes at a right angle, ball in the corner."""
-    wide, rho = 1e4, 0.5
-    walls = wall_rows(
-        np.array([[0, -wide, 0], [-wide, 0, 0]]), np.array([[0, 0, 1.0], [0, 0, 1.0]]),
-        np.full(2, np.inf), np.full(2, wide), np.zeros(2),
-    )  # fmt: skip
-    angle = np.linspace(0.1, 1.4, 7)
-    arc = rho - rho * np.stack([np.cos(angle), np.sin(angle), 0 * angle - 2.0], axis=1)
-    found = np.array([rounded_distance(walls, rho, *point) for point in arc])
-    assert found == pytest.approx(0.0, abs=2e-5)
-
-
 def test_vessels_in_one_line_dont_bulge() -> None:
     walls = _walls(np.array([[1.0, 0, 0], [-1.0, 0, 0]]), np.array([0.5, 0.5]))
     directions = np.stack([np.zeros(9), np.cos(np.arange(9)), np.sin(np.arange(9))], axis=1)
     away = np.empty(9)
     shoot(walls, 0.25, directions, away)
     assert away == pytest.approx(0.5, rel=1e-6)
-
-
-def test_triangles_of_directions_are_the_convex_hull() -> None:
-    points = np.random.default_rng(5).normal(size=(300, 3))
-    points /= np.linalg.norm(points, axis=1)[:, None]
-    tri, beside = np.zeros((700, 3), np.int64), np.zeros((700, 3), np.int64)
-    chosen = np.zeros(4, np.int64)
-    assert start(points, 20, tri, beside, chosen)
-    used = 4
-    for p in np.setdiff1d(np.arange(300), chosen).tolist():
-        used = insert(points, p, tri, beside, used, np.zeros(4000, np.int64))
-    hull = {tuple(sorted(face)) for face in ConvexHull(points).simplices.tolist()}
-    assert {tuple(sorted(face)) for face in tri[:used].tolist()} == hull
-
-
-def test_a_thin_branch_at_a_small_angle_is_clear_only_where_it_has_left_the_wide_wall() -> None:
-    walls = _walls(np.array([[1.0, 0, 0], [-1, 0, 0], [1.0, 0.2, 0]]), np.array([1, 1, 0.1]))
-    found = reaches(walls, 0.0, np.full(3, 50.0))
-    assert found[0] > (1.0 - 0.1) / 0.2
-    assert found[1] < 1.0
-    assert np.isinf(reaches(walls, 0.0, np.full(3, 3.0))[0])
 
 
 @pytest.mark.parametrize("turn", [TURN, pytest.param(np.eye(3), marks=pytest.mark.slow)])
@@ -204,51 +164,6 @@ def test_junctions_closer_than_their_width_are_united_in_a_crowd(ratio: float) -
     assert surface_genus(solid.faces) == (0, 1)
 
 
-@pytest.mark.parametrize("length", [0.95, 1.05, 1.3])
-def test_a_crowd_is_sewn_to_the_plain_tubes_around_it(length: float) -> None:
-    nodes = [[-4, 0, 0], [0, 0, 0], [length, 0, 0], [5, 0, 0], [3, 3, 0], [-1.5, -3, 0]]
-    ends = [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5)]
-    network = channels(nodes, ends, [0.5, 0.5, 0.5, 0.1, 0.1])
-    layout = lay_out(network, Facets(0.001), 0.0, None)
-    joined = layout.joint_of()
-    shapes: list[tuple[EndShape, EndShape]] = [
-        ("flat" if (run, 0) in joined else "round", "flat" if (run, 1) in joined else "round")
-        for run in range(5)
-    ]
-    _, faces = sew_parts(layout, shapes).surface()
-    assert sum(layout.swallowed) < 5
-    assert is_closed(faces)
-    assert surface_genus(lumen_solid(network).faces) == (0, 1)
-
-
-def test_a_surface_left_open_takes_in_only_the_vessels_around(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A gap at one group of junctions isn't a reason to unite the whole network."""
-    nodes = [[-4, 0, 0], [0, 0, 0], [0.4, 0, 0], [5, 0, 0], [3, 3, 0], [-1.5, -3, 0]]
-    nodes += [[9, 2, 0], [9, -2, 0], [14, 5, 0], [14, 0, 0]]
-    ends = [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5), (3, 6), (3, 7), (6, 8), (6, 9)]
-    network = channels(nodes, ends, [0.5] * 3 + [0.1, 0.1] + [0.4] * 4)
-    layout = lay_out(network, Facets(), 0.0, None)
-    joined = layout.joint_of()
-    shapes: list[tuple[EndShape, EndShape]] = [
-        ("flat" if (run, 0) in joined else "round", "flat" if (run, 1) in joined else "round")
-        for run in range(len(ends))
-    ]
-    real, gaps = assemble._open_places, [np.array([[-0.1, 0.5, 0.0]])]
-    monkeypatch.setattr(assemble, "_open_places", lambda done: gaps.pop() if gaps else real(done))
-    assert is_closed(sew_parts(layout, shapes).surface()[1])
-    assert layout.swallowed == [True] * 7 + [False] * 2
-
-
-def test_a_bend_within_a_facets_tolerance_is_mitred() -> None:
-    points = np.array([[0, 0, 0], [5, 0, 0], [9.5, 2, 0.0]])
-    bent = channels(points, [(0, 1), (1, 2)], [0.5, 0.5])
-    assert [
-        len(lay_out(bent, facets, 0.0, None).runs) for facets in (Facets(), Facets(ratio=0.05))
-    ] == [2, 1]
-
-
 def test_curved_and_tapered_vessels_meet() -> None:
     turn = np.linspace(0, np.pi, 40)
     arc = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0.1 * turn], axis=1)
@@ -307,10 +222,3 @@ def test_no_triangle_crosses_another(ratio: float) -> None:
     cross = channels([[0, 0, 0], *arms], [(0, k) for k in range(1, 7)], 0.4)
     for network in (FORK, crowd, cross):
         assert _crossings(lumen_solid(network, fillet_ratio=ratio, tolerance_mm=0.02)) == 0
-
-
-def test_the_search_for_crossings_finds_them() -> None:
-    cube = block_solid((1, 1, 1)).vertices
-    faces = block_solid((1, 1, 1)).faces
-    both = np.concatenate([cube, cube @ TURN.T + 0.5])
-    assert _crossings(Solid(both, np.concatenate([faces, faces + 8]))) > 0

@@ -10,9 +10,8 @@ import pytest
 
 from design.errors import SolidError
 from design.solids import lumen_solid, write_step
-from design.solids.chains import Chain
 from design.solids.step import MOST_PIECES
-from design.solids.step_pieces import simpler, step_pieces
+from design.solids.step_pieces import step_pieces
 from tests.design.solids.networks import channels, ladder, lattice, vessel
 
 FORK = channels([[0, 0, 0], [5, 0, 0], [9, 3, 0], [9, -3, 1]], [(0, 1), (1, 2), (1, 3)], 0.4)
@@ -29,19 +28,6 @@ def test_pieces_are_frusta_and_balls_each_touching_one_before_it() -> None:
     for piece in pieces[1:]:
         assert {piece.start.tobytes(), piece.end.tobytes()} & seen
         seen |= {piece.start.tobytes(), piece.end.tobytes()}
-
-
-def test_a_curve_keeps_the_points_it_needs() -> None:
-    turn = np.linspace(0, np.pi, 200)
-    points = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0 * turn], axis=1)
-    run = Chain(points, np.full(200, 0.5), np.full(200, -1))
-    fewer = simpler(run)
-    assert 15 < len(fewer.points) < 40
-    for a, b in zip(fewer.points[:-1], fewer.points[1:], strict=True):
-        sagitta = 3 - np.linalg.norm(0.5 * (a + b))
-        assert sagitta < 1.01 * 0.02 * 0.5
-    straight = Chain(np.linspace([0, 0, 0], [9, 0, 0], 50), np.linspace(1, 2, 50), run.node[:50])
-    assert len(simpler(straight).points) == 2
 
 
 def test_what_is_too_large_is_refused_with_numbers(

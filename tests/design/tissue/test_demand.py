@@ -118,10 +118,3 @@ def image(values, scale=5.0):
 def test_impossible_demand_is_refused(cube, make, message):
     with pytest.raises(TissueError, match=message):
         make(cube)
-
-
-def test_bounds_are_found_once():
-    """Growth asks for them with each lot of points: half of its time in a mesh of 100,000 faces."""
-    tissue = kept_tissue(block((30.0, 20.0, 10.0)))
-    assert tissue.bounds is tissue.bounds
-    assert np.ptp(tissue.bounds, axis=0).tolist() == [30.0, 20.0, 10.0]

@@ -2,12 +2,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
 
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
 from design.geometry import build_triangle_tree
-from design.geometry.segment_surface import segment_distance, segment_triangle
 from design.tissue import load_tissue
 from design.tissue.depth import depth_bounds, least_depth_along, winding_number
 from tests.design.tissue import surfaces
@@ -70,17 +67,6 @@ def test_capsules_are_judged_exactly_in_real_tissue(name):
     np.testing.assert_array_equal(tissue.grid.capsule_inside(start, end, radius), expected)
 
 
-@pytest.mark.slow
-def test_the_capsule_that_a_read_once_let_out_is_outside():
-    path = SHARED / "biventricle_svv.stl"
-    if not path.is_file():
-        pytest.skip("no shared data beside the repository")
-    grid = load_tissue(path, "mm").grid
-    start = np.array([[48.795814, 9.72107644, 33.12117283]])
-    end = np.array([[49.02402659, 9.97229899, 32.96081312]])
-    assert not grid.capsule_inside(start, end, np.array([0.01307])).any()
-
-
 def test_bounds_of_depth_hold_everywhere(slit):
     rng = np.random.default_rng(3)
     near = capsules_near(slit, 1_500)[0]
@@ -115,53 +101,6 @@ def test_winding_number_counts_overlapping_solids_and_no_cavity():
     hollow = surfaces.hollow_sphere()
     tree = build_triangle_tree(hollow.vertices, hollow.faces)
     assert [winding_number(tree, x, 0.0, 0.0) for x in (0.0, 8.0, 11.0)] == [0, 1, 0]
-
-
-def sampled_distance(a, b, tri):
-    """Least distance between points of a segment and of a triangle."""
-    s = np.linspace(0, 1, 33)
-    u, v = np.meshgrid(s, s)
-    keep = u + v <= 1 + 1e-12
-    corners = tri.reshape(3, 3)
-    on = corners[0] + np.outer(u[keep], corners[1] - corners[0])
-    on = on + np.outer(v[keep], corners[2] - corners[0])
-    along = a + np.outer(s, b - a)
-    return np.linalg.norm(along[:, None] - on[None], axis=2).min()
-
-
-#: Two corners that are one; three; and three in a line.
-_NO_AREA = [[0.0] * 6 + [0, 1, 1], [0.0] * 9, [0.0, 0, 0, 0.1, 0.3, 0.7, 0.2, 0.6, 1.4]]
-
-
-@given(st.lists(st.floats(-1, 1, width=32), min_size=15, max_size=15))
-@example([0, 0, 1, 0, 0, 0, *_NO_AREA[0]])
-@example([1, 0, 1, 1, 0, 0, *_NO_AREA[0][3:], 0, 0, 0])
-@example([1, 0, 1, 1, 0, 0.5, 0, 1, 1, *_NO_AREA[0][:6]])
-@example([0.5, 0.5, 1, 0, 0.25, 0, *_NO_AREA[1]])
-@example([0.5, 0.5, 1, 0, 0.25, 0, *_NO_AREA[2]])
-@example([1, 0, 0, 0, 1 / 3, -1, -1, 0, 0, 1e-8, 0, 0, 0, 1e-8, 0])
-@pytest.mark.slow
-def test_segment_triangle_distance_is_the_least_over_their_points(numbers):
-    a, b, tri = np.array(numbers[:3]), np.array(numbers[3:6]), np.array(numbers[6:])
-    found = segment_triangle(*a, *b, tri)
-    sampled = sampled_distance(a, b, tri)
-    # Samples are at most an eighth apart on each.
-    assert sampled - 0.2 <= found <= sampled + 1e-6
-
-
-def test_segment_through_a_triangle_has_distance_zero():
-    tri = np.array([0.0, 0, 0, 1, 0, 0, 0, 1, 0])
-    assert segment_triangle(0.2, 0.2, -1.0, 0.3, 0.3, 2.0, tri) == 0.0
-    assert segment_triangle(0.8, 0.8, -1.0, 0.8, 0.8, 2.0, tri) > 0.1
-
-
-def test_segment_distance_of_a_surface_is_the_least_of_its_triangles(slit):
-    tree = build_triangle_tree(slit.surface.vertices, slit.surface.faces)
-    start, end, _ = capsules_near(slit, 60, seed=4)
-    for a, b in zip(start, end, strict=True):
-        each = [segment_triangle(*a, *b, t) for t in tree.triangles]
-        assert segment_distance(tree, *a, *b, np.inf) == min(each)
-        assert segment_distance(tree, *a, *b, 1e-3) == min(*each, 1e-3)
 
 
 def test_depth_of_a_long_segment_is_that_of_its_shallowest_place(slit):

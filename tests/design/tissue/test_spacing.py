@@ -4,21 +4,7 @@ import pytest
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
 from design.errors import TissueError
 from design.tissue import BlockZone, SpacingRule, block, carve, tissue_from_surface
-from design.tissue.spacing import wall_thickness
 from tests.design.tissue import surfaces
-
-
-def test_walls_of_a_box_are_as_thick_as_it_is():
-    shape = block((16.0, 8.0, 3.0))
-    walls = wall_thickness(shape.vertices[shape.faces])
-    assert walls.thinnest == pytest.approx(3.0)
-    assert walls.thin == pytest.approx(3.0)
-
-
-def test_rim_of_a_wedge_is_thinner_than_its_walls():
-    shape = wedge()
-    walls = wall_thickness(shape.vertices[shape.faces])
-    assert walls.thinnest < 0.3 * walls.thin
 
 
 def wedge():

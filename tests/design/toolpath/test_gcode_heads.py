@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,7 +11,7 @@ import pytest
 from design.errors import ToolpathError
 from design.toolpath.gcode import Gcode, GcodeOptions, HeadLoad, stream_gcode, write_gcode
 from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind
 from firmware_profiles import Printer, Syringe, load
 from sim.gcode.dry_run.run import dry_run
 
@@ -98,22 +97,6 @@ SINGLE = {
     "pneumatic_marlin": "22fc8e23af922bd1",
 }
 """SHA-256 of a job for each shipped printer with one head, from before there were several."""
-
-
-@pytest.mark.parametrize("name", sorted(SINGLE))
-def test_jobs_of_one_head_keep_their_bytes(name):
-    builder = MoveBuilder(np.array([0.0, 0.0, 1.0]), "vessel")
-    for number in range(4):
-        if number:
-            builder.plunge(-0.02, 0.4, number)
-            up, across = [*builder.tip[:2], 4.0], [number, 0.0, 4.0]
-            builder.travel(np.array([up, across, [number, 0.0, 1.0]]), 20.0, number)
-            builder.plunge(0.02, 0.4, number)
-        builder.write(np.array([[number, 3.0, 1.5]]), np.array([1.0]), 5.0, number)
-    printer = load(Printer, name)
-    options = GcodeOptions(start_mm=(60, 70, 30), flow_ul_s=0.3 if printer.pneumatic else None)
-    data = write_gcode(builder.build(), printer, SMALL, PLACE, options).data
-    assert hashlib.sha256(data).hexdigest()[:16] == SINGLE[name]
 
 
 def test_a_job_of_one_head_is_what_it_was():
@@ -226,16 +209,6 @@ def test_each_head_s_count_goes_on_where_it_was_but_for_whole_mm():
     assert all(0 <= value < 1 for value in counted)
 
 
-@pytest.mark.parametrize("pattern", [[0, 1, 0], [1, 0, 1]])
-def test_a_travel_of_another_head_alone_changes_nothing(pattern):
-    path = lines_of(LINES[:2], [0, 0])
-    tool = path.tool.copy()
-    tool[path.kind == MoveKind.TRAVEL] = pattern
-    odd = replace(path, tool=tool)
-    expected = write_gcode(path, TWO, SMALL, PLACE, OPTIONS).data
-    assert write_gcode(odd, TWO, SMALL, PLACE, OPTIONS).data == expected
-
-
 def test_what_can_t_be_written_is_refused():
     with pytest.raises(ToolpathError, match="has one: take a printer"):
         write_gcode(PATH, ONE, SMALL, PLACE, GcodeOptions())
@@ -264,9 +237,3 @@ def test_the_dry_run_finds_nothing_wrong_with_what_is_written():
         area = np.pi / 4 * syringe.inner_mm**2
         written = PATH.volume_ul[PATH.tool == head].sum()
         assert run.of_head(head).plunger_max_mm * area == pytest.approx(written, rel=0.05)
-
-
-def test_toolpath_s_rows_can_be_picked():
-    some = PATH.where(PATH.kind == MoveKind.WRITE)
-    assert isinstance(some, Toolpath)
-    assert len(some) == 4

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks.paper_places import cases_of, compare
-from benchmarks.paper_plain import order_down, traversed_cost
 from design.tissue import block
 from design.vasculature import GrowthOptions, grow_tree
 from tests.design.tissue.kept import kept_tissue
-from tests.design.vasculature.oracles import volume
 from tests.slower import first_rows
 
 
@@ -36,11 +34,3 @@ def test_chosen_bifurcation_gains_most_of_what_a_fine_search_does(measured, low,
     assert len(there) > 20
     assert accuracy.max() <= 100 + 1e-3
     assert np.median(there) >= median
-
-
-def test_cost_by_traversals_is_the_volume():
-    tree = grown(60)
-    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
-    cost = traversed_cost(order_down(tree.children, len(length)), tree.children, length, 3.0)
-    unit = 8 * tree.viscosity_pa_s / np.pi * tree.terminal_flow_ul_s / tree.pressure_drop_pa
-    assert np.pi * unit**0.5 * cost == pytest.approx(volume(tree), rel=1e-12)

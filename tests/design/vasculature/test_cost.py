@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 from design.vasculature import GrowthOptions, tree_from_topology, tree_radii
 from design.vasculature.growth.bifurcation import best_place, split_value
 from design.vasculature.growth.cost import Sprout, climb
-from design.vasculature.growth.propose import trial
 from design.vasculature.growth.state import SEGMENT, place, refresh, spread_down
 from design.vasculature.options import Law
 from tests.design.vasculature import oracles
@@ -99,47 +98,6 @@ def test_flows_are_as_asked_and_murrays_law_is_exact(options, seed, terminals, u
     np.testing.assert_allclose(both, radius[inner] ** options.murray_exponent, rtol=1e-12)
 
 
-@settings(deadline=None, max_examples=examples(30))
-@given(laws, st.integers(0, 10_000), st.integers(2, 25), st.booleans())
-def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals, uneven):
-    """Radii and cost of a trial fork are those of the tree that has it."""
-    law = options.law
-    segments, count = random_segments(seed, terminals, law, uneven)
-    sprout = Sprout(1.7, 1.0) if uneven else ONE
-    rng = np.random.default_rng(seed)
-    i = int(rng.integers(1, count))
-    b, t = rng.normal(0, 3, 3), rng.normal(0, 3, 3)
-    spread_down(segments, count, 1.0, 1.0, law)
-    before = float(segments[0]["spend"])
-    fork, rise = trial(segments, i, b, t, sprout, law)
-    s = segments[i]
-    end, children = (s["dx"], s["dy"], s["dz"]), (s["left"], s["right"])
-    lower, tip = count, count + 1
-    place(segments, lower, tuple(b), end)
-    place(segments, tip, tuple(b), tuple(t))
-    place(segments, i, (s["px"], s["py"], s["pz"]), tuple(b))
-    segments[lower]["left"], segments[lower]["right"] = children
-    segments[tip]["left"] = segments[tip]["right"] = -1
-    segments[lower]["parent"] = segments[tip]["parent"] = i
-    for child in children:
-        if child >= 0:
-            segments[child]["parent"] = lower
-    segments[lower]["flow"], segments[tip]["flow"] = s["flow"], sprout.flow
-    segments[i]["left"], segments[i]["right"] = lower, tip
-    tips = segments[: count + 2]["left"] < 0
-    total = float(segments["flow"][: count + 2][tips].sum())
-    tree = as_tree(segments, count + 2, options)
-    radius = tree_radii(tree)
-    relative = radius / radius[0]
-    assert fork.up == pytest.approx(relative[i], rel=1e-10)
-    assert fork.low == pytest.approx(relative[lower], rel=1e-10)
-    assert fork.new == pytest.approx(relative[tip], rel=1e-10)
-    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
-    load = tree.reduced_resistance[0] * total
-    expected = load ** (law.lam / 4) * (length**law.u @ relative**law.lam)
-    assert before + rise == pytest.approx(expected, rel=1e-10)
-
-
 @pytest.mark.parametrize("gamma", [2.5, 3.0])
 def test_derivatives_at_the_root_agree_with_differences(gamma):
     law = Law(0.01, gamma, 2.0, 1.0)
@@ -156,35 +114,6 @@ def test_derivatives_at_the_root_agree_with_differences(gamma):
         up = climb(segments, i, load, spend * (1 + h), 1.0, whole, law)[0]
         down = climb(segments, i, load, spend * (1 - h), 1.0, whole, law)[0]
         assert by_spend == pytest.approx((up - down) / (2 * h * spend), rel=1e-5)
-
-
-def test_linear_model_approaches_the_exact_rise_with_the_size_of_the_tree():
-    law = Law(0.01, 3.0, 2.0, 1.0)
-    segments, count = random_segments(8, 2000, law)
-    spread_down(segments, count, 1.0, 1.0, law)
-    rng = np.random.default_rng(8)
-    errors = {4: [], 64: []}
-    for i in rng.integers(1, count, 200):
-        s = segments[i]
-        load, spend = 1.3 * float(s["load"]), 1.2 * float(s["spend"])
-        exact = climb(segments, i, load, spend, 1.0, 10**6, law)[0]
-        for enough, list_ in errors.items():
-            list_.append(abs(climb(segments, i, load, spend, 1.0, enough, law)[0] / exact - 1))
-    assert np.median(errors[64]) < 1e-3
-    assert np.mean(errors[64]) < 0.5 * np.mean(errors[4])
-
-
-def test_derivatives_of_a_split_agree_with_differences():
-    law = Law(0.01, 3.0, 2.0, 1.0)
-    segments, _ = random_segments(6, 12, law)
-    lengths = np.array([1.3, 0.7, 2.1])
-    value = split_value(segments[1], *lengths, ONE, law)
-    h = 1e-6
-    for axis in range(3):
-        step = h * np.eye(3)[axis]
-        up, down = (split_value(segments[1], *(lengths + s), ONE, law) for s in (step, -step))
-        assert value[2 + axis] == pytest.approx((up[0] - down[0]) / (2 * h), rel=1e-6)
-        assert value[5 + axis] == pytest.approx((up[1] - down[1]) / (2 * h), rel=1e-6)
 
 
 def test_best_place_beats_a_fine_search_by_nobody():

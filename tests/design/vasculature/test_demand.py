@@ -13,7 +13,6 @@ from design.vasculature import (
     supply_balance,
     tree_radii,
 )
-from design.vasculature.growth.territories import demand_points, territory_demand
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 
@@ -73,16 +72,6 @@ def test_flows_by_demand_are_what_an_independent_solver_finds(uneven):
     np.testing.assert_allclose(flows, tip_flows(tree), rtol=1e-9)
     assert flows.sum() == pytest.approx(options.flow_ul_s(uneven.volume_mm3))
     assert np.ptp(flows) > 2 * flows.mean()
-
-
-def test_territories_are_those_of_a_grid_of_terminals(even):
-    """On a regular grid every territory is a box; its demand is an integral done by hand."""
-    axes = [np.arange(s / 8, s, s / 4) for s in SIZE]
-    tips = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    linear = replace(even, demand=function_demand(even, lambda p: 1.0 + p[:, 0]))
-    points, weight = demand_points(linear, 200_000, 3)
-    expected = (1 + tips[:, 0]) / (1 + tips[:, 0]).sum()
-    np.testing.assert_allclose(territory_demand(points, weight, tips), expected, rtol=0.02)
 
 
 def test_balance_names_the_worst_served_terminal(even):

@@ -20,7 +20,6 @@ from design.vasculature import (
     parts_to_network,
     terminals_of,
 )
-from design.vasculature.growth.sharing import share_terminals
 from design.vasculature.growth.unreached import unreached
 from tests.design.tissue.kept import kept_tissue
 
@@ -99,14 +98,6 @@ def test_a_whole_tissue_is_said_nothing_of():
     tissue = _tissue(LARGE)
     supply, notes = check_supply(tissue, *terminals_of([grow_tree(tissue, OPTIONS)]))
     assert (supply[0].terminals, notes) == (60, ())
-
-
-def test_terminals_are_shared_by_largest_remainders():
-    count = share_terminals(np.array([0.5, 0.3, 0.199, 0.001]), np.array([1, 1, 1, 1]), 10)
-    assert count.tolist() == [5, 3, 1, 1]
-    assert share_terminals(np.array([0.7, 0.3, 0.0]), np.array([1, 1, 0]), 3).tolist() == [2, 1, 0]
-    with pytest.raises(GrowthError, match=r"1 terminals are fewer than the 2 inlets"):
-        share_terminals(np.array([0.5, 0.5]), np.array([1, 1]), 1)
 
 
 def test_what_one_tree_alone_takes_is_refused(two):

@@ -6,7 +6,6 @@ import pytest
 from design.errors import GrowthError
 from design.tissue import block
 from design.vasculature import DepthPenalty, GrowthOptions, grow_tree
-from design.vasculature.penalty import read_penalty, sample_penalty
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 
@@ -49,15 +48,6 @@ def test_a_factor_that_is_the_same_everywhere_changes_hardly_anything(box):
     same = grow_tree(box, GrowthOptions(terminals=150, penalty=lambda p: np.full(len(p), 3.0)))
     volume = [oracles.volume(tree) for tree in (plain, same)]
     assert volume[1] == pytest.approx(volume[0], rel=0.03)
-
-
-def test_read_is_trilinear_and_constant_beyond(box):
-    linear = sample_penalty(box, lambda p: 100.0 + p @ [1.0, -2.0, 0.5])
-    rng = np.random.default_rng(4)
-    for x, y, z in rng.uniform(0, 12, (50, 3)):
-        assert read_penalty(linear, x, y, z) == pytest.approx(100 + x - 2 * y + 0.5 * z)
-    assert read_penalty(linear, -50, 3, 3) == pytest.approx(read_penalty(linear, 0, 3, 3))
-    assert read_penalty(linear, 3, 3, 99) < read_penalty(linear, 3, 3, 11) + 1
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from design.measures import MeasureOptions, measure_network
 from design.solids import read_solid
 from design.tissue import block, folded_cortex, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree, tree_radii, tree_to_network
-from design.vasculature.growth.deep_roots import deep_roots
 from design.vasculature.growth.printable import grow_printable
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature.test_grow import SHARED, check
@@ -69,16 +68,6 @@ def test_takes_a_deep_root_where_the_default_one_is_too_shallow():
     assert done.reached == 300
     assert done.options.root_point_mm is not None
     check(done.tree, tissue, done.options)
-
-
-def test_deep_roots_are_deepest_first_apart_and_look_inward(brick):
-    points, ways = deep_roots(brick, 5, 1)
-    assert len(points) == 5
-    np.testing.assert_allclose(np.linalg.norm(ways, axis=1), 1.0)
-    assert brick.contains(points + 0.1 * ways).all()
-    away = np.linalg.norm(points[:, None] - points[None], axis=2)
-    assert away[np.triu_indices(5, 1)].min() >= 0.1 * np.linalg.norm(np.ptp(brick.bounds, axis=0))
-    assert -brick.grid.distance(points[:1] + 2.0 * ways[:1])[0] > 1.5
 
 
 def test_a_printable_tree_reaches_the_whole_slab(slab):

@@ -6,7 +6,6 @@ import pytest
 from design.tissue import block
 from design.vasculature import GrowthOptions
 from design.vasculature.growth.prune import prune
-from design.vasculature.growth.retip import move_tip, tip_near
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.tree_growth import TreeGrowth
 from tests.design.tissue.kept import kept_tissue
@@ -43,56 +42,6 @@ def whole(segments):
     assert (segments["terminals"][inner] == below).all()
     assert (segments["terminals"][segments["left"] < 0] == 1).all()
     return len(segments) == 2 * segments["terminals"][0] - 1
-
-
-@pytest.mark.parametrize("smallest", [0.0, np.inf], ids=["tips may move", "tips stay"])
-def test_a_vessel_that_is_too_wide_loses_what_makes_it_thin_enough(growth, smallest):
-    s = growth.segments[: growth.count]
-    wide = int(np.argmin(np.abs(s["terminals"] - 800)))
-    fed = int(s["terminals"][wide])
-    s["allowed"] = np.inf
-    s["allowed"][wide] = 0.97 * s["radius"][wide]
-    left = pruned(growth, smallest)
-    assert whole(left)
-    lost = TERMINALS - left["terminals"][0]
-    thin_enough = 1.0 - (0.98 * 0.97) ** growth.options.law.gamma
-    assert thin_enough * fed - 2 <= lost <= thin_enough * fed + 2
-
-
-def test_terminals_in_the_way_cost_few_others(growth):
-    # A vessel is seldom straight enough to do without its branch: those that aren't must not take
-    # the branches above with them, up to the root.
-    s = growth.segments[: growth.count]
-    s["allowed"] = np.inf
-    tips = np.flatnonzero(s["left"] < 0)[::10]
-    s["allowed"][tips] = 0.9 * s["radius"][tips]
-    left = pruned(growth, 0.0)
-    assert whole(left)
-    assert TERMINALS - left["terminals"][0] <= 1.05 * len(tips)
-
-
-def test_new_tips_are_clear_of_their_neighbours_and_wide_enough(growth):
-    s = growth.segments[: growth.count]
-    tips = np.flatnonzero(s["left"] < 0)[::10]
-    rest = growth.index, growth.room, growth.options.law, 1.0
-    least = float(np.median(s["radius"][tips]))
-    found = 0
-    for i in tips:
-        good, at = tip_near(growth.segments, int(i), *rest, least)
-        assert not tip_near(growth.segments, int(i), *rest, np.inf)[0]
-        if not good:
-            continue
-        found += 1
-        move_tip(growth.segments, int(i), *rest[:-1], at)
-        assert s["radius"][i] >= least
-        parent = s["parent"][i]
-        sibling = s["left"][parent] + s["right"][parent] - i
-        for other in (parent, sibling):
-            p, d = (np.array([s[f"{end}{x}"][other] for x in "xyz"]) for end in "pd")
-            along = np.clip((at - p) @ (d - p) / ((d - p) @ (d - p)), 0.0, 1.0)
-            away = np.linalg.norm(at - p - along * (d - p))
-            assert away >= s["radius"][i] + s["radius"][other]
-    assert found > 0.2 * len(tips)
 
 
 def test_repair_of_what_is_pruned_ends_with_every_terminal(growth):

@@ -8,14 +8,9 @@ import pytest
 
 from design.tissue import block, function_demand
 from design.vasculature import ClusterPool, GrowthOptions, grow_tree, tree_radii
-from design.vasculature.growth.audit import measure_allowed_radii
-from design.vasculature.growth.make_index import just_below
 from design.vasculature.growth.regions import large_growth, region_growth
-from design.vasculature.growth.regions.audit import measure_again, measure_in_parallel
 from design.vasculature.growth.regions.large_growth import LargeGrowth
-from design.vasculature.growth.regions.split import SHARED, split_tree
 from design.vasculature.growth.surroundings import Surroundings
-from design.vasculature.growth.target_points import depth_first
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature.test_grow import check
 
@@ -87,34 +82,6 @@ def grown(tissue, terminals):
     growth.start()
     growth.grow()
     return growth
-
-
-def test_regions_part_all_branches_and_terminals(small, tissue):
-    growth = grown(tissue, 200)
-    early = depth_first(growth.segments, growth.count)[: growth.count]
-    split = split_tree(early, tissue, 3000, 400, False, 1)
-    assert split.goal.sum() == 3000
-    shared = np.flatnonzero(split.region == SHARED)
-    assert (split.region[early["parent"][shared[1:]]] == SHARED).all()
-    own = np.flatnonzero(split.region != SHARED)
-    above = split.region[early["parent"][own]]
-    assert ((above == split.region[own]) | (above == SHARED)).all()
-    assert split.wanted[0] == pytest.approx(3000)
-    for region, others in enumerate(split.after):
-        assert region not in others
-
-
-def test_audit_on_threads_finds_what_the_serial_one_finds(small, tissue):
-    growth = grown(tissue, 1500)
-    growth.audit()
-    s, count, index, room = growth.segments, growth.count, growth.index, growth.room
-    again = s.copy()
-    bad = measure_allowed_radii(s, count, index, room, just_below(0.0), True)
-    assert measure_in_parallel(again, count, index, room, just_below(0.0), 3) == bad
-    np.testing.assert_allclose(again["allowed"][:count], s["allowed"][:count], rtol=1e-9)
-    wide = s[:count]["radius"] > s[:count]["allowed"]
-    assert measure_again(again, count, index, room, just_below(0.0)) == bad
-    assert (wide == (again[:count]["radius"] > again[:count]["allowed"])).all()
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from design.vasculature import (
     tree_to_network,
 )
 from design.vasculature.growth.forest import RootSpec, grow_forest
-from design.vasculature.growth.trunk import straighten_line, trunk_of
+from design.vasculature.growth.trunk import trunk_of
 from tests.design.geometry.oracles import segment_segment
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
@@ -152,15 +152,6 @@ def test_an_artery_segmented_and_published_is_a_trunk():
     trunk = trunk_of(network)
     assert off_axes(own, trunk.proximal, trunk.distal).max() < 1e-9
     check_flows(tree, options, tissue)
-
-
-def test_straightening_keeps_within_its_tolerance():
-    t = np.linspace(0, 3, 200)
-    line = np.column_stack([t, np.sin(t), 0 * t])
-    kept, moved = straighten_line(line, 0.01)
-    assert 3 < len(kept) < 40
-    corners = line[kept]
-    assert off_axes(line, corners[:-1], corners[1:]).max() <= moved + 1e-12 <= 0.01
 
 
 def network_of(ends):

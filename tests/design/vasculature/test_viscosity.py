@@ -12,7 +12,6 @@ from design.vasculature import (
     tree_radii,
     tree_to_network,
 )
-from design.vasculature.viscosity import relative_viscosity
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 
@@ -32,16 +31,6 @@ def pries(radius_mm, haematocrit):
     c = (0.8 + np.exp(-0.075 * d)) * (f - 1) + f
     share = ((1 - haematocrit) ** c - 1) / ((1 - 0.45) ** c - 1)
     return (1 + (mu45 - 1) * share * squeezed) * squeezed
-
-
-@pytest.mark.parametrize("haematocrit", [0.2, 0.45, 0.6])
-def test_law_is_pries_over_its_value_in_wide_vessels(haematocrit):
-    radii = np.geomspace(0.0025, 2.0, 40)
-    expected = pries(radii, haematocrit) / pries(50.0, haematocrit)
-    found = [relative_viscosity(r, haematocrit) for r in radii]
-    np.testing.assert_allclose(found, expected, rtol=1e-4)
-    assert relative_viscosity(0.5, -1.0) == 1.0
-    assert relative_viscosity(1e-6, 0.45) == relative_viscosity(0.002, 0.45)
 
 
 @pytest.mark.parametrize("haematocrit", [0.3, 0.45])

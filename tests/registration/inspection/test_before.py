@@ -10,9 +10,7 @@ import pytest
 
 from benchmarks.checkers.stacked_layers import Stack, stack
 from benchmarks.observe_before import expected, look
-from registration.errors import PictureError
 from registration.inspection import Unseen, see_layer
-from registration.inspection.pictures.earlier_view import camera_move
 from tests.slower import first_of
 
 SEEN = 4
@@ -116,37 +114,6 @@ def test_a_needle_or_speck_in_both_pictures_is_no_gap() -> None:
         pictures.append(speck)
     findings = see_layer(pictures[1], sound, expected(sound), before=pictures[0])
     assert not findings.gaps
-
-
-@pytest.mark.parametrize("move", [(0.4, -0.7), (-1.3, 0.6)])
-def test_a_move_is_found_to_a_small_part_of_a_pixel(move: tuple[float, float]) -> None:
-    rng = np.random.default_rng(3)
-    ground = cv2.GaussianBlur(rng.normal(0, 1, (200, 240)).astype(np.float32), (0, 0), 2.0)
-    shift = np.array([[1, 0, move[0]], [0, 1, move[1]]], dtype=np.float64)
-    earlier = cv2.warpAffine(ground, shift, (240, 200), flags=cv2.INTER_CUBIC)
-    light = 0.3 + 0.1 * np.linspace(0, 1, 240, dtype=np.float32)[None, :]
-    noisy = [v + rng.normal(0, 0.02, v.shape).astype(np.float32) for v in (ground + light, earlier)]
-    mask = np.zeros((200, 240), np.uint8)
-    mask[8:-8, 8:-8] = 1
-    mask[60:140, 70:170] = 0
-    found = camera_move(noisy[0][..., None], noisy[1][..., None], mask)
-    middle = np.array([119.5, 99.5, 1.0])
-    assert found.matrix @ middle - middle[:2] == pytest.approx(move, abs=0.05)
-
-
-@pytest.mark.parametrize("seed", first_of(range(4)))
-def test_an_even_ground_tells_no_move(seed: int) -> None:
-    """Noise alone was fitted, by up to 27 px, and the picture of the empty dish not used."""
-    rng = np.random.default_rng(seed)
-    noisy = [rng.normal(0.0, 0.02, (300, 300, 3)).astype(np.float32) for _ in range(2)]
-    mask = np.ones((300, 300), np.uint8)
-    mask[60:240:40, 50:250] = 0
-    assert camera_move(*noisy, mask).most_px <= 2.0
-
-
-def test_pictures_of_different_shapes_are_refused(painted: Stack) -> None:
-    with pytest.raises(PictureError, match="same camera"):
-        see_layer(painted.picture, painted, expected(painted), before=painted.before[1:])
 
 
 def test_fewer_lines_told_as_since_change_nothing(painted: Stack) -> None:

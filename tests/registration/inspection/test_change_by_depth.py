@@ -8,9 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from kernels.arrays import FloatArray
 from registration.inspection import ExpectedLines, see_layer
-from registration.inspection.over_ink.changed import unchanged
-from registration.inspection.values import Gap, Image
-from registration.inspection.ways import lay_ways
+from registration.inspection.values import Image
 
 WIDTH, PITCH, SIZE, SCALE, EDGE = 0.4, 0.68, 6.0, 40.0, 0.8
 TURBID = 0.2
@@ -61,20 +59,3 @@ def test_a_sound_opaque_layer_has_no_gaps_where_older_ink_lies_higher(layers: in
     rng = np.random.default_rng(layers)
     pictures = [_picture(count, rng) for count in (layers - 1, layers)]
     assert not see_layer(pictures[1], _View(), _lines(layers), before=pictures[0]).gaps
-
-
-@pytest.mark.parametrize(("change", "kept"), [(0.0, 1), (-0.8, 0), (0.5, 0)])
-def test_a_gap_changed_neither_as_ink_does_nor_the_other_way(change: float, kept: int) -> None:
-    ways = lay_ways(
-        ExpectedLines(
-            np.array([[0.0, 0.0, 0.3]]), np.array([[8.0, 0.0, 0.3]]), np.array([WIDTH]),
-            np.array([0]), np.array([0]), np.array([True]),
-        ),
-        0.05,
-    )  # fmt: skip
-    gap = Gap(0, 3.0, 4.0, (3.0, 0.0), (4.0, 0.0), 0.02, 1e-12)
-    found, doubtful = unchanged(
-        [gap], np.full(len(ways), change), np.ones(len(ways), bool), ways, lambda _: 0.0
-    )
-    assert len(found) == kept
-    assert doubtful.any() == (kept == 0)

@@ -1,8 +1,6 @@
-import numpy as np
 import pytest
 
 from registration.inspection import see_layer
-from registration.inspection.gaps.gap_ends import Bead
 from tests.registration.inspection.painted import Scene, expected
 from tests.slower import first_of
 
@@ -27,19 +25,3 @@ def test_a_gap_at_a_strokes_end_goes_to_its_end() -> None:
     assert gap.from_mm == pytest.approx(0.0, abs=1e-6)
     assert gap.to_mm == pytest.approx(0.7, abs=0.03)
     assert gap.start_mm == pytest.approx(tuple(scene.plan().start[0]), abs=0.05)
-
-
-def test_ends_of_a_sharp_opaque_bead_lie_where_light_ends() -> None:
-    square, rounded = (
-        Bead(0.3, 0.002, 100.0).half_way(is_round, 0.002) for is_round in (False, True)
-    )
-    assert square == pytest.approx((0.0, 0.0), abs=0.003)
-    # Of a disc of radius r, x away from its middle: r − √(r² − x²).
-    flank = np.linspace(0.28, 0.42, 50) * 0.3
-    assert rounded[0] == pytest.approx(0.003, abs=0.004)
-    assert rounded[1] == pytest.approx(np.median(0.15 - np.sqrt(0.15**2 - flank**2)), abs=0.01)
-
-
-def test_blur_and_absorption_hide_a_round_ends_tip() -> None:
-    within = [Bead(0.3, blur, 0.5).half_way(True, 0.002)[0] for blur in (0.005, 0.03, 0.06)]
-    assert 0.01 < within[0] < within[1] < within[2]

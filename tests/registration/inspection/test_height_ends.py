@@ -11,12 +11,10 @@ from benchmarks.checkers.profiler_painter import Kind, profiled
 from benchmarks.observe_laser import expected, planted
 from registration.files.readers.heights import HeightMap
 from registration.inspection import surface_of
-from registration.inspection.gaps.gaps import shift_along
 from registration.inspection.gaps.height_ends import HeightsAlong, Section
 from registration.inspection.pictures.working import prepare
-from registration.inspection.values import Gap, Shift
+from registration.inspection.values import Gap
 from registration.inspection.ways import Seen, lay_ways
-from tests.registration.inspection.lines import straight_lines
 
 
 @pytest.mark.parametrize("kind", ["plate", "lattice", "solid"])
@@ -27,32 +25,6 @@ def test_ends_lie_within_their_uncertainty(kind: Kind) -> None:
         assert max(abs(gap.from_mm - begin), abs(gap.to_mm - end)) < 2.0 * gap.u_mm
         assert abs(gap.length_mm - 0.5) < 3.0 * gap.u_length_mm
         assert gap.u_tip_mm < 0.12
-
-
-def test_a_caps_round_end_is_half_as_high_farther_within_than_an_upright_beads() -> None:
-    # A paraboloid of radius 1/2, y aside: half as high as there at √(1/8 - y²/2) from its middle.
-    y = np.array([-0.15, -0.075, 0.0, 0.075, 0.15])
-    core, flank = Section(np.sqrt(0.5), 0.0).within()
-    assert core == pytest.approx(0.5 - np.sqrt(1 / 8 - y**2 / 2).mean(), abs=1e-6)
-    assert flank > core
-    upright, _ = Section(0.97, 0.0).within()
-    assert 0.0 < upright < 0.04
-
-
-def test_nothing_known_of_widths_leaves_a_section_between_both() -> None:
-    unknown = Section.of_widths(np.full(9, np.nan))
-    assert 0.7 < unknown.half_share < 0.97
-    assert unknown.u_half_share > Section.of_widths(np.full(9, 0.9)).u_half_share
-
-
-def test_the_layers_place_along_a_line_is_in_its_ends_uncertainty() -> None:
-    ways = lay_ways(straight_lines(), 0.05)  # along x
-    gap = Gap(0, 2.0, 3.0, (2.0, 0.0), (3.0, 0.0), 0.03, 1e-9)
-    shift = Shift(0.0, 0.0, np.diag([0.04**2, 0.5**2]))
-    told = replace(gap, u_shift_mm=shift_along(gap, ways, shift))
-    assert told.u_shift_mm == pytest.approx(0.04)
-    assert told.u_mm == pytest.approx(0.05)
-    assert told.u_length_mm == pytest.approx(np.sqrt(2.0) * 0.03)  # both ends move alike
 
 
 def test_a_gap_reaches_over_what_was_not_told_up_to_the_ink() -> None:

@@ -38,13 +38,6 @@ def test_a_whole_map_and_one_that_ended_early_lack_nothing_between() -> None:
     assert lost_rows(now[:-3], last, still, _CELL) == (0, 0)  # 60 µm
 
 
-def test_bare_ground_doesnt_tell_where_rows_are_lost() -> None:
-    ground = np.random.default_rng(1).normal(0.0, 0.005, (2, 300, 300)).astype(np.float32)
-    still = np.ones((300, 300), np.bool_)
-    assert lost_rows(ground[0, :-20], ground[1], still, _CELL) == (20, 0)
-    assert lost_rows(ground[0], ground[1], still, _CELL) == (0, 0)
-
-
 @pytest.mark.parametrize("axis", [0, 1])
 def test_rows_that_were_lost_and_filled_up_are_told_by_what_is_gone(axis: int) -> None:
     now, last = _two(3)

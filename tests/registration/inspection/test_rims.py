@@ -17,8 +17,6 @@ from registration.inspection import (
     height_map,
     see_layer,
 )
-from registration.inspection.ink.ink_image import ACROSS
-from registration.inspection.widths.rim_widths import fit_rim
 from registration.scan import Scan
 
 VOXEL = (0.012, 0.025, 0.025)
@@ -117,22 +115,6 @@ def test_a_vessel_that_shows_by_its_rim_is_not_told_as_turned() -> None:
     other = Scan(turned, VOXEL, 1.0, False, "linear", "oct", True, Path("painted"))
     picture, frame = height_map(other, to_scan, 0.7, 0.7, lines)
     assert better_turned(picture, frame, lines, other, in_parts=False) == "turned by 180°"
-
-
-@pytest.mark.parametrize("blur", [0.05, 0.12])
-@pytest.mark.parametrize("diameter", [0.9, 1.1])
-def test_the_fit_is_as_sure_as_the_blur_lets_it_be(blur: float, diameter: float) -> None:
-    fine = np.linspace(-2.0, 2.0, 4001)
-
-    def chord(wide: float) -> NDArray[np.float64]:
-        return np.minimum(np.sqrt(np.maximum(wide**2 - (2 * fine) ** 2, 0.0)), 0.7)
-
-    shell, core = chord(diameter) - chord(0.85 * diameter), chord(0.85 * diameter)
-    kernel = np.exp(-0.5 * (np.linspace(-0.6, 0.6, 1201) / blur) ** 2)
-    seen = np.convolve(3.0 * shell - 0.4 * core, kernel / kernel.sum(), mode="same")
-    rim = fit_rim(np.interp(ACROSS, fine, seen), 0.03, (0.7, 1.1))
-    assert abs(rim.diameter - diameter) < 2.0 * rim.u_diameter
-    assert 0.5 * blur < rim.u_diameter < blur
 
 
 def test_dead_columns_are_no_ink() -> None:

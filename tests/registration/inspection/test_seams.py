@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from registration.inspection import LayerFindings, see_layer
-from registration.inspection.ways import lay_ways
 from tests.registration.inspection.painted import Scene, expected
 
 FILLED = Scene(3, layout="filled", size=8.0, width=0.3)
@@ -61,21 +60,3 @@ def test_what_lacks_less_than_is_tolerated_is_none() -> None:
 def test_a_layer_that_is_thin_throughout_is_not_called_told() -> None:
     findings = seen(replace(FILLED, um_per_px=12.0), (-1.0, 1e3, 0.6))
     assert findings.untold_seams > 0.5
-
-
-@pytest.mark.parametrize(("pitch_mm", "touch"), [(0.28, True), (0.3, True), (0.33, False)])
-def test_lines_touch_where_the_design_leaves_no_slot(pitch_mm: float, touch: bool) -> None:
-    plan = FILLED.plan()
-    line = np.arange(len(plan.width)) % 2 == 0
-    lines = expected(plan)
-    start, end = np.zeros((5, 3)), np.zeros((5, 3))
-    start[:, 1] = end[:, 1] = pitch_mm * np.arange(5)
-    end[:, 0] = 4.0
-    five = {name: getattr(lines, name)[line][:5] for name in ("width_mm", "line", "fresh")}
-    ways = lay_ways(replace(lines, start=start, end=end, stroke=np.arange(5), **five), 0.05)
-    middle = (ways.stroke == 2) & (ways.to_end > 0.3)
-    assert np.isfinite(ways.seams[:, middle]).all() == touch
-    if touch:
-        assert ways.seams[:, middle] == pytest.approx(pitch_mm / 0.6, abs=1e-6)
-    outer = ways.seams[:, ways.stroke == 0]
-    assert np.isnan(outer).all(axis=1).any()

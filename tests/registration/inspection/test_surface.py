@@ -13,7 +13,6 @@ from kernels.arrays import FloatArray
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
 from registration.inspection import LayerFindings, Surface, Unseen, see_layer, surface_of
-from registration.inspection.unseen.out_of_place import unless_elsewhere
 
 KINDS: tuple[Kind, ...] = ("plate", "lattice", "solid")
 
@@ -82,16 +81,6 @@ def test_ink_where_none_should_be_is_measured_beside_gaps(by_mm: float, least: f
     found = look(replace(map_, to_map=to_map))
     assert found.gaps
     assert least <= found.beside_mm <= max(least, 0.05) + 1000.0 * (by_mm > 0)
-
-
-def test_a_gap_that_another_place_of_the_layer_shows_as_ink_is_not_placed() -> None:
-    found, stroke, _ = planted(100_000, "solid", 1.0)
-    sound = look(profiled(100_000, "solid"))
-    doubted = unless_elsewhere(found, sound)
-    assert doubted.gaps == ()
-    assert [one.stroke for one in doubted.unplaced] == [stroke]
-    assert doubted.seen_share < found.seen_share
-    assert unless_elsewhere(found, found).gaps == found.gaps
 
 
 def small(heights: FloatArray, to_map: FloatArray | None = None) -> Surface:

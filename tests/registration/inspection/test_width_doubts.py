@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from registration.devices.microscope.ink_absorption import shade_profile
-from registration.inspection.ink.in_light import mixed_in_light
 from registration.inspection.ink.ink_image import ACROSS, Template
 from registration.inspection.widths.widths import measure_widths
 
@@ -63,33 +62,3 @@ def test_plain_lines_are_known_to_some_hundredths():
     ratio, u = measured(line())
     assert ratio == pytest.approx(1.0, abs=0.02)
     assert u < 0.06
-
-
-def test_bright_opaque_ink_may_hide_its_flanks():
-    """White ink under a ring of light: 0.80 of its width told as ± 0.04, and filled up."""
-    assert measured(line(60.0), bright=True)[1] > 0.1
-    assert measured(line(60.0))[1] < 0.08  # dark ink has no dim flanks
-    assert measured(line(4.0), bright=True)[1] < 0.08
-
-
-def test_a_camera_whose_response_matters_is_less_sure():
-    plain = measured(line(40.0, 0.04))[1]
-    mean = line(40.0, 0.04)
-    coded = measured(mean, mean**0.45)[1]
-    assert coded > plain + 0.03
-
-
-@pytest.mark.parametrize("response", [1.0, 2.2])
-def test_shares_of_ink_come_back_from_a_mix_of_channels(response):
-    bath, ink = np.array([60.0, 80.0, 50.0]), np.array([210.0, 230.0, 220.0])
-    share = np.linspace(0.0, 1.0, 21)
-    light = (1 - share)[:, None] * bath + share[:, None] * ink
-    logs = np.log(light / bath) / response
-    mix = np.array([1.0, -0.7, 0.2])
-    whole = logs[-1]
-    found = mixed_in_light(logs @ mix / (whole @ mix), mix, whole, response)
-    assert found == pytest.approx(share, abs=0.01)
-
-
-def test_a_mix_that_tells_no_share_gives_none():
-    assert mixed_in_light(np.zeros(3), np.array([1.0, -1.0]), np.array([0.5, 0.5])) is None

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from lxml import etree, html
 
-from design.network import VesselNetwork
 from registration.report import (
     ReportError,
     diameter_figure,
     histogram_figure,
     network_figure,
 )
-from registration.report.figures import flush_ends, piece_values
 from registration.report.gcode import layer_figure
 from registration.report.gcode.colouring import colourings
 from registration.report.picture.colours import samples
@@ -71,10 +69,6 @@ def test_histogram_bars_are_shares_of_the_whole() -> None:
     assert boxes[2] / boxes[1] == pytest.approx(2 / 3, rel=1e-3)
 
 
-def test_names_arent_read_as_formulas() -> None:
-    assert b"$b_2$" in every_figure()["diameters"]
-
-
 def test_diameters_are_counted_by_their_decision_and_allowed_what_is_theirs() -> None:
     found = every_figure()["diameters"].decode()
     for said in ("measured (1)", "undecided (1)", "fail (1)"):
@@ -85,30 +79,6 @@ def test_diameters_are_counted_by_their_decision_and_allowed_what_is_theirs() ->
 def test_figures_of_nothing_still_draw() -> None:
     assert diameter_figure([{"vessel": 0, "designed_um": 400.0, "value_um": None}])
     assert histogram_figure([0, 1], [0])
-
-
-def test_open_ends_are_drawn_flush() -> None:
-    network = planar_network()
-    start, end, r0, r1, _ = network.pieces()
-    drawn_start, drawn_end = flush_ends(network, start, end, r0, r1)
-    assert drawn_start[0].tolist() == [0.5, 4.1, 1.5]
-    assert drawn_end[-1].tolist() == [15.5, 4.1, 1.5]
-    np.testing.assert_array_equal(drawn_start[1:], start[1:])
-    np.testing.assert_array_equal(drawn_end[:-1], end[:-1])
-
-
-def test_values_per_vessel_and_per_point_reach_the_pieces() -> None:
-    network = VesselNetwork(
-        nodes=np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0]]),
-        vessel_nodes=np.array([[0, 1], [1, 2]]),
-        kind=np.zeros(2, int), tree=np.zeros(2, int), offset=np.array([0, 3, 5]),
-        points=np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 0, 0], [4, 0, 0]]),
-        radius=np.full(5, 0.25),
-    )  # fmt: skip
-    assert piece_values(network, np.array([7.0, 9.0])).tolist() == [7.0, 7.0, 9.0]
-    of_points = np.array([0.0, 2.0, 4.0, 10.0, 20.0])
-    assert piece_values(network, of_points).tolist() == [1.0, 3.0, 15.0]
-    assert piece_values(network, None).tolist() == [0.5, 0.5, 0.5]
 
 
 def test_inlined_drawings_follow_the_theme_and_keep_their_ids_apart() -> None:
@@ -132,14 +102,6 @@ def test_active_content_is_taken_out_of_a_drawing() -> None:
     for gone in ("script", "foreignObject", "onload", "onclick", "example.org", "<a"):
         assert gone not in text
     assert "M0 0L1 1" in text
-
-
-def test_a_caption_is_escaped() -> None:
-    assert 'alt="&lt;b&gt;&#34;"' in inline_figure(PNG, '<b>"', "p-")
-    assert (
-        html.fromstring(inline_svg(every_figure()["layer"], '<b>"', "p-")).get("aria-label")
-        == '<b>"'
-    )
 
 
 @pytest.mark.parametrize("picture", [b"GIF89a", b"", b"<html></html>"])

@@ -5,14 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pytest
 from lxml import html
 
 from registration.report import write_report_html
 from registration.report.gauging_figures import (
-    MOST_PROFILES,
-    curve_figure,
-    layer_deviation_figure,
     profile_figure,
 )
 from registration.report.gauging_sections import (
@@ -91,10 +87,6 @@ def test_defects_are_told_with_place_size_and_lines() -> None:
     assert [row.vessel for row in table.rows] == [0, 0]
 
 
-def test_no_defects_no_table() -> None:
-    assert defect_table({"defects": []}) is None
-
-
 def test_both_fits_stand_side_by_side() -> None:
     rows = {label: pair for label, *pair in two_way_rows(gauged())}
     assert rows["95 % Hausdorff distance / µm"] == ["95.0", "14.5"]
@@ -152,24 +144,3 @@ def test_each_section_is_drawn_by_its_decision() -> None:
     clean = profile_figure([row | {"decision_along": ["pass"] * n}], [])
     assert clean is not None
     assert BAD not in clean.decode()
-
-
-def test_profiles_show_the_ill_first() -> None:
-    many = [gauged()["vessels"][1] | {"vessel": v, "error_percent": v / 10} for v in range(40)]
-    drawn = profile_figure(many, [{"kind": "leak", "vessel": 3, "from_mm": 1, "to_mm": 1.2}])
-    assert drawn is not None
-    text = drawn.decode()
-    assert "vessel 3: leak" in text
-    assert "vessel 39" in text
-    assert "vessel 5<" not in text
-    assert text.count(">vessel ") == MOST_PROFILES
-
-
-@pytest.mark.parametrize("values", [[], [{"along_mm": [], "vessel": 0}]])
-def test_nothing_measured_draws_nothing(values: list[dict[str, Any]]) -> None:
-    assert profile_figure(values, []) is None
-    assert layer_deviation_figure([{"z_mm": 1.0, "rms_um": None}]) is None
-
-
-def test_curve_is_an_svg() -> None:
-    assert curve_figure([0, 10], [0, 1], [0, None]).startswith(b"<?xml")

@@ -118,13 +118,6 @@ def test_colourings_say_only_what_is_known():
     assert keys == ["height", "width", "kind", "speed", "order", "vessel"]
 
 
-def test_the_rounding_of_widths_doesnt_fill_the_scale():
-    job = layered_job()
-    width = np.where(job.writes, 0.15 + 1e-4 * np.arange(10), np.nan)
-    low, high = colourings(replace(job, width_mm=width))[0].limits
-    assert high - low == pytest.approx(0.015, rel=0.05)
-
-
 def test_the_same_job_gives_the_same_page_and_hostile_names_stay_text(tmp_path):
     hostile = "</script><script>alert(1)</script>"
     job = layered_job(name=hostile, kinds=(hostile, "b"), notes=(hostile,))
@@ -177,14 +170,6 @@ def test_a_band_is_what_lies_within_half_its_width_of_the_line():
         assert (inside != near).mean() < 0.002
 
 
-def test_pieces_of_two_colours_overlap_only_within_the_turn():
-    start, end = np.array([[-2.0, 0.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [2.0, 0.0]])
-    outlines, _ = band_outlines(start, end, np.full(2, 1.0), np.zeros(2, int), np.arange(2))
-    _, left = filled(outlines[:1])
-    _, right = filled(outlines[1:])
-    assert not (left & right).any()
-
-
 @pytest.mark.parametrize("key", first_of(["width", "kind", "speed", "order"], 2))
 def test_picture_of_a_layer_has_the_size_that_is_asked_for(key):
     job = layered_job()
@@ -195,14 +180,6 @@ def test_picture_of_a_layer_has_the_size_that_is_asked_for(key):
     # Ten times as wide as high, which is more than a picture follows.
     assert image.size == (520, round(520 * (0.70 * 0.2 + 0.1924)))
     assert image.mode == "P"
-
-
-def test_picture_of_a_square_layer_is_928_for_1040():
-    places = [(0, 0, 1), (4, 0, 1), (4, 4, 1), (0, 4, 1)]
-    layers = Layers(False, np.array([1.0]), np.array([0.1]))
-    job = make_job(places, [WRITE] * 3, [0, 0, 0], layers)
-    picture = draw_layer(job, 0, colourings(job)[0], 1040, False)
-    assert Image.open(io.BytesIO(picture)).size == (1040, 928)
 
 
 def test_picture_of_passes_shows_those_before_and_no_later_one():

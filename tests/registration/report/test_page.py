@@ -14,12 +14,10 @@ from matplotlib import rcParams
 from registration.report import ReportSurface, write_report_html
 from registration.report.gcode import layer_figure
 from registration.report.gcode.colouring import colourings
-from tests.slower import first_of
 
 from .gcode_sample import layered_job
 from .sample import block_surface, deviation_surface, planar_network, sample_data
 
-SECTIONS = [key for key in sample_data() if key not in ("schema", "recipe")]
 ROOT = Path(__file__).parents[3] / "registration" / "report"
 
 
@@ -139,22 +137,6 @@ def test_without_a_verdict_the_page_doesnt_claim_one(tmp_path: Path) -> None:
     assert not page.xpath('//div[contains(@class, "verdict pass")]')
 
 
-@pytest.mark.parametrize("key", SECTIONS)
-def test_a_section_can_stand_alone(key: str, tmp_path: Path) -> None:
-    page = written(tmp_path, {key: sample_data()[key]})
-    for target in page.xpath("//nav/a/@href"):
-        assert page.xpath(f'//*[@id="{target[1:]}"]')
-
-
-@pytest.mark.parametrize("key", first_of(SECTIONS, 2))
-def test_a_section_can_be_missing(key: str, tmp_path: Path) -> None:
-    data = sample_data()
-    del data[key]
-    page = written(tmp_path, data)
-    for target in page.xpath("//nav/a/@href"):
-        assert page.xpath(f'//*[@id="{target[1:]}"]')
-
-
 def test_an_empty_report_is_still_a_page(tmp_path: Path) -> None:
     page = written(tmp_path, {})
     assert page.xpath("//h1")
@@ -244,13 +226,6 @@ def test_large_tables_say_what_they_leave_out(tmp_path: Path) -> None:
     assert "of 1\u202f500 rows shown" in page.text_content()
 
 
-def test_vendored_scripts_are_the_files_their_readme_names() -> None:
-    readme = (ROOT / "vendor" / "README.md").read_text(encoding="utf-8")
-    for path in sorted((ROOT / "vendor").glob("*.js")):
-        assert f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" in readme
-    assert "MIT" in (ROOT / "vendor" / "LICENSE-three").read_text(encoding="utf-8")
-
-
 LOOK = {
     "look": 5, "mark": "end of layer 4", "way_mm": 162.8, "judged": 0.7, "ink": 0.858,
     "mended": True, "gaps_mm": 0.9, "scan_known": 1.0, "scan_ink": 0.885, "scan_missing_mm": 16.3,
@@ -269,7 +244,3 @@ def test_looks_stand_beside_the_final_scan_and_those_that_disagree_first(tmp_pat
     assert (second[0], second[-2:]) == ("1", ["yes", "look: whole; scan: whole"])
     assert "16.3" in first
     assert "Looks held against the final scan" in words(page)
-
-
-def test_a_print_without_looks_has_no_such_table(whole: str) -> None:
-    assert "Looks held" not in whole

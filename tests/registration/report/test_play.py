@@ -1,12 +1,10 @@
 import base64
-import io
 import re
 import zlib
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from registration.report import ReportError, write_report_html
 from registration.report.gcode import Act
@@ -19,7 +17,6 @@ from registration.report.play import (
     thin_playback,
     write_play_html,
 )
-from registration.report.play.frame import draw_frame
 from registration.report.play.serialise import pack_playback
 from registration.report.play.thin import join_stretches
 
@@ -187,14 +184,3 @@ def test_a_report_has_a_slider_only_with_a_prediction(tmp_path):
     assert text.count('id="play-data"') == text.count('id="play-viewer"') == 1
     assert '<a href="#play">' in text
     assert "<script>document" not in text
-
-
-@pytest.mark.parametrize("played", [layered(), passes()], ids=["layers", "passes"])
-def test_the_frame_for_paper_shows_ink(played):
-    picture, said = draw_frame(played)
-    assert picture == draw_frame(played)[0]
-    image = np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
-    # 20 % too thin is blue on this scale.
-    blue = (image[:, :, 2] - image[:, :, 0] > 60).mean()
-    assert blue > 0.01
-    assert said.startswith("All 3 passes" if played.passes else "Layer 2 of 2")

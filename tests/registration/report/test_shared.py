@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from registration.report import all_figures, network_page, write_report_html
 from registration.report import page as page_module
-from registration.report.drawing import broken_line, small_multiples
 from registration.report.scripts import import_map, module_map
 from tests.registration.report.sample import planar_network, sample_data
 
@@ -31,31 +29,6 @@ def test_module_map_names_what_a_page_imports(tmp_path: Path) -> None:
     assert sorted(found) == ["own/main", "report/theme"]
     assert found["own/main"] == "data:text/javascript;base64,MQ=="
     assert found["report/theme"] == json.loads(import_map())["imports"]["report/theme"]
-
-
-@pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (2, 1, 2), (3, 1, 3), (8, 3, 3)])
-def test_small_multiples_stand_in_rows_with_the_gaps_asked_for(
-    count: int, rows: int, columns: int
-) -> None:
-    figure, axes, found = small_multiples(count, 1.9, (0.8, 0.7))
-    assert (len(axes), found) == (count, columns)
-    wide, high = figure.get_size_inches()
-    boxes = [one.get_position() for one in axes]
-    if columns > 1:
-        assert (boxes[1].x0 - boxes[0].x1) * wide == pytest.approx(0.8)
-    if rows > 1:
-        assert (boxes[0].y0 - boxes[columns].y1) * high == pytest.approx(0.7)
-    assert min(box.x0 for box in boxes) * wide == pytest.approx(0.7)
-    assert max(box.x1 for box in boxes) <= 1
-    assert sum(one.axison for one in figure.axes) == count
-
-
-def test_a_line_breaks_where_a_section_is_missing() -> None:
-    along = np.array([0.0, 0.1, 0.2, 0.5, 0.6])
-    x, y = broken_line(along, np.arange(5.0))
-    assert np.flatnonzero(np.isnan(x)).tolist() == [3]
-    assert np.flatnonzero(np.isnan(y)).tolist() == [3]
-    assert broken_line(along[:2], along[:2])[0].tolist() == [0.0, 0.1]
 
 
 def test_what_is_drawn_already_isnt_drawn_again(

@@ -3,7 +3,7 @@ from typing import Any
 
 import pytest
 
-from registration.report.wording import decimals_for, duration, fixed, label_and_unit, number, plain
+from registration.report.wording import label_and_unit, number
 
 
 @pytest.mark.parametrize(
@@ -17,18 +17,6 @@ from registration.report.wording import decimals_for, duration, fixed, label_and
 )  # fmt: skip
 def test_numbers(value: Any, text: str) -> None:
     assert number(value) == text
-
-
-def test_a_rounded_zero_has_no_sign() -> None:
-    assert fixed(-0.001, 1) == "0.0"
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(1.416, "1.42 s"), (200, "3 min 20 s"), (4382.1, "1 h 13 min"), (None, "–")],
-)
-def test_durations(seconds: Any, text: str) -> None:
-    assert duration(seconds) == text
 
 
 @pytest.mark.parametrize(
@@ -48,15 +36,3 @@ def test_durations(seconds: Any, text: str) -> None:
 )
 def test_labels_and_units_come_from_the_key(key: str, expected: tuple[str, str]) -> None:
     assert label_and_unit(key) == expected
-
-
-def test_a_column_has_the_decimals_of_its_largest_number() -> None:
-    assert decimals_for([0.001, 12.3, None]) == 1
-    assert decimals_for([1, 2000]) == 0
-    assert decimals_for([]) == 0
-
-
-def test_plain_text_of_json_values() -> None:
-    assert plain([1, 2.5, None]) == "1, 2.5, –"
-    assert plain({"a": True}) == "a: yes"
-    assert plain("") == "–"

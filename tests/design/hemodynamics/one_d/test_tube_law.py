@@ -57,14 +57,6 @@ def test_cells_have_the_vessels_compliance_resistance_and_volume(
     assert faces[[0, cells, cells + 1, 2 * cells + 1]] == pytest.approx([0.5, 0.4, 0.4, 0.35])
 
 
-def test_a_parabola_has_its_alpha_and_its_friction_and_so_has_the_power_law() -> None:
-    options = OneDOptions(profile_exponent=np.array([2.0, 9.0]))
-    assert options.momentum_alpha(2) == pytest.approx([4.0 / 3.0, 1.1])
-    friction = options.friction(2, 4e-3, 1e-3)
-    assert friction == pytest.approx([8.0 * np.pi * 4.0, 22.0 * np.pi * 4.0])
-    assert OneDOptions().momentum_alpha(2) == pytest.approx(4.0 / 3.0)
-
-
 def test_rigid_walls_are_refused() -> None:
     pipe = network_of([[0, 0, 0], [10, 0, 0]], [(0, 1)], 0.5)
     conditions = PulsatileConditions(1e-3, Sine(1.0, 0.5, 1.0), wall=RigidWall())

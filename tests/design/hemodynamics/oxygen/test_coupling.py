@@ -10,9 +10,8 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.oxygen import OxygenConditions, grid_of_box, solve_oxygen
-from design.hemodynamics.oxygen.elements import cut_vessels, lumen_share
 from design.hemodynamics.oxygen.problem import OxygenProblem
-from design.hemodynamics.oxygen.transport import sweep, transport_of
+from design.hemodynamics.oxygen.transport import sweep
 from design.hemodynamics.oxygen.wall import SMOOTHING, subgrid
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
@@ -96,34 +95,6 @@ def test_what_a_vessel_gives_depends_neither_on_its_place_in_a_cell_nor_on_the_g
         assert flux(0.2, shift) == pytest.approx(fine, rel=0.04)
 
 
-def test_weights_sum_to_one_in_the_tissue_and_to_nothing_outside() -> None:
-    network = network_of([[0.5, 1, 1], [1.5, 1, 1], [1.9, 3.5, 3.5]], [(0, 1), (1, 2)], 0.15)
-    found = cut_vessels(network, grid_of_box(BOX, 0.1))
-    total = np.add.reduceat(found.weight, found.start[:-1])
-    assert total[found.vessel == 0] == pytest.approx(1.0, abs=1e-12)
-    assert total[-1] == 0.0
-
-
-def test_lumens_hold_their_volume_on_the_grid() -> None:
-    for radius in (0.01, 0.06, 0.3):
-        network = network_of([[0.4, 0.6, 0.7], [1.5, 1.3, 1.2]], [(0, 1)], radius)
-        grid = grid_of_box(BOX, 0.1)
-        volume = lumen_share(network, grid).sum() * grid.cell_ul
-        exact = np.pi * radius**2 * network.lengths()[0]
-        assert volume == pytest.approx(exact, rel=0.03)
-
-
-def test_a_stream_relaxes_exponentially_to_what_is_around_it() -> None:
-    network = network_of([[0.5, 1, 1], [1.5, 1, 1]], [(0, 1)], 0.05)
-    flow = solve_flow(network, FlowConditions(1e-3, inlet_flow_ul_s=0.02))
-    elements = cut_vessels(network, grid_of_box(BOX, 0.1))
-    count = len(elements.length)
-    transport, around = transport_of(network, flow, elements), np.full(count, 0.1)
-    flux, _, leaves = sweep(transport, np.full(count, 0.03 / count), around, 0.2)
-    assert leaves[0] == pytest.approx(0.1 + 0.1 * np.exp(-1.5), rel=1e-12)
-    assert flux.sum() == pytest.approx(0.02 * (0.2 - leaves[0]), rel=1e-12)
-
-
 def test_a_network_with_loops_mixes_by_flow_and_keeps_what_it_is_given() -> None:
     network = network_of(NODES, BRIDGE, [0.1, 0.08, 0.05, 0.04, 0.06, 0.08, 0.1])
     problem = solved_problem(network)
@@ -134,18 +105,6 @@ def test_a_network_with_loops_mixes_by_flow_and_keeps_what_it_is_given() -> None
     into = [(vessel, leaves[vessel]) for vessel in (4, 5)]
     mixed = sum(size[v] * c for v, c in into) / sum(size[v] for v, _ in into)
     assert entry[6] == pytest.approx(mixed, rel=1e-12)
-
-
-def test_the_change_that_newton_uses_is_that_of_the_loss() -> None:
-    """Downstream action through the stream included."""
-    problem = solved_problem(network_of(NODES, BRIDGE, 0.08))
-    rng = np.random.default_rng(3)
-    inside = problem.grid.inside.ravel()
-    c, step = (np.where(inside, rng.random(inside.size), 0.0) for _ in range(2))
-    eps = 1e-6
-    expected = (problem.loss(c + eps * step) - problem.loss(c - eps * step)) / (2 * eps)
-    found = problem.change(step, problem.slope(c))
-    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("cells_per_ml", [1e7, 3e8])

@@ -18,11 +18,10 @@ from design.hemodynamics.three_d import (
     wall_shear,
     write_flow_vtu,
 )
-from design.hemodynamics.three_d.lagrange import gradients, nodes, quadratic, shapes
+from design.hemodynamics.three_d.lagrange import nodes, quadratic
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.sections import VesselSections
 from design.hemodynamics.three_d.streamlines import trace_streamlines
-from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import bend, pipe
 
@@ -39,28 +38,6 @@ def _poiseuille(mesh: LumenMesh, order: int = 3) -> Field:
     velocity = np.zeros_like(place)
     velocity[..., 2] = speed
     return Field(mesh, velocity, 10.0 - 2.0 * low[..., 2:], order)
-
-
-@pytest.mark.parametrize("order", [1, 2, 3])
-def test_shapes_reproduce_polynomials_and_their_slopes(order: int) -> None:
-    at = np.random.default_rng(order).dirichlet(np.ones(4), 6)
-
-    def wanted(x: FloatArray) -> FloatArray:
-        return np.asarray(x[:, 1] ** order + 2.0 * x[:, 2] * x[:, 3] ** (order - 1))
-
-    assert shapes(order, at)[0] @ wanted(nodes(order)) == pytest.approx(wanted(at))
-    step = 1e-6 * np.eye(4)
-    for c in range(4):
-        slope = (shapes(order, at + step[c])[0] - shapes(order, at - step[c])[0]) / 2e-6
-        assert shapes(order, at)[1][..., c] == pytest.approx(slope, abs=1e-6)
-
-
-def test_gradients_on_curved_elements_are_those_of_linear_fields() -> None:
-    mesh = bend(1, 4)
-    place = np.einsum("qn,tnx->tqx", quadratic(nodes(2))[0], mesh.points[mesh.tets])
-    matrix = np.arange(9.0).reshape(3, 3)
-    found, _ = gradients(place @ matrix.T, mesh.points[mesh.tets], 2, nodes(3)[3:9])
-    assert found == pytest.approx(np.broadcast_to(matrix, found.shape))
 
 
 def test_probes_along_a_pipe_find_its_flow_and_pressure() -> None:

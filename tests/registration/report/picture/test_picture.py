@@ -14,7 +14,6 @@ from registration.report.picture import (
     fitted_camera,
     quantities,
 )
-from registration.report.picture.compose import round_down
 from registration.report.picture.flow_marks import port_reach
 
 from ..sample import block_surface, planar_network
@@ -71,22 +70,9 @@ def test_from_the_top_x_is_to_the_right_and_y_is_up() -> None:
     assert c[1] < a[1]
 
 
-@pytest.mark.slow
-def test_few_colours_make_a_small_file() -> None:
-    small = picture(palette=True)
-    assert len(small) < 0.7 * len(picture())
-    assert Image.open(io.BytesIO(small)).mode == "P"
-    difference = np.abs(pixels(small).astype(int) - pixels(picture()).astype(int))
-    assert difference.mean() < 3.0
-
-
 def test_without_a_tissue_there_is_no_shell() -> None:
     bare = pixels(draw_picture(NETWORK, quantity("radius"), None, PictureOptions(width=400)))
     assert (bare == 255).all(axis=2).mean() > (pixels(picture()) == 255).all(axis=2).mean()
-
-
-def test_bars_have_round_lengths() -> None:
-    assert [round_down(x) for x in (0.3, 1.0, 4.99, 5.0, 73.0)] == [0.2, 1.0, 2.0, 5.0, 50.0]
 
 
 def test_inlets_and_outlets_have_arrows_within_the_picture() -> None:

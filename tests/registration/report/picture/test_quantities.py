@@ -56,22 +56,6 @@ def test_loops_have_no_order() -> None:
     assert "order" not in {quantity.key for quantity in quantities(network)}
 
 
-def test_trees_and_kinds_are_named() -> None:
-    known = by_key()
-    assert known["tree"].labels == ("tree 0", "tree 7")
-    assert known["tree"].values.tolist() == [0, 0, 0, 1]
-    assert known["kind"].labels == ("artery", "vein")
-
-
-def test_values_along_pieces() -> None:
-    network, radius = fork(), by_key()["radius"]
-    first, last = radius.piece_ends(network)
-    assert first.tolist() == [0.5, 0.5, 0.3, 0.2, 0.01]
-    assert last.tolist() == [0.5, 0.4, 0.3, 0.2, 0.01]
-    first, last = by_key()["tree"].piece_ends(network)
-    assert first.tolist() == last.tolist() == [0, 0, 0, 0, 1]
-
-
 def test_a_logarithmic_scale_where_numbers_span_much() -> None:
     wide = magnitude("flow", "Flow", "mL/min", np.array([0.0, 1e-3, 1e-1, 10.0]))
     assert wide is not None
@@ -82,12 +66,6 @@ def test_a_logarithmic_scale_where_numbers_span_much() -> None:
     narrow = magnitude("flow", "Flow", "mL/min", np.array([1.0, 3.0]))
     assert narrow is not None
     assert narrow.scale == "linear"
-
-
-def test_one_value_still_has_a_bar() -> None:
-    alone = magnitude("radius", "Radius", "mm", np.full(3, 0.2))
-    assert alone is not None
-    assert alone.place(alone.values) == pytest.approx([0.5] * 3)
 
 
 def test_unknown_values_are_grey() -> None:
@@ -105,15 +83,6 @@ def test_the_signed_scale_has_its_middle_at_zero() -> None:
     assert found is not None
     assert found.limits[0] == -found.limits[1]
     assert found.place(np.array([0.0])) == pytest.approx([0.5])
-
-
-def test_low_pressures_are_told_in_pa() -> None:
-    ends = {"pressure_in_mmhg": np.full(4, 0.02), "pressure_out_mmhg": np.full(4, 0.01)}
-    low = by_key(VesselQuantities(ends))["pressure"]
-    assert low.unit == "Pa"
-    assert np.nanmax(low.values) == pytest.approx(0.02 * 133.322)
-    ends["pressure_in_mmhg"] = np.full(4, 20.0)
-    assert by_key(VesselQuantities(ends))["pressure"].unit == "mmHg"
 
 
 def test_pressure_falls_evenly_between_the_ends() -> None:

@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from design.geometry.surface import Surface
 from registration.report.picture.occlusion import occlude
-from registration.report.picture.render import corner_normals
 from registration.report.picture.shell import draw_shell, layer_opacity
 
 
@@ -27,12 +25,6 @@ def test_each_layer_in_front_takes_its_share_and_those_behind_none() -> None:
     assert through[:5][off[:5]] == pytest.approx(share)
 
 
-def test_a_layer_seen_edge_on_hides_more() -> None:
-    values = [layer_opacity(f) for f in (1.0, 0.5, 0.1)]
-    assert values == sorted(values)
-    assert 0.0 < values[0] < values[-1] < 0.5
-
-
 def test_open_ground_is_open_and_a_groove_is_darker() -> None:
     flat = np.zeros((40, 40))
     up = np.zeros((40, 40, 3))
@@ -44,19 +36,3 @@ def test_open_ground_is_open_and_a_groove_is_darker() -> None:
     assert found[10:30, 19:21].mean() < 0.6
     assert found[10:30, 2:6].mean() == 1.0
     assert found.min() >= 0.0
-
-
-def test_nothing_is_occluded_where_nothing_is() -> None:
-    empty = np.full((6, 6), -np.inf)
-    assert (occlude(empty, np.zeros((6, 6, 3)), 4.0) == 1.0).all()
-
-
-def test_a_box_keeps_its_edges_and_a_ball_is_smooth() -> None:
-    trimesh = pytest.importorskip("trimesh")
-    box = trimesh.creation.box((2.0, 3.0, 4.0))
-    normals = corner_normals(Surface(np.array(box.vertices), np.array(box.faces)))
-    assert normals == pytest.approx(np.repeat(box.face_normals[:, None], 3, axis=1))
-    ball = trimesh.creation.icosphere(3, 1.0)
-    normals = corner_normals(Surface(np.array(ball.vertices), np.array(ball.faces)))
-    outward = np.array(ball.vertices)[ball.faces]
-    assert np.einsum("fkx,fkx->fk", normals, outward).min() > 0.99

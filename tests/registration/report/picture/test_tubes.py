@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -65,24 +64,3 @@ def test_the_nearer_piece_hides_the_farther() -> None:
     assert piece[14, 12] == 0
     _, piece, _ = drawn([before, behind])
     assert piece[12, 12] == 0
-
-
-def test_place_runs_along_the_piece() -> None:
-    _, piece, place = drawn([(np.array([0.0, 12, 0]), np.array([20.0, 12, 0]), 2.0, 2.0)])
-    assert piece[12, 5] == 0
-    assert place[12, 5] == pytest.approx(0.25)
-    assert place[12, 22] == 1.0
-
-
-def test_a_piece_seen_along_its_axis_is_a_disc() -> None:
-    depth, piece, _ = drawn([(np.array([12.0, 12, -9]), np.array([12.0, 12, 5]), 4.0, 4.0)])
-    y, x = np.nonzero(piece >= 0)
-    assert (np.hypot(x - 12, y - 12) <= 4.0).all()
-    assert depth[12, 12] == pytest.approx(9.0)
-
-
-def test_neighbours_join_without_a_gap() -> None:
-    left, bend, top = np.array([[2.0, 12, 3], [12, 12, 3], [12, 2, 3]])
-    depth, _, _ = drawn([(left, bend, 2.5, 2.5), (bend, top, 2.5, 2.5)])
-    assert np.isfinite(depth[12:14, 2:13]).all()
-    assert np.isfinite(depth[2:13, 12:14]).all()

@@ -33,24 +33,6 @@ def test_pixels_are_those_of_opencv():
     np.testing.assert_allclose(CAMERA.pixels(points), wanted[:, 0], atol=1e-6)
 
 
-def test_axes_are_those_said():
-    upright = Camera(size_px=(100, 80), um_per_px=100, target_mm=(10, 20, 0))
-    found = upright.pixels(np.array([[10.0, 20, 0], [11, 20, 0], [10, 21, 0]]))
-    np.testing.assert_allclose(found, [[49.5, 39.5], [59.5, 39.5], [49.5, 29.5]])
-    turned = upright.model_copy(update={"turn_deg": 90.0})
-    np.testing.assert_allclose(turned.pixels(np.array([[11.0, 20, 0]])), [[49.5, 49.5]], atol=1e-9)
-    tilted = upright.model_copy(update={"tilt_deg": 30.0, "tilt_towards_deg": 90.0})
-    assert tilted.eye_mm == pytest.approx([10, 20 + 75, 150 * np.cos(np.pi / 6)])
-    np.testing.assert_allclose(np.linalg.det(tilted.axes), 1.0)
-
-
-def test_pixels_lead_back():
-    pixels = np.random.default_rng(2).uniform(0, 900, (50, 2))
-    flat = CAMERA.on_plane(pixels, 3.5)
-    points = np.column_stack([flat, np.full(50, 3.5)])
-    np.testing.assert_allclose(CAMERA.pixels(points), pixels, atol=1e-6)
-
-
 def test_rays_break_by_snell():
     generator = np.random.default_rng(3)
     eye = np.array([1.0, 2.0, 60.0])

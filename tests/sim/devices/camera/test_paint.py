@@ -16,11 +16,9 @@ from sim.devices.camera.scene import (
     Light,
     Marker,
     NeedleLook,
-    Picture,
     Scene,
     Sensor,
 )
-from sim.errors import CameraError
 from sim.gcode.deposit.laid import Laid, laid_as_is, nothing_laid
 from sim.gcode.deposit.strands import Strands
 
@@ -141,18 +139,6 @@ def test_same_seed_gives_the_same_bytes_and_another_look_the_same_dish():
     assert 0 < np.abs(first.astype(float) - other).mean() < 5
 
 
-def test_bath_lies_still_under_a_camera_that_is_moved():
-    scene = PLAIN.model_copy(update={"bath": Bath(texture=0.1)})
-    moved = CAMERA.model_copy(update={"target_mm": (50.4, 39.8, 1.0)})
-    one, two = (paint(nothing_laid(), camera, scene, 1) for camera in (CAMERA, moved))
-    pixels = np.stack(np.meshgrid(np.arange(60, 340.0), np.arange(60, 240.0)), -1)
-    flat = CAMERA.on_plane(pixels.reshape(-1, 2), 1.0)
-    there = moved.pixels(np.column_stack([flat, np.ones(len(flat))])).astype(np.float32)
-    u, v = there.T.reshape(2, *pixels.shape[:2])
-    found = cv2.remap(two, u, v, cv2.INTER_LINEAR)
-    assert np.corrcoef(found.ravel(), one[60:240, 60:340].ravel())[0, 1] > 0.9
-
-
 def test_markers_are_found_and_their_sides_lie_where_said():
     marker = Marker(number=5, centre_mm=(49, 40.5, 1.0), side_mm=2.0, turn_deg=25)
     scene = PLAIN.model_copy(update={"markers": (marker,), "sensor": Sensor(mono=True)})
@@ -173,25 +159,6 @@ def test_markers_are_found_and_their_sides_lie_where_said():
         # A step's place by its mean: inside (to the one side) black, outside white.
         edge = 5 - 0.1 * white.sum(axis=1) if white[0, -1] > 0.5 else -5 + 0.1 * white.sum(axis=1)
         assert abs(edge.mean()) < 0.12
-
-
-def test_board_is_laid_by_its_corners(tmp_path):
-    cv2.imwrite(str(tmp_path / "board.png"), np.kron([[0, 1], [1, 0]], np.ones((40, 40))) * 255)
-    corners = ((48.0, 41, 1), (52.0, 41, 1), (52.0, 39, 1), (48.0, 39, 1))
-    scene = PLAIN.model_copy(update={"pictures": (Picture(file="board.png", corners_mm=corners),)})
-    picture = paint(nothing_laid(), CAMERA, scene, 1, folder=tmp_path)
-    inside = CAMERA.pixels(np.array([[49.0, 40.5, 1], [51, 40.5, 1], [49, 39.5, 1]]))
-    grey = [int(picture[round(v), round(u)]) for u, v in inside]
-    assert grey[0] < 40 < 220 < min(grey[1:])
-    with pytest.raises(CameraError, match="can't be read"):
-        paint(nothing_laid(), CAMERA, scene, 1, folder=tmp_path / "none")
-    with pytest.raises(CameraError, match="no set of markers"):
-        paint(
-            nothing_laid(),
-            CAMERA,
-            Scene(markers=(Marker(number=1, centre_mm=(50, 40, 1), side_mm=1, dictionary="9"),)),
-            1,
-        )
 
 
 def test_needle_hides_what_is_behind_it():
@@ -229,34 +196,3 @@ def test_a_layer_over_another_adds_its_density_until_the_ink_is_opaque():
     one, two, thick, thicker = levels
     assert two > one + 5 > 105
     assert thick == pytest.approx(thicker, abs=2)
-
-
-def test_granules_lie_still_while_the_ink_rises():
-    grainy = Scene(bath=Bath(texture=0.2), light=Light(uneven=0), sensor=SHARP)
-    camera = Camera(size_px=(200, 160), um_per_px=20, target_mm=(50, 40, 1), tilt_deg=20)
-    pictures = []
-    for heights in ((1.0,), (1.0, 1.1, 1.2)):
-        start = np.array([[49.0, 40.0, z] for z in heights])
-        area = np.full(len(heights), 0.03)
-        none = np.zeros(len(heights), np.int64)
-        strands = Strands(start, start + (2.0, 0.0, 0.0), 2 * area, area, none, none)
-        ink = laid_as_is(strands, "layered", layer_mm=0.1)
-        pictures.append(paint(ink, camera, grainy, 1)[:50].astype(np.float32))
-    assert np.corrcoef(pictures[0].ravel(), pictures[1].ravel())[0, 1] > 0.98
-
-
-def test_needle_is_as_wide_as_it_is_and_its_end_looks_away_from_the_camera():
-    upright = CAMERA.model_copy(
-        update={"tilt_deg": 40, "tilt_towards_deg": 90, "turn_deg": 0, "distortion": (0,) * 5}
-    )
-    look = NeedleLook(outer_mm=0.8, tip_mm=(50, 40, 1), brightness=20, defocus_px=0)
-    bare = PLAIN.model_copy(update={"needle": look})
-    picture = paint(nothing_laid(), upright, bare, 1).astype(float)
-    tip, end, up = upright.pixels(np.array([[50, 40, 1], [50, 40, 1.4], [50, 40, 2.0]]))
-    rim = np.linspace(0, 2 * np.pi, 720)
-    ring = np.column_stack([50 + 0.4 * np.cos(rim), 40 + 0.4 * np.sin(rim), np.full(720, 2.0)])
-    row = picture[round(up[1])]
-    assert (row < 55).sum() == pytest.approx(np.ptp(upright.pixels(ring)[:, 0]), abs=1.1)
-    assert picture[round(tip[1]), round(tip[0])] == pytest.approx(
-        picture[round(end[1]), round(end[0])], abs=10
-    )

@@ -9,8 +9,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.codes import CODES
 from sim.devices.families.marlin.commands import HANDLERS
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import Fault, parse_fault
-from sim.errors import ServeError
+from sim.devices.faults.fault_file import parse_fault
 from sim.gcode.program.gcode import checksum
 from tests.slower import examples
 
@@ -92,12 +91,6 @@ def test_blocks_carry_their_line_and_the_tip_starts_where_it_was_put():
     assert executed.start[0].tolist() == [50, 60, 5]
     assert executed.end[-1].tolist() == [60, 65, 5]
     assert executed.plunger_end[-1] == 1
-
-
-def test_a_move_without_a_number_has_no_line():
-    printer = ready()
-    printer.exchange(b"G1 X1 F600\nM400\n")
-    assert printer.executed().line.tolist() == [-1]
 
 
 def test_a_host_that_is_slow_or_gone_starves_nothing():
@@ -228,11 +221,6 @@ def test_the_idle_timeout_of_a_fast_clock_counts_in_the_host_s_time_but_for_a_co
     assert dwelling.dead
 
 
-def test_a_long_wait_says_it_is_busy():
-    answer = ready().exchange(b"G4 S7\n")
-    assert answer == b"echo:busy: processing\n" * 3 + b"ok\n"
-
-
 def test_a_quickstop_drops_the_queue_and_the_position_stays_true():
     printer = ready()
     send(printer, "G1 X50 F600", "G1 X0", "G1 X50")
@@ -256,14 +244,6 @@ def test_settings_can_be_changed_and_are_told():
     assert printer.executed().plunger_end[-1] * 500 == 6400
 
 
-def test_flow_and_feed_factors_change_what_is_done():
-    printer = ready()
-    send(printer, "M221 S50", "M220 S200", "G1 X20 E2 F600", "M400")
-    executed = printer.executed()
-    assert executed.plunger_end[-1] == 1
-    assert executed.time_end[-1] - executed.time_start[-1] == pytest.approx(1.007, abs=0.01)
-
-
 def test_a_fault_happens_at_its_line():
     silent = ready(faults=[parse_fault("drop_ok@2")])
     assert send(silent, "G1 X1 F600", "G1 X2", "G1 X3") == [b"ok\n", b"", b"ok\n"]
@@ -276,13 +256,6 @@ def test_a_fault_happens_at_its_line():
     pulled = ready(faults=[parse_fault("unplug@1")])
     send(pulled, "G1 X1 F600")
     assert pulled.unplugged
-
-
-def test_a_fault_is_read_from_text():
-    assert parse_fault("drop_ok@12") == Fault(fault="drop_ok", line=12)
-    for text in ("drop_ok", "melt@3", "reset@x"):
-        with pytest.raises(ServeError, match="isn't one of unplug@LINE"):
-            parse_fault(text)
 
 
 @given(st.lists(st.binary(max_size=80), max_size=12))

@@ -97,16 +97,6 @@ def test_skipped_steps_shift_what_follows(tmp_path):
     assert found.strands.end[-1] == pytest.approx([5.3, 1.8, 0.2])
 
 
-def test_lost_strokes_are_the_same_in_a_longer_record(tmp_path):
-    text = "{fault: lost, written_mm: 0, strokes: 1000, share: 0.4}"
-    short, long = ink_of(tmp_path, text, rows(2)), ink_of(tmp_path, text, rows(5))
-    assert 0 < len(short.strands) < 8
-    np.testing.assert_array_equal(short.strands.line, long.strands.line[: len(short.strands)])
-    one = ink_of(tmp_path, "{fault: lost, time_s: 3.5}")
-    assert 3 not in one.strands.line
-    assert len(one.strands) == 7
-
-
 def test_sag_widens_layers_and_sinks_filaments(tmp_path):
     text = "{fault: sag, written_mm: 20, percent: 25, drop_mm: 0.05}"
     found = ink_of(tmp_path, text)
@@ -123,12 +113,6 @@ def test_debris_lies_beside_the_line_in_the_scan_too(tmp_path):
     x, y, z = np.round((np.array([2.5, 0.4, 0.05]) - voxels.origin_mm) / 0.05).astype(int)
     assert voxels.volume[z, y, x] == 255
     assert voxels.written_ul == pytest.approx(8 * DOSE + np.pi / 4 * 0.64 * HEIGHT)
-
-
-def test_level_without_ink_keeps_the_next_ones_height(tmp_path):
-    wrong = "{fault: clog, written_mm: 20, lasts_mm: 20}"
-    found = ink_of(tmp_path, wrong, rows(3))
-    np.testing.assert_allclose(found.height_mm, HEIGHT)
 
 
 def test_begun_print_needs_its_layers_height(tmp_path):

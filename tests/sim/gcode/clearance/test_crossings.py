@@ -55,22 +55,6 @@ def test_beside_within_the_radius_crosses_by_what_is_missing():
     assert approach_of(found, line) == pytest.approx(0.2 - R - RADIUS, abs=0.003)
 
 
-@pytest.mark.parametrize("gap", [0.01, 0.1, 0.4])
-def test_just_outside_is_clear_and_measured(gap):
-    y = 100 + R + RADIUS + gap
-    found, line = under([(97, y, 5), (103, y, 5)])
-    assert found.crossings == ()
-    assert apart_of(found, line) == pytest.approx(gap, rel=0.05, abs=0.003)
-    near = ["descent", "write"] if gap < NEEDLE.clearance_mm else []
-    assert sorted(one.kind for one in found.grazes) == near
-
-
-def test_above_is_clear_down_to_touching():
-    found, line = under([(100, 97, 7.5), (100, 103, 7.5)])
-    assert found.crossings == ()
-    assert apart_of(found, line) == pytest.approx(0.5 - RADIUS, rel=0.05)
-
-
 def test_a_low_travel_a_lift_and_a_descent_through_ink_are_flagged():
     net = network(BAR)
     job = Job()
@@ -124,13 +108,6 @@ def test_a_head_lowered_into_ink_is_flagged_and_a_raised_one_isnt():
     ]
     high = check_clearance(heads(HIGH), net, [NEEDLE, NEEDLE])
     assert [one for one in high.crossings if one.head] == []
-
-
-def test_a_needle_that_rides_along_may_cross():
-    motion = heads(HIGH)
-    motion.tips[1, 3] = motion.tips[0, 3] + [2.0, 0.0, 0.5]
-    found = check_clearance(motion, network(BAR), [NEEDLE, NEEDLE])
-    assert [(one.line, one.kind) for one in found.crossings if one.head] == [(4, "descent")]
 
 
 CONE = NeedleBody(0.4, tip_radius_mm=0.1, cone_mm=1.0)

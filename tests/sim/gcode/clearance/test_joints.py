@@ -43,14 +43,6 @@ def test_a_stack_from_the_bottom_is_clean_and_from_the_top_isnt():
 ARCH = [(100 + 2 * np.cos(a), 100, 5 + 4 * np.sin(a)) for a in np.linspace(0, np.pi, 61)]
 
 
-def test_a_vessel_cut_at_its_top_is_closed_from_both_sides():
-    job = Job()
-    job.along(ARCH[:31], 0)
-    job.along(ARCH[:29:-1], 0)
-    job.over(90, 90, 5)
-    assert job.check(network(ARCH)).crossings == ()
-
-
 def test_a_vessel_cut_too_low_is_flagged():
     job = Job()
     job.along(ARCH[:38], 0)
@@ -144,16 +136,6 @@ def test_a_lift_at_a_passes_end_is_judged_like_the_write_there():
     assert job.check(net).crossings[0].kind == "descent"
 
 
-def test_a_purge_of_no_vessel_is_ink_like_any_other():
-    job = Job()
-    job.along([(95, 100, 7), (105, 100, 7)], -1)
-    points = [(100, 97, 5), (100, 103, 5)]
-    job.along(points, 0)
-    (found,) = job.check(network(points)).crossings
-    assert (found.vessel, found.crossed) == (0, None)
-    assert "ink of no vessel" in found.sentence()
-
-
 def test_a_pass_lasts_until_the_tip_travels_without_ink():
     points = [(95, 100, 7), (99, 100, 7), (103, 100, 7), (103, 104, 7)]
     net, job = network(points[:2], points[1:3], points[2:], radius=0.2), Job()
@@ -170,14 +152,6 @@ def test_a_pass_lasts_until_the_tip_travels_without_ink():
     for vessel, radius in enumerate((0.2, 0.1, RADIUS)):
         inner = (ink.vessel == vessel) & (np.abs(ink.arc - 4).min(axis=1) > 0.3)
         assert ink.radius[inner] == pytest.approx(radius, rel=1e-3)
-
-
-def test_nothing_written_is_no_crossing():
-    job = Job()
-    job.over(90, 90, 5)
-    found = job.check(network([(0, 0, 0), (1, 0, 0)]))
-    assert found.summary()["nearest_mm"] is None
-    assert np.isinf(found.approach_mm).all()
 
 
 def test_what_doesnt_belong_together_is_refused_with_a_word():

@@ -105,13 +105,6 @@ def test_cold_extrusion_is_found_and_the_plunger_stays():
     assert run.executed.plunger_end.tolist() == [0, 2]
 
 
-def test_dwells_and_waits_count():
-    still = dry("G1 X20 F600\nG1 X30\n")
-    waits = dry("G1 X20 F600\nG4 S2\nG1 X30\n")
-    # The dwell waits for the motors, and the move after it for its company.
-    assert waits.duration_s - still.duration_s == pytest.approx(2.1, abs=0.05)
-
-
 def test_moves_shorter_than_their_lines_take_are_slowed_by_the_line():
     text = "".join(f"G1 X{10 + 0.1 * k:.1f} F6000\n" for k in range(1, 301)).encode()
     fast_line = PROFILE.model_copy(update={"baud": 2_000_000})
@@ -187,11 +180,6 @@ def test_short_moves_are_merged_and_counted():
     assert run.executed.end[-1, 0] == 15
 
 
-def test_blocks_know_their_command():
-    run = dry("; a remark\nG1 X20 F600\nM105\nG1 X30\n\nG1 Y20\n")
-    assert run.executed.line.tolist() == [0, 2, 3]
-
-
 @pytest.mark.parametrize(
     ("line", "said"),
     [
@@ -217,14 +205,6 @@ def test_every_way_to_set_a_temperature_is_read(line, said):
     (found,) = dry_run(f"G90\n{line}\n".encode(), printer).heats or (None,)
     assert (found and (found.part, found.celsius)) == said
     assert found is None or found.line == 2
-
-
-def test_an_empty_file_runs_in_no_time():
-    run = dry("; nothing\n\n")
-    assert run.duration_s == 0
-    assert len(run.executed) == 0
-    assert [finding.code for finding in run.findings] == ["empty_file"]
-    assert run.longest_line == (0, 0)
 
 
 def test_lines_that_cant_be_read_are_refused_once_a_kind_and_left_out():

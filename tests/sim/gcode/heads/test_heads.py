@@ -12,7 +12,6 @@ from sim.devices.families.reprapfirmware.printer import DuetPrinter
 from sim.errors import DepositError
 from sim.gcode.deposit.lay import deposit, deposit_of_heads, unite_deposits
 from sim.gcode.dry_run.run import dry_run
-from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import read_gcode
 from sim.gcode.reading.file import read_file
 
@@ -44,12 +43,6 @@ def test_each_head_s_plunger_is_counted_by_itself():
     last = {k: program.of_head(k).plunger[-1] for k in (0, 1)}
     assert last == pytest.approx({0: 1.5, 1: 1.9})
     assert program.pushed.sum() == pytest.approx(3.4)
-
-
-def test_one_head_takes_no_notice_of_t():
-    plain = read_gcode(b"G1 X1 E1\nT1\nG1 X2 E2\n")
-    assert plain.tool.tolist() == [0, 0, 0]
-    assert plain.plunger.tolist() == [1.0, 1.0, 2.0]
 
 
 def test_dry_run_and_simulated_printer_agree_block_by_block():
@@ -179,15 +172,6 @@ def test_raised_heads_are_followed_and_their_tips_known():
     assert (right[:, 1, 0] - program.target[:, 0] == 40).all()
 
 
-def test_the_view_of_one_head_has_its_own_bounds_and_plunger():
-    run = dry_run(JOB, TWO, (0, 0, 40))
-    left, right = run.of_head(0), run.of_head(1)
-    assert (left.plunger_max_mm, right.plunger_max_mm) == pytest.approx((1.5, 2.0))
-    assert right.low_mm[0] == pytest.approx(10 + 40)
-    assert right.high_mm[0] == pytest.approx(30 + 40)
-    assert int(right.low_line[0]) == JOB[: JOB.index(b"G0 X20")].count(b"\n") + 1
-
-
 def test_each_head_s_travel_has_its_own_limit():
     heads = (TWO.heads[0], TWO.heads[1].model_copy(update={"plunger_travel_mm": 1.5}))
     short = TWO.model_copy(update={"heads": heads})
@@ -231,12 +215,6 @@ def test_klipper_counts_anew_for_each_extruder():
     done = printer.executed()
     assert done.plunger_end[done.tool == 1][-1] == pytest.approx(1.0)
     assert done.plunger_end[done.tool == 0][-1] == pytest.approx(3.0)
-
-
-def test_executed_motion_keeps_its_heads_on_disk(tmp_path):
-    run = dry_run(JOB, TWO, (0, 0, 40)).executed
-    run.save(tmp_path / "executed.npz")
-    assert ExecutedMotion.load(tmp_path / "executed.npz").tool.tolist() == run.tool.tolist()
 
 
 def test_profiles_of_several_heads_are_held_to_their_rules():

@@ -16,11 +16,9 @@ from sim.gcode.heads.valve import (
     BETWEEN,
     CLOSED,
     OPEN,
-    UNKNOWN,
     as_plunger,
     flowing,
     flowing_s,
-    read_valve,
     read_with_valve,
 )
 from sim.gcode.heads.valve_blocks import with_commands
@@ -60,28 +58,6 @@ def states(found: DryRun) -> list[int]:
 )
 def test_only_the_profile_s_own_commands_switch_the_valve(line: str, state: list[int]) -> None:
     assert states(run("G90", line, "M400")) == state
-
-
-@pytest.mark.parametrize(
-    ("line", "state"),
-    [
-        ("SET_PIN PIN=air VALUE=1", [OPEN]),
-        ("set_pin value=0 pin=air", [CLOSED]),
-        ("SET_PIN PIN=air VALUE=0.5", [BETWEEN]),
-        ("SET_PIN PIN=lamp VALUE=1", []),
-    ],
-)
-def test_klipper_s_pins_are_read_by_name(line: str, state: list[int]) -> None:
-    klipper = PRINTER.model_copy(update={"firmware": "klipper"})
-    words = {"opens": "SET_PIN PIN=air VALUE=1", "closes": "SET_PIN PIN=air VALUE=0"}
-    assert states(run("G90", line, "M400", printer=of(klipper, **words))) == state
-
-
-def test_state_of_each_row_is_what_was_last_said() -> None:
-    found = run("G90", "M106 P0 S255", "G1 X101", "M106 P0 S0", "G1 X102")
-    assert found.valve is not None
-    assert found.valve.before.tolist() == [UNKNOWN, UNKNOWN, OPEN, OPEN, CLOSED]
-    assert found.doses.tolist() == [False, False, True, True, False]
 
 
 LINE = ["M106 P0 S255", "G4 P50", "G1 X110 F600", "M400", "M106 P0 S0", "G4 P40"]
@@ -192,10 +168,3 @@ def test_a_motion_of_another_file_is_refused() -> None:
     with pytest.raises(DepositError, match="nothing moved"):
         nothing = dry_run(b"G90", PRINTER, START).executed
         pneumatic_deposit(nothing, text, PRINTER, 1.0, 0.05)
-
-
-def test_a_plunger_s_dry_run_has_no_valve() -> None:
-    plain = dry_run(b"M302 P1\nG1 X101 E0.1 F600\nG1 E0\n", load(Printer, "generic_marlin"), START)
-    assert plain.valve is None
-    assert plain.doses.tolist() == [False, True, False]
-    assert read_valve(plain.program, b"", (), HEAD).state.tolist() == []

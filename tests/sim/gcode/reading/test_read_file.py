@@ -79,17 +79,6 @@ def test_a_binary_file_is_named():
         read_file(b"G1\nG1 \0", MARLIN)
 
 
-def test_utf_16_is_refused():
-    with pytest.raises(GcodeError, match=r"UTF-16.*save it as plain text"):
-        read_file("G1 X5\n".encode("utf-16"), MARLIN)
-
-
-def test_a_byte_order_mark_is_left_out():
-    text = b"G92 X3\nG1 X5 F600\n"
-    assert read_file(b"\xef\xbb\xbf" + text, MARLIN).lines == [b"G92 X3", b"G1 X5 F600"]
-    assert read_gcode(b"\xef\xbb\xbf" + text).target.tolist() == read_gcode(text).target.tolist()
-
-
 def test_an_aerotechs_file_keeps_its_lines_and_outputs():
     file = read_file(b"$DO[0].X=1\nG1 X5 F2\nDWELL 0.5\nG1 X--5\nG75\n", AIR)
     assert file.lines == [b"M105", b"G1 X5 F2", b"G4 S0.5", b"M105", b"M105"]

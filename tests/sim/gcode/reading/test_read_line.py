@@ -144,10 +144,6 @@ def test_families_refuse_what_they_read_otherwise(family, text):
         read_line(text, FAMILIES[family])
 
 
-def test_compact_words_of_e_are_words_where_no_power_of_ten_is_known():
-    assert read_line(b"G1X1E3", MARLIN).words == {"X": 1.0, "E": 3.0}
-
-
 def test_klippers_names_keep_their_parameters():
     line = read_line(b"set_pin pin=valve Value=1 ; open", KLIPPER)
     assert (line.code, line.parameters) == ("SET_PIN", {"PIN": "valve", "VALUE": "1"})
@@ -155,12 +151,6 @@ def test_klippers_names_keep_their_parameters():
     assert is_known_line(KLIPPER, line)
     with pytest.raises(LineError, match="isn't a command"):
         read_line(b"SET_PIN PIN=valve VALUE=1", MARLIN)
-
-
-@pytest.mark.parametrize("value", ["nan", "1e3", "", "12345678901234567890", "1.2.3"])
-def test_a_place_in_a_named_command_is_a_number(value):
-    with pytest.raises(LineError, match="isn't"):
-        read_line(f"SET_KINEMATIC_POSITION X={value}".encode(), KLIPPER)
 
 
 def test_a_crc_of_five_digits_is_checked_for_reprapfirmware():
@@ -268,10 +258,3 @@ def test_a_text_that_reaches_to_the_lines_end_passes(text, sent):
 def test_a_second_command_behind_any_code_is_refused_in_each_family(text, printer):
     with pytest.raises(LineError):
         read_line(text, printer)
-
-
-@pytest.mark.parametrize("text", [b"(M104 S250)", b"M104 (x) S250", b"G1 X1 (aside)"])
-def test_parentheses_are_no_comment_to_klipper(text):
-    with pytest.raises(LineError, match="no comments in parentheses"):
-        read_line(text, KLIPPER)
-    assert read_line(b"G1 X1 ; (aside)", KLIPPER).text == b"G1 X1"
