@@ -30,14 +30,6 @@ def test_inlets_and_outlets_follow_the_designed_direction() -> None:
     assert made.degree().tolist() == [1, 3, 1, 1]
 
 
-def test_pieces_stay_within_their_vessel() -> None:
-    start, end, r0, r1, vessel = network().pieces()
-    assert vessel.tolist() == [0, 1, 2]
-    np.testing.assert_array_equal(start, NODES[ENDS[:, 0]])
-    np.testing.assert_array_equal(end, NODES[ENDS[:, 1]])
-    np.testing.assert_array_equal(r0, r1)
-
-
 def test_moving_keeps_everything_but_the_place() -> None:
     moved = network().moved(np.array([1.0, 2, 3]))
     np.testing.assert_allclose(moved.nodes, NODES + [1, 2, 3])
@@ -56,11 +48,3 @@ def test_impossible_position_is_refused_with_its_vessel(bad: float) -> None:
 def test_radius_must_be_positive(bad: float) -> None:
     with pytest.raises(NetworkError, match="vessel 1: radius"):
         network(radius=(1.0, bad, 0.5))
-
-
-def test_arrays_of_different_length_are_refused() -> None:
-    made = network()
-    with pytest.raises(NetworkError, match="differ in length"):
-        VesselNetwork(
-            made.nodes, ENDS, made.kind[:2], made.tree, made.offset, made.points, made.radius
-        )

@@ -58,25 +58,6 @@ def test_narrow_forks_move_on_and_no_end_is_lost(degrees):
     np.testing.assert_allclose(after.share[fork], 1.0)
 
 
-def test_a_main_branch_stays_however_thin_it_is():
-    """An anterior descending branch gave way to a wider side branch beside it, with all below."""
-    lines, radius = forked(20.0)
-    thin = frozenset(place.tobytes() for place in lines.points[-12:])
-    found = clear_trunks(tissue(), lines, lines, radius, OPTIONS, later=False, main=thin)
-    assert found is not None
-    assert {place.tobytes() for place in found[0].points} > thin
-    assert (found[0].child_count() == 0).sum() == 1
-
-
-def test_what_leaves_the_tissue_is_left_away_with_all_below():
-    lines, radius = forked(100.0)
-    tip = np.flatnonzero(lines.child_count() == 0)[0]
-    lines.points[tip, 1] += 100.0
-    found = clear_trunks(tissue(), lines, lines, radius, OPTIONS)
-    assert found is not None
-    assert len(found[0].parent) == len(lines.parent) - 1
-
-
 def test_a_tree_that_keeps_no_trunk_is_an_error():
     """It said that the trunk has no segments, and to grow without."""
     one, radius = forked(100.0)

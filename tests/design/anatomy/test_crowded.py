@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from design.anatomy.grown import AnatomicTrees
@@ -13,7 +11,6 @@ from design.errors import (
     LEAST_TERMINALS,
     CrowdedError,
     GrowthError,
-    NoRoomError,
     WideTrunkError,
 )
 from design.units import PA_PER_MMHG
@@ -40,16 +37,6 @@ def test_fewer_terminals_are_advised_only_where_they_were_grown(most: int, advis
     assert grow_or_advise(grow, asked(most), LEAST_TERMINALS) is FITS
 
 
-def test_where_fewer_do_not_fit_either_they_are_not_advised() -> None:
-    def grow(options: GrowthOptions) -> AnatomicTrees:
-        raise CrowdedError(options.terminals // 2, options.terminals)
-
-    with pytest.raises(CrowdedError) as refused:
-        grow_or_advise(grow, asked(400), LEAST_TERMINALS)
-    assert "ask for" not in str(refused.value)
-    assert "200 and 140 were tried" in str(refused.value)
-
-
 @pytest.mark.parametrize(("fits", "advised"), [(15, 15), (50, 60), (400, 480)])
 def test_a_higher_drop_is_advised_only_where_it_was_grown(fits: float, advised: float) -> None:
     """24 terminals with the default drop were told to take a higher one, without a figure."""
@@ -61,22 +48,6 @@ def test_a_higher_drop_is_advised_only_where_it_was_grown(fits: float, advised: 
 
     with pytest.raises(WideTrunkError, match=f"too wide; give a pressure_drop_mmhg of {advised} "):
         grow_or_advise(grow, asked(24), LEAST_TERMINALS)
-
-
-def test_a_smaller_clearance_is_advised_where_narrower_vessels_do_not_help() -> None:
-    """They were advised, though the clearance of 1 mm left no room for any (2026-11-27)."""
-    tried = []
-
-    def grow(options: GrowthOptions) -> AnatomicTrees:
-        tried.append(options)
-        if options.clearance_mm > 0.25:
-            raise NoRoomError("no room", placed=10)
-        return FITS
-
-    options = replace(asked(400), clearance_mm=1.0)
-    with pytest.raises(NoRoomError, match=r"no room; give a clearance_mm of 0.2 or less, which"):
-        grow_or_advise(grow, options, LEAST_TERMINALS)
-    assert len(tried) == 4
 
 
 def test_too_few_terminals_and_too_few_trunk_ends_are_told_apart() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from design.geometry.crossings import plane_side
-from design.solids import Solid, block_solid, find_crossings, lumen_solid
+from design.solids import block_solid, find_crossings, lumen_solid
 from tests.design.solids.networks import channels
 from tests.slower import first_of
 
@@ -112,31 +112,6 @@ def test_a_closed_surface_without_crossings_has_none() -> None:
     assert len(found.pairs) == 0
     block = block_solid((1, 2, 3))
     assert len(find_crossings(block.vertices, block.faces).pairs) == 0
-
-
-def test_neighbours_folded_onto_one_another_cross() -> None:
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0.3, 1, 0], [0.6, 0.5, 0], [0.5, -1, 0]])
-    folded = find_crossings(vertices, np.array([[0, 1, 2], [1, 0, 3]]))
-    assert folded.pairs.tolist() == [[0, 1]]
-    assert len(find_crossings(vertices, np.array([[0, 1, 2], [1, 0, 4]])).pairs) == 0
-
-
-def test_faces_on_one_another_in_one_plane_meet() -> None:
-    vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.2, 0.2, 0], [3, 0.5, 0], [0.5, 3, 0]])
-    found = find_crossings(vertices, np.array([[0, 1, 2], [3, 4, 5]]))
-    assert found.pairs.tolist() == [[0, 1]]
-    apart = vertices + np.array([0, 0, 0] * 3 + [5, 0, 0] * 3).reshape(6, 3)
-    assert len(find_crossings(apart, np.array([[0, 1, 2], [3, 4, 5]])).pairs) == 0
-
-
-def test_two_bodies_pushed_into_one_another_cross() -> None:
-    cube = block_solid((1, 1, 1))
-    turn, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))
-    both = Solid(
-        np.concatenate([cube.vertices, cube.vertices @ turn.T + 0.5]),
-        np.concatenate([cube.faces, cube.faces + 8]),
-    )
-    assert len(find_crossings(both.vertices, both.faces).pairs) > 0
 
 
 def test_the_side_of_a_plane_is_never_wrong() -> None:

@@ -18,13 +18,6 @@ def test_a_straight_vessel_has_poiseuilles_resistance() -> None:
     assert vessel_resistance(network, VISCOSITY) == pytest.approx([expected], rel=1e-14)
 
 
-def test_a_lumen_of_the_physics_sheet_drops_four_mmhg() -> None:
-    """0.4 × 20 mm at 0.25 mL/min of water-like medium (1 mPa·s): about 1 mmHg per mPa·s."""
-    network = network_of([[0, 0, 0], [20, 0, 0]], [(0, 1)], 0.2)
-    drop = vessel_resistance(network, VISCOSITY)[0] * 0.25 * 1000 / 60
-    assert drop / 133.322 == pytest.approx(4.0, rel=0.02)
-
-
 @pytest.mark.parametrize(("first", "last"), [(0.5, 0.1), (0.1, 0.5), (0.3, 0.29999)])
 def test_a_taper_has_the_integral_of_one_over_r4(first: float, last: float) -> None:
     network = VesselNetwork(
@@ -58,10 +51,4 @@ def test_pieces_of_a_polyline_add_up() -> None:
 def test_a_vessel_of_zero_length_is_refused() -> None:
     network = network_of([[0, 0, 0], [1, 0, 0], [1, 0, 0]], [(0, 1), (1, 2)], 0.2)
     with pytest.raises(FlowError, match="vessel 1 has zero length"):
-        vessel_resistance(network, VISCOSITY)
-
-
-def test_an_absurdly_thin_vessel_is_refused() -> None:
-    network = network_of([[0, 0, 0], [1, 0, 0]], [(0, 1)], 1e-90)
-    with pytest.raises(FlowError, match="check the network's unit"):
         vessel_resistance(network, VISCOSITY)

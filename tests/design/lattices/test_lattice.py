@@ -96,12 +96,6 @@ def test_flow_goes_through_every_lattice_and_its_measures_are_taken(
     assert measured.ways.depth_max >= 4
 
 
-def test_the_same_lattice_comes_twice(rod: Tissue) -> None:
-    one, two = (build_lattice(rod, LatticeOptions("gyroid", 5.0, 0.2)) for _ in range(2))
-    np.testing.assert_array_equal(one.points, two.points)
-    np.testing.assert_array_equal(one.vessel_nodes, two.vessel_nodes)
-
-
 def test_ports_lead_around_a_hole() -> None:
     surface = annulus(30.0, 14.0, 12.0)
     ring = kept_tissue(surface)
@@ -121,11 +115,6 @@ def test_a_lattice_too_coarse_for_its_tissue_is_refused() -> None:
     cube = kept_tissue(surface)
     with pytest.raises(TissueError, match="fits into the tissue"):
         build_lattice(cube, LatticeOptions("diamond", 9.0, 0.3))
-
-
-def test_more_cells_than_memory_are_refused(rod: Tissue) -> None:
-    with pytest.raises(NetworkError, match="cells"):
-        build_lattice(rod, LatticeOptions("grid", 0.05, 0.01))
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.hemodynamics import FlowConditions, solve_flow
-from design.measures.forest import forest_of
 from design.measures.junctions import measure_murray, measure_terminal_flow
 from design.measures.morphometry import (
     diameter_defined_orders,
     measure_morphometry,
-    order_table,
 )
 from design.measures.path_lengths import measure_paths
 from design.network import VesselKind, VesselNetwork
@@ -60,40 +58,6 @@ def test_a_symmetric_tree_has_textbook_orders() -> None:
         assert table.diameter_ratio == pytest.approx(2.0 ** (1.0 / 3.0))
         np.testing.assert_allclose(table.connectivity, np.diag([2.0] * 5, 1))
         np.testing.assert_allclose(table.diameter_sd_mm, 0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("ratio", [1.67, 0.8])
-def test_lengths_grow_or_fall_by_their_ratio_whatever_the_stem(ratio: float) -> None:
-    levels, random = 6, np.random.default_rng(1)
-    count = 2**levels - 1
-    parents = [-1] + [(i - 1) // 2 for i in range(1, count)]
-    level = np.floor(np.log2(np.arange(count) + 1)).astype(int)
-    length = np.where(level == 0, 0.01, ratio ** (levels - level))
-    nodes = np.zeros((count + 1, 3))
-    for i, parent in enumerate(parents):
-        way = random.normal(size=3)
-        nodes[i + 1] = nodes[parent + 1] + length[i] * way / np.linalg.norm(way)
-    (found,) = measure_morphometry(tree_network(parents, nodes, 2.0 ** (-level / 3.0)))
-    assert found.strahler.length_ratio == pytest.approx(ratio)
-    assert found.strahler.diameter_ratio == pytest.approx(2.0 ** (1.0 / 3.0))
-    assert found.strahler.branching_ratio == pytest.approx(2.0)
-
-
-def test_vessels_of_one_order_in_series_are_one_element() -> None:
-    # A trunk of three segments with a twig at each of its two inner nodes.
-    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [1, 1, 0], [2, 1, 0]])
-    ends = np.array([[0, 1], [1, 2], [2, 3], [1, 4], [2, 5]])
-    radius = np.array([1.0, 1.0, 1.0, 0.1, 0.1])
-    network = VesselNetwork.from_segments(nodes, ends, radius, np.zeros(5), np.zeros(5))
-    forest = forest_of(network, VesselKind.ARTERY)
-    assert forest is not None
-    table = order_table(
-        forest, np.array([2, 2, 2, 1, 1]), network.lengths(), 2.0 * network.mean_radius()
-    )
-    assert table.segments.tolist() == [2, 3]
-    assert table.elements.tolist() == [2, 1]
-    np.testing.assert_allclose(table.element_length_mean_mm, [1, 3])
-    np.testing.assert_allclose(table.connectivity, [[0, 2], [0, 0]])
 
 
 def test_diameter_orders_part_clear_groups_that_strahler_mixes() -> None:

@@ -18,7 +18,7 @@ from design.network_files.json_format import read_network_json, write_network_js
 from design.network_files.npz import read_network_npz, write_network_npz
 from design.network_files.swc import KIND_TYPE, read_network_swc, write_network_swc
 from design.vasculature import planar_four_vessel
-from tests.design.networks import networks, random_network, random_trees, trees
+from tests.design.networks import networks, random_network, trees
 from tests.slower import examples
 
 Reader = Callable[[Path], VesselNetwork]
@@ -187,8 +187,3 @@ def test_bad_npz_is_refused(tmp_path: Path) -> None:
         read_network_npz(path)
     with pytest.raises(NetworkError, match=r"ends in \.npz"):
         write_network_npz(tmp_path / "n.bin", random_network(1, 3))
-
-
-def test_trees_of_the_tests_are_of_all_kinds() -> None:
-    kinds = {int(kind) for seed in range(30) for kind in random_trees(seed, 8, 2).kind}
-    assert kinds == {int(kind) for kind in VesselKind}

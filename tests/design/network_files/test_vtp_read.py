@@ -109,29 +109,6 @@ def test_lines_of_shared_points_and_others_are_one_trunk(
     assert network.lengths().sum() == pytest.approx(10 + 3 * 72**0.5, rel=0.02)
 
 
-def test_a_branch_at_a_point_of_a_merged_line_stays_joined(tmp_path: Path) -> None:
-    points = "0 0 0  20 0 0  0 0.2 0  8 0.2 0  20 0.2 0  8 0.2 0  8 9 0"
-    text = document(points, "1 " * 7, "0 1 2 3 4 5 6", "2 5 7")
-    network = read_network(written(tmp_path, text), "mm")
-    assert sorted(network.lengths()) == pytest.approx([8.0, 9.0, 12.0])
-    assert network.degree().tolist().count(3) == 1
-
-
-def test_a_key_within_an_array_is_not_a_number(tmp_path: Path) -> None:
-    """As VTK writes the range of vectors and the names of components."""
-    key = '<InformationKey name="L2_NORM_RANGE"><Value index="0">0</Value></InformationKey>'
-    text = document(points=POINTS + key, radius=key + "2 2 2 1 1")
-    same_vessels(
-        read_network(written(tmp_path, text), "mm"),
-        read_network(written(tmp_path, document()), "mm"),
-    )
-
-
-def test_a_radius_in_mm_stays_in_mm(tmp_path: Path) -> None:
-    network = read_network(written(tmp_path, document(name="radius_mm")), "cm")
-    assert network.radius.max() == 2.0
-
-
 def packed(values: np.ndarray, head: str) -> str:
     data = values.tobytes()
     return base64.b64encode(np.array([len(data)], head).tobytes() + data).decode()
@@ -165,17 +142,6 @@ def test_binary_as_paraview_writes_it(tmp_path: Path, header: str, compressed: b
     plain = tmp_path / "plain"
     plain.mkdir()
     same_vessels(found, read_network(written(plain, document()), "mm"))
-
-
-def test_lines_of_two_points_go_on_as_one_vessel(tmp_path: Path) -> None:
-    """As SimVascular writes its centrelines."""
-    pieces = {"connectivity": "0 1 1 2 3 4", "offsets": "2 4 6"}
-    points = "0 0 0  10 0 0  20 0 0  20 0 0  20 8 0"
-    network = read_network(written(tmp_path, document(points, "2 2 2 2 2", **pieces)), "mm")
-    assert network.lengths() == pytest.approx([28.0])
-    ours = '<DataArray type="Int64" Name="vessel" format="ascii">0 1 2</DataArray>'
-    text = document(points, "2 2 2 2 2", cells=ours, **pieces)
-    assert read_network(written(tmp_path, text), "mm").vessel_count == 3
 
 
 @pytest.mark.parametrize("encoding", ["raw", "base64"])

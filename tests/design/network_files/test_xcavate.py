@@ -57,12 +57,6 @@ def test_the_reach_is_the_trunks_radius_and_5_percent(
     assert len(read_network_xcavate(_written(tmp_path, text)).snaps) == joined
 
 
-def test_points_that_the_branch_would_turn_back_to_are_left_out(tmp_path: Path) -> None:
-    branch = "Vessel: 1, Number of Points: 3\n1, 0.05, 0, 0.04\n1, 0.02, 0, 0.04\n1, 2, 0, 0.03"
-    network = read_network_xcavate(_written(tmp_path, TRUNK + branch)).network
-    assert sorted(network.lengths().tolist()) == [10.0, 20.0, 30.0]
-
-
 def test_ends_that_meet_end_to_end_share_a_node_and_loops_close(tmp_path: Path) -> None:
     # A square of four vessels, each ending 0.01 cm beside the next one's beginning.
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -75,13 +69,6 @@ def test_ends_that_meet_end_to_end_share_a_node_and_loops_close(tmp_path: Path) 
     network = read_network_xcavate(_written(tmp_path, text)).network
     assert network.vessel_count == 4
     assert network.degree().tolist() == [2, 2, 2, 2]
-
-
-def test_two_branches_at_one_place_make_a_crossing(tmp_path: Path) -> None:
-    other = BRANCH.replace("Vessel: 1", "Vessel: 2").replace("1, 1,", "1, -1,")
-    other = other.replace("1, 2,", "1, -2,").replace("0.05", "-0.05")
-    network = read_network_xcavate(_written(tmp_path, TRUNK + BRANCH + "\n" + other)).network
-    assert sorted(network.degree().tolist()) == [1, 1, 1, 1, 4]
 
 
 def test_a_fifth_column_says_artery_or_vein(tmp_path: Path) -> None:

@@ -79,24 +79,6 @@ def test_an_end_that_stops_short_of_the_face_by_less_than_its_radius_is_opened()
     assert surface_genus(construct_solid(block(), lumen).faces) == (0, 1)
 
 
-def test_inside_and_distance_agree_with_a_ball() -> None:
-    ball = trimesh.creation.icosphere(4, 2.0)
-    solid = solid_from_surface(ball.vertices, ball.faces)
-    points = np.random.default_rng(0).uniform(-3, 3, (200, 3))
-    radius = np.linalg.norm(points, axis=1)
-    clear = np.abs(radius - 2) > 0.02
-    distance, inside = depths(solid, points)
-    assert np.array_equal(inside[clear], radius[clear] < 2)
-    assert distance == pytest.approx(np.abs(radius - 2), abs=0.01)
-
-
-def test_a_surface_of_loose_triangles_becomes_a_solid() -> None:
-    box = trimesh.creation.box((2, 3, 4))
-    soup = box.triangles.reshape(-1, 3)
-    solid = solid_from_surface(soup, np.arange(len(soup)).reshape(-1, 3))
-    assert (len(solid.vertices), solid.volume_mm3) == (8, pytest.approx(24))
-
-
 def test_open_and_inverted_surfaces_are_refused() -> None:
     box = trimesh.creation.box((2, 3, 4))
     with pytest.raises(SolidError, match="3 open edges"):
@@ -116,8 +98,3 @@ def test_nothing_left_is_refused() -> None:
         block_solid((1, 0, 2))
     with pytest.raises(SolidError, match="dimple of 0 mm"):
         construct_solid(block(), None, [((0, 0, 0), 0.0)])
-
-
-def test_a_block_stands_where_it_is_put() -> None:
-    solid: Solid = block_solid((1, 2, 3), (4, 5, 6))
-    assert solid.bounds.tolist() == [[4, 5, 6], [5, 7, 9]]

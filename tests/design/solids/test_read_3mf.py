@@ -97,21 +97,6 @@ def test_a_negative_volume_is_cut_out_of_its_own_object_alone(tmp_path: Path) ->
         assert read_solid(path, None).volume_mm3 == pytest.approx(320 - 64 + 320)
 
 
-def test_triangles_that_no_range_names_are_the_part(tmp_path: Path) -> None:
-    text = model(thing(1, mesh(HOLE, BODY)), '<item objectid="1"/>')
-    path = package(tmp_path / "a.3mf", {MODEL: text, **prusa("NegativeVolume")})
-    assert read_solid(path, None).volume_mm3 == pytest.approx(320 - 64)
-    path = package(path, {MODEL: text, **prusa("NegativeVolume", "ModelPart", "ModelPart")})
-    with pytest.raises(SolidError, match="triangles 24 to 35, of 24"):
-        read_solid(path, None)
-
-
-def test_an_old_modifier_is_left_out(tmp_path: Path) -> None:
-    text = model(thing(1, mesh(BODY, HOLE)), '<item objectid="1"/>')
-    path = package(tmp_path / "a.3mf", {MODEL: text, **prusa("0", "1", old=True)})
-    assert read_solid(path, None).volume_mm3 == pytest.approx(320)
-
-
 @pytest.mark.parametrize(
     ("subtype", "volume"),
     [
@@ -256,9 +241,3 @@ def test_components_that_hold_themselves_are_refused(tmp_path: Path) -> None:
     text = model(thing(1, inside), '<item objectid="1"/>')
     with pytest.raises(SolidError, match="made of itself"):
         read_solid(package(tmp_path / "a.3mf", {MODEL: text}), None)
-
-
-def test_a_model_in_feet_is_read(tmp_path: Path) -> None:
-    text = model(thing(1, mesh((0, 0, 0, 0.01, 0.02, 0.03))), '<item objectid="1"/>')
-    path = package(tmp_path / "a.3mf", {MODEL: text.replace("millimeter", "foot")})
-    assert read_solid(path, None).bounds[1] == pytest.approx((3.048, 6.096, 9.144))

@@ -11,7 +11,7 @@ from design.solids.facets import Facets
 from design.solids.smooth.fillet import rounded_distance, shoot, wall_rows
 from design.solids.smooth.layout import lay_out
 from design.solids.topology import edge_faults
-from tests.design.solids.networks import channels, ladder, lattice, vessel
+from tests.design.solids.networks import channels, ladder, lattice
 from tests.slower import first_of
 
 TURN, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
@@ -36,38 +36,6 @@ def _assert_solid(solid: Solid) -> None:
     assert not edge_faults(solid.faces)
     assert solid.volume_mm3 > 0
     assert np.array_equal(solid.vertices.astype(np.float32).astype(float), solid.vertices)
-
-
-@pytest.mark.slow
-def test_a_vessel_in_pieces_is_filled_like_a_whole_one() -> None:
-    """Ends of two pieces that face each other seem to leave a ball no room between them."""
-    ends = np.array([[-4.0, 3.0, 0.0], [-4.0, -3.0, 0.0], [4.0, 0.0, 0.0]])
-    axes = ends / np.linalg.norm(ends, axis=1)[:, None]
-    radius, rho, pieces = 0.225, 0.1125, 9
-
-    def rows(start: np.ndarray, axis: np.ndarray, length: np.ndarray) -> np.ndarray:
-        same = np.full(len(start), radius)
-        return wall_rows(start, axis, length, same, np.zeros(len(start)))
-
-    lengths = np.linalg.norm(ends, axis=1)
-    whole = rows(np.zeros((3, 3)), axes, lengths)
-    begins = [k / pieces * end for k in range(pieces) for end in ends]
-    parts = rows(np.array(begins), np.tile(axes, (pieces, 1)), np.tile(lengths / pieces, pieces))
-    at = np.array([-0.379666, 0.00746671563, -0.00579005108])
-    for point in at + np.random.default_rng(5).uniform(-0.04, 0.04, (400, 3)) * (2.0, 1.0, 1.0):
-        near = np.argsort(_capsules(parts, point))[:12]
-        found, wanted = (
-            rounded_distance(parts[near], rho, *point),
-            rounded_distance(whole, rho, *point),
-        )
-        assert found == pytest.approx(wanted, rel=0.1, abs=1e-3)
-
-
-def _capsules(walls: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Distance of a point from each piece, (n,): plain NumPy."""
-    along = np.clip(np.sum((point - walls[:, :3]) * walls[:, 3:6], axis=1), 0.0, walls[:, 6])
-    on_axis = walls[:, :3] + along[:, None] * walls[:, 3:6]
-    return np.linalg.norm(point - on_axis, axis=1) - walls[:, 7]
 
 
 def test_a_point_is_filled_where_no_ball_outside_the_vessels_reaches_it() -> None:
@@ -134,15 +102,6 @@ def test_seams_are_sharp_without_and_gone_with_a_fillet() -> None:
     assert _sharpest(lumen_solid(FORK, fillet_mm=0.2), middle, 1.5) > 0.85
 
 
-def test_vertices_of_a_rounded_fork_lie_on_its_rounded_surface() -> None:
-    solid = lumen_solid(FORK, fillet_mm=0.2)
-    layout = lay_out(FORK, Facets(0.001), 0.0, 0.2)
-    near = np.linalg.norm(solid.vertices - [5, 0, 0], axis=1) < 0.8
-    found = [rounded_distance(layout.walls[0], 0.2, *point) for point in solid.vertices[near]]
-    # Polygons of the circle's area stand a little over it.
-    assert np.abs(found).max() < 2.5e-3
-
-
 @pytest.mark.parametrize("ratio", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_loops_keep_their_genus(ratio: float) -> None:
     for network in (ladder(), lattice(3, 2.0, 0.3), lattice(3, 2.0, 0.3, TURN)):
@@ -162,23 +121,6 @@ def test_junctions_closer_than_their_width_are_united_in_a_crowd(ratio: float) -
     solid = lumen_solid(network, fillet_ratio=ratio)
     _assert_solid(solid)
     assert surface_genus(solid.faces) == (0, 1)
-
-
-def test_curved_and_tapered_vessels_meet() -> None:
-    turn = np.linspace(0, np.pi, 40)
-    arc = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0.1 * turn], axis=1)
-    one = vessel(arc, np.linspace(0.6, 0.3, 40))
-    _assert_solid(lumen_solid(one, fillet_ratio=0.5))
-
-
-@pytest.mark.parametrize("ratio", [0.0, 0.5])
-def test_far_from_the_origin_the_solid_is_the_same_up_to_float32(ratio: float) -> None:
-    here = lumen_solid(FORK, fillet_ratio=ratio)
-    for offset in (1e3, 1e5):
-        far = lumen_solid(FORK.moved(np.array([offset, -offset, 0.0])), fillet_ratio=ratio)
-        _assert_solid(far)
-        assert surface_genus(far.faces) == (0, 1)
-        assert far.volume_mm3 == pytest.approx(here.volume_mm3, rel=2e-3)
 
 
 def test_the_same_network_gives_the_same_bytes() -> None:

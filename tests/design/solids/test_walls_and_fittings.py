@@ -32,7 +32,7 @@ from design.solids.connector import Kind
 from design.solids.manifolds import solid_manifold
 from design.solids.snap import solid_from_manifold
 from design.tissue.depth import enclosed
-from tests.design.solids.networks import channels, ladder
+from tests.design.solids.networks import channels
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -64,10 +64,6 @@ def test_ends_that_arent_opened_stay_walled() -> None:
     assert surface_genus(closed.faces) == (0, 2)
     ball = 4 / 3 * np.pi * (0.7**3 - 0.5**3)
     assert closed.volume_mm3 == pytest.approx(np.pi * 0.24 * 10 + ball, rel=2e-3)
-
-
-def test_loops_count_twice_in_a_wall() -> None:
-    assert surface_genus(tube_solid(ladder(), 0.1).faces) == (3 + 3 + 2 - 1, 1)
 
 
 @pytest.mark.parametrize("kind", ["plain", "barb", "luer_female", "luer_male"])
@@ -142,22 +138,6 @@ def test_luer_cones_lose_six_percent() -> None:
             assert 4.270 <= opening <= 4.315
 
 
-def test_a_barb_stands_over_its_shank() -> None:
-    outside, _ = connector_parts(Connector("barb", 1.5, outer_mm=3.0, barb_mm=0.6, barbs=3))
-    radius = np.hypot(*outside.vertices[:, :2].T)
-    assert 2 * radius.max() == pytest.approx(3.6, rel=3e-3)
-
-
-def test_a_fitting_stands_along_any_direction() -> None:
-    outward = np.array([3.0, 0.0, 0.0])
-    body = with_connector(
-        slab(), Connector("plain", 2.0, 4.0, 5.0), np.array([12.0, 6, 3]), outward
-    )
-    assert body.bounds[1, 0] == pytest.approx(17.0, abs=1e-5)
-    ring = np.pi * (2.0**2 - 1.0**2) * 5.0
-    assert body.volume_mm3 == pytest.approx(slab().volume_mm3 + ring - np.pi * 1.0, rel=1e-4)
-
-
 @pytest.mark.parametrize(
     ("connector", "message"),
     [
@@ -212,13 +192,6 @@ def test_a_cylinder_and_chambers_have_their_volumes() -> None:
     dish = chamber_solid(Chamber("cylinder", (10.0, 1.0, 5.0)))
     assert dish.volume_mm3 == pytest.approx(np.pi * (49 * 7 - 25 * 5), rel=1e-5)
     assert surface_genus(dish.faces) == (0, 1)
-
-
-def test_a_port_opens_a_chamber() -> None:
-    box = chamber_solid(Chamber("block", (10.0, 8.0, 5.0), wall_mm=0.9))
-    at, outward = np.array([5.9, 0.0, 2.5]), np.array([1.0, 0, 0])
-    ported = with_connector(box, Connector("plain", 1.0, 2.0, 4.0), at, outward, lead_in_mm=0.5)
-    assert surface_genus(ported.faces) == (1, 1)
 
 
 def test_impossible_bodies_are_refused() -> None:

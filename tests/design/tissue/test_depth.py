@@ -6,7 +6,7 @@ import pytest
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
 from design.geometry import build_triangle_tree
 from design.tissue import load_tissue
-from design.tissue.depth import depth_bounds, least_depth_along, winding_number
+from design.tissue.depth import depth_bounds, winding_number
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 
@@ -101,20 +101,3 @@ def test_winding_number_counts_overlapping_solids_and_no_cavity():
     hollow = surfaces.hollow_sphere()
     tree = build_triangle_tree(hollow.vertices, hollow.faces)
     assert [winding_number(tree, x, 0.0, 0.0) for x in (0.0, 8.0, 11.0)] == [0, 1, 0]
-
-
-def test_depth_of_a_long_segment_is_that_of_its_shallowest_place(slit):
-    rng = np.random.default_rng(9)
-    start, end = rng.uniform(0.5, 11.5, (2, 300, 3))
-    corners = slit.surface.vertices[slit.surface.faces]
-    tree = surface_tree(corners)
-    away = to_surface(start, end, np.full(300, 30.0), tree, corners[tree.order])
-    inside = (away > 0) & (winding_numbers(end, corners, tree) > 0)
-    grid = slit.grid.arrays
-    found = np.array(
-        [least_depth_along(grid, *a, *b, np.inf, 0.0) for a, b in zip(start, end, strict=True)]
-    )
-    np.testing.assert_allclose(found[inside], away[inside], rtol=1e-9)
-    assert (found[~inside] < 0).all()
-    assert inside.any()
-    assert not inside.all()

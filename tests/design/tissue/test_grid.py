@@ -49,13 +49,6 @@ def test_torus_keeps_its_hole_outside():
     np.testing.assert_array_equal(tissue.contains(points)[clear], (ring < 0)[clear])
 
 
-def test_nested_shells_are_told_apart():
-    tissue = tissue_of(surfaces.nested_shells())
-    along = np.array([1.5, 4.5, 7.0, 9.0, 10.5])
-    points = along[:, None] * np.array([[0.6, 0.0, 0.8]])
-    assert tissue.contains(points).tolist() == [False, True, False, True, False]
-
-
 def test_wall_of_a_third_of_a_millimetre_is_seen():
     tissue = tissue_of(surfaces.thin_box(0.3))
     assert tissue.thinnest_wall_mm == pytest.approx(0.3, abs=1e-6)
@@ -108,35 +101,9 @@ def test_reads_are_never_deeper_than_exact_by_more_than_stated(hollow):
     assert (read - exact).max() < hollow.grid.error_mm + 0.03
 
 
-def test_capsule_test_agrees_with_samples(hollow):
-    rng = np.random.default_rng(7)
-    start = random_points(hollow, 2_000, seed=8)
-    end = start + rng.normal(0, 3.0, start.shape)
-    radius = rng.uniform(0.05, 1.5, len(start))
-    t = np.linspace(0, 1, 201)[None, :, None]
-    axis = start[:, None] + t * (end - start)[:, None]
-    away = np.linalg.norm(axis, axis=2)
-    depth = np.minimum(10 - away, away - 6).min(axis=1)
-    inside = hollow.grid.capsule_inside(start, end, radius, clearance_mm=0.1)
-    slack = 2 * hollow.grid.error_mm + 0.1
-    assert not inside[depth < radius + 0.1 - 0.05].any()
-    assert inside[depth > radius + 0.1 + slack].all()
-    assert inside.any()
-
-
-def test_outside_the_grid_distances_go_on_growing(hollow):
-    values = hollow.grid.distance(np.array([[30.0, 0, 0], [60.0, 0, 0]]))
-    np.testing.assert_allclose(values, [20.0, 50.0], atol=0.5)
-
-
 def test_wall_too_thin_for_any_grid_is_refused_with_figures():
     with pytest.raises(TissueError, match=r"walls of 0\.001 mm need a grid spacing of .* MB"):
         tissue_of(surfaces.thin_box(0.001))
-
-
-def test_asked_spacing_too_coarse_for_the_wall_is_refused():
-    with pytest.raises(TissueError, match=r"too coarse for walls of 0\.3 mm"):
-        tissue_of(surfaces.thin_box(0.3), spacing_mm=0.5)
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import pytest
 from manifold3d import Manifold
 
 from design.errors import TissueError
-from design.tissue import block, part_numbers, part_tissue, parts_of, tissue_from_surface
-from design.vasculature import GrowthOptions, check_parts, grow_tree
+from design.tissue import part_numbers, part_tissue, parts_of, tissue_from_surface
+from design.vasculature import check_parts
 from tests.design.tissue import surfaces
 
 
@@ -69,29 +69,3 @@ def test_a_part_is_a_tissue_of_its_own_with_its_cavities():
     own = part_tissue(tissue, outer)
     assert own.volume_mm3 == pytest.approx(outer.volume_mm3)
     assert own.contains(np.array([[9.0, 0, 0], [7.0, 0, 0], [0, 0, 0.0]])).tolist() == [1, 0, 0]
-
-
-def test_faces_without_area_leave_the_root_its_direction():
-    """Growth in such a block ended the process: the direction wasn't a number."""
-    whole = block((10.0, 10.0, 10.0))
-    points, faces = _with_flat_faces(whole.vertices, whole.faces)
-    tissue = tissue_from_surface(points, faces)
-    _, direction = tissue.top_vertex()
-    assert np.linalg.norm(direction) == pytest.approx(1.0)
-    assert grow_tree(tissue, GrowthOptions(terminals=20)).terminals.max() == 20
-
-
-def _with_flat_faces(points, faces):
-    """The same surface with a vertex and a face without area at each long edge's middle."""
-    points, faces = points.tolist(), faces.tolist()
-    for k in range(len(faces)):
-        for side in range(3):
-            a, b, c = (faces[k][(side + n) % 3] for n in range(3))
-            long = np.subtract(points[a], points[b])
-            if np.count_nonzero(np.abs(long) > 1e-9) > 1 and a < b:
-                points.append(np.mean([points[a], points[b]], axis=0).tolist())
-                middle = len(points) - 1
-                faces[k] = [a, middle, c]
-                faces += [[middle, b, c], [a, b, middle]]
-                break
-    return np.array(points), np.array(faces)

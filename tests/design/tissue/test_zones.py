@@ -93,17 +93,6 @@ def test_zones_work_on_every_source():
     assert shape.volume_mm3 < folded_cortex().volume_mm3 - 2.9 * pi
 
 
-def test_result_is_the_same_in_a_file():
-    shape, _ = carve(CUBE, [NEEDLE, SphereZone((3.3, 3.3, 9.9), 1.7)])
-    np.testing.assert_array_equal(shape.vertices, shape.vertices.astype(np.float32))
-
-
-def test_without_zones_nothing_changes():
-    found, notes = carve(CUBE)
-    assert found is CUBE
-    assert notes == ()
-
-
 def test_zone_that_misses_is_told():
     found, notes = carve(CUBE, [NEEDLE, SphereZone((30, 0, 0), 1.0)])
     assert notes == (
@@ -116,10 +105,6 @@ def test_tissue_cut_in_two_is_told():
     notes = carve(CUBE, [BlockZone((3, -1, -1), (4, 11, 11))])[1]
     assert len(notes) == 1
     assert "into 2 pieces (66.7 %, 33.3 % of it)" in notes[0]
-
-
-def test_cavity_isnt_a_piece():
-    assert carve(CUBE, [SphereZone((5, 5, 5), 1.0)])[1] == ()
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from design.errors import ToolpathError
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
-from design.toolpath.gcode.dialect import dialect_of
 from firmware_profiles import Printer, Syringe, load
-from firmware_profiles.families import family_names
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 
@@ -62,14 +59,3 @@ def test_an_unknown_start_isn_t_declared_to_klipper() -> None:
     lines = lines_of(of("klipper"), GcodeOptions())
     assert not any(line.startswith("SET_KINEMATIC") for line in lines)
     assert lines[7] == "G92 E0"
-
-
-def test_klipper_has_no_timeout_of_zero() -> None:
-    assert lines_of(of("klipper", idle_timeout_s=0), GcodeOptions())[0] == "G21"
-    assert lines_of(of("marlin", idle_timeout_s=0), GcodeOptions())[0] == "M85 S0"
-
-
-def test_every_family_of_the_schema_has_a_dialect() -> None:
-    assert set(family_names()) == {*HEADERS, "aerotech"}
-    with pytest.raises(ToolpathError, match="no firmware family is named 'grbl'"):
-        dialect_of(of("grbl"))

@@ -13,7 +13,7 @@ from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from tests.design.toolpath.joint_checker import bodies
 from tests.design.toolpath.plans import embedded_toolpath
 from tests.design.toolpath.shaft_checker import crossings
-from tests.design.toolpath.shapes import cage, network, polyline, random_tree
+from tests.design.toolpath.shapes import network, polyline, random_tree
 from tests.slower import first_of
 
 OPTIONS = EmbeddedOptions()
@@ -22,17 +22,6 @@ OPTIONS = EmbeddedOptions()
 def first_written(toolpath, vessel):
     write = toolpath.kind == MoveKind.WRITE
     return int(np.flatnonzero(write & (toolpath.source == vessel))[0])
-
-
-@pytest.mark.parametrize("below", [0, 1])
-def test_a_vessel_straight_under_another_is_written_first(below):
-    height = [(0.0, 2.0), (2.0, 0.0)][below]
-    nodes = [(-3, 0, height[0]), (3, 0, height[0]), (0, -3, height[1]), (0, 3, height[1])]
-    net = network(nodes, [(0, 1), (2, 3)], 0.15)
-    plan = plan_embedded(net, OPTIONS)
-    assert first_written(plan.toolpath, below) < first_written(plan.toolpath, 1 - below)
-    assert plan.report.crossings == ()
-    assert crossings(plan.toolpath, net, OPTIONS.needle_outer_mm / 2) == set()
 
 
 def test_a_stack_is_written_from_the_bottom():
@@ -127,14 +116,6 @@ def test_travels_pass_above_what_lies_under_their_way():
     assert lowest < ink[:, 2].max()  # not over the top of all
 
 
-def test_moves_join_end_to_end_and_plunger_relief_cancels():
-    toolpath = embedded_toolpath(random_tree(20, 10, 3, 0.1), replace(OPTIONS, dwell_s=0.2))
-    assert np.array_equal(toolpath.start[1:], toolpath.end[:-1])
-    write = toolpath.kind == MoveKind.WRITE
-    assert toolpath.written_ul == pytest.approx(toolpath.volume_ul[write].sum(), rel=1e-12)
-    assert toolpath.duration_s[toolpath.kind == MoveKind.DWELL] == pytest.approx(0.2)
-
-
 def test_ink_is_the_networks_volume_and_the_overlaps():
     net = random_tree(30, 12, 5, 0.1)
     report = plan_embedded(net, OPTIONS).report
@@ -162,17 +143,6 @@ def test_a_vessel_is_written_from_end_to_end_and_not_beyond():
     assert np.ptp(np.vstack([toolpath.start, toolpath.end]), axis=0).tolist() == [10, 0, 0]
 
 
-@pytest.mark.parametrize("net", [random_tree(12, 10, 2, 0.1), cage(8, 3.0, 4.0)])
-def test_every_move_that_writes_goes_somewhere(net):
-    """A first pass that begins before its first point starts there."""
-    toolpath = embedded_toolpath(net, OPTIONS)
-    write = toolpath.kind == MoveKind.WRITE
-    assert toolpath.lengths[write].min() > 1e-3
-    area = toolpath.volume_ul[write] / toolpath.lengths[write]
-    assert np.sqrt(area.max() / np.pi) <= net.radius.max() * (1 + 1e-9)
-    assert np.sqrt(area.min() / np.pi) >= net.radius.min() * (1 - 1e-9)
-
-
 def test_a_ring_is_closed_by_an_overlap():
     turn = np.linspace(0, 2 * np.pi, 100)
     ring = np.column_stack([4 * np.cos(turn), 4 * np.sin(turn), 0 * turn])
@@ -193,12 +163,6 @@ def test_a_taper_is_written_by_flow_at_constant_speed():
     assert toolpath.speed_mm_s == pytest.approx(5.0)
     assert flow == pytest.approx(np.pi * radius**2 * 5.0, rel=0.001)
     assert len(toolpath) > 10
-
-
-def test_thick_vessels_are_written_slower():
-    net = polyline(np.array([[0.0, 0, 0], [10, 0, 0]]), 0.8)
-    toolpath = embedded_toolpath(net, OPTIONS)
-    assert toolpath.speed_mm_s == pytest.approx(2.0 / (np.pi * 0.64))
 
 
 def test_vessel_thinner_than_the_needle_is_refused_by_number():

@@ -53,14 +53,6 @@ def test_what_is_said_to_be_enough_is():
     assert plan_embedded(bars([GAP_MM]), wider).report.left_out != ()
 
 
-def test_without_the_option_both_are_written_and_the_crossing_is_named():
-    report = plan_embedded(bars([GAP_MM]), EmbeddedOptions()).report
-    assert report.left_out == ()
-    (one,) = report.crossings
-    assert {one.vessel, one.through} == {0, 1}
-    assert one.place_mm[1] == pytest.approx(GAP_MM if one.vessel else 0.0)
-
-
 def test_a_vessel_that_supplies_nothing_is_rather_left_out():
     # A short trunk feeds two long branches; a longer bar lies beside the trunk.
     nodes = [(0, 0, 0), (2, 0, 0), (8, 4, 0), (8, -4, 0), (-3, GAP_MM, 0), (1.0, GAP_MM, 0)]
@@ -70,13 +62,6 @@ def test_a_vessel_that_supplies_nothing_is_rather_left_out():
     assert report.cut_off == ()
     assert Supply(net).cut_off({0}) == [1, 2]
     assert Supply(net).cut_off({1}) == []
-
-
-def test_a_loop_keeps_its_other_supply():
-    nodes = [(0, 0, 0), (1, 0, 0), (2, 1, 0), (2, -1, 0), (3, 0, 0), (4, 0, 0)]
-    net = network(nodes, [(0, 1), (1, 2), (1, 3), (2, 4), (3, 4), (4, 5)], 0.1)
-    assert Supply(net).cut_off({1}) == [3]
-    assert Supply(net).cut_off({1, 2}) == [3, 4, 5]
 
 
 def test_a_network_of_which_nothing_can_be_written_is_refused():

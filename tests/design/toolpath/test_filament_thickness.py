@@ -36,12 +36,6 @@ def test_the_thinnest_vessel_is_named_with_its_place_and_a_needle_that_may_be_ha
     assert "1.28 times as large" in text
 
 
-def test_no_needle_is_asked_for_that_nobody_sells() -> None:
-    text = refusal(side_by_side(0.2, 0.02))
-    assert "no shipped needle is that fine (34g: 0.08 mm); widen these vessels" in text
-    assert "use a needle" not in text
-
-
 def test_of_hundreds_the_thinnest_five_are_named() -> None:
     """704 vessels made a line of 11,000 characters (a published network, 2026-11-26)."""
     text = refusal(side_by_side(*np.linspace(0.06, 0.05, 300)))

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection
 
 from design.errors import ToolpathError
-from design.toolpath import MoveKind
 from design.toolpath.fresh import Filling, FreshOptions, plan_fresh
 from design.toolpath.fresh.patterns import gyroid_lines
-from tests.design.toolpath.shapes import as_solid, rounded_width
+from tests.design.toolpath.shapes import as_solid
 from tests.slower import examples
 
 SIDE_MM = 8.0
@@ -60,27 +59,10 @@ def test_infill_is_as_dense_as_asked(infill, density):
     assert plan.report.written_ul == pytest.approx(expected, rel=0.04)
 
 
-@pytest.mark.parametrize("infill", ["concentric", "gyroid"])
-def test_infill_keeps_out_of_the_lumen(infill):
-    density = 1.0 if infill == "concentric" else 0.6
-    path = plan_fresh(body(0.3), FreshOptions(filling=Filling(infill, density))).toolpath
-    here = path.kind == MoveKind.WRITE
-    lines = shapely.linestrings(np.stack([path.start[here, :2], path.end[here, :2]], axis=1))
-    width = rounded_width(path.volume_ul[here] / path.lengths[here], 0.06)
-    away = shapely.distance(lines, shapely.Point(4, 4)) - width / 2
-    assert away.min() > 1.0 - 0.005
-
-
 def test_solid_concentric_infill_leaves_little_bare():
     report = plan_fresh(body(0.06), FreshOptions(filling=Filling("concentric"))).report
     assert report.unfilled_fraction < 0.02
     assert report.written_ul == pytest.approx(report.material_ul, rel=0.02)
-
-
-def test_no_infill_writes_walls_alone():
-    for infill in ("lines", "concentric", "gyroid"):
-        options = FreshOptions(filling=Filling(infill, 0.0))
-        assert plan_fresh(body(0.06), options).report.lines == 4
 
 
 def test_a_solid_gyroid_is_refused():

@@ -8,7 +8,7 @@ import pytest
 from design.errors import ToolpathError
 from design.solids import Solid
 from design.toolpath import MoveKind
-from design.toolpath.fresh import Compensation, Filling, FreshOptions, Region
+from design.toolpath.fresh import Filling, FreshOptions, Region
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 
@@ -51,28 +51,6 @@ def test_outside_the_region_s_height_nothing_changes():
     ]
     assert written[1][0] < 0.2 * written[0][0]
     assert written[1][1] == pytest.approx(written[0][1], rel=1e-9)
-
-
-def test_of_two_regions_the_last_counts():
-    whole = box((-1, -1, -1), (9, 5, 1))
-    empty, half = Region(whole, Filling(density=0.0)), Region(whole, Filling("lines", 0.5, (0.0,)))
-    both = fresh_toolpath(SOLID, OPTIONS, [empty, half])
-    alone = fresh_toolpath(SOLID, OPTIONS, [half])
-    np.testing.assert_array_equal(both.end, alone.end)
-
-
-def test_a_region_outside_the_part_changes_nothing():
-    away = Region(box((20, 0, 0), (21, 1, 1)), Filling(density=0.0))
-    np.testing.assert_array_equal(
-        fresh_toolpath(SOLID, OPTIONS, [away]).end, fresh_toolpath(SOLID, OPTIONS).end
-    )
-
-
-def test_regions_grow_with_the_part():
-    half = Region(box((4, -1, -1), (9, 5, 1)), Filling("lines", 0.0))
-    options = FreshOptions(walls=1, compensation=Compensation((20.0, 0.0, 0.0)))
-    path = fresh_toolpath(SOLID, options, [half])
-    assert ink(path, 4.2, 4.9) > 4 * ink(path, 5.2, 5.9)
 
 
 def test_an_open_region_is_refused_by_number():

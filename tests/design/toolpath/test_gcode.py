@@ -102,23 +102,6 @@ def test_a_declared_start_is_declared_and_used():
     ]
 
 
-def test_end_relieves_lifts_straight_up_and_waits():
-    options = GcodeOptions(relieve_ul=0.5, plunger_ul_s=2.0)
-    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
-    before, relieved, lifted = machine.states[-4], machine.states[-3], machine.states[-2]
-    assert float(before[1] - relieved[1]) == pytest.approx(0.5 * PER_UL, abs=1e-5)
-    assert float(relieved[2]) == pytest.approx(2.0 * PER_UL * 60, abs=1e-3)
-    assert lifted[0]["X"] == before[0]["X"]
-    assert lifted[0]["Z"] > before[0]["Z"]
-    assert machine.lines[-1] == "M400"
-
-
-def test_lift_stays_below_the_top_of_the_printer():
-    gcode = write_gcode(fresh(), PRINTER, SYRINGE, (60, 70, 198))
-    heights = [state[0]["Z"] for state in Machine().read(gcode.data).states if state[0]["Z"]]
-    assert max(heights) == PRINTER.z_mm.high
-
-
 def test_lines_leave_room_for_number_and_checksum():
     longest = max(map(len, write_gcode(embedded(), PRINTER, SYRINGE, PLACE).data.split(b"\n")))
     assert longest + len("N1234567 *255") <= PRINTER.max_line_bytes
@@ -141,11 +124,6 @@ def test_feeds_respect_every_axis_and_are_given_only_when_changed():
         limit = np.array([limits.x, limits.y, limits.z])
         assert (np.abs(change) / seconds <= limit * 1.01).all()  # text is rounded
         assert pushed / seconds <= limits.e * 1.01
-
-
-def test_writing_speed_is_the_asked_one_where_no_limit_stands():
-    machine = Machine().read(write_gcode(line(20, 0.5, 0.0045), PRINTER, SYRINGE, PLACE).data)
-    assert machine.lines[12].endswith("F1200")
 
 
 def test_primes_and_retractions_take_their_time():
@@ -226,21 +204,10 @@ def test_moves_too_short_for_the_planner_are_merged():
     assert place[-1] == pytest.approx([2, 0], abs=1e-3)
 
 
-def test_same_toolpath_gives_the_same_bytes():
-    first, second = (write_gcode(embedded(), PRINTER, SYRINGE, PLACE) for _ in range(2))
-    assert first.data == second.data
-
-
 @pytest.mark.parametrize("place", [(0, 0), (0, 0, np.nan)])
 def test_impossible_places_are_refused(place):
     with pytest.raises(ToolpathError, match="place_mm"):
         write_gcode(fresh(), PRINTER, SYRINGE, place)
-
-
-def test_second_heads_are_refused():
-    toolpath = line(3, 0.5, 0.001)
-    with pytest.raises(ToolpathError, match=r"heads \[0, 1\]"):
-        write_gcode(replace(toolpath, tool=np.array([0, 1, 0])), PRINTER, SYRINGE, PLACE)
 
 
 def test_impossible_options_are_refused():

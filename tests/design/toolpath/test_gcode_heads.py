@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from design.errors import ToolpathError
-from design.toolpath.gcode import Gcode, GcodeOptions, HeadLoad, stream_gcode, write_gcode
+from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from design.toolpath.moves import MoveBuilder
 from design.toolpath.toolpath import MoveKind
 from firmware_profiles import Printer, Syringe, load
@@ -169,31 +168,6 @@ def test_a_syringe_may_be_changed_where_heads_are():
     text = write_gcode(PATH, TWO, SMALL, PLACE, OPTIONS).data.decode()
     assert ";RELOAD\nM400\nM280 P0 S90" in text
     assert ";RELOAD\nM400\nM280 P1 S90" in text
-
-
-def test_parts_written_one_by_one_are_the_job_of_their_whole():
-    whole = write_gcode(PATH, TWO, SMALL, PLACE, OPTIONS)
-    cuts = [0, *np.flatnonzero(PATH.kind == MoveKind.RETRACT).tolist(), len(PATH)]
-    parts = [PATH.where(np.arange(low, high)) for low, high in pairwise(cuts)]
-    top = float(PATH.end[:, 2].max())
-    got = Gcode.joined(list(stream_gcode(parts, TWO, SMALL, PLACE, OPTIONS, top)))
-    assert got.data == whole.data
-    np.testing.assert_array_equal(got.line_move, whole.line_move)
-
-
-def test_a_job_may_begin_with_the_second_head():
-    path = lines_of(LINES[:2], [1, 0])
-    job = Replay(write_gcode(path, TWO, SMALL, PLACE, OPTIONS).data)
-    assert [head for head, *_ in job.strokes] == [1, 0]
-    for head, begin, *_ in job.strokes:
-        assert (begin + OFFSET * head)[2] == PLACE[2] + 1.0
-
-
-def test_one_head_of_two_keeps_the_other_raised_throughout():
-    path = lines_of(LINES[:2], [1, 1])
-    job = Replay(write_gcode(path, TWO, SMALL, PLACE, OPTIONS).data)
-    assert job.changes == 1
-    assert [head for head, *_ in job.strokes] == [1, 1]
 
 
 def test_each_head_s_count_goes_on_where_it_was_but_for_whole_mm():

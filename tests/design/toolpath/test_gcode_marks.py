@@ -72,24 +72,6 @@ def test_marks_change_no_command():
     assert read(one_layer).lines[-4:-3] == [";LAYER_END:0"]
 
 
-def test_layer_end_without_relief_is_no_reload_point():
-    machine = read(fresh(retract_ul=0.0))
-    assert ";LAYER_END:1" in machine.lines
-    assert ";RELOAD" not in machine.lines
-
-
-def test_maps_leave_marks_out():
-    toolpath = fresh()
-    gcode = write_gcode(toolpath, PRINTER, SYRINGE, PLACE)
-    lines = gcode.data.decode().split("\n")[:-1]
-    assert len(lines) == len(gcode.line_move) == len(gcode.line_source)
-    marks = np.array([text.startswith(";") for text in lines])
-    assert gcode.line_count == np.count_nonzero(~marks)
-    assert (gcode.line_move[marks] == -1).all()
-    known = gcode.line_move >= 0
-    assert np.array_equal(gcode.line_source[known], toolpath.source[gcode.line_move[known]])
-
-
 def test_reload_points_of_the_toolpath_are_marked():
     builder = MoveBuilder((0, 0, 0.06), "layer", 0.06)
     for k in range(1, 5):

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from design.errors import DesignError, GrowthError
 from design.tissue import block, function_demand
 from design.vasculature import (
     GrowthOptions,
@@ -72,21 +71,3 @@ def test_flows_by_demand_are_what_an_independent_solver_finds(uneven):
     np.testing.assert_allclose(flows, tip_flows(tree), rtol=1e-9)
     assert flows.sum() == pytest.approx(options.flow_ul_s(uneven.volume_mm3))
     assert np.ptp(flows) > 2 * flows.mean()
-
-
-def test_balance_names_the_worst_served_terminal(even):
-    tips = np.array([[5.0, 8.0, 6.0], [15.0, 8.0, 6.0]])
-    found = supply_balance(even, tips, np.array([3.0, 1.0]))
-    assert found.worst == pytest.approx(0.5, rel=0.01)
-    assert found.worst_at_mm == (15.0, 8.0, 6.0)
-    assert found.spread == pytest.approx(0.5, rel=0.02)
-    assert (found.p5, found.p95) == pytest.approx((0.5, 1.5), rel=0.01)
-    with pytest.raises(DesignError, match="can't be compared"):
-        supply_balance(even, tips, np.zeros(2))
-
-
-def test_flows_need_points_of_their_own():
-    with pytest.raises(GrowthError, match="terminal_flows needs terminal_points_mm"):
-        GrowthOptions(terminal_flows=[1.0, 2.0])
-    with pytest.raises(GrowthError, match="terminal_flow is 'fair'; choose one of"):
-        GrowthOptions(terminal_flow="fair")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from manifold3d import Manifold
 
-from design.errors import GrowthError, TissueError
+from design.errors import TissueError
 from design.tissue import depth_demand, function_demand, part_demands, parts_of
 from design.tissue.manifolds import surface_of
 from design.vasculature import (
@@ -92,18 +92,6 @@ def test_a_lobe_that_one_tree_misses_is_told_by_size_and_place(dumbbell):
     assert len(supply) == 1
     assert "none ends in the" in notes[0]
     assert "mm³ around (" in notes[0]
-
-
-def test_a_whole_tissue_is_said_nothing_of():
-    tissue = _tissue(LARGE)
-    supply, notes = check_supply(tissue, *terminals_of([grow_tree(tissue, OPTIONS)]))
-    assert (supply[0].terminals, notes) == (60, ())
-
-
-def test_what_one_tree_alone_takes_is_refused(two):
-    points = [(1.0, 1.0, 1.0), (5.0, 5.0, 5.0)]
-    with pytest.raises(GrowthError, match="stages and given terminals go with a single tree"):
-        grow_parts(two, GrowthOptions(terminal_points_mm=points))
 
 
 def _box(low, high, apart):

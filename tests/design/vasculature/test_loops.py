@@ -5,7 +5,7 @@ from design.errors import GrowthError, NetworkError
 from design.hemodynamics import FlowConditions, flow_spread, solve_flow
 from design.network import VesselKind
 from design.network_files.csv_format import read_network_csv, write_network_csv
-from design.tissue import annulus, block
+from design.tissue import block
 from design.vasculature import (
     GrowthOptions,
     LoopOptions,
@@ -91,23 +91,6 @@ def test_connections_turn_gently(closed):
         assert (turn <= 1.1 * arc / (options.bend_to_radius * radius[0]) + 1e-9).all()
 
 
-def test_kinks_stay_within_the_limit(closed):
-    limit = np.cos(np.radians(LoopOptions().kink_degrees))
-    for vessel in np.flatnonzero(closed.kind == VesselKind.CONNECTION):
-        points = closed.polyline(int(vessel))[0]
-        for node, leave in zip(
-            closed.vessel_nodes[vessel],
-            (points[1] - points[0], points[-2] - points[-1]),
-            strict=True,
-        ):
-            (other,) = [
-                v for v in np.flatnonzero((closed.vessel_nodes == node).any(axis=1)) if v != vessel
-            ]
-            ends = closed.nodes[closed.vessel_nodes[other]]
-            into = ends[1] - ends[0] if closed.vessel_nodes[other, 1] == node else ends[0] - ends[1]
-            assert into @ leave >= (limit - 1e-9) * np.linalg.norm(into) * np.linalg.norm(leave)
-
-
 def test_exported_loops_carry_equal_flow(closed, tmp_path):
     write_network_csv(tmp_path / "network.csv", closed)
     back = read_network_csv(tmp_path / "network.csv", "mm")
@@ -133,24 +116,6 @@ def test_no_connection_is_thinner_than_asked(tissue):
     network = close_loops(tissue, *trees, LoopOptions(smallest_radius_mm=0.03)).network
     radius = network.mean_radius()[network.kind == VesselKind.CONNECTION]
     assert radius.min() >= 0.03
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [pytest.param(4, marks=pytest.mark.slow), 7])
-def test_short_connections_dont_overlap_within_their_joints(seed):
-    ring = kept_tissue(annulus(28.0, 12.0, 10.0))
-    options = GrowthOptions(terminals=9, seed=seed, smallest_radius_mm=0.2, clearance_mm=0.2)
-    trees = grow_forest(ring, [RootSpec(options), RootSpec(options, VesselKind.VEIN)])
-    asked = LoopOptions(seed=seed, clearance_mm=0.2, smallest_radius_mm=0.2)
-    network = close_loops(ring, *trees, asked).network
-    pieces = len(network.pieces()[0])
-    assert len(collisions(network, 0.2, 0.1).joint_pieces) <= 0.02 * pieces
-
-
-def test_same_options_give_the_same_bytes(tissue, closed):
-    again = close_loops(tissue, *pair(tissue)).network
-    assert again.points.tobytes() == closed.points.tobytes()
-    assert again.radius.tobytes() == closed.radius.tobytes()
 
 
 def test_unequal_sides_are_refused(tissue):

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from design.tissue import block, function_demand
+from design.tissue import block
 from design.vasculature import ClusterPool, GrowthOptions, grow_tree, tree_radii
 from design.vasculature.growth.regions import large_growth, region_growth
 from design.vasculature.growth.regions.large_growth import LargeGrowth
@@ -55,16 +55,6 @@ def test_smallest_radius_and_limits_hold_in_regions(small, tissue):
     tree = grow_tree(tissue, options)
     check(tree, tissue, options)
     assert tree_radii(tree).min() == pytest.approx(0.04)
-
-
-def test_terminals_follow_the_demand_in_regions(small, tissue):
-    middle = tissue.bounds[:, 0].mean()
-    demand = function_demand(tissue, lambda at: np.where(at[:, 0] < middle, 4.0, 1.0))
-    uneven = replace(tissue, demand=demand)
-    tree = grow_tree(uneven, OPTIONS)
-    check(tree, uneven, OPTIONS)
-    tips = tree.distal[tree.children[:, 0] < 0]
-    assert np.mean(tips[:, 0] < middle) == pytest.approx(0.8, abs=0.03)
 
 
 def test_what_a_region_falls_short_of_grows_elsewhere(small, tissue, monkeypatch):

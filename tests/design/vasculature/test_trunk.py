@@ -114,13 +114,6 @@ def test_a_grown_tree_is_a_trunk_too(box):
         assert np.abs(own - point).sum(axis=1).min() == 0.0
 
 
-def test_given_terminals_are_reached_from_a_trunk(box, bent):
-    wells = np.array([(x, y, 3.0) for x in (3.0, 9.0, 15.0) for y in (4.0, 12.0)])
-    tree = grow_tree(box, GrowthOptions(terminal_points_mm=wells), trunk=bent)
-    tips = tree.distal[(tree.children[:, 0] < 0) & ~tree.given]
-    np.testing.assert_array_equal(np.unique(tips, axis=0), np.unique(wells, axis=0))
-
-
 def test_an_artery_segmented_and_published_is_a_trunk():
     """One of X-CAVATE's arteries (SOURCES.md) in a box about it."""
     path = SHARED / "xcavate_network_14_vessels.txt"
@@ -175,13 +168,6 @@ def test_what_is_no_tree_is_refused(ends, message):
         trunk_of(network_of(ends))
 
 
-def test_a_trunk_with_too_many_ends_or_another_root_is_refused(box, bent):
-    with pytest.raises(GrowthError, match="2 ends and 1 terminals"):
-        grow_tree(box, GrowthOptions(terminals=1), trunk=bent)
-    with pytest.raises(GrowthError, match="root of its own"):
-        grow_tree(box, GrowthOptions(terminals=9, root_candidates=3), trunk=bent)
-
-
 def test_a_trunk_with_an_end_outside_the_tissue_is_refused_with_its_place(box):
     nodes = np.array([[1.0, 8, 6], [6.0, 8, 6], [15.0, 12, 6], [15.0, 4, -3]])
     trunk = VesselNetwork.from_segments(
@@ -223,13 +209,6 @@ def test_a_stricter_stage_grows_on_what_a_milder_one_grew(box, strict):
     tree = grow_tree(box, options, attempts=1)
     assert (tree.children[:, 0] < 0).sum() == 400
     assert collisions(tree_to_network(tree), 0.02, options.clearance_ratio).count == 0
-
-
-def test_a_stage_alone_is_the_whole(box):
-    stage = GrowthStage(100, clearance_mm=0.05, length_to_radius=2.0)
-    one = grow_tree(box, GrowthOptions(terminals=100, stages=(stage,)))
-    two = grow_tree(box, GrowthOptions(terminals=100, clearance_mm=0.05, length_to_radius=2.0))
-    assert one.distal.tobytes() == two.distal.tobytes()
 
 
 def test_a_stage_s_penalty_holds_for_what_it_grows(box):

@@ -120,12 +120,6 @@ def test_what_isnt_followed_is_refused_by_name(
         openbf.case_of(changed(*path, value=value), INLET)
 
 
-def test_gamma_profile_may_be_written_with_a_space() -> None:
-    case = openbf.case_of(changed("network", 1, "gamma profile", value=5), INLET)
-    assert case.options.profile_exponent == pytest.approx([9.0, 5.0, 2.0])
-    assert "in 1 vessels; openBF of 2026 passes over" in case.notes[0]
-
-
 @pytest.mark.parametrize(
     ("inlet", "words"),
     [
