@@ -14,7 +14,6 @@ from registration.alignment.distance import ModelSurface
 from registration.errors import AlignmentError
 from tests.registration.parts import corners, planar_construct, rod, solid
 from tests.registration.test_alignment import surface_points
-from tests.slower import first_of
 
 SIZE = np.array([16.0, 8.0, 3.0])
 FEW = AlignmentOptions(fine_points=5000, contest_points=20_000)
@@ -78,15 +77,6 @@ def test_a_mirrored_part_is_refused_however_it_lies(construct: Solid) -> None:
         aligned(construct, points, tilted(TURNED_OVER, 2))
 
 
-@pytest.mark.parametrize("share", first_of([0.5, 0.36]))
-def test_a_part_of_the_part_lands(construct: Solid, share: float) -> None:
-    points = surface_points(construct, 40_000, 3)
-    points = points[points[:, 0] < share * SIZE[0]]
-    found, error = aligned(construct, points, tilted(UPRIGHT, 3))
-    assert error < 0.05
-    assert not found.ambiguous, found.doubts
-
-
 def test_a_piece_that_may_be_slid_says_along_which_axis() -> None:
     part = block((1.0, 1.0))
     points = surface_points(part, 60_000, 4)
@@ -123,12 +113,3 @@ def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
     found, error = aligned(construct, points, UPRIGHT)
     assert error < 0.02
     assert "flat faces that face low z are off the design by +29" in found.doubts[0]
-
-
-@pytest.mark.slow
-def test_a_ragged_face_does_not_pull_the_pose(construct: Solid) -> None:
-    points = surface_points(construct, 20_000, 8)
-    top = points[:, 2] > 2.95
-    points[top, 2] -= np.random.default_rng(8).uniform(0, 0.3, int(top.sum()))
-    _, error = aligned(construct, points, UPRIGHT)
-    assert error < 0.02

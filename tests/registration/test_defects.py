@@ -10,7 +10,7 @@ from registration.alignment import Alignment, Uncertainty
 from registration.alignment.distance import ModelSurface
 from registration.alignment.uncertainty import ScanErrors
 from registration.findings import Findings, Inspection, inspect
-from registration.measuring.gauging import deviations, find_changes
+from registration.measuring.gauging import deviations
 from registration.segmentation import Segmentation, gel_evidence
 from tests.registration.phantom import (
     CHANNEL,
@@ -19,7 +19,6 @@ from tests.registration.phantom import (
     block,
     ladder,
     ladder_construct,
-    traces,
 )
 from tests.slower import first_of
 
@@ -101,15 +100,6 @@ def test_bulge_is_found_where_it_is_with_its_size() -> None:
     assert defect.seen
 
 
-@pytest.mark.slow
-def test_one_sided_bulge_is_told_by_its_wall() -> None:
-    pocket = hole((4.5, 1.2, 1.3), (4.5, 1.2 - 0.06, 1.3), 0.25)
-    (defect,) = findings(block(extra=pocket, noise=NOISE / 2)).defects
-    assert (defect.kind, defect.vessel) == ("bulge", CHANNEL)
-    assert defect.wall_um == pytest.approx(60, abs=10)
-    assert defect.size_um < 60
-
-
 def test_half_stenosis_is_found_with_its_size() -> None:
     found = findings(block(hump(CHANNEL, 2.0, -0.125, 0.3), noise=NOISE)).defects
     assert [(d.kind, d.vessel) for d in found] == [("stenosis", CHANNEL)]
@@ -161,14 +151,6 @@ def test_bubble_in_the_gel_leads_nowhere_and_is_no_leak() -> None:
 
 
 @pytest.mark.slow
-def test_threshold_grows_with_the_noise() -> None:
-    faint = hump(WIDE, 3.0, 0.012, 0.25)
-    quiet, loud = (find_changes(traces(block(faint, noise=n)), 1.0) for n in (0.001, 0.02))
-    assert [d.kind for d in quiet] == ["bulge"]
-    assert loud == []
-
-
-@pytest.mark.slow
 def test_defects_on_the_brink_of_what_was_seen_say_so() -> None:
     whole = block(filled=plug(2.3, 5.2), noise=NOISE)
     # The field of view ends 4 mm along the channel.
@@ -186,15 +168,3 @@ def test_defects_on_the_brink_of_what_was_seen_say_so() -> None:
     assert gauge.seen_fraction < 0.8
     assert gauge.unseen_mm[-1][1] == pytest.approx(gauge.length_mm)
     assert found.topology.as_designed is None
-
-
-def test_a_stretch_without_a_wall_all_round_is_named_as_unmeasured() -> None:
-    def cave(points: FloatArray) -> FloatArray:
-        away = np.hypot(points[..., 1] - 1.2, points[..., 2] - 1.3) - 0.9
-        return np.maximum(away, np.abs(points[..., 0] - 4.5) - 0.5)
-
-    gauge = findings(block(extra=cave)).vessels[CHANNEL]
-    ((low, high),) = gauge.unmeasured_mm
-    assert low == pytest.approx(2.3, abs=0.2)
-    assert high == pytest.approx(3.3, abs=0.2)
-    assert gauge.open is True

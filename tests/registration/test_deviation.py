@@ -76,19 +76,6 @@ def test_what_isnt_in_the_field_of_view_isnt_measured_back() -> None:
     assert len(deviations_back(points, part, HERE)) == pytest.approx(2000, rel=0.08)
 
 
-def test_missing_hole_shows_only_on_the_way_back() -> None:
-    bored = manifold3d.Manifold.sphere(1.0, 96) - manifold3d.Manifold.cylinder(
-        4, 0.3, 0.3, 64, center=True
-    )
-    model, scan = ModelSurface.of(solid(bored)), ball_scan(1.0)
-    there = summarise(deviations(model, scan.surface.vertices, False))
-    back = summarise(deviations_back(surface_points(model), scan, HERE))
-    assert there.max_um < 320
-    # The middle of the bore lies a whole radius from the nearest scanned surface.
-    assert back.max_um == pytest.approx(1e3 * (1 - 0.3), abs=60)
-    assert back.mean_um < -50
-
-
 def test_way_back_is_exact_in_any_frame() -> None:
     scan = ball_scan(1.0)
     turn = Rotation.from_euler("xyz", (4, -3, 8), degrees=True).as_matrix()

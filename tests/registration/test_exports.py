@@ -19,7 +19,6 @@ from registration.files.exports import (
     write_surface_vtp,
     write_tables,
 )
-from registration.files.exports.tables import as_csv
 from registration.measuring.gauging import Defect
 from tests.registration.parts import as_scan, planar_network
 from tests.registration.registered import planar_part
@@ -56,11 +55,6 @@ def test_tables_hold_every_vessel_section_and_defect(
     assert [row["kind"] for row in defects] == ["occlusion"]
     assert float(defects[0]["x_mm"]) == 6.3
     assert defects[0]["other"] == defects[0]["percent"] == defects[0]["significance"] == ""
-
-
-def test_an_empty_table_has_its_heading() -> None:
-    assert as_csv([], ("a", "b")) == "a,b\n"
-    assert as_csv([{"a": None, "b": 2.5}]) == "a,b\n,2.5\n"
 
 
 def vtp(path: Path) -> dict[str, np.ndarray]:

@@ -8,11 +8,11 @@ import pytest
 from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
-from registration.measuring.gauging import deviations, find_changes, trace_vessels
+from registration.measuring.gauging import find_changes, trace_vessels
 from registration.measuring.gauging.sections import Planes, cut_sections, oval_conductance
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
-from tests.registration.parts import lumen_distance, lumens, solid
+from tests.registration.parts import lumen_distance
 from tests.registration.phantom import IDENTITY, block, ladder, ladder_construct
 
 VOXEL = np.array([0.05, 0.05, 0.04])
@@ -42,12 +42,6 @@ def test_diameter_of_a_bore_is_right_to_two_micrometres(radius: float) -> None:
     np.testing.assert_allclose(found.offset, 0, atol=0.002)
 
 
-def test_offset_bore_keeps_its_diameter_and_gives_the_offset() -> None:
-    found = cut_sections(bore(0.3, centre_y=1.62), planes(0.3, [1.0, 1.5]))
-    np.testing.assert_allclose(found.diameter, 0.6, atol=0.003)
-    np.testing.assert_allclose(found.offset, 0.12, atol=0.003)
-
-
 def test_plug_is_closed_and_beside_it_open() -> None:
     found = cut_sections(bore(0.3, plug=(1.2, 1.8)), planes(0.3, [0.8, 1.5, 2.2]))
     np.testing.assert_array_equal(found.open, [True, False, True])
@@ -60,20 +54,6 @@ def test_known_blur_is_undone_to_first_order() -> None:
     blurred = GelField(field.values, 0.5, 1.0, VOXEL, np.zeros(3), blur_mm=blur)
     found = cut_sections(blurred, planes(radius, [1.5]))
     assert found.diameter[0] == pytest.approx(2 * radius, abs=0.004)
-
-
-def tee(radius: tuple[float, float, float]) -> VesselNetwork:
-    nodes = np.array([[0.0, 0, 0], [5, 0, 0], [10, 0, 0], [5, 5, 0]])
-    ends = np.array([[0, 1], [1, 2], [1, 3]])
-    return VesselNetwork.from_segments(nodes, ends, np.array(radius), np.zeros(3), np.zeros(3))
-
-
-def test_wider_lumen_deviates_positively_for_either_model() -> None:
-    network = tee((0.5, 0.5, 0.5))
-    surface = ModelSurface.of(solid(lumens(network)))
-    outside = np.array([[2.0, 0.6, 0.0], [2.0, 0.0, -0.55]])
-    np.testing.assert_allclose(deviations(surface, outside, True), [0.1, 0.05], atol=0.004)
-    np.testing.assert_allclose(deviations(surface, outside, False), [-0.1, -0.05], atol=0.004)
 
 
 def test_beside_a_sibling_at_a_narrow_angle_no_diameter_is_measured() -> None:

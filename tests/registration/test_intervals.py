@@ -95,23 +95,6 @@ def test_intervals_cover_what_whole_blocks_share() -> None:
     assert 0.88 < np.mean(covered) < 0.99
 
 
-def test_levels_reflections_and_index_widen_them() -> None:
-    points, _ = faces(np.random.default_rng(1), 3000)
-    sharp = sure_of(points, START, SURE)
-    level = ScanErrors(0.002, 0.002, 0.0, np.inf, 0.0, 0.0, 0.0, BEAM)
-    lines = ScanErrors(0.0, 0.0, 0.002, np.inf, 0.0, 0.0, 0.0, BEAM)
-    tilted = ScanErrors(0.0, 0.0, 0.0, np.inf, 0.01, 0.0, 0.0, np.array([0.6, 0.0, 0.8]))
-    assert sharp.shift_mm.max() < 1e-6
-    # Two opposite faces, each off by its own.
-    own = 1.96 * 0.002 / np.sqrt(2)
-    found = sure_of(points, START, level)
-    np.testing.assert_allclose(found.shift_mm, own, rtol=0.1)
-    found = sure_of(points, START, lines)
-    np.testing.assert_allclose(found.shift_mm, [0, 0, own], rtol=0.1, atol=1e-5)
-    found = sure_of(points, START, tilted)
-    np.testing.assert_allclose(found.scale[:2], [1.96 * 0.01 * 0.36, 0], rtol=0.1, atol=1e-5)
-
-
 def test_a_round_outer_face_errs_like_an_outer_face_and_a_lumen_like_a_lumen() -> None:
     mesh = trimesh.creation.cylinder(radius=4.0, height=3.0, sections=720)
     disc = ModelSurface.of(Solid(mesh.vertices, mesh.faces))

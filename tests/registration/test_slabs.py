@@ -59,13 +59,6 @@ def test_slabs_bin_as_the_whole_does(
         assert list(item.slabs(bins, slab_bytes)) == []
 
 
-def test_depth_fastest_files_are_cut_along_their_b_scans() -> None:
-    item = scan(volume=np.zeros((20, 21, 22), np.uint16).transpose(0, 1, 2))
-    deep = scan(volume=np.zeros((21, 22, 20), np.uint16).transpose(2, 0, 1))
-    assert [s.voxels.shape for s in item.slabs((1, 1, 1), 9240)][:1] == [(10, 21, 22)]
-    assert [s.voxels.shape for s in deep.slabs((1, 1, 1), 8800)][:1] == [(20, 10, 22)]
-
-
 @pytest.fixture
 def tiny_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (storage, tiff, limits):

@@ -11,7 +11,6 @@ from scipy.ndimage import gaussian_filter
 from design.geometry.surface import Surface
 from registration.alignment.uncertainty import ScanErrors, scan_errors
 from registration.alignment.uncertainty.scan_errors import LEVEL_PART
-from registration.notes import uneven_notes
 from registration.scan import Scan
 from registration.segmentation import GelField, Segmentation, Strength
 from registration.segmentation.unevenness import unevenness
@@ -53,14 +52,3 @@ def test_walls_are_less_sure_in_uneven_gel_and_unknown_in_very_uneven_gel() -> N
     assert errors(0.05).outer_mm > errors(0.0).outer_mm
     assert np.isnan(errors(0.12).level_mm)
     assert np.isnan(errors(0.12).outer_mm)
-
-
-def test_notes_say_how_far_walls_move_or_that_it_is_not_known() -> None:
-    values = np.zeros((8, 8, 8), np.float32)
-    field = [
-        GelField(values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, uneven=uneven)
-        for uneven in (0.01, 0.06, 0.13)
-    ]
-    assert uneven_notes(field[0]) == []
-    assert "moves walls by ± 3 µm" in uneven_notes(field[1])[0]
-    assert "errors of walls aren't known" in uneven_notes(field[2])[0]

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from design.solids import Solid
-from kernels.arrays import FloatArray
 from registration import RegistrationReport, Scan, report_dict
 from registration.measuring.judging import Tolerances, VesselLimits, judge
 from registration.measuring.judging.tolerance import symmetric
@@ -51,24 +50,6 @@ def test_every_finding_has_its_own_b_scan_voxel_by_voxel(case: Case) -> None:
         ny, nx = view.b_scan.grey.shape
         raw = case.scan.volume[first[0] : first[0] + ny, place["b_scan"], first[1] : first[1] + nx]
         np.testing.assert_array_equal(view.b_scan.grey, shades.grey(raw))
-
-
-def test_both_contours_run_through_the_finding_and_agree_where_the_print_is_good(
-    case: Case,
-) -> None:
-    view = case.views.findings[0]
-    for lines in (view.b_scan.design, view.b_scan.measured):
-        assert len(lines) > 4
-    apart = _to_lines(view.b_scan.measured.mean(axis=1), view.b_scan.design)
-    assert np.median(apart) < 0.05
-
-
-def _to_lines(points: FloatArray, lines: FloatArray) -> FloatArray:
-    """Distance of each point (n, 2) from the nearest of the lines (k, 2, 2), mm."""
-    start, way = lines[:, 0], lines[:, 1] - lines[:, 0]
-    off = points[:, None] - start
-    share = (off * way).sum(axis=2) / np.maximum((way**2).sum(axis=1), 1e-12)
-    return np.linalg.norm(off - np.clip(share, 0, 1)[..., None] * way, axis=2).min(axis=1)
 
 
 def test_a_sections_outline_has_the_reported_diameter_and_parts_dark_from_bright(

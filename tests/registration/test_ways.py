@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kernels.arrays import FloatArray
 from registration.measuring.topology import leaks
 from registration.measuring.topology.gel_paths import find_gel_paths
 from registration.segmentation import GelField, Segmentation, gel_evidence
@@ -53,16 +52,6 @@ def with_bubble(scan: Segmentation, x: float, y: float, z: float, radius: float)
     return replace(scan, strength=Strength(signal, 0.0, signal.astype(np.float16)))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("place", first_of([1.05, 1.3]))
-def test_what_a_bubble_shades_may_be_gel(place: float) -> None:
-    """A bubble afloat in a lumen, and one that rests at its ceiling."""
-    shaded = with_bubble(speckled(block(), 0.15), 5.0, 1.2, place, 0.13)
-    found = findings(shaded).defects
-    ways = [(d.kind, d.vessel, d.other, d.doubt) for d in found if d.kind in ("leak", "bridge")]
-    assert ways == [("leak", CHANNEL, None, "shade")]
-
-
 def test_a_way_that_nothing_shades_is_a_leak() -> None:
     down = hole((5.0, 1.2, 1.3), (5.0, 1.2, 2.8), 0.10)
     scan = with_bubble(speckled(block(extra=down), 0.15), 6.0, 1.2, 1.3, 0.05)
@@ -104,13 +93,3 @@ def test_a_wide_way_is_gauged_about_its_middle(monkeypatch: pytest.MonkeyPatch) 
     (bridge,) = (d for d in found if d.kind == "bridge")
     assert bridge.point_mm[0] == pytest.approx(5.0, abs=0.05)
     assert abs(bridge.size_um - 360) < bridge.error_um < 80
-
-
-def test_a_crack_thinner_than_the_averages_is_a_way_that_nothing_proves() -> None:
-    def crack(points: FloatArray) -> FloatArray:
-        x, y, z = np.moveaxis(points, -1, 0)
-        return np.maximum.reduce([abs(x - 5.0) - VOXEL / 2.5, abs(y - 1.2) - 0.4, 1.3 - z])
-
-    found = findings(speckled(block(extra=crack), 0.15, looks=4)).defects
-    ways = {(d.kind, d.vessel, d.doubt) for d in found if d.kind in ("leak", "bridge")}
-    assert ways == {("leak", CHANNEL, "faint")}

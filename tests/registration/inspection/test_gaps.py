@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers import layer_painter as painter
-from registration.inspection import SeeingOptions, Unseen, see_layer
+from registration.inspection import Unseen, see_layer
 from tests.registration.inspection.painted import Scene, expected
 from tests.slower import first_of
 
@@ -29,16 +29,6 @@ def test_sound_layers_are_found_sound(seed: int) -> None:
     assert not findings.gaps
     assert not findings.blobs
     assert not findings.stretches
-
-
-def test_half_of_the_lines_missing_are_all_found() -> None:
-    scene = Scene(5, layout="waves", contrast=0.5)
-    strokes = np.unique(scene.plan().stroke)
-    lost = tuple((int(stroke), -1.0, 99.0) for stroke in strokes[len(strokes) // 2 :])
-    painted = scene.paint(lost)
-    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
-    assert [gap.stroke for gap in findings.gaps] == [stroke for stroke, _, _ in lost]
-    assert all(gap.length_mm > 3.0 for gap in findings.gaps)
 
 
 def test_a_missing_layer_is_told_by_how_ink_looked_before() -> None:
@@ -68,19 +58,3 @@ def test_glare_bubbles_and_the_needle_are_not_gaps() -> None:
     findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
     assert not findings.gaps
     assert 0.3 < findings.seen_share < 0.95
-
-
-def test_hidden_places_are_not_seen() -> None:
-    painted = Scene(12, contrast=0.5).paint(((1, 1.0, 1.6),))
-    high, wide = painted.picture.shape[:2]
-    cover = np.array([[0, 0], [wide, 0], [wide, high], [0, high]], dtype=float)
-    findings = see_layer(painted.picture, painted.frame, expected(painted.plan), hidden=[cover])
-    assert findings.seen_share == 0.0
-    assert (findings.stations.why == Unseen.HIDDEN).all()
-
-
-def test_a_coarser_tolerance_finds_only_longer_gaps() -> None:
-    painted = Scene(3).paint(((1, 1.0, 1.3), (1, 3.0, 4.2)))
-    options = SeeingOptions(gap_mm=1.0)
-    findings = see_layer(painted.picture, painted.frame, expected(painted.plan), options=options)
-    assert [round(gap.length_mm) for gap in findings.gaps] == [1]

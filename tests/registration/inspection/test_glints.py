@@ -80,9 +80,3 @@ def test_what_a_glint_hides_beside_a_gap_is_asked_about() -> None:
     assert gap.to_mm == pytest.approx(MIDDLE + 1.0, abs=0.1)
     (hidden,) = found.unseen
     assert hidden.from_mm < MIDDLE < hidden.to_mm <= gap.from_mm + 0.3
-
-
-def test_bright_ink_that_saturates_in_part_is_not_asked_about() -> None:
-    found = seen(-0.62, None, (9.0, 0.1), unseen_mm=1.0, light=138.0)
-    assert not found.gaps
-    assert found.unseen == ()

@@ -48,11 +48,6 @@ def test_a_map_that_lacks_its_middle_rows_is_told(seed: int) -> None:
     assert all(one.endswith(IN_PART) for one in told)
 
 
-@pytest.mark.parametrize("kind", ["plate", "solid"])
-def test_an_outermost_line_that_is_missing_moves_nothing(kind: Kind) -> None:
-    assert _told(kind, 4, None, bare=True) is None
-
-
 @pytest.mark.parametrize("seed", [0, 1, 4, 7])
 def test_ink_tells_that_both_ends_of_a_map_lie_in_place_or_not(seed: int) -> None:
     """A whole line that is missing at a rim looks like lost rows."""

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from registration.inspection import ExpectedLines, Unseen, better_turned, see_layer
+from registration.inspection import ExpectedLines, Unseen, better_turned
 from registration.inspection.heights.height import HeightFrame
-from tests.registration.inspection.oct_volumes import THICK, Piece, area, painted
+from tests.registration.inspection.oct_volumes import Piece, area, painted
 
 SINGLE = [(0, 0.0, 0.0, 3.0, 0.0), (0, 0.0, 1.5, 3.0, 1.5), (0, 0.0, 3.0, 3.0, 3.0)]
 
@@ -56,22 +56,6 @@ def test_a_missing_inner_line_is_found(pieces: list[Piece], inner: int) -> None:
 def test_ends_over_older_ink_are_not_seen_for_that_reason() -> None:
     stations = painted(area(3, 10)).look().stations
     assert set(stations.why[~stations.seen]) == {Unseen.OLD_INK}
-
-
-def test_a_cropped_volume_gives_the_same_picture() -> None:
-    volume = painted(SINGLE, margin_mm=6.0)
-    crop = 140  # 1.8 mm around the lines are left
-    whole, _ = volume.picture()
-    part, frame = volume.picture(crop)
-    inner = whole[crop:-crop, crop:-crop]
-    assert np.abs(part - inner)[2:-2, 2:-2].max() < 1e-3
-    # So what was learned of one tells the other, where nothing is left to learn from.
-    picture, at = volume.picture()
-    known = see_layer(picture, at, volume.lines, thickness_mm=THICK).appearance
-    bare = painted(SINGLE, [(k, -1.0, 9.0) for k in range(3)], margin_mm=6.0)
-    picture, frame = bare.picture(crop)
-    found = see_layer(picture, frame, bare.lines, known=known, thickness_mm=THICK)
-    assert {gap.stroke for gap in found.gaps} == {0, 1, 2}
 
 
 @pytest.mark.parametrize("bare", [False, True])
@@ -126,21 +110,6 @@ def test_a_moved_layer_is_no_turned_one(pieces: list[Piece], off: tuple[float, f
     picture, frame = replace(volume, to_scan=to_scan).picture()
     said = better_turned(picture, frame, volume.lines)
     assert said == f"moved by {off[0]:+.1f} mm along x and {off[1]:+.1f} mm along y"
-
-
-@pytest.mark.parametrize("off", [0.0, 0.3])
-def test_a_layer_near_its_place_is_let_be(off: float) -> None:
-    volume = painted(area(3, 4, 0.8), [(9, -1.0, 9.0), (10, -1.0, 9.0)])
-    to_scan = volume.to_scan.copy()
-    to_scan[0, 3] -= off
-    picture, frame = replace(volume, to_scan=to_scan).picture()
-    assert better_turned(picture, frame, volume.lines) is None
-
-
-def test_a_symmetric_layer_tells_nothing_of_a_turn() -> None:
-    volume = painted(SINGLE, [(0, -1.0, 9.0)])
-    picture, frame = volume.picture()
-    assert better_turned(picture, frame, volume.lines) is None
 
 
 def test_an_older_filament_is_no_sign_that_the_fresh_one_is_turned() -> None:

@@ -9,7 +9,6 @@ from benchmarks.checkers.layer_volume import VOXEL, paint_volume
 from registration.errors import PictureError
 from registration.inspection import (
     ExpectedLines,
-    Gap,
     Lumen,
     Unseen,
     annotated,
@@ -122,15 +121,6 @@ def test_the_picture_before_takes_texture_away(colour: int) -> None:
     assert [gap.stroke for gap in helped.gaps] == [1]
 
 
-def test_sixteen_bits_and_bytes_tell_the_same() -> None:
-    painted = Scene(27).paint(((1, 1.0, 1.4),))
-    lines = expected(painted.plan)
-    bytes_ = see_layer(painted.picture, painted.frame, lines)
-    words = see_layer(painted.picture.astype(np.uint16) * 200, painted.frame, lines)
-    assert [gap.stroke for gap in words.gaps] == [gap.stroke for gap in bytes_.gaps] == [1]
-    assert words.width_ratio == pytest.approx(bytes_.width_ratio, abs=0.01)
-
-
 def test_an_oct_volume_is_judged_by_its_height_map() -> None:
     rng = np.random.default_rng(3)
     plan = painter.plan_layer("waves", 3.0, 0.3, rng)
@@ -174,41 +164,6 @@ def test_the_overlay_of_a_small_part_in_a_wide_view_shows_the_part() -> None:
     whole = annotated(painted.picture, painted.frame, findings)
     assert max(drawn.shape) < 1.5 * max(whole.shape)
     assert red.sum() > 50
-
-
-def test_the_overlay_shows_a_narrowed_lumen_red() -> None:
-    painted = Scene(3).paint(())
-    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
-    at = findings.stations.at_mm.mean(axis=0)
-    lumen = Lumen.capsule("1", np.array([*at, 0.1]), np.array([*at, 0.1]), 0.6)
-    drawn = annotated(painted.picture, painted.frame, findings, [lumen])
-    where = np.rint(painted.frame.to_pixels(lumen.outline)).astype(int)
-    grow = len(drawn) // len(painted.picture)
-    colours = drawn[grow * where[:, 1], grow * where[:, 0]].astype(int)
-    assert np.median(colours[:, 2] - colours[:, :2].max(axis=1)) > 150
-
-
-def test_the_overlay_shows_a_stretch_that_is_asked_about_red() -> None:
-    """A look asked about 6.7 mm, and its picture showed them hatched like all the rest."""
-    painted = Scene(3).paint(())
-    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
-    stroke, nowhere = int(findings.stations.stroke[0]), (0.0, 0.0)
-    bare = Gap(stroke, 0.5, 3.0, nowhere, nowhere, 0.0, 1.0)
-    asked = replace(findings, told=replace(findings.told, doubted=(bare,)))
-    drawn = [annotated(painted.picture, painted.frame, one) for one in (findings, asked)]
-    plain, red = (
-        (one[300:, :, 2] > 200) & (one[300:, :, 1] < 60) & (one[300:, :, 0] < 60) for one in drawn
-    )
-    assert not plain.any()
-    assert red.sum() > 50
-
-
-@pytest.mark.slow
-def test_the_same_picture_tells_the_same() -> None:
-    painted = Scene(29).paint(((1, 1.0, 1.6),))
-    one, two = (see_layer(painted.picture, painted.frame, expected(painted.plan)) for _ in range(2))
-    assert one.gaps == two.gaps
-    assert one.width_ratio == two.width_ratio
 
 
 @pytest.mark.parametrize(
@@ -266,17 +221,3 @@ def test_pictures_without_a_layer_tell_nothing_and_break_nothing(kind: str) -> N
     assert findings.seen_share == 0.0
     assert not findings.gaps
     assert annotated(pictures[kind], Plain(), findings).ndim == 3
-
-
-def test_a_shift_that_nothing_tells_is_unknown_and_touching_lines_unseen() -> None:
-    scene = Scene(32, layout="filled")
-    plan = scene.plan()
-    rng = np.random.default_rng(5)
-    ink = painter.lay(plan, rng, ratio=0.01)
-    look = painter.random_look("opaque", rng, 0.4)
-    look.light = min(look.light, 0.25)
-    painted = painter.paint(plan, ink, [], scene.size, scene.um_per_px, look, rng)
-    findings = see_layer(painted.picture, painted.frame, expected(plan))
-    assert min(findings.shift.u_mm) > 0.12
-    assert not findings.gaps
-    assert (findings.stations.why != int(Unseen.SEEN)).mean() > 0.9

@@ -6,7 +6,6 @@ import pytest
 
 from kernels.arrays import FloatArray
 from registration.inspection import ExpectedLines, LayerFindings, SeeingOptions, see_layer
-from registration.inspection.unseen.standing_ink import _stands_throughout
 
 PX_MM = 0.025
 Piece = tuple[float, float, float, float, float, float]
@@ -75,17 +74,6 @@ def test_a_short_filament_that_lacks_ink_is_not_passed(bare: tuple[float, float]
     assert found.gaps or found.unseen or found.bare
 
 
-@pytest.mark.parametrize("bare_mm", [0.0, 0.3, 0.4])
-def test_bath_between_a_filaments_end_and_the_older_one_it_joins_is_not_passed(
-    bare_mm: float,
-) -> None:
-    rim = 1.15 + 0.25
-    joining: Piece = (3.5, 3.4, 3.5, 1.15, 0.4, 0.8)
-    end = 3.4 - rim
-    found = _seen([*OLDER, joining], [0, 1, 2], [False, False, True], (end - bare_mm, end + 0.2))
-    assert bool(found.gaps or found.unseen) == (bare_mm > 0)
-
-
 LONE: Piece = (2.5, 3.0, 3.7, 3.15, 0.35, 0.8)
 """1.2 mm long."""
 
@@ -102,22 +90,3 @@ def test_a_gap_of_a_short_filament_alone_in_a_bath_is_found(bare: tuple[float, f
 def test_a_sound_short_filament_alone_in_a_bath_is_not_asked_about(rough: float) -> None:
     found = _seen([LONE], [0], [True], rough=rough)
     assert found.gaps == found.unseen == ()
-
-
-@pytest.mark.parametrize("bare", [(-1.0, 9.0), (0.2, 0.75)], ids=["all of it", "most of it"])
-def test_half_of_a_short_filament_may_not_go_untold(bare: tuple[float, float]) -> None:
-    """Stretches shorter than `unseen_mm` passed, though all of a filament of 0.9 mm was unseen."""
-    faint: Piece = (2.5, 3.0, 3.4, 3.05, 0.35, 0.1)
-    found = _seen([faint], [0], [True], bare, rough=0.12, unseen_mm=1.5)
-    assert [one.stroke for one in found.unseen] == [0]
-    assert _seen([faint], [0], [True], bare, rough=0.12, unseen_mm=10.0).unseen == ()
-
-
-def test_a_gap_is_not_lost_between_two_parts_that_stand_out() -> None:
-    """Each part of 0.5 mm had ink enough, with 0.4 mm missing over the middle of both."""
-    level = np.full((20, 1), 1.0)
-    level[6:14] = 0.0
-    spread, kind = np.array([0.08]), np.array([1.0])
-    assert _stands_throughout(np.ones((20, 1)), np.ones((20, 1)), spread, None, None)
-    assert not _stands_throughout(level, level, spread, None, None)
-    assert not _stands_throughout(level, level, spread, kind, kind)

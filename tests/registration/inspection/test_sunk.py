@@ -57,12 +57,6 @@ def test_a_gap_in_a_hollow_remains_one(seed: int) -> None:
     assert gap.length_mm == pytest.approx(1.0, abs=0.3)
 
 
-def test_ink_at_its_height_is_left_as_it_is() -> None:
-    plain, by_rise, told = _looks("solid", 3, 0.0)
-    assert told == 0.0
-    assert by_rise.seen_share == pytest.approx(plain.seen_share, abs=0.02)
-
-
 def test_a_line_that_the_last_map_lost_isnt_taken_for_missing() -> None:
     middle = len(profiled(1, "solid").heights) // 2
     _, by_rise, _ = _looks("solid", 1, 0.9, lost=slice(middle - 25, middle + 25))

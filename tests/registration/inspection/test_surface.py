@@ -12,7 +12,7 @@ from benchmarks.observe_laser import expected, look, planted
 from kernels.arrays import FloatArray
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
-from registration.inspection import LayerFindings, Surface, Unseen, see_layer, surface_of
+from registration.inspection import LayerFindings, Surface, Unseen, surface_of
 
 KINDS: tuple[Kind, ...] = ("plate", "lattice", "solid")
 
@@ -54,24 +54,6 @@ def test_what_was_lost_is_neither_ink_nor_gap(
     assert set(s.why[own]) <= {Unseen.HIDDEN, Unseen.OLD_INK, Unseen.FAINT, Unseen.UNCLEAR}
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("seed", [1, 3])
-def test_a_gap_is_found_where_profiles_lie_farther_apart_than_points(seed: int, axis: int) -> None:
-    """Cells of 12 by 48 µm, either way."""
-    map_ = profiled(seed, "solid", ((5, 1.5, 2.2),), px=0.012)
-    px, origin = np.full(2, map_.px), np.zeros(2)
-    px[1 - axis], origin[1 - axis] = 4 * map_.px, 2 * map_.px
-    heights = np.ascontiguousarray(map_.heights[2::4] if axis == 0 else map_.heights[:, 2::4])
-    at = HeightMap(heights, (px[0], px[1]), (origin[0], origin[1]))
-    lines = expected(map_)
-    surface = surface_of(at, map_.to_map, map_.middle_z, map_.thickness, lines)
-    (gap,) = see_layer(
-        surface.picture, surface.frame, lines, hidden=surface.hidden, thickness_mm=map_.thickness
-    ).gaps
-    assert gap.stroke == np.flatnonzero(map_.layer == map_.layer.max())[5]
-    assert gap.length_mm == pytest.approx(0.72, abs=0.05)
-
-
 @pytest.mark.parametrize(("by_mm", "least"), [(0.0, 0.0), (1.2, 4.0)])
 def test_ink_where_none_should_be_is_measured_beside_gaps(by_mm: float, least: float) -> None:
     """Of a layer that lies where it should nothing lies beside its lines, whatever is missing."""
@@ -110,13 +92,6 @@ def test_narrow_holes_are_filled_and_wide_ones_hidden() -> None:
     assert blue > green > red
 
 
-def test_how_far_a_map_lies_off_its_layer_is_told() -> None:
-    map_ = profiled(1, "plate")
-    assert small(map_.heights).over_mm == pytest.approx(0.0, abs=0.03)
-    assert small(map_.heights - 0.12).over_mm == pytest.approx(-0.12, abs=0.03)
-    assert small(map_.heights - 0.12).stands_mm == pytest.approx(map_.thickness, abs=0.03)
-
-
 def test_a_profiler_that_looks_up_or_saw_nothing_is_refused() -> None:
     map_ = profiled(1, "plate")
     with pytest.raises(PictureError, match="don't grow with the printer's z"):
@@ -146,24 +121,6 @@ def test_widths_are_within_what_is_told_of_them(kind: Kind) -> None:
     assert max(np.abs(off)) < 2.0
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_ink_whose_height_wavers_along_its_lines_is_told_from_the_plate(seed: int) -> None:
-    """Of a third of its height: what counts is that all of it stands far over the bare plate."""
-
-    def wavering(bare: tuple[tuple[int, float, float], ...]) -> LayerFindings:
-        map_ = profiled(seed, "plate", bare)
-        count = map_.heights.shape[1]
-        wave = 1.0 + 0.35 * np.sin(2.0 * np.pi * np.arange(count) * map_.px / 1.7)
-        return look(replace(map_, heights=(3.0 + (map_.heights - 3.0) * wave).astype(np.float32)))
-
-    sound, broken = wavering(()), wavering(((2, 1.5, 2.2),))
-    assert sound.gaps == ()
-    assert sound.seen_share > 0.9
-    assert sound.faint_share == 0.0
-    (gap,) = broken.gaps
-    assert gap.length_mm == pytest.approx(0.7, abs=0.3)
-
-
 @pytest.mark.parametrize("kind", ["plate", "solid"])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_tilt_and_bow_of_more_than_a_layer_are_taken_out(kind: Kind, seed: int) -> None:
@@ -177,13 +134,3 @@ def test_a_tilt_and_bow_of_more_than_a_layer_are_taken_out(kind: Kind, seed: int
     assert sound.gaps == ()
     assert sound.seen_share > 0.8
     assert len(broken.gaps) == 1
-
-
-def test_a_floor_that_alone_is_tilted_doesnt_tilt_the_ink() -> None:
-    map_ = profiled(1, "solid", hard=0.0)
-    y, x = (2.0 * one / len(map_.heights) - 1.0 for one in np.indices(map_.heights.shape))
-    floor = map_.heights < 3.0 + 0.5 * map_.thickness
-    tilted = np.where(floor, map_.heights + map_.thickness * (x + y), map_.heights)
-    found = look(replace(map_, heights=tilted.astype(np.float32)))
-    assert found.gaps == ()
-    assert found.seen_share > 0.8

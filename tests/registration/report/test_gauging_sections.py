@@ -14,8 +14,6 @@ from registration.report.gauging_figures import (
 from registration.report.gauging_sections import (
     defect_table,
     perfusion_table,
-    printed_facts,
-    two_way_rows,
 )
 from registration.report.svg import BAD
 
@@ -87,13 +85,6 @@ def test_defects_are_told_with_place_size_and_lines() -> None:
     assert [row.vessel for row in table.rows] == [0, 0]
 
 
-def test_both_fits_stand_side_by_side() -> None:
-    rows = {label: pair for label, *pair in two_way_rows(gauged())}
-    assert rows["95 % Hausdorff distance / µm"] == ["95.0", "14.5"]
-    assert rows["Dice of the lumens"] == ["0.930", "0.980"]
-    assert two_way_rows({}) == []
-
-
 def test_flow_as_printed_against_designed() -> None:
     table = perfusion_table(gauged())
     assert table is not None
@@ -101,14 +92,6 @@ def test_flow_as_printed_against_designed() -> None:
     assert "2.000" in first
     assert second[-1] == "no"
     assert second[3] == "–"
-
-
-def test_what_isnt_known_is_said_to_be() -> None:
-    facts = {fact.label: fact.value for fact in printed_facts(gauged())}
-    assert facts["Components, loops: printed"] == "1, 4"
-    assert facts["Explained by the closed vessels and bridges"] == "yes"
-    assert facts["Perfuses as printed"].startswith("not known")
-    assert facts["Design's surface seen"] == "97"
 
 
 def test_the_page_shows_it_all(tmp_path: Path) -> None:
@@ -119,14 +102,6 @@ def test_the_page_shows_it_all(tmp_path: Path) -> None:
                   "each written layer", "Diameter along the vessels"):  # fmt: skip
         assert words in text, words
     assert len(page.xpath('//table[@id="defects-table"]/tbody/tr')) == 2
-
-
-def test_a_clean_print_says_that_nothing_stands_out(tmp_path: Path) -> None:
-    clean = gauged() | {"defects": [], "all_open": True}
-    write_report_html(tmp_path / "a.html", {"registration": clean}, [], None)
-    text = (tmp_path / "a.html").read_text(encoding="utf-8")
-    assert "None stands out" in text
-    assert "not all of every vessel" not in text
 
 
 def test_each_section_is_drawn_by_its_decision() -> None:

@@ -2,7 +2,6 @@ import base64
 import io
 import re
 import zlib
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from registration.report.gcode import (
     GcodePage,
     Layers,
     draw_layer,
-    layer_sums,
     write_gcode_html,
 )
 from registration.report.gcode import chunks as chunk_module
@@ -26,7 +24,7 @@ from registration.report.gcode.chunks import pack_job
 from registration.report.gcode.colouring import colourings
 from tests.slower import first_of
 
-from .gcode_sample import WRITE, layered_job, make_job, passes_job
+from .gcode_sample import WRITE, layered_job, make_job
 
 
 def unpacked(chunk):
@@ -96,28 +94,6 @@ def test_moves_of_layers_in_any_order_keep_their_ends(data):
         assert ends == pytest.approx(np.array([job.start[move], job.end[move]]))
 
 
-def test_sums_of_layers():
-    sums = layer_sums(layered_job())
-    assert sums["moves"].tolist() == [4, 6]
-    assert sums["written"].tolist() == [2, 2]
-    assert sums["lines"].tolist() == [2, 2]
-    assert sums["ul"].tolist() == [1, 1]
-    assert sums["way_mm"].tolist() == [20, 20]
-    assert sums["time_s"].tolist() == [1, 1.5]
-    assert sums["first_line"].tolist() == [11, 15]
-    assert sums["last_line"].tolist() == [14, 20]
-
-
-def test_colourings_say_only_what_is_known():
-    assert [c.key for c in colourings(layered_job())] == ["width", "kind", "speed", "order"]
-    nameless = replace(layered_job(), kind=np.full(10, -1))
-    assert [c.key for c in colourings(nameless)] == ["width", "speed", "order"]
-    unknown = replace(nameless, width_mm=np.full(10, np.nan))
-    assert [c.key for c in colourings(unknown)] == ["speed", "order"]
-    keys = [c.key for c in colourings(passes_job())]
-    assert keys == ["height", "width", "kind", "speed", "order", "vessel"]
-
-
 def test_the_same_job_gives_the_same_page_and_hostile_names_stay_text(tmp_path):
     hostile = "</script><script>alert(1)</script>"
     job = layered_job(name=hostile, kinds=(hostile, "b"), notes=(hostile,))
@@ -180,14 +156,3 @@ def test_picture_of_a_layer_has_the_size_that_is_asked_for(key):
     # Ten times as wide as high, which is more than a picture follows.
     assert image.size == (520, round(520 * (0.70 * 0.2 + 0.1924)))
     assert image.mode == "P"
-
-
-def test_picture_of_passes_shows_those_before_and_no_later_one():
-    job = passes_job()
-    colouring = next(c for c in colourings(job) if c.key == "vessel")
-    inked = []
-    for k in range(3):
-        image = Image.open(io.BytesIO(draw_layer(job, k, colouring, 520, False))).convert("RGB")
-        near = np.abs(np.asarray(image).astype(int) - 255).sum(axis=2) > 90
-        inked.append(near.sum())
-    assert len(set(inked)) == 3

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from design.network import VesselKind, VesselNetwork
 from registration.report.network_view import (
     network_view,
-    per_vessel,
     report_view,
     thin_out,
 )
@@ -78,14 +77,6 @@ def test_the_thinnest_are_left_out_and_it_is_told() -> None:
     assert unpacked(view["number"], "<i4").tolist() == [1, 3]
     assert np.allclose(unpacked(view["colourings"][0]["values"], "<f4"), [0.5, 0.5, 0.4, 0.4])
     assert positions(view["points"])[:, 0] == pytest.approx([1, 1, 3, 3], abs=1e-4)
-
-
-def test_records_of_unknown_vessels_are_left_out() -> None:
-    rows = [{"vessel": 99, "x": 1.0}, {"vessel": -1, "x": 1.0}, {"vessel": "1", "x": 2.0},
-            {"vessel": "inlet", "x": 3.0}, {"vessel": True, "x": 4.0}]  # fmt: skip
-    values = per_vessel(rows, "x", 3)
-    assert values[1] == 2.0
-    assert np.isnan(values[[0, 2]]).all()
 
 
 def test_summary_of_vessels() -> None:

@@ -9,7 +9,6 @@ import pytest
 from registration.report import ReportError, write_report_html
 from registration.report.gcode import Act
 from registration.report.play import (
-    Limits,
     PlayRows,
     load_played,
     play_section,
@@ -18,7 +17,6 @@ from registration.report.play import (
     write_play_html,
 )
 from registration.report.play.serialise import pack_playback
-from registration.report.play.thin import join_stretches
 
 from .play_sample import HOSTILE, layered, make_rows, passes
 
@@ -84,35 +82,6 @@ def wave(count, seed=3):
                      layer=(np.arange(count) > 3 * count // 4).astype(int))  # fmt: skip
 
 
-def test_joined_stretches_keep_way_time_width_and_ink_within_the_limits():
-    rows, limits = wave(6000), Limits(0.005, 0.02, 0.004)
-    fewer = join_stretches(rows, limits)
-    assert len(fewer) < len(rows) / 10
-    # No gap, no overlap; nothing is lost.
-    assert fewer.begin_s[0] == rows.begin_s[0]
-    assert np.array_equal(fewer.begin_s[1:], fewer.end_s[:-1])
-    assert fewer.end_s[-1] == rows.end_s[-1]
-    assert np.array_equal(fewer.start[1:], fewer.end[:-1])
-    assert fewer.laid_ul[-1] == rows.laid_ul[-1]
-    at = np.searchsorted(fewer.end_s, (rows.begin_s + rows.end_s) / 2)
-    assert np.array_equal(fewer.act[at], rows.act)
-    assert np.array_equal(fewer.layer[at], rows.layer)
-    writes = rows.act == Act.WRITE
-    assert np.abs(fewer.width_mm[at] - rows.width_mm)[writes].max() <= 0.004
-    # Where the needle is when a stretch of the prediction ends.
-    share = (rows.end_s - fewer.begin_s[at]) / (fewer.end_s - fewer.begin_s)[at]
-    place = fewer.start[at] + share[:, None] * (fewer.end - fewer.start)[at]
-    assert np.linalg.norm(place - rows.end, axis=1).max() <= 0.02 + 1e-9
-    # How far the way is from the wave itself, along the way's normal.
-    step = (fewer.end - fewer.start)[at]
-    away = rows.end - fewer.start[at]
-    across = step[:, 0] * away[:, 1] - step[:, 1] * away[:, 0]
-    assert np.abs(across / np.linalg.norm(step, axis=1)).max() <= 0.005 + 1e-9
-    length = np.where(writes, rows.way_mm, 0.0)
-    area = np.where(fewer.act == Act.WRITE, fewer.width_mm * fewer.way_mm, 0.0)
-    assert area.sum() == pytest.approx((np.nan_to_num(rows.width_mm) * length).sum(), rel=1e-3)
-
-
 def test_a_large_layered_job_is_told_by_line_and_then_by_some_of_its_layers():
     rng = np.random.default_rng(5)
     rows = wave(2000)
@@ -161,16 +130,6 @@ def test_a_page_asks_for_nothing_and_strange_names_stay_text(tmp_path):
     assert text == pages[1].read_text(encoding="utf-8")
     assert "<script>document" not in text
     assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//|url\(|@import""", text)
-
-
-def test_warnings_stand_on_the_track_and_in_the_list(tmp_path):
-    write_play_html(tmp_path / "a.html", layered(), "job")
-    text = (tmp_path / "a.html").read_text(encoding="utf-8")
-    # 7 s of 9; what has no moment has no mark.
-    assert re.findall(r'class="mark" data-time="7.0" style="left:77.778%"', text)
-    assert text.count('class="mark"') == 1
-    assert re.search(r'data-time="7.0">0:07.0, line 9</button><span>much too thin</span>', text)
-    assert re.search(r"whole job</span><span>all of it</span>", text)
 
 
 def test_a_report_has_a_slider_only_with_a_prediction(tmp_path):

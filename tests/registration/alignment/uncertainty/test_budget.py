@@ -11,9 +11,7 @@ from registration.alignment.uncertainty import (
     Budget,
     ScanErrors,
     Term,
-    coverage_factor,
     pressure_interval,
-    rectangular,
     section_errors,
 )
 
@@ -55,12 +53,6 @@ def test_an_unknown_term_withdraws_the_interval():
     assert math.isnan(budget.expanded)
 
 
-def test_coverage_factor_and_rectangle():
-    assert coverage_factor(math.inf) == pytest.approx(1.96, abs=1e-3)
-    assert coverage_factor(4) == pytest.approx(2.776, abs=1e-3)
-    assert rectangular(3.0) == pytest.approx(math.sqrt(3))
-
-
 def test_walls_move_every_section_alike_and_noise_averages_out():
     walls, noise = sections(errors(wall_um=5)), sections(errors(), noise_um=5)
     assert 1e3 * walls.mean_budget().standard == pytest.approx(10)
@@ -85,9 +77,3 @@ def test_pressure_interval_doesnt_average_what_walls_share():
     shared, own = (high - low for low, high in ends)
     assert shared == pytest.approx(2 * 1.96 * 4 * 8e-3 / 0.4, rel=0.1)
     assert own == pytest.approx(shared / 4, rel=0.1)
-
-
-def test_nothing_measured_has_no_interval():
-    nothing = sections(errors(), diameter=0.0)
-    assert all(map(math.isnan, pressure_interval(1.0, np.ones(1), np.ones(1), [nothing])))
-    assert all(map(math.isnan, nothing.resistance_interval(1.0)))

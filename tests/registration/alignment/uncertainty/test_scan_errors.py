@@ -10,8 +10,6 @@ import pytest
 
 from design.geometry.surface import Surface
 from registration.alignment.uncertainty import ScanErrors, at_either_end, rectangular, scan_errors
-from registration.assemble import stated_um
-from registration.notes import step_notes
 from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import GelField, Strength
@@ -43,23 +41,8 @@ def test_reflections_weigh_more_where_the_step_from_the_liquid_is_small():
     assert shared(0.4).facing_mm == pytest.approx((2 / 0.6 - 1) * at_either_end(0.006))
 
 
-def test_a_note_tells_the_contrast_and_the_one_needed():
-    values = np.zeros((8, 8, 8), np.float32)
-    assert step_notes(None) == []
-    assert step_notes(Strength(values, 0.0, values.astype(np.float16), 0.4)) == []
-    (note,) = step_notes(Strength(values, 0.0, values.astype(np.float16), 0.625))
-    assert "1.6 times as bright as the liquid (needed: 2)" in note
-
-
 def test_without_contrast_no_wall_has_an_interval():
     assert math.isnan(shared(0.8).level_mm)
-
-
-def test_without_contrast_no_place_of_the_surface_has_a_deviation():
-    """Faces called seen lay up to 570 um off there."""
-    seen = np.array([True, False])
-    assert np.isnan(stated_um(np.ones(2), seen, shared(0.8))).all()
-    np.testing.assert_array_equal(stated_um(np.ones(2), seen, shared(0.3)), [1000.0, np.nan])
 
 
 def test_the_index_counts_unless_a_depth_standard_was_scanned():

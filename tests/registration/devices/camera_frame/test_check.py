@@ -34,18 +34,6 @@ def test_a_picture_upside_down_is_told_as_turned() -> None:
     assert "180." in answer.why[0] or "179." in answer.why[0]
 
 
-def test_a_small_bump_is_told_though_the_frame_holds() -> None:
-    answer = check_frame(scene.shifted(0.02, 0.0), scene.frame())
-    assert answer.holds
-    assert abs(answer.moved_um - 20) < 5
-    assert "moved" in answer.notes[0]
-    assert not check_frame(scene.shifted(0.0, 0.0), scene.frame()).notes
-
-
-def test_a_bump_beyond_what_a_frame_is_good_for_is_refused() -> None:
-    assert not check_frame(scene.shifted(0.0, 0.04), scene.frame()).holds
-
-
 def test_another_focus_light_or_size_is_told() -> None:
     blurred = check_frame(scene.shifted(0, 0, replace(scene.SCENE, blur=2.6)), scene.frame())
     assert not blurred.holds

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.checkers.dish_camera import Optics, photograph
+from benchmarks.checkers.dish_camera import Optics
 from firmware_profiles import load
 from firmware_profiles.dishes import Dish
 from registration.devices.camera_frame import (
@@ -31,7 +31,6 @@ from registration.devices.camera_frame.insert import Process
 from registration.devices.camera_frame.projection import project
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
-from tests.slower import first_rows
 
 
 def places(z: float) -> np.ndarray:
@@ -167,18 +166,6 @@ def test_a_bent_or_stretched_plate_is_fitted(bent_mm: float, taller: float) -> N
     assert np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off).max() < 14
 
 
-def test_a_lens_at_another_focus_is_refused() -> None:
-    with pytest.raises(PictureError, match=r"calibrated at another focus|was the lens calibrated"):
-        fitted_to_plate(0.0, 0.0, "engraved", focus=1.05)
-    with pytest.raises(PictureError, match="calibrated at another focus"):
-        fitted_to_plate(0.0, 0.0, "engraved", focus=1.08, touched=False)
-
-
-def test_a_plate_far_from_its_drawing_is_refused() -> None:
-    with pytest.raises(PictureError, match=r"the plate is bent, stretched, or made .* engraved"):
-        fitted_to_plate(1.0, 5e-3, "engraved", touched=False)
-
-
 def test_touches_that_scatter_more_than_stated_are_refused_or_believed_less() -> None:
     marks = find_marks(scene.picture(), scene.insert(), scene.lens(), "seen.png")
     crosses = scene.insert().crosses
@@ -196,9 +183,3 @@ def test_touches_that_scatter_more_than_stated_are_refused_or_believed_less() ->
     assert u_mm(0.018) > 1.2 * u_mm(0.002)
     with pytest.raises(PictureError, match=r"they scatter .* times as much as touches good to 10"):
         u_mm(0.035)
-
-
-@pytest.mark.parametrize(("power", "told"), first_rows([(1 / 2.2, 2.0), (1.0, 1.0)]))
-def test_marks_tell_whether_a_picture_holds_light_or_its_root(power: float, told: float) -> None:
-    picture = photograph(scene.optics(), scene.made(), replace(scene.SCENE, gamma=power), 1)
-    assert find_marks(picture, scene.insert(), scene.lens(), "seen.png").gamma == told

@@ -116,20 +116,6 @@ def test_one_camera_and_four_places_find_it_within_the_stated_uncertainty() -> N
     assert not tip.worn
 
 
-def test_one_picture_without_another_as_ground_will_do_where_z_is_known() -> None:
-    at = PLACES[0] + [0, 0, OFFSET[2]]
-    view = TipView(
-        frame(), find_tip(pictures(0.8, 0.0, 4)[0], frame(), at, OUTER, reach_mm=1.0), at
-    )
-    tip = locate_tip([view], OUTER, u_first_mm=np.array([5.0, 5.0, 0.01]))
-    assert np.abs(tip.offset_mm[:2] - OFFSET[:2]).max() < 0.03
-    assert tip.u_mm.max() < 0.03
-
-
-def test_a_slanted_end_is_told() -> None:
-    assert "worn or cut aslant" in " ".join(locate_tip(seen(slope=1.0, count=2), OUTER).worn)
-
-
 def test_no_needle_is_not_found() -> None:
     rng = np.random.default_rng(6)
     bare = developed(rough_ground(optics().size, rng, 160.0, 10.0), Scene(), rng)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -19,9 +18,7 @@ from registration.devices.laser_sweep import (
     trace,
     write_laser,
 )
-from registration.devices.laser_sweep.middles import line_middles
 from registration.devices.laser_sweep.pictures import sweep_pictures
-from registration.devices.laser_sweep.straight import straight_line
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.registration.devices.laser_sweep import sweeps
@@ -141,52 +138,3 @@ def test_a_tiff_that_is_cut_off_is_told_with_a_remedy(
             sweep_pictures(cut) as each,
         ):
             [read() for read in each]
-
-
-def test_a_line_is_found_between_pixels_and_lost_where_it_isnt_sure() -> None:
-    rows = np.arange(60)[:, None]
-    true = np.linspace(20.0, 30.0, 40)
-    line = 400 * np.exp(-0.5 * ((rows - true) / 1.8) ** 2)
-    line[:, 30] += np.roll(line[:, 30], 18) * 0.8  # a second reflection
-    line[20:50, 31] = 300  # a glare
-    line[:, 32] *= 0.01
-    ground = np.full((60, 40), 20, np.uint8)
-    image = np.clip(line + 20, 0, 255).astype(np.uint8)  # saturated
-    middle = line_middles(image, ground, 1.0, 10.0, 9)
-    upright = line_middles(np.ascontiguousarray(image.T), ground.T.copy(), 1.0, 10.0, 9, True)
-    assert np.array_equal(upright, middle, equal_nan=True)
-    assert np.isnan(middle[30:33]).all()
-    assert np.abs(np.delete(middle - true, [30, 31, 32])).max() < 0.08
-
-
-def test_a_line_is_the_one_that_both_sides_lie_on() -> None:
-    """Against a fit of its own to the places that were made to lie on it."""
-    rng = np.random.default_rng(6)
-    true = np.linspace([-20.0, 3.0], [20.0, 5.0], 400)
-    at = true + rng.normal(0.0, 0.01, true.shape)
-    other = rng.random(400) < 0.3
-    at[other, 1] += rng.uniform(0.5, 6.0, other.sum())
-    found = straight_line(at, at[:, 0] < 0, 12)
-    assert found is not None
-    slope, level = np.polyfit(*at[~other].T, 1)
-    assert np.allclose(found.ends[:, 1], slope * found.ends[:, 0] + level, atol=0.003)
-    assert np.allclose(found.ends[:, 0], [at[~other, 0].min(), at[~other, 0].max()], atol=0.3)
-    assert found.off_mm == pytest.approx(0.01, rel=0.15)
-    assert straight_line(at[:210], at[:210, 0] < 0, 12) is None
-
-
-def test_pages_of_a_tiff_are_found_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each page's place lay behind a walk over all before it, anew for each."""
-    with tifffile.TiffWriter(tmp_path / "all.tif") as file:
-        for one in sweeps.flat():
-            file.write(one, photometric="minisblack", contiguous=False)
-    opened = list[object]()
-    whole = tifffile.TiffFile.__init__
-
-    def counted(*args: Any, **kwargs: Any) -> None:
-        opened.append(args)
-        whole(*args, **kwargs)
-
-    monkeypatch.setattr(tifffile.TiffFile, "__init__", counted)
-    assert trace(tmp_path / "all.tif", scene.frame()).pictures == 24
-    assert len(opened) == 1

@@ -63,12 +63,6 @@ def test_tilted_pictures_tell_the_focal_length_as_well(tmp_path: Path) -> None:
     assert lens.um_per_px == pytest.approx(37.0, rel=3e-4)
 
 
-def test_a_board_of_the_older_pattern_is_found_too(tmp_path: Path) -> None:
-    image = BOARD.charuco(legacy=True).generateImage((900, 700), marginSize=40)
-    assert cv2.imwrite(str(tmp_path / "old.png"), image)
-    assert len(find_board(tmp_path / "old.png", BOARD).pixels) == 70
-
-
 def test_a_picture_is_straightened_and_another_size_refused(tmp_path: Path) -> None:
     rig = Rig(distortion=(-0.35, 0.0))
     seen = photographed(BOARD, rig)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,9 +19,7 @@ from registration.devices.microscope import (
     measure_gaps,
     measure_lines,
     read_picture,
-    shade_profile,
 )
-from registration.devices.microscope.ink_absorption import Shade
 from registration.errors import PictureError
 from tests.registration.devices.microscope.rendered import Camera, Painted, paint, view_of
 from tests.slower import first_of
@@ -144,15 +141,3 @@ def test_pictures_of_something_else_are_refused(tmp_path: Path) -> None:
     (tmp_path / "words.png").write_text("words")
     with pytest.raises(PictureError, match="isn't a picture"):
         read_picture(tmp_path / "words.png")
-
-
-def test_half_level_of_a_clear_filament_is_narrower_by_the_root_of_three_quarters() -> None:
-    # Half an ellipse: √(1 − (t/r)²) = 1/2 at t = √3/2 r; of its middle's mean a little less.
-    thin = Shade(1e-3, 1e-4, 0.0).half_width(np.array([0.4]))[0]
-    assert thin == pytest.approx(0.4 * math.sqrt(3) / 2, rel=5e-3)
-    opaque = Shade(1e3, 0.02, 0.0)
-    assert opaque.half_width(np.array([0.4]))[0] == pytest.approx(0.4, rel=2e-3)
-    np.testing.assert_allclose(opaque.diameter(np.array([0.3, np.nan])), [0.3, np.nan], rtol=3e-3)
-    across = np.linspace(-1, 1, 2001)
-    area = shade_profile(across, 0.4, 1e3, 0.05).sum() * (across[1] - across[0])
-    assert area == pytest.approx(0.4, rel=1e-3)  # blur takes nothing away

@@ -74,12 +74,6 @@ def test_without_faults_only_depth_is_divided() -> None:
     np.testing.assert_allclose(beam.to_true(points), points / [1, 1, 1.34])
 
 
-def test_above_the_surface_depth_is_not_divided() -> None:
-    beam = Beam(OctCalibration(), np.zeros(2), 1.34, tilted(1.0, 0.0, 0.0))
-    points = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 1.0], [0.0, 0.0, 2.34]])
-    np.testing.assert_allclose(beam.to_true(points)[:, 2], [0.5, 1.0, 2.0])
-
-
 def test_what_is_too_steep_is_refused() -> None:
     steep = Beam(OctCalibration(fan_per_mm=(0.1, 0.0)), np.zeros(2), 1.0)
     with pytest.raises(RegistrationError, match="slope"):
@@ -149,10 +143,3 @@ def test_a_view_full_of_liquid_shows_no_surface_under_air() -> None:
     full = replace(scan, volume=np.full_like(scan.volume, 12.0))
     with pytest.raises(SegmentationError, match="--air-above"):
         find_surface(full)
-
-
-def test_only_oct_from_above_is_corrected() -> None:
-    scan, _ = bead_scan(0.0)
-    for wrong in (replace(scan, modality="microct"), replace(scan, depth_down=False)):
-        with pytest.raises(RegistrationError, match="depth downwards"):
-            undistort(wrong, OctCalibration())

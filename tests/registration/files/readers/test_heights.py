@@ -43,13 +43,6 @@ def test_counts_of_16_bits_are_scaled_and_0_is_lost(
     np.testing.assert_allclose(found.height_mm, heights, atol=1e-6)
 
 
-@pytest.mark.parametrize("lost", [-99999.9, -32768.0, 77.0])
-def test_the_value_that_stands_for_lost(tmp_path: Path, heights: np.ndarray, lost: float) -> None:
-    np.save(tmp_path / "a.npy", np.where(np.isnan(heights), lost, heights))
-    found = read_heights(tmp_path / "a.npy", PIXEL, lost=None if lost < -9e3 else lost)
-    np.testing.assert_allclose(found.height_mm, heights, atol=1e-5)
-
-
 def test_a_table_of_heights_behind_a_header(tmp_path: Path, heights: np.ndarray) -> None:
     rows = [",".join(f"{z:.4f}" for z in row) for row in heights]
     (tmp_path / "a.csv").write_text("Profile data,mm\r\n0.02,0.05\r\n" + "\r\n".join(rows))
@@ -113,25 +106,6 @@ def test_what_is_no_height_map_is_told(tmp_path: Path, heights: np.ndarray) -> N
     refused("gone.tif", "isn't a height map")
 
 
-def test_arrays_of_other_than_heights_are_told(tmp_path: Path, heights: np.ndarray) -> None:
-    whole = {"height_mm": heights, "pixel_mm": np.array(PIXEL)}
-
-    def refused(said: str, **arrays: object) -> None:
-        np.savez(tmp_path / "a.npz", **{**whole, **arrays})  # type: ignore[arg-type]
-        with pytest.raises(ScanFileError, match=rf"a\.npz.*{said}"):
-            read_heights(tmp_path / "a.npz")
-
-    refused("array of bool", height_mm=heights > 1.0)
-    refused("array of complex64", height_mm=heights.astype(np.complex64))
-    refused("array of <U1", height_mm=np.full((20, 30), "a"))
-    refused("broken height map.*export it again", height_mm=np.full((20, 30), None))
-    refused(r"pixel_mm is an array of shape \(\); write two numbers", pixel_mm=0.02)
-    refused(r"pixel_mm is an array of shape \(3,\)", pixel_mm=np.ones(3))
-    refused("printer_to_scan isn't four rows", printer_to_scan=np.eye(3))
-    refused("printer_to_scan must have 0, 0, 0, 1", printer_to_scan=np.diag([1.0, 1, 1, 2]))
-    refused("takes different places to the same one", printer_to_scan=np.diag([1.0, 0, 1, 1]))
-
-
 def test_an_archive_that_is_cut_off_or_damaged_is_told(tmp_path: Path, heights: np.ndarray) -> None:
     np.savez(tmp_path / "a.npz", height_mm=heights, pixel_mm=np.array(PIXEL))
     whole = (tmp_path / "a.npz").read_bytes()
@@ -148,9 +122,3 @@ def test_decimal_commas(tmp_path: Path, heights: np.ndarray, split: str) -> None
     (tmp_path / "a.txt").write_text(f"Measured 3.2.2026, mm\n{text}\n")
     found = read_heights(tmp_path / "a.txt", PIXEL)
     np.testing.assert_allclose(found.height_mm, heights, atol=1e-6)
-
-
-def test_commas_with_tabs_or_spaces_behind_them_split(tmp_path: Path) -> None:
-    text = "\n".join(f"{k},\t{k // 7}, 3" for k in range(400))
-    (tmp_path / "a.txt").write_text(text)
-    assert read_heights(tmp_path / "a.txt", (1.0, 1.0)).height_mm.shape == (58, 400)

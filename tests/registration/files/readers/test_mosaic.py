@@ -11,7 +11,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from registration import ScanOverrides, read_scan, write_scan_tiff
+from registration import ScanOverrides, write_scan_tiff
 from registration.errors import ScanFileError
 from registration.files.readers.mosaic import is_mosaic, read_mosaic
 from tests.registration.files.readers.crafted import scan
@@ -80,14 +80,6 @@ def test_parts_of_a_voxel_are_found(tmp_path: Path) -> None:
     assert np.abs(off).mean() < 0.06 * scene().std()
 
 
-@pytest.mark.slow
-def test_without_settling_the_list_would_blur(tmp_path: Path) -> None:
-    path = listed(tmp_path, "tiles", TILES)
-    path.write_text(path.read_text().replace("settle_um: 300", "settle_um: 0"))
-    found = read_mosaic(path)
-    assert "left as listed" in found.notes[-1]
-
-
 @pytest.mark.parametrize("kind", first_of(["depth", "layers"]))
 def test_depths_are_fused(tmp_path: Path, kind: str) -> None:
     parts = [((0, 0, 0), (30, 90, 100), (0, 0, 0)), ((20, 0, 0), (40, 90, 100), (23, 2, -2))]
@@ -95,15 +87,6 @@ def test_depths_are_fused(tmp_path: Path, kind: str) -> None:
     assert found.volume.shape == SHAPE
     inner = (slice(2, 58), slice(5, 85), slice(5, 95))
     assert np.corrcoef(found.volume[inner].ravel(), scene()[inner].ravel())[0, 1] > 0.97
-
-
-def test_layers_prefer_what_lies_on_top(tmp_path: Path) -> None:
-    parts = [((0, 0, 0), (40, 90, 100), (0, 0, 0)), ((10, 0, 0), (40, 90, 100), (10, 0, 0))]
-    path = listed(tmp_path, "layers", parts)
-    upper = read_scan(tmp_path / "1.tif").volume.astype(float)
-    found = read_mosaic(path).volume
-    row = np.abs(found[12, 30:60, 30:60] - upper[2, 30:60, 30:60]).mean()
-    assert row < 0.35 * 800
 
 
 def test_along_a_straight_channel_the_list_decides(tmp_path: Path) -> None:

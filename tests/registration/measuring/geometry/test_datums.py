@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from registration.alignment import Fit
 from registration.errors import DatumError
-from registration.measuring.geometry import Frame, Scene, read_datums
-from registration.measuring.geometry.nested import free_words
+from registration.measuring.geometry import Scene, read_datums
 from tests.registration.measuring.geometry.shapes import (
     AS_DESIGNED,
     BLOCK,
@@ -128,19 +127,3 @@ def test_an_axis_that_was_not_seen_is_refused_with_those_that_were() -> None:
 def test_names_that_are_none_are_refused(given: list[str], said: str) -> None:
     with pytest.raises(DatumError, match=said):
         read_datums(given)
-
-
-def test_no_datum_is_the_best_fit() -> None:
-    assert read_datums([]) == read_datums([""]) == read_datums(["best fit"]) == ()
-
-
-def test_free_motions_off_the_axes_are_told_as_vectors() -> None:
-    skew = np.array([[0, 0, 0, 1, 1, 0.0]]).T / np.sqrt(2)
-    (said,) = free_words(skew)
-    assert said.replace("\N{MINUS SIGN}", "") == "shift along (0.71, 0.71, 0.00)"
-
-
-def test_a_place_of_unknown_errors_has_no_interval() -> None:
-    unknown = np.full((6, 6), np.nan)
-    frame = Frame(Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3)), (), "", unknown, ())
-    assert np.isnan(frame.across_mm(np.ones(3), np.array([1.0, 0.0, 0.0])))

@@ -53,19 +53,8 @@ def test_nothing_fails_and_what_would_is_undecided() -> None:
         assert doubtful[key] == ["undecided" if one == "fail" else one for one in before], key
 
 
-def test_the_same_defects_are_listed() -> None:
-    sure, doubtful = bad({"flag": False}), bad(DOUBTFUL)
-    places = [[(d["kind"], d["at_mm"]) for d in one["defects"]] for one in (sure, doubtful)]
-    assert places[0] == places[1]
-
-
 def test_a_symmetric_part_fails_whichever_way_it_lies() -> None:
     assert decisions(bad(SYMMETRIC)) == decisions(bad({"flag": False}))
-
-
-def test_judging_again_gives_the_same() -> None:
-    once = bad(DOUBTFUL)
-    assert judge(once, Tolerances(VesselLimits(), face_profile_um=50.0)) == once
 
 
 def test_a_sound_print_in_a_doubtful_pose_isnt_a_pass() -> None:

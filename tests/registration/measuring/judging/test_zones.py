@@ -35,20 +35,6 @@ def test_a_zone_is_decided_by_its_interval(low: float, high: float, decision: st
     assert found["vessels"][0]["decision"] == decision
 
 
-def test_without_a_tolerance_nothing_is_decided() -> None:
-    found = judged(row("axis", 70, 90))
-    assert found["characteristics"][0]["decision"] is None
-    assert found["vessels"][0]["decision"] == "pass"
-
-
-def test_a_vessels_own_limit_counts() -> None:
-    found = judged(
-        row("axis", 70, 90), position_um=50, vessels=[{"vessels": [0], "position_um": 100}]
-    )
-    assert found["characteristics"][0]["limit_um"] == 100
-    assert found["characteristics"][0]["decision"] == "pass"
-
-
 def test_what_is_not_defined_is_not_judged_and_what_is_not_known_is_undecided() -> None:
     none = {"zone_um": None, "interval_95_um": [None, None]}
     curved = row("cylindricity", 0, 0, **none | {"note": "not defined: the design is curved"})

@@ -2,13 +2,11 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 
-from design.network import VesselKind, VesselNetwork
+from design.network import VesselNetwork
 from registration.report.picture import Colour, Quantity, VesselQuantities, quantities
-from registration.report.picture.colours import NO_DATA, SEQUENTIAL
 from registration.report.picture.pressures import point_pressure
-from registration.report.picture.quantity import magnitude, signed
+from registration.report.picture.quantity import magnitude
 
 
 def fork() -> VesselNetwork:
@@ -45,17 +43,6 @@ def test_orders_are_strahlers_and_start_at_the_terminals() -> None:
     assert len(order.colours) == 2
 
 
-def test_loops_have_no_order() -> None:
-    network = VesselNetwork.from_segments(
-        np.array([[0.0, 0, 0], [1, 1, 0], [1, -1, 0], [2, 0, 0]]),
-        np.array([[0, 1], [0, 2], [1, 3], [2, 3]]),
-        np.full(4, 0.1),
-        np.full(4, VesselKind.CHANNEL),
-        np.zeros(4),
-    )
-    assert "order" not in {quantity.key for quantity in quantities(network)}
-
-
 def test_a_logarithmic_scale_where_numbers_span_much() -> None:
     wide = magnitude("flow", "Flow", "mL/min", np.array([0.0, 1e-3, 1e-1, 10.0]))
     assert wide is not None
@@ -66,23 +53,6 @@ def test_a_logarithmic_scale_where_numbers_span_much() -> None:
     narrow = magnitude("flow", "Flow", "mL/min", np.array([1.0, 3.0]))
     assert narrow is not None
     assert narrow.scale == "linear"
-
-
-def test_unknown_values_are_grey() -> None:
-    found = magnitude("radius", "Radius", "mm", np.array([1.0, np.nan, 2.0]))
-    assert found is not None
-    rgb = found.rgb(found.values)
-    assert rgb[1] == pytest.approx(to_rgb(NO_DATA))
-    assert rgb[2] == pytest.approx(SEQUENTIAL(1.0)[:3])
-    assert magnitude("x", "X", "", np.full(3, np.nan)) is None
-    assert signed("x", "X", "", np.full(3, np.nan)) is None
-
-
-def test_the_signed_scale_has_its_middle_at_zero() -> None:
-    found = signed("deviation", "Deviation", "%", np.array([-2.0, 0.0, 8.0]))
-    assert found is not None
-    assert found.limits[0] == -found.limits[1]
-    assert found.place(np.array([0.0])) == pytest.approx([0.5])
 
 
 def test_pressure_falls_evenly_between_the_ends() -> None:

@@ -53,14 +53,3 @@ def test_depth_is_that_of_a_row_of_spheres(
     grazing = np.abs(depth[both] - want[both]) > 0.05
     assert grazing.mean() <= 0.06 if both.any() else True
     assert (depth[both] >= want[both] - 1e-6).all()
-
-
-def test_the_nearer_piece_hides_the_farther() -> None:
-    ends = np.array([[2.0, 12.0, 0.0], [22.0, 12.0, 0.0]])
-    behind = (ends[0], ends[1], 3.0, 3.0)
-    before = (ends[0] + [0, 0, 9.0], ends[1] + [0, 0, 9.0], 1.5, 1.5)
-    _, piece, _ = drawn([behind, before])
-    assert piece[12, 12] == 1
-    assert piece[14, 12] == 0
-    _, piece, _ = drawn([before, behind])
-    assert piece[12, 12] == 0
