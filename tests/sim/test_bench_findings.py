@@ -112,12 +112,6 @@ def test_setting_is_kept_and_told_as_the_real_one_does(
     assert said(marlin(), *line.split("\n"), question) == answer
 
 
-def test_speed_factor_is_kept_aside_and_taken_back() -> None:
-    printer = marlin()
-    said(printer, "M220 S50", "M220 B", "M220 S10")
-    assert said(printer, "M220 R", "M220") == "FR:50%\n"
-
-
 def test_stored_settings_outlast_a_reset_and_others_do_not() -> None:
     printer = marlin()
     said(printer, "M92 X81", "M500", "M203 Z4", "M220 S50")
@@ -128,14 +122,6 @@ def test_stored_settings_outlast_a_reset_and_others_do_not() -> None:
     assert said(printer, "M220") == "FR:100%\n"
     assert said(printer, "M502", "M92") == "  M92 X80.00 Y80.00 Z400.00 E500.00\n"
     assert "M92 X81.00" in said(printer, "M501")
-
-
-def test_place_is_counted_in_the_new_steps_when_they_change() -> None:
-    printer = marlin()
-    said(printer, "G1 X5 F600", "M400", "M92 X160")
-    assert "Count X:800" in said(printer, "M114")
-    said(printer, "G1 X6", "M400")
-    assert x_steps(printer) == 400 + 160
 
 
 def test_volume_of_m200_shortens_the_plungers_way() -> None:

@@ -103,25 +103,6 @@ def test_missing_ink_is_missing():
     assert picture[beside[1], beside[0]] > 140
 
 
-def test_what_lies_deep_fades():
-    upper, deep = line((47, 39, 3), (53, 39, 3)), line((47, 41, 1), (53, 41, 1))
-    both = laid_as_is(Strands.joined([deep.strands, upper.strands]), "embedded")
-    bath = Bath(texture=0, colour=(100, 100, 100), surface_z_mm=3.2, turbidity_per_mm=0.5)
-    picture = paint(both, CAMERA, PLAIN.model_copy(update={"bath": bath}), 1).astype(float) - 100
-    near, far = (
-        picture[:, 150:250].max(axis=0).mean(),
-        np.sort(picture[:, 150:250], axis=0)[:150].mean(),
-    )
-    assert near > 40
-    assert far < 1
-    rows = np.flatnonzero(picture[:, 200] > 3)
-    groups = np.split(rows, np.flatnonzero(np.diff(rows) > 5) + 1)
-    assert len(groups) == 2
-    assert picture[groups[1], 200].max() > 3 * picture[groups[0], 200].max() or (
-        picture[groups[0], 200].max() > 3 * picture[groups[1], 200].max()
-    )
-
-
 def test_same_seed_gives_the_same_bytes_and_another_look_the_same_dish():
     scene = Scene(
         light=Light(glare=1.0),
@@ -168,12 +149,6 @@ def test_needle_hides_what_is_behind_it():
     picture = paint(line((47, 40, 1), (53, 40, 1)), CAMERA, scene, 1)
     u, v = np.round(CAMERA.pixels(np.array([[50.0, 40, 3]]))[0]).astype(int)
     assert picture[v, u] < 40
-
-
-def test_noise_is_shot_and_read_noise():
-    sensor = Sensor(blur_px=0, vignetting=0, full_well=5000, read_noise=2, mono=True)
-    picture = paint(nothing_laid(), CAMERA, PLAIN.model_copy(update={"sensor": sensor}), 1)
-    assert picture.std() == pytest.approx(np.sqrt(100 * 255 / 5000 + 4 + 1 / 12), rel=0.03)
 
 
 def test_a_layer_over_another_adds_its_density_until_the_ink_is_opaque():

@@ -67,21 +67,6 @@ def test_a_file_is_read_as_it_is_meant() -> None:
     assert 2.85 < run.duration_s < 3.3
 
 
-def test_minutes_and_seconds_hold_from_their_line_on() -> None:
-    run = dry_run(b"G1 X61 F3\nG75\nG1 X62 F60\nG76\nG1 X63 F5\nG1 X64\n", A3200, START)
-    moves = run.program.kind == MOVE
-    np.testing.assert_allclose(run.program.feed[moves], [3, 1, 5, 5])
-
-
-def test_the_plungers_letter_is_the_profiles() -> None:
-    text = b"G90\nG92 A0\nG1 X61 A0.5 F2\nG1 A0.25\nWaitForMotionDone([X, Y, Z, A])\n"
-    run = dry_run(text, NEWER, START)
-    assert not run.findings
-    assert run.program.plunger[run.program.kind == MOVE].tolist() == [0.5, 0.25]
-    other = b"G90\nG1 X61 B0.5 F2\nG1 E0.25\n"
-    assert unknown(other, NEWER) == ["G1", "G1"]
-
-
 def test_what_isnt_known_is_refused_by_name() -> None:
     text = b"M104 S20\nG21\nX5 Y3\nG1 Q4\nG28\nLINEAR X1\nG2 X1 I1\nG1 E4\nG91 G1 X1\nM400\n"
     names = ["M104", "G21", "X5", "G1", "G28", "LINEAR", "G2", "G1", "G91", "M400"]
@@ -89,11 +74,6 @@ def test_what_isnt_known_is_refused_by_name() -> None:
     assert [name for _, name in run.unknown] == names
     assert {finding.code for finding in run.findings} == {"unknown_command"}
     assert not (run.program.kind == MOVE).any()
-
-
-def test_a_semicolon_is_a_comment_for_one_and_not_for_the_other() -> None:
-    assert unknown(b"G1 X61 F1 ; G1 X62\n;G1 X63\n' G1 X64\n") == []
-    assert unknown(b"G1 X61 F1 ; G1 X62\n// G1 X63\n", NEWER) == ["G1"]
 
 
 @pytest.mark.parametrize("printer", [A3200, NEWER])

@@ -12,7 +12,6 @@ from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
 from sim.devices.families.registry import simulated_printer
 from sim.devices.families.reprapfirmware.numbering import crc16
-from sim.errors import ServeError
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import checksum
 from tests.printctl.machine.link.jobs import parse_job
@@ -104,27 +103,11 @@ def test_klipper_s_offset_outlives_being_told_where_the_tip_is():
     assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:10.000")
 
 
-def test_klipper_moves_an_axis_that_it_has_homed():
-    printer, _ = printer_of("klipper")
-    assert b"Must home" not in said(printer, b"G28 X\nG1 X52 F600\n")
-    assert b"Must home" in said(printer, b"G1 Y52\n")
-
-
 def test_klipper_knows_no_t_of_its_own_where_there_are_heads():
     two = load(Printer, "two_syringe_marlin").model_copy(update={"firmware": "klipper"})
     printer = simulated_printer(two)(two, START)
     assert said(printer, b"T1\n") == b'// Unknown command:"T1"\nok\n'
     assert said(printer, b"G10 P1 X5\n") == b'// Unknown command:"G10"\nok\n'
-
-
-@pytest.mark.parametrize("firmware", ["klipper", "reprapfirmware"])
-def test_a_g92_that_tells_nothing_takes_no_time_on_the_wire(firmware):
-    takes = []
-    for line in (b"G92 X50\n", b"M82    \n"):
-        printer, _ = printer_of(firmware)
-        assert said(printer, line) == b"ok\n"
-        takes.append(printer.now)
-    assert takes[0] == pytest.approx(takes[1])
 
 
 def test_klipper_s_timeout_switches_heaters_and_motors_off():
@@ -147,11 +130,6 @@ def test_klipper_that_was_shut_down_answers_each_line_by_why():
     assert rest[-2:] == [b"!! Shutdown due to M112 command", b"ok"]
     assert said(printer, b"M112\n") == b"ok\n"
     assert said(printer, b"G1 X52\n").endswith(b"!! Shutdown due to M112 command\nok\n")
-
-
-def test_prusa_has_no_simulated_printer():
-    with pytest.raises(ServeError, match="no simulated printer"):
-        printer_of("prusa")
 
 
 def gcode(moves: int, firmware: str) -> bytes:

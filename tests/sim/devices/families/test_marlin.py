@@ -116,15 +116,6 @@ def test_a_full_planner_holds_the_ok_until_a_block_ends():
     np.testing.assert_allclose(gaps[15:], 1.003, atol=0.005)
 
 
-def test_an_endless_m0_waits_for_m108():
-    printer = ready()
-    assert b"prompt_show" in printer.exchange(b"M0 Look\n")
-    assert printer.exchange(b"") == b""
-    printer.advance(2.5)
-    assert printer.take_output() == b"echo:busy: paused for user\n"
-    assert printer.exchange(b"M108\n") == b"ok\nok\n"
-
-
 def test_a_repeated_line_is_dropped_in_silence_and_moves_nothing():
     printer = ready()
     send(printer, "G91", "G1 X1 F600")
@@ -207,20 +198,6 @@ def test_the_idle_timeout_kills_when_nothing_moves_for_so_long():
     assert b"too much inactive time" in printer.take_output()
 
 
-def test_the_idle_timeout_of_a_fast_clock_counts_in_the_host_s_time_but_for_a_command_in_hand():
-    printer = ready()
-    printer.machine.host_pace = 30.0
-    send(printer, "M85 S60")
-    printer.advance(30 * 55)
-    assert not printer.dead
-    printer.advance(30 * 10)
-    assert printer.dead
-    dwelling = ready()
-    dwelling.machine.host_pace = 30.0
-    dwelling.exchange(b"M85 S60\nG4 S70\n")
-    assert dwelling.dead
-
-
 def test_a_quickstop_drops_the_queue_and_the_position_stays_true():
     printer = ready()
     send(printer, "G1 X50 F600", "G1 X0", "G1 X50")
@@ -232,16 +209,6 @@ def test_a_quickstop_drops_the_queue_and_the_position_stays_true():
     assert printer.machine.motion.blocks == 0
     send(printer, "G1 X20", "M400", first=4)
     assert printer.executed().end[-1, 0] == 20
-
-
-def test_settings_can_be_changed_and_are_told():
-    printer = ready()
-    printer.exchange(b"M92 E6400\nM203 Z7\nM201 X1000\nM204 P500 T800\nM205 J0.02\n")
-    told = printer.exchange(b"M503 S0\n")
-    for part in (b"E6400.00", b"Z7.00", b"M201 X1000.00", b"P500.00 R3000.00 T800.00", b"J0.02"):
-        assert part in told
-    send(printer, "G1 E1 F60", "M400")
-    assert printer.executed().plunger_end[-1] * 500 == 6400
 
 
 def test_a_fault_happens_at_its_line():

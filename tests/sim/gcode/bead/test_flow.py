@@ -32,15 +32,6 @@ def test_a_step_of_flow_is_followed_exponentially() -> None:
     np.testing.assert_allclose(found.held_ul, 2.0 * LAG * (1 - np.exp(-time / LAG)), rtol=1e-12)
 
 
-def test_pieces_of_any_length_give_the_same() -> None:
-    rates = [2.0, 0.0, -3.0, 0.0, 1.0]
-    coarse = nozzle_flow(pieces([0.5] * 5, rates), Nozzle(LAG, 1e5, 2e4))
-    fine = nozzle_flow(pieces([0.005] * 500, np.repeat(rates, 100).tolist()), Nozzle(LAG, 1e5, 2e4))
-    np.testing.assert_allclose(
-        fine.out_ul.reshape(5, 100).sum(axis=1), coarse.out_ul, rtol=1e-9, atol=1e-12
-    )
-
-
 @pytest.mark.parametrize("nozzle", [Nozzle(), Nozzle(LAG), Nozzle(LAG, 5e4, 3e4)])
 def test_ink_is_neither_made_nor_lost(nozzle: Nozzle) -> None:
     random = np.random.default_rng(1)

@@ -9,7 +9,7 @@ from sim.gcode.clearance import ClearanceError, LineSources, NeedleBody, check_c
 from sim.gcode.clearance.heads import heads_of
 from sim.gcode.clearance.ink import ink_of
 from sim.gcode.clearance.pieces import Pieces
-from tests.sim.gcode.clearance.small_jobs import NEEDLE, RADIUS, Job, approach_of, network
+from tests.sim.gcode.clearance.small_jobs import NEEDLE, RADIUS, Job, network
 
 CLEAN = {
     "helix": [
@@ -61,15 +61,6 @@ FORK = (100, 100, 7)
 STEM, LEFT, RIGHT = [(100, 100, 3), FORK], [FORK, (96, 98, 8)], [FORK, (104, 98, 8)]
 
 
-def test_a_fork_written_upward_is_clean():
-    job = Job()
-    job.along(STEM, 0)
-    job.write(*LEFT[1], 1)
-    job.along(RIGHT, 2)
-    job.over(90, 90, 5)
-    assert job.check(network(STEM, LEFT, RIGHT)).crossings == ()
-
-
 def test_a_stem_under_branches_that_are_there_is_flagged():
     job = Job()
     job.along(LEFT, 1)
@@ -111,29 +102,6 @@ def test_where_the_network_overlaps_itself_the_shaft_passes_and_it_is_told():
     job.over(101, 97, 6)
     line = job.write(101, 103, 6, 1)  # a millimetre beside the place
     assert [one.line for one in job.check(network(high, low)).crossings] == [line]
-
-
-def test_an_overlap_of_a_helix_with_itself_is_one_body():
-    turn = np.linspace(0, 3 * np.pi, 90)
-    tight = np.column_stack([100 + np.cos(turn), 100 + np.sin(turn), 5 + 0.2 / 6.28 * turn])
-    job = Job()
-    job.along(tight[::-1], 0)  # from above, each turn below what is written
-    found = job.check(network(tight))
-    assert found.crossings == ()
-    assert [(one.vessel, one.other) for one in found.overlaps] == [(0, 0)]
-
-
-def test_a_lift_at_a_passes_end_is_judged_like_the_write_there():
-    job = Job()
-    job.along(RIGHT, 1)
-    (line,) = job.along([(96, 98, 6.5), FORK], 0)
-    lift = job.over(90, 90, 5) - 2
-    net = network([(96, 98, 6.5), FORK], RIGHT)
-    found = job.check(net)
-    assert found.crossings == ()
-    assert approach_of(found, lift) >= approach_of(found, line) - 0.01
-    job.over(100, 100, 5)  # but nobody comes back there without a pass
-    assert job.check(net).crossings[0].kind == "descent"
 
 
 def test_a_pass_lasts_until_the_tip_travels_without_ink():

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from benchmarks.firmware_bench.dry_run_files import short_curve
 from benchmarks.firmware_bench.gcode_files import short_moves
@@ -12,7 +10,6 @@ from sim.gcode.dry_run.line_times import checksums, sent_bytes
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.program.gcode import checksum, read_gcode
 from tests.sim.transcripts import DATA
-from tests.slower import examples
 
 PROFILE = load(Printer, "marlin_avr")
 TWO = PROFILE.model_copy(update={"lines_in_flight": 2})
@@ -173,13 +170,6 @@ def numbered(line, number):
     return b"%s*%d\n" % (body, checksum(body))
 
 
-def test_short_moves_are_merged_and_counted():
-    text = "".join(f"G1 X{10 + 0.05 * k:.2f} F600\n" for k in range(1, 101))
-    run = dry(text)
-    assert run.merged_moves == 50
-    assert run.executed.end[-1, 0] == 15
-
-
 @pytest.mark.parametrize(
     ("line", "said"),
     [
@@ -226,23 +216,3 @@ def test_huge_numbers_are_planned_or_refused(letter, number):
     profile = load(Printer, "generic_marlin")
     run = dry_run(f"G1 X5 F600\nG1 {letter}{number}\n".encode(), profile, (10, 10, 10))
     assert run.findings
-
-
-def test_the_longest_line_is_measured_as_it_is_sent():
-    assert dry("G1 X20\nG1 X21 Y10 ; a long remark\n").longest_line == (
-        len("N2 G1 X21 Y10*123\n"),
-        2,
-    )
-
-
-@given(st.lists(st.tuples(st.integers(0, 200), st.integers(0, 200)), min_size=1, max_size=40))
-@settings(max_examples=examples(30), deadline=None)
-def test_ends_and_times_hold_together(points):
-    text = "".join(f"G1 X{x} Y{y} F6000\n" for x, y in points)
-    run = dry(text, (0.0, 0.0, 0.0))
-    np.testing.assert_allclose(run.program.target[-1, :2], points[-1])
-    way = np.linalg.norm(np.diff([(0, 0), *points], axis=0), axis=1)
-    assert run.duration_s >= (way.sum() / 100) * 0.99 - 0.01
-    moved = np.abs(run.executed.end - run.executed.start).sum()
-    assert (moved > 0) == (way.sum() > 0)
-    assert run.findings == []

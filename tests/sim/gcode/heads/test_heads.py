@@ -9,8 +9,7 @@ from firmware_profiles import Head, Offset, Printer, load
 from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.reprapfirmware.printer import DuetPrinter
-from sim.errors import DepositError
-from sim.gcode.deposit.lay import deposit, deposit_of_heads, unite_deposits
+from sim.gcode.deposit.lay import deposit
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.program.gcode import read_gcode
 from sim.gcode.reading.file import read_file
@@ -80,22 +79,6 @@ def test_the_ink_of_each_head_lies_where_its_own_tip_was():
     assert not low[0] < 20
 
 
-def test_two_inks_are_laid_on_one_grid():
-    run = dry_run(JOB, TWO, (0, 0, 40)).executed
-    motions = [run.of_head(k, head.offset_mm.mm) for k, head in enumerate(TWO.heads)]
-    inks = deposit_of_heads(motions, (10.0, 20.0), 0.5, style="embedded")
-    alone = [deposit(m, a, 0.5, style="embedded") for m, a in zip(motions, (10, 20), strict=True)]
-    assert inks[0].volume.shape == inks[1].volume.shape
-    for one, other in zip(inks, alone, strict=True):
-        assert one.written_ul == other.written_ul
-        assert one.volume_mm3 == pytest.approx(other.volume_mm3, rel=0.02)
-    both = unite_deposits(inks)
-    assert both.volume_mm3 == pytest.approx(sum(one.volume_mm3 for one in inks), rel=0.02)
-    assert both.written_ul == sum(one.written_ul for one in inks)
-    with pytest.raises(DepositError, match="one grid"):
-        unite_deposits(alone)
-
-
 def test_a_correct_job_has_no_finding():
     assert codes(JOB) == set()
 
@@ -115,12 +98,6 @@ def test_a_correct_job_has_no_finding():
 def test_what_a_firmware_would_do_wrong_is_found(wrong, right, sort):
     assert right in JOB
     assert sort in codes(JOB.replace(right, wrong, 1))
-
-
-def test_a_head_that_a_single_headed_printer_hasn_t_is_found():
-    one = load(Printer, "generic_marlin")
-    assert "no_such_head" in codes(b"G21\nT1\nG1 X1 F600\n", one)
-    assert "no_such_head" not in codes(b"G21\nT0\nG1 X1 F600\n", one)
 
 
 def test_marlin_names_the_head_in_use_and_refuses_one_that_isn_t_there():
@@ -170,14 +147,6 @@ def test_raised_heads_are_followed_and_their_tips_known():
         assert idle[:, 2].min() == pytest.approx(10 + 25)
     right = heads.tips(program, 1)
     assert (right[:, 1, 0] - program.target[:, 0] == 40).all()
-
-
-def test_each_head_s_travel_has_its_own_limit():
-    heads = (TWO.heads[0], TWO.heads[1].model_copy(update={"plunger_travel_mm": 1.5}))
-    short = TWO.model_copy(update={"heads": heads})
-    found = {one.code: one for one in dry_run(JOB, short, (0, 0, 40)).findings}
-    assert found["plunger_travel"].limit == 1.5
-    assert "right" in found["plunger_travel"].message
 
 
 def test_duet_moves_nothing_but_shifts_places_by_its_tool_s_offset():

@@ -18,7 +18,6 @@ from sim.gcode.heads.valve import (
     OPEN,
     as_plunger,
     flowing,
-    flowing_s,
     read_with_valve,
 )
 from sim.gcode.heads.valve_blocks import with_commands
@@ -75,15 +74,6 @@ def test_ink_flows_from_the_opening_delay_to_the_closing_delay() -> None:
     assert end == pytest.approx(found.executed.time_end[last] + 0.01)
 
 
-def test_openings_without_a_move_count_their_dwells() -> None:
-    dose = ["M106 P0 S255", "G4 P30", "G4 S5", "M106 P0 S0", "G4 P30"]
-    printer = of(opening_delay_s=0.03, closing_delay_s=0.05)
-    found, head = run(*dose, "G4 S10", *dose, printer=printer), printer.pneumatic
-    assert found.valve is not None
-    assert head is not None
-    assert flowing_s(found.executed, found.program, found.valve, head) == pytest.approx(2 * 5.05)
-
-
 def motion(times: list[tuple[float, float]]) -> ExecutedMotion:
     count = len(times)
     x = np.arange(count + 1.0)
@@ -102,11 +92,6 @@ def test_each_block_gets_what_flowed_in_its_time_and_the_rest_is_laid_standing()
     assert volume[length == 0].tolist() == [2.0, 0.5]
     assert volume.sum() == pytest.approx(2.0 * 4.25)
     assert (laid.start[1:] == laid.end[:-1]).all()
-
-
-def test_no_ink_where_the_valve_never_opened() -> None:
-    blocks = motion([(0, 1), (1, 3)])
-    assert as_plunger(blocks, np.zeros((0, 2)), 2.0).plunger_end.tolist() == [0, 0]
 
 
 def test_a_written_line_is_as_thick_as_flow_over_speed() -> None:

@@ -66,13 +66,6 @@ def test_a_single_move_takes_the_time_of_its_trapezoid(length, speed):
     assert bench.span == pytest.approx(expected, rel=0.002, abs=0.006)
 
 
-def test_each_axis_keeps_its_own_speed_limit():
-    bench = Bench()
-    bench.move(0, 0, 10, 0, feed=100)
-    log = bench.finish()
-    assert log["time_end"][0] - log["time_start"][0] == pytest.approx(10 / 5 + 5 / 100, rel=0.01)
-
-
 def test_a_plunger_above_its_limit_slows_the_whole_move():
     bench = Bench()
     bench.move(10, 0, 0, 100, feed=20)

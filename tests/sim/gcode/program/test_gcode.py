@@ -78,13 +78,6 @@ def test_modal_state_agrees_with_a_line_by_line_oracle(text):
         assert math.isclose(feed, row[2], rel_tol=1e-12)
 
 
-@given(st.integers(-(10**9), 10**9), st.integers(0, 6))
-@settings(max_examples=examples(100), deadline=None)
-def test_numbers_are_read_to_the_last_bit(mantissa, decimals):
-    text = f"{mantissa / 10**decimals:.{decimals}f}"
-    assert parse_line(f"G1 X{text}".encode()).values["X"] == float(text)
-
-
 @given(st.binary(max_size=120))
 @settings(max_examples=examples(100), deadline=None)
 def test_checksum_is_the_xor_of_all_bytes(line):
@@ -126,20 +119,6 @@ def test_a_firmware_reads_malformed_lines_too(line, values):
     command = parse_line(line)
     assert command.name == "G1"
     assert command.values == values
-
-
-@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
-def test_every_line_end_counts_lines_alike(end):
-    program = read_gcode(end.join([b"G1 X1", b"", b"; only a remark", b"G1 X2 ; and one", b""]))
-    assert program.line.tolist() == [1, 4]
-    assert program.length.tolist() == [5, 5]
-
-
-def test_g92_shifts_the_workspace_and_leaves_the_plunger_where_it_is():
-    program = read_gcode(b"G1 X5 E2\nG92 X0 E0\nG1 X1 E3\nG92\nG1 X1\n")
-    assert program.target[:, 0].tolist() == [5, 5, 6, 6, 6]
-    assert program.target[:, 3].tolist() == [2, 0, 3, 3, 3]
-    assert program.plunger.tolist() == [2, 2, 5, 5, 5]
 
 
 def test_dwell_and_temperature_carry_their_value():

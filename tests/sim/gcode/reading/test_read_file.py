@@ -79,13 +79,6 @@ def test_a_binary_file_is_named():
         read_file(b"G1\nG1 \0", MARLIN)
 
 
-def test_an_aerotechs_file_keeps_its_lines_and_outputs():
-    file = read_file(b"$DO[0].X=1\nG1 X5 F2\nDWELL 0.5\nG1 X--5\nG75\n", AIR)
-    assert file.lines == [b"M105", b"G1 X5 F2", b"G4 S0.5", b"M105", b"M105"]
-    assert [named.name for named in file.named] == ["$DO", "G1"]
-    assert file.per_second == ((5, False),)
-
-
 WORDS = ("G1", "G0", "G2", "G3", "G92", "G90", "G91", "M82", "M83", "G4", "G28", "M104", "T0", "N1",
          "X", "Y", "Z", "E", "F", "I", "J", "R", "P", "S", "1", "-2.5", "999999", "1e9", ".", "--",
          "nan", "inf", "12345678901234567890", "0x10", "*7", ";", "(", ")", '"', "\t", " ", "\r",

@@ -153,21 +153,6 @@ def test_klippers_names_keep_their_parameters():
         read_line(b"SET_PIN PIN=valve VALUE=1", MARLIN)
 
 
-def test_a_crc_of_five_digits_is_checked_for_reprapfirmware():
-    from binascii import crc_hqx
-
-    body = b"N3 G1 X1"
-    assert read_line(b"%b*%05d" % (body, crc_hqx(body, 0)), DUET).text == b"G1 X1"
-    with pytest.raises(LineError, match="checksum"):
-        read_line(b"%b*%05d" % (body, crc_hqx(body, 0) ^ 1), DUET)
-
-
-def test_aerotechs_words_are_read_as_g_code():
-    assert read_line(b"DWELL 0.5", AEROTECH).words == {"S": 0.5}
-    assert read_line(b"$DO[0].X=1", AEROTECH).code == "$DO"
-    assert not read_line(b"//LAYER_END:1", AEROTECH)
-
-
 @pytest.mark.parametrize("name", shipped(Printer))
 def test_commands_of_every_profile_are_canonical(name):
     printer = load(Printer, name)
