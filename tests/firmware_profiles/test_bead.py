@@ -31,13 +31,6 @@ def test_a_rounded_line_is_a_band_between_half_circles_and_round_where_it_is_sma
     assert found == pytest.approx([0.15, 0.03])
 
 
-def test_lines_apart_by_their_spacing_fill_a_layer():
-    bead, height = BeadSection(), 0.06
-    spacing = bead.spacing(0.15, height)
-    assert spacing * height == pytest.approx(float(bead.area(0.15, height)))
-    assert 0.15 - spacing == pytest.approx((1 - math.pi / 4) * height)
-
-
 def test_an_ink_is_rounded_where_it_doesn_t_say_otherwise():
     facts = load(Ink, "collagen_fresh").model_dump()
     assert Ink.model_validate(facts).bead_section == BeadSection("rounded")

@@ -59,11 +59,6 @@ def test_a_section_called_by_a_firmwares_name_is_refused_with_the_key_in_its_pla
         loaded(tmp_path, TEXT.replace("file_controller", "aerotech"))
 
 
-def test_a_plunger_without_a_letter_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="plunger_axis is the letter"):
-        loaded(tmp_path, PLUNGER.replace("dispenser, file_controller", "file_controller"))
-
-
 def test_an_output_is_no_marlins() -> None:
     printer = load(Printer, "pneumatic_marlin")
     head = {**printer.dispenser.model_dump(), "opens": "$DO[0].X=1", "closes": "$DO[0].X=0"}
@@ -82,8 +77,3 @@ def test_an_output_is_no_marlins() -> None:
 def test_an_outputs_words_are_which_it_is_and_its_value(command: str, name: str) -> None:
     assert is_output(command)
     assert switch_words(command) == [name, "1"]
-
-
-@pytest.mark.parametrize("command", ["$DO[0].X=2", "$AO[0].X=1", "MoveAbsolute(X, 1, 1)", "$DO=1"])
-def test_anything_else_is_no_output(command: str) -> None:
-    assert not is_output(command)

@@ -56,8 +56,3 @@ def test_a_pressure_below_the_yield_stress_is_refused_with_what_it_takes() -> No
     stiff = INK.model_copy(update={"yield_stress_pa": 400.0})
     with pytest.raises(ProfileError, match=r"holds 96\.\d+ kPa"):
         steady_flow(head(measured=None), stiff, NEEDLE)
-
-
-def test_a_plunger_is_what_nothing_is_said_of() -> None:
-    assert load(Printer, "generic_marlin").pneumatic is None
-    assert load(Printer, "generic_marlin").dispenser.kind == "plunger"

@@ -109,11 +109,6 @@ def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:
     assert "c.yaml" in said
 
 
-def test_key_written_twice_inside_a_section_is_refused(tmp_path: Path) -> None:
-    said = _refusal(_printer(tmp_path, "x_mm", add="x_mm: {low: 0, high: 100, low: 50}"))
-    assert "'low' stands twice" in said
-
-
 @pytest.mark.parametrize(
     ("key", "said"),
     [
@@ -158,10 +153,3 @@ def test_wrong_key_is_told_short_and_without_the_checker_s_own_words(
     assert "Input should" not in found
     assert "\n" not in found
     assert len(found) < 200
-
-
-@pytest.mark.parametrize("text", ["", "a word", "- one\n- two"])
-def test_file_without_keys_is_told(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "c.yaml"
-    path.write_text(text)
-    assert _refusal(str(path)).startswith("c.yaml: the file must be keys name, source, licence")

@@ -63,12 +63,6 @@ def test_pressure_and_flow_are_each_other_s_inverse(
     assert flow_ul_s(fluid, NEEDLE, pressure * (1 - 1e-12)) <= flow * (1 + 1e-6)
 
 
-def test_newtonian_is_hagen_and_poiseuille_s() -> None:
-    exact = 128 * 3.0 * 12.7 * 0.2 / (math.pi * 0.16**4)
-    assert pressure_pa(ink(3.0), NEEDLE, 0.2) == pytest.approx(exact)
-    assert flow_ul_s(ink(3.0), NEEDLE, exact) == pytest.approx(0.2)
-
-
 def test_bingham_is_buckingham_and_reiner_s() -> None:
     plastic, pressure = ink(2.0, 1.0, 50.0), 60e3
     phi = yield_pressure_pa(plastic, NEEDLE) / pressure
