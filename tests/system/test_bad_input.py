@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 import trimesh
 
 from tests.system.cli import called, recipe_file
@@ -37,11 +36,6 @@ def test_empty_mesh(tmp_path: Path) -> None:
     (tmp_path / "tissue.stl").write_bytes(b"solid nothing\nendsolid nothing\n")
     tissue = {"=": "replace", "mesh": "tissue.stl", "unit": "mm"}
     _refused(recipe_file(tmp_path, "cortex_embedded", tissue=tissue), tmp_path, 1, "tissue.stl")
-
-
-def test_missing_mesh(tmp_path: Path) -> None:
-    tissue = {"=": "replace", "mesh": "none.stl", "unit": "mm"}
-    _refused(recipe_file(tmp_path, "cortex_embedded", tissue=tissue), tmp_path, 2, "none.stl")
 
 
 def test_mesh_in_inches_labelled_mm(tmp_path: Path) -> None:
@@ -125,11 +119,6 @@ def test_print_on_a_real_port_asks_first(tmp_path: Path) -> None:
     )
     assert done.returncode == 3, done.stderr
     assert "--yes" in done.stderr
-
-
-@pytest.mark.parametrize("command", ["design", "run"])
-def test_missing_recipe(tmp_path: Path, command: str) -> None:
-    _refused(tmp_path / "none.yaml", tmp_path, 2, "printctl init", command=(command,))
 
 
 def test_full_disk_leaves_the_good_file(tmp_path: Path) -> None:

@@ -89,10 +89,3 @@ def test_a_file_becomes_a_picture(lattice: Path) -> None:
     assert "page" not in told
     with Image.open(lattice / "fork.png") as picture:
         assert picture.size[0] == 500
-
-
-def test_wrong_input_is_told_in_one_message_and_leaves_nothing(tmp_path: Path) -> None:
-    (tmp_path / "b.csv").write_text(HEADER + FORK.replace("0.4,0.4", "nan,0.4"))
-    done = printctl("convert", "b.csv", "b.json", "--unit", "mm", cwd=tmp_path)
-    refused(done, 1, "b.csv", "line 3", "NaN")
-    assert [path.name for path in tmp_path.iterdir()] == ["b.csv"]

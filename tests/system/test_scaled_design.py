@@ -65,18 +65,6 @@ def test_another_dish_makes_the_toolpath_again(run: Path):
     assert keys[0] != keys[1]
 
 
-def test_network_is_four_times_the_design(run: Path):
-    printed, designed = _network(run / "network.csv"), _network(run / "network_designed.csv")
-    assert printed == pytest.approx(4 * designed, rel=1e-9)
-
-
-def test_the_flow_says_what_the_print_needs(run: Path):
-    flow = json.loads((run / "manifest.json").read_text())["stages"]["flow"]["summary"]
-    assert flow["inflow_ml_min"] == pytest.approx(0.02 * 64)
-    assert flow["scaled"]["design"]["inflow_ml_min"] == pytest.approx(0.02)
-    assert flow["scaled"]["same_reynolds"]["inflow_ml_min"] == pytest.approx(0.08)
-
-
 def test_job_purges_over_the_cup_then_writes_a_line_beside_the_part(run: Path):
     machine = Machine().read((run / "part.gcode").read_bytes())
     pushed = []
