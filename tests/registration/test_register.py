@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from design.network import VesselNetwork
 from registration import RegistrationReport, register_scan
 from registration.errors import AlignmentError, RegistrationError, SegmentationError
 from registration.scan import Scan
+from registration.segmentation import segment
 from sim.devices.scanner import ScannerOutput
 from tests.registration.parts import (
     BLOCK,
@@ -23,6 +25,7 @@ from tests.registration.parts import (
     solid,
     target_error,
 )
+from tests.registration.phantom import ladder, ladder_construct
 from tests.registration.registered import FAST, microct_of, planar_part
 
 
@@ -172,3 +175,23 @@ BRIGHT = np.pad(np.ones((30, 40, 40), np.uint16), ((10, 0), (0, 0), (0, 0)))
 def test_useless_volumes_end_with_a_reason(volume: np.ndarray, reason: str) -> None:
     with pytest.raises(SegmentationError, match=reason):
         register_scan(scan_like(volume), solid(lumens(bent_network())), bent_network())
+
+
+# Scans that can't show the part, by a wrong unit, and scans of noise alone are refused plainly.
+
+
+def scan(voxel_mm: float) -> Scan:
+    values = np.random.default_rng(0).exponential(100, (60, 60, 60)).astype(np.float32)
+    return Scan(values, (voxel_mm,) * 3, 1.34, False, "linear", "oct", True, Path("noise"))
+
+
+@pytest.mark.parametrize(("voxel_mm", "extent"), [(2e-5, "0.0012"), (4.0, "240")])
+def test_a_scan_in_a_wrong_unit_is_refused_with_both_sizes(voxel_mm: float, extent: str) -> None:
+    with pytest.raises(RegistrationError, match=f"the scan is {extent} × .*check --voxel-um"):
+        register_scan(scan(voxel_mm), ladder_construct(), ladder())
+
+
+@pytest.mark.filterwarnings("error")
+def test_noise_alone_is_refused_without_a_warning() -> None:
+    with pytest.raises(SegmentationError, match="can't be told apart"):
+        segment(scan(0.03))

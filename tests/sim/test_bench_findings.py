@@ -1,16 +1,18 @@
 """Simulated Marlin, against answers of a real one, line by line.
 
 Source: measured 2026-11-22 on Marlin bugfix-2.1.x of 2024-10-11 (ATmega2560 under simavr), the same
-bytes to both over pseudo-terminals: some 700 lines, with and without emergency parser.
-"""
+bytes to both over pseudo-terminals: some 700 lines, with and without emergency parser."""
 
 from __future__ import annotations
+
+import re
 
 import pytest
 
 from firmware_profiles import Printer, load
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults.fault_file import Fault
+from tests.sim.transcripts import differences, numbered, ping_pong, printer_of, rows_of
 
 PROFILE = load(Printer, "marlin_avr")
 
@@ -30,9 +32,6 @@ def said(printer: MarlinPrinter, *lines: str) -> str:
 def x_steps(printer: MarlinPrinter) -> int:
     """Steps of X since power-up."""
     return round(printer.executed().end[-1, 0] * 80)
-
-
-# --- words and codes
 
 
 @pytest.mark.parametrize(
@@ -80,9 +79,6 @@ def test_text_of_m0_begins_behind_its_words_with_numbers() -> None:
     assert "//action:prompt_begin M0 Stop\n" in said(printer, "M0 S1")
     printer.advance(2.0)
     assert "//action:prompt_begin Move it\n" in said(printer, "M0 P10 Move it")
-
-
-# --- settings that last
 
 
 @pytest.mark.parametrize(
@@ -145,9 +141,6 @@ def test_dry_run_flag_of_m111_keeps_plunger_and_heaters_off() -> None:
     assert printer.machine.heat.hotend.target_c == 0
 
 
-# --- the kill's run-on
-
-
 @pytest.mark.parametrize("parser", [True, False])
 @pytest.mark.parametrize(
     ("feed", "real_s"), [(600, 0.638), (3000, 0.715), (6000, 0.843), (12000, 1.27)]
@@ -182,3 +175,49 @@ def test_firmware_that_stops_itself_runs_on_like_any_kill() -> None:
     said(printer, "M302 P1", "G1 X100 F3000")
     printer.advance(4.0)
     assert printer.executed().end[-1, 0] > 50 + 30
+
+
+# Recorded Marlin transcripts, replayed to the simulated printer byte for byte.
+
+
+@pytest.mark.parametrize(("name", "count"), [("conf_avr.txt", 88), ("conf_avr2.txt", 58)])
+def test_every_recorded_row_is_reproduced(name, count):
+    rows = rows_of(name)
+    assert len([row for row in rows if row.sent]) == count
+    assert differences(printer_of(second_build=False), rows) == []
+
+
+def test_second_build_is_reproduced_up_to_its_kill():
+    rows = rows_of("conf_avr3_stock_noEP_advok.txt")
+    killed = next(i for i, row in enumerate(rows) if b"kill()" in row.expected)
+    assert killed == 10
+    assert differences(printer_of(second_build=True), rows[: killed + 1]) == []
+
+
+def test_second_build_tells_free_places_as_planner_and_queue_fill():
+    rows = rows_of("conf_avr3_stock_noEP_advok.txt")
+    killed = next(i for i, row in enumerate(rows) if b"kill()" in row.expected)
+    rest = rows[killed + 1 :]
+    pings = [row for row in rest if re.search(r"N\d+$", row.title)]
+    before, after = rest[: rest.index(pings[0])], rest[rest.index(pings[-1]) + 1 :]
+    printer = printer_of(second_build=True)
+    assert differences(printer, before) == []
+    assert ping_pong(printer, len(pings)) == [row.expected for row in pings]
+    assert differences(printer, after) == []
+    assert printer.dead
+
+
+@pytest.mark.parametrize("second_build", [True, False])
+def test_m112_behind_full_queues_waits_without_emergency_parser_only(second_build):
+    rows = rows_of("conf_avr4_m112_window.txt")
+    first, second = (i for i, row in enumerate(rows) if row.title.startswith("==="))
+    mine = rows[first + 1 : second] if second_build else rows[second + 1 :]
+    assert [row.sent for row in mine] == [b"M302 P1\nG92 X0\n", b"N0 M110 N0*125\n", b"M112\n"]
+    printer = printer_of(second_build)
+    assert differences(printer, mine[:2]) == []
+    ping_pong(printer, 18)
+    printer.receive(b"".join(numbered(n) for n in range(19, 23)))
+    printer.advance(0.4)
+    assert printer.take_output() == b""
+    assert differences(printer, mine[2:]) == []
+    assert printer.dead

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from design.errors import ToolpathError
-from design.toolpath import MoveKind
-from design.toolpath.embedded import EmbeddedOptions, plan_embedded
+from design.network import VesselNetwork
+from design.toolpath import MoveKind, Toolpath
+from design.toolpath.embedded import EmbeddedOptions, check_thinnest, plan_embedded
+from design.toolpath.gcode import stream_gcode
+from firmware_profiles import Printer, Syringe, load
 from tests.design.toolpath.joint_checker import bodies
 from tests.design.toolpath.plans import embedded_toolpath
 from tests.design.toolpath.shaft_checker import crossings
@@ -189,3 +193,97 @@ def test_vessel_too_thick_for_the_flow_is_refused():
 def test_impossible_options_are_refused(change, message):
     with pytest.raises(ToolpathError, match=message):
         replace(OPTIONS, **change)
+
+
+# Refusal of vessels thinner than the needle writes: what it names, and what would help.
+
+SHIPPED = {"30g": 0.16, "33g": 0.108, "34g": 0.08}
+OPTIONS_FILAMENT_THICKNESS = EmbeddedOptions(
+    needle_inner_mm=0.16, needle_outer_mm=0.31, thinnest=0.8
+)
+
+
+def side_by_side(*radii: float) -> VesselNetwork:
+    n = len(radii)
+    x = np.arange(n, dtype=float)
+    ends = [[k, y, 0.0] for k in x.tolist() for y in (0.0, 5.0)]
+    zero = np.zeros(n, np.int64)
+    return VesselNetwork.from_segments(
+        np.array(ends), np.arange(2 * n).reshape(-1, 2), np.array(radii), zero, zero
+    )
+
+
+def refusal(network: VesselNetwork) -> str:
+    with pytest.raises(ToolpathError) as told:
+        check_thinnest(network, OPTIONS_FILAMENT_THICKNESS, needles=SHIPPED)
+    return str(told.value)
+
+
+def test_the_thinnest_vessel_is_named_with_its_place_and_a_needle_that_may_be_had() -> None:
+    text = refusal(side_by_side(0.2, 0.05, 0.06))
+    assert text.startswith("vessel 1: diameter 0.100 mm at (1, 0, 0) mm is thinner than 0.128 mm")
+    assert "at most 0.125 mm bore (33g: 0.108 mm)" in text
+    assert "1.28 times as large" in text
+
+
+def test_of_hundreds_the_thinnest_five_are_named() -> None:
+    """704 vessels made a line of 11,000 characters (a published network, 2026-11-26)."""
+    text = refusal(side_by_side(*np.linspace(0.06, 0.05, 300)))
+    assert "300 such vessels: 299 (0.100 mm), 298" in text
+    assert "and 295 more" in text
+    assert len(text) < 600
+
+
+# Places to look within passes, before what follows bars the needle's way to a gap.
+
+OPTIONS_EMBEDDED_LOOKS = EmbeddedOptions(open_joints=99)
+LOOKED = replace(OPTIONS_EMBEDDED_LOOKS, look_within=True)
+RADIUS = 0.15
+
+
+def leaning(degrees: float, long_mm: float = 6.0) -> Toolpath:
+    """A straight vessel that rises so steeply."""
+    slope = math.radians(degrees)
+    ends = [[0.0, 0, 5], [long_mm * math.cos(slope), 0, 5 + long_mm * math.sin(slope)]]
+    return plan_embedded(polyline(np.array(ends), RADIUS), LOOKED).toolpath
+
+
+def looks(path: Toolpath) -> np.ndarray:
+    """Places to look, (n, 3)."""
+    return path.end[path.kind == MoveKind.LOOK]
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 50])
+def test_a_gentle_slope_is_looked_at_when_it_is_whole(degrees: float) -> None:
+    assert len(looks(leaning(degrees))) == 0
+
+
+@pytest.mark.parametrize("degrees", [70, 90])
+def test_a_steep_one_is_looked_at_before_it_bars_the_way_to_itself(degrees: float) -> None:
+    path = leaning(degrees)
+    ways = np.linalg.norm(np.diff([path.start[0], *looks(path), path.end[-1]], axis=0), axis=1)
+    joint = math.sqrt(2) * (0.155 + RADIUS) + 0.5 * RADIUS
+    assert ways.max() <= joint
+    assert ways[:-1].min() > joint - 0.25  # whole elements: no more looks than that takes
+
+
+def test_nothing_is_written_otherwise_for_being_looked_at() -> None:
+    net = random_tree(12, 9.0, 3, 0.2)
+    plain, looked = (plan_embedded(net, one).toolpath for one in (OPTIONS_EMBEDDED_LOOKS, LOOKED))
+    assert 0 < len(looks(looked)) < 60
+    assert len(looks(plain)) == 0
+    assert looked.written_ul == pytest.approx(plain.written_ul)
+    corners = {tuple(row) for row in looked.end[looked.kind == MoveKind.WRITE].round(6).tolist()}
+    assert corners >= {tuple(row) for row in plain.end[plain.kind == MoveKind.WRITE].round(6)}
+    travels = [path.end[path.kind == MoveKind.TRAVEL] for path in (plain, looked)]
+    assert np.allclose(*travels)
+
+
+def test_each_stands_in_the_job_where_its_part_is_written() -> None:
+    path = leaning(70)
+    job = stream_gcode([path], load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml"),
+                       [80, 80, 40], None, 99.0)  # fmt: skip
+    lines = b"".join(part.data for part in job).decode().splitlines()
+    places = [lines[k - 1] for k, line in enumerate(lines) if line == ";PART_END:0"]
+    heights = [float(line.split(" Z")[1].split()[0]) - 40 for line in places]
+    assert heights == pytest.approx(looks(path)[:, 2], abs=0.001)

@@ -9,7 +9,7 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from manifold3d import Manifold
+from manifold3d import CrossSection, Manifold
 
 from design.errors import ToolpathError
 from design.solids import Solid
@@ -22,6 +22,7 @@ from design.toolpath.fresh import (
     Region,
     plan_fresh,
 )
+from design.toolpath.fresh.patterns import gyroid_lines
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, rounded_width
 from tests.slower import examples
@@ -207,3 +208,110 @@ def test_an_open_region_of_a_head_is_refused() -> None:
     region = Region(Solid(SOLID.vertices, SOLID.faces[1:]), Filling(), 1)
     with pytest.raises(ToolpathError, match="region 0 can't be sliced"):
         planned(SOLID, [region])
+
+
+# Regions with their own infill: changes only inside the region and inside walls.
+
+OPTIONS_FRESH_REGIONS = FreshOptions(walls=1, filling=Filling(angles_deg=(0.0,)))
+SOLID_FRESH_REGIONS = as_solid(block(8, 4, 0.12))
+
+
+def ink(path, low, high):
+    """Ink written between two x, µL; each line shared by its length there."""
+    writes = path.kind == MoveKind.WRITE
+    a, b = path.start[writes, 0], path.end[writes, 0]
+    low_x, high_x = np.minimum(a, b), np.maximum(a, b)
+    inside = np.clip(np.minimum(high_x, high) - np.maximum(low_x, low), 0, None)
+    middle = (low < (a + b) / 2) & ((a + b) / 2 < high)
+    share = np.where(high_x > low_x, inside / np.maximum(high_x - low_x, 1e-12), middle)
+    return float((path.volume_ul[writes] * share).sum())
+
+
+def test_a_region_is_filled_by_its_own_density_and_the_rest_is_not():
+    half = Region(box((4, -1, -1), (9, 5, 1)), Filling("lines", 0.5, (0.0,)))
+    plain, changed = (
+        fresh_toolpath(SOLID_FRESH_REGIONS, OPTIONS_FRESH_REGIONS),
+        fresh_toolpath(SOLID_FRESH_REGIONS, OPTIONS_FRESH_REGIONS, [half]),
+    )
+    assert ink(changed, 1, 3.5) == pytest.approx(ink(plain, 1, 3.5), rel=0.01)
+    # Two walls across 4 mm stay; of the lines between them every other one, to one line.
+    walls = 2 * 0.15 / 4
+    share = ink(changed, 4.5, 7) / ink(plain, 4.5, 7)
+    assert share == pytest.approx(walls + (1 - walls) / 2, abs=0.15 / 4)
+
+
+def test_outside_the_region_s_height_nothing_changes():
+    low = Region(box((-1, -1, -1), (9, 5, 0.06)), Filling("lines", 0.0))
+    plain, changed = (
+        fresh_toolpath(SOLID_FRESH_REGIONS, OPTIONS_FRESH_REGIONS),
+        fresh_toolpath(SOLID_FRESH_REGIONS, OPTIONS_FRESH_REGIONS, [low]),
+    )
+    written = [
+        [path.volume_ul[(path.source == k) & (path.kind == MoveKind.WRITE)].sum() for k in (0, 1)]
+        for path in (plain, changed)
+    ]
+    assert written[1][0] < 0.2 * written[0][0]
+    assert written[1][1] == pytest.approx(written[0][1], rel=1e-9)
+
+
+def test_an_open_region_is_refused_by_number():
+    region = Region(Solid(SOLID_FRESH_REGIONS.vertices, SOLID_FRESH_REGIONS.faces[1:]), Filling())
+    with pytest.raises(ToolpathError, match=r"region 0 can't be sliced.*closed manifold"):
+        fresh_toolpath(SOLID_FRESH_REGIONS, OPTIONS_FRESH_REGIONS, [region])
+
+
+# Infill patterns: correct surface, requested density, inside the walls.
+
+SIDE_MM = 8.0
+
+
+def body(height: float = 1.2):
+    square = CrossSection.square((SIDE_MM, SIDE_MM))
+    return as_solid((square - CrossSection.circle(1.0, 64).translate((4, 4))).extrude(height))
+
+
+@given(z=st.floats(0, 3))
+@settings(max_examples=examples(60), deadline=None)
+def test_gyroid_lines_lie_on_the_gyroid_and_none_is_missing(z):
+    period = 1.5
+    low, high = np.array([-1.0, 0.3]), np.array([2.0, 2.9])
+    turn = 2 * np.pi / period
+
+    def height(x, y):
+        x, y, up = turn * x, turn * y, turn * z
+        return np.sin(x) * np.cos(y) + np.sin(y) * np.cos(up) + np.sin(up) * np.cos(x)
+
+    lines = gyroid_lines(low, high, z, period)
+    for line in lines:
+        assert np.abs(height(*line.T)).max() < 1e-9
+    # Between two places of unlike sign there is a line.
+    rng = np.random.default_rng(1)
+    from_, to = (low + rng.random((60, 2)) * (high - low) for _ in range(2))
+    drawn = shapely.multilinestrings([shapely.linestrings(line) for line in lines])
+    here, there = height(*from_.T), height(*to.T)
+    unlike = (here * there < 0) & (np.minimum(np.abs(here), np.abs(there)) > 0.1)
+    ways = shapely.linestrings(np.stack([from_, to], axis=1)[unlike])
+    assert shapely.intersects(drawn, ways).all()
+
+
+@pytest.mark.parametrize("infill", ["lines", "concentric", "gyroid"])
+@pytest.mark.parametrize("density", [0.15, 0.5])
+def test_infill_is_as_dense_as_asked(infill, density):
+    options = FreshOptions(filling=Filling(infill, density), walls=1)
+    plan = plan_fresh(body(), options)
+    section = SIDE_MM**2 - np.pi
+    # The wall's own ink, and the rest at the density asked for.
+    wall = 0.15 * (4 * (SIDE_MM - 0.15) + 2 * np.pi * 1.075)
+    expected = (wall + density * (section - wall)) * 1.2
+    assert plan.report.written_ul == pytest.approx(expected, rel=0.04)
+
+
+def test_solid_concentric_infill_leaves_little_bare():
+    report = plan_fresh(body(0.06), FreshOptions(filling=Filling("concentric"))).report
+    assert report.unfilled_fraction < 0.02
+    assert report.written_ul == pytest.approx(report.material_ul, rel=0.02)
+
+
+def test_a_solid_gyroid_is_refused():
+    with pytest.raises(ToolpathError, match=r"meet above 0\.7"):
+        Filling("gyroid", 1.0)

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from design.errors import ToolpathError
 from design.toolpath import MoveBuilder, MoveKind
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
+from design.toolpath.gcode.render import Table, render
 from firmware_profiles import Printer, Syringe, load
 from tests.design.toolpath.gcode_reader import Machine
 from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
+from tests.slower import examples
 
 PRINTER = load(Printer, "generic_marlin")
 SYRINGE = load(Syringe, "hamilton_1ml")
@@ -225,3 +230,87 @@ def test_flow_factor_drives_the_plunger_farther_and_changes_no_path():
     assert driven.position == plain.position
     with pytest.raises(ToolpathError, match="flow_factor"):
         GcodeOptions(flow_factor=0)
+
+
+# G-code text, digits and merging of moves, against slow oracles.
+
+DECIMALS = (3, 3, 4, 5, 3, 0)
+
+
+@settings(max_examples=examples(200))
+@given(st.lists(st.integers(-(10**12), 10**12), min_size=6, max_size=6), st.integers(0, 63))
+def test_text_is_the_exact_value_without_idle_digits(values, mask):
+    given_words = np.array([[bool(mask >> k & 1) for k in range(6)]])
+    none = np.array([-1])
+    table = Table(np.array([1]), np.array([values]), given_words, none, none)
+    text, longest = render(table, DECIMALS)
+    assert longest == len(text) - 1
+    words = text.decode().rstrip("\n").split(" ")
+    assert words[0] == "G1"
+    expected = {
+        letter: Fraction(value, 10**digits)
+        for letter, value, digits, there in zip(
+            "XYZEFP", values, DECIMALS, given_words[0], strict=True
+        )
+        if there
+    }
+    assert {word[0]: Fraction(word[1:]) for word in words[1:]} == expected
+    for word in words[1:]:
+        assert not ("." in word and word[-1] in "0.")
+        assert not word[1:].startswith(("00", "-00", ".", "-."))
+
+
+paths = st.lists(st.tuples(st.integers(-8, 8), st.integers(-8, 8)), min_size=1, max_size=60)
+
+
+# Start and end G-code of a job, for each firmware family.
+
+MARLIN = load(Printer, "generic_marlin")
+MODES = ["G21", "G90", "M82", "M220 S100", "M221 S100"]
+LINEAR = [*MODES, "M200 D0"]
+HEADERS = {
+    "marlin": ["M85 S600", *LINEAR, "M302 P1", "G92 X50 Y60 Z30 E0"],
+    "prusa": ["M85 S600", *LINEAR, "M302 S0", "G92 X50 Y60 Z30 E0"],
+    "reprapfirmware": [*LINEAR, "M302 P1", "G92 X50 Y60 Z30 E0"],
+    "klipper": [
+        "SET_IDLE_TIMEOUT TIMEOUT=600",
+        *MODES,
+        "SET_GCODE_OFFSET X=0 Y=0 Z=0",
+        "SET_KINEMATIC_POSITION X=50.000 Y=60.000 Z=30.0000",
+        "G92 E0",
+    ],
+}
+
+
+def of(firmware: str, **more: object) -> Printer:
+    return MARLIN.model_copy(update={"firmware": firmware, **more})
+
+
+def lines_of(printer: Printer, options: GcodeOptions) -> list[str]:
+    toolpath = fresh_toolpath(as_solid(block(2, 2, 0.12)), FreshOptions())
+    gcode = write_gcode(toolpath, printer, load(Syringe, "hamilton_1ml"), (60, 70, 20), options)
+    lines = gcode.data.decode().split("\n")[:-1]
+    assert len(lines) == len(gcode.line_source) == len(gcode.line_move)
+    return lines
+
+
+@pytest.mark.parametrize("firmware", sorted(HEADERS))
+def test_header_and_footer_are_the_family_s_own(firmware: str) -> None:
+    lines = lines_of(of(firmware), GcodeOptions(start_mm=(50.0, 60.0, 30.0)))
+    header = HEADERS[firmware]
+    assert lines[: len(header)] == header
+    assert lines[len(header)].startswith("G0")
+    assert lines[-1] == "M400"
+
+
+@pytest.mark.parametrize("firmware", sorted(HEADERS))
+def test_between_header_and_footer_all_families_read_the_same(firmware: str) -> None:
+    options = GcodeOptions(start_mm=(50.0, 60.0, 30.0))
+    body = lines_of(of(firmware), options)[len(HEADERS[firmware]) : -1]
+    assert body == lines_of(MARLIN, options)[len(HEADERS["marlin"]) : -1]
+
+
+def test_an_unknown_start_isn_t_declared_to_klipper() -> None:
+    lines = lines_of(of("klipper"), GcodeOptions())
+    assert not any(line.startswith("SET_KINEMATIC") for line in lines)
+    assert lines[7] == "G92 E0"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
+from benchmarks.paper_places import cases_of, compare
 from design.errors import GrowthError, TissueError
 from design.geometry import build_triangle_tree, nearest_distances
 from design.tissue import annulus, block, folded_cortex, load_tissue
@@ -18,7 +19,7 @@ from design.vasculature import (
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import KeptTissues, kept_tissue
 from tests.design.vasculature import oracles
-from tests.slower import first_of
+from tests.slower import first_of, first_rows
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
 
@@ -264,3 +265,98 @@ def test_one_terminal_ends_in_the_middle_of_what_it_supplies(tissues):
     part = np.linspace(0.1, 1.0, 50)[:, None]
     way = ring.proximal[0] + part * (ring.distal[0] - ring.proximal[0])
     assert tissues["torus"].contains(way).all()
+
+
+# Accuracy of the chosen bifurcation by tree depth, as in the paper's figure 2C.
+
+
+def grown(terminals):
+    return grow_tree(kept_tissue(block((10.0, 10.0, 10.0))), GrowthOptions(terminals=terminals))
+
+
+@pytest.fixture(scope="module")
+def measured():
+    tree = grown(1500)
+    cases, depth = cases_of(tree, 20)
+    return next(compare(tree, cases))[1], depth
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("low", "high", "median"), first_rows([(1, 6, 60), (6, 12, 90), (12, 99, 95)])
+)
+def test_chosen_bifurcation_gains_most_of_what_a_fine_search_does(measured, low, high, median):
+    accuracy, depth = measured
+    there = accuracy[(depth >= low) & (depth < high)]
+    assert len(there) > 20
+    assert accuracy.max() <= 100 + 1e-3
+    assert np.median(there) >= median
+
+
+# Limits on branching angles and flow split, in finished trees.
+
+LIMITS = (
+    {"branch_angle_degrees": (45.0, 90.0)},
+    {"turn_angle_degrees": (0.0, 60.0)},
+    {"turn_angle_degrees": (10.0, 90.0)},
+    {"flow_ratio": 0.2},
+    {"branch_angle_degrees": (30.0, 140.0), "turn_angle_degrees": (0.0, 80.0), "flow_ratio": 0.05},
+)
+
+
+@pytest.fixture(scope="module")
+def tissues_limits():
+    shapes = {"block": lambda: block((20, 16, 12)), "annulus": lambda: annulus(30, 20, 6)}
+    return KeptTissues(shapes)
+
+
+def check_limits(tree, limits):
+    branch, turn, ratio = oracles.joints(tree)
+    low, high = limits.get("branch_angle_degrees", (0, 180))
+    assert branch.min() >= low - 1e-4
+    assert branch.max() <= high + 1e-4
+    low, high = limits.get("turn_angle_degrees", (0, 180))
+    assert turn.min() >= low - 1e-4
+    assert turn.max() <= high + 1e-4
+    assert ratio.min() >= limits.get("flow_ratio", 0) - 1e-9
+
+
+@pytest.mark.parametrize("name", ["block", "annulus"])
+@pytest.mark.parametrize("limits", LIMITS)
+@pytest.mark.parametrize("seed", first_of(range(3)))
+def test_every_joint_keeps_the_limits(tissues_limits, name, limits, seed):
+    options = GrowthOptions(terminals=120, seed=seed, clearance_mm=0.02, **limits)
+    tree = grow_tree(tissues_limits[name], options)
+    assert (tree.children[:, 0] < 0).sum() == 120
+    check_limits(tree, limits)
+
+
+def test_a_free_tree_breaks_all_of_them(tissues_limits):
+    branch, turn, ratio = oracles.joints(
+        grow_tree(tissues_limits["block"], GrowthOptions(terminals=120))
+    )
+    assert branch.min() < 45
+    assert branch.max() > 90
+    assert turn.max() > 90
+    assert turn.min() < 10
+    assert ratio.min() < 0.05
+
+
+def test_printable_tree_keeps_them_through_pruning_and_new_tips(tissues_limits):
+    limits = {"branch_angle_degrees": (30.0, 120.0), "turn_angle_degrees": (0.0, 85.0)}
+    options = GrowthOptions(terminals=100, smallest_radius_mm=0.08, clearance_mm=0.08, **limits)
+    check_limits(grow_tree(tissues_limits["block"], options), limits)
+
+
+@pytest.mark.slow
+def test_limits_that_leave_no_tree_are_told(tissues_limits):
+    options = GrowthOptions(terminals=60, branch_angle_degrees=(170.0, 175.0))
+    with pytest.raises(GrowthError):
+        grow_tree(tissues_limits["block"], options, attempts=1)
+
+
+@pytest.mark.parametrize("name", ["branch_angle_degrees", "turn_angle_degrees"])
+@pytest.mark.parametrize("value", [(90.0, 30.0), (-5.0, 30.0), (0.0, 190.0), (0.0,)])
+def test_impossible_angles_are_refused(name, value):
+    with pytest.raises(GrowthError, match=f"{name} is .*least and a greatest angle"):
+        GrowthOptions(**{name: value})

@@ -8,20 +8,24 @@ import numpy as np
 import pytest
 from manifold3d import Manifold
 
-from design.errors import TissueError
-from design.tissue import depth_demand, function_demand, part_demands, parts_of
+from design.errors import GrowthError, TissueError
+from design.tissue import block, depth_demand, function_demand, part_demands, parts_of
 from design.tissue.manifolds import surface_of
 from design.vasculature import (
+    DepthPenalty,
     GrowthOptions,
     Inlet,
     check_supply,
     grow_parts,
     grow_tree,
     parts_to_network,
+    supply_balance,
     terminals_of,
+    tree_radii,
 )
 from design.vasculature.growth.unreached import unreached
 from tests.design.tissue.kept import kept_tissue
+from tests.design.vasculature import oracles
 
 OPTIONS = GrowthOptions(terminals=60)
 LARGE = Manifold.cube((10.0, 10.0, 10.0))
@@ -108,3 +112,119 @@ def test_terminals_as_far_apart_as_demand_asks_for_reach_all(by_demand):
         uneven = function_demand(tissue, lambda points: np.where(points[:, 0] < 32, 1.0, 1 / 64))
         tissue = replace(tissue, demand=uneven)
     assert (unreached(tissue, ends) == ()) == by_demand
+
+
+# Terminals and flows distributed by the tissue's demand.
+
+SIZE = (20.0, 16.0, 12.0)
+
+
+@pytest.fixture(scope="module")
+def even():
+    shape = block(SIZE)
+    return kept_tissue(shape)
+
+
+@pytest.fixture(scope="module")
+def uneven(even):
+    """The half of small x asks for four times as much."""
+    return replace(even, demand=function_demand(even, lambda p: np.where(p[:, 0] < 10, 4.0, 1.0)))
+
+
+def tips_of(tree):
+    return tree.distal[tree.children[:, 0] < 0]
+
+
+def tip_flows(tree):
+    return tree.flow_ul_s[tree.children[:, 0] < 0]
+
+
+def test_terminals_are_denser_where_demand_is_higher(even, uneven):
+    options = GrowthOptions(terminals=500)
+    rich = (tips_of(grow_tree(uneven, options))[:, 0] < 10).mean()
+    plain = (tips_of(grow_tree(even, options))[:, 0] < 10).mean()
+    assert rich == pytest.approx(0.8, abs=0.05)
+    assert plain == pytest.approx(0.5, abs=0.05)
+
+
+def test_demand_is_ignored_where_the_user_says_so(even, uneven):
+    options = GrowthOptions(terminals=200, follow_demand=False)
+    one, two = grow_tree(even, options), grow_tree(uneven, options)
+    np.testing.assert_array_equal(one.distal, two.distal)
+
+
+def test_balance_is_better_where_growth_follows_demand(uneven):
+    spread = [
+        supply_balance(uneven, tips_of(tree), tip_flows(tree)).spread
+        for tree in (
+            grow_tree(uneven, GrowthOptions(terminals=400, follow_demand=False)),
+            grow_tree(uneven, GrowthOptions(terminals=400)),
+            grow_tree(uneven, GrowthOptions(terminals=400, terminal_flow="demand")),
+        )
+    ]
+    assert spread[2] < 0.05 < spread[1] < 0.7 * spread[0]
+
+
+def test_flows_by_demand_are_what_an_independent_solver_finds(uneven):
+    options = GrowthOptions(terminals=300, terminal_flow="demand", clearance_mm=0.02)
+    tree = grow_tree(uneven, options)
+    flows = oracles.terminal_flows(tree, tree_radii(tree))
+    np.testing.assert_allclose(flows, tip_flows(tree), rtol=1e-9)
+    assert flows.sum() == pytest.approx(options.flow_ul_s(uneven.volume_mm3))
+    assert np.ptp(flows) > 2 * flows.mean()
+
+
+# Position penalty on branch points.
+
+
+@pytest.fixture(scope="module")
+def box():
+    shape = block((20.0, 16.0, 12.0))
+    return kept_tissue(shape)
+
+
+def joints_of(tree):
+    inner = tree.children[:, 0] >= 0
+    # The stem's end is where the root's place puts it.
+    inner[0] = False
+    return tree.distal[inner]
+
+
+def test_branch_points_keep_away_from_the_surface(box):
+    depth = [
+        -box.grid.distance(joints_of(grow_tree(box, GrowthOptions(terminals=200, penalty=penalty))))
+        for penalty in (None, DepthPenalty((0.0, 2.0), (5.0, 1.0)))
+    ]
+    assert np.percentile(depth[0], 20) < 1.6
+    assert np.percentile(depth[1], 5) > 1.8
+
+
+def test_branch_points_keep_to_a_region_given_by_a_function(box):
+    options = GrowthOptions(terminals=200, penalty=lambda p: np.where(p[:, 0] > 10.0, 2.0, 1.0))
+    beyond = [
+        (joints_of(grow_tree(box, o))[:, 0] > 10.5).mean()
+        for o in (GrowthOptions(terminals=200), options)
+    ]
+    assert beyond[0] > 0.4
+    # Where nothing else fits they still go beyond.
+    assert beyond[1] < 0.6 * beyond[0]
+
+
+@pytest.mark.parametrize(
+    ("depth", "factor", "message"),
+    [
+        ((0.0, 1.0), (1.0,), "2 depths and 1 factors"),
+        ((1.0, 0.5), (1.0, 2.0), "doesn't ascend"),
+        ((0.0, 1.0), (1.0, 0.0), "factor of 0"),
+    ],
+)
+def test_impossible_tables_are_refused(depth, factor, message):
+    with pytest.raises(GrowthError, match=message):
+        DepthPenalty(depth, factor)
+
+
+def test_impossible_functions_are_refused(box):
+    with pytest.raises(GrowthError, match="factor of -1"):
+        grow_tree(box, GrowthOptions(terminals=5, penalty=lambda p: np.full(len(p), -1.0)))
+    with pytest.raises(GrowthError, match="shape"):
+        grow_tree(box, GrowthOptions(terminals=5, penalty=lambda p: p))

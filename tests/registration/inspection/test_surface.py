@@ -7,12 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.checkers.profiler_painter import Kind, profiled
+from benchmarks.checkers.profiler_painter import Bare, Kind, Profiled, profiled
 from benchmarks.observe_laser import expected, look, planted
 from kernels.arrays import FloatArray
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
-from registration.inspection import LayerFindings, Surface, Unseen, surface_of
+from registration.inspection import (
+    ExpectedLines,
+    LayerFindings,
+    Surface,
+    Unseen,
+    better_turned,
+    see_layer,
+    surface_of,
+)
+from registration.inspection.heights.lost_rows import gone_mm2, lost_rows
+from registration.inspection.heights.moved_part import is_in_place
+from registration.inspection.heights.sunk import lifted
+from registration.inspection.options import IN_PART
+from registration.inspection.values import FloatImage
 
 KINDS: tuple[Kind, ...] = ("plate", "lattice", "solid")
 
@@ -134,3 +147,190 @@ def test_a_tilt_and_bow_of_more_than_a_layer_are_taken_out(kind: Kind, seed: int
     assert sound.gaps == ()
     assert sound.seen_share > 0.8
     assert len(broken.gaps) == 1
+
+
+# Blobs on a layer's lines, as a profiler's map shows them.
+
+
+def _with_blobs(
+    map_: Profiled, lines: tuple[int, ...], high: float, size: float
+) -> tuple[LayerFindings, list[FloatArray]]:
+    """A look at domes in the middle of lines, so many layers high and widths across; middles."""
+    heights, middles = map_.heights, list[FloatArray]()
+    rows, columns = np.indices(heights.shape)
+    for k in np.flatnonzero(map_.layer == map_.layer.max())[list(lines)]:
+        middle = 0.5 * (map_.start[k] + map_.end[k])
+        column, row = (map_.to_map[:2, :3] @ middle + map_.to_map[:2, 3]) / map_.px
+        away = 2.0 * np.hypot(rows - row, columns - column) * map_.px / map_.width / size
+        dome = high * map_.thickness * np.sqrt(np.clip(1.0 - away**2, 0.0, None))
+        top = middle[2] + map_.to_map[2, 3]
+        heights = np.where(away < 1.0, np.fmax(heights, top + dome), heights)
+        middles.append(middle[:2])
+    return look(replace(map_, heights=heights.astype(np.float32))), middles
+
+
+@pytest.mark.parametrize("kind", ["plate", "lattice", "solid"])
+def test_a_blob_on_a_line_is_told_by_place_width_and_height(kind: Kind) -> None:
+    map_ = profiled(2, kind)
+    found, (middle,) = _with_blobs(map_, (3,), 1.2, 1.6)
+    (blob,) = found.blobs
+    assert blob.at_mm == pytest.approx(tuple(middle), abs=0.3 * map_.width)
+    assert blob.height_mm == pytest.approx(1.1 * map_.thickness, abs=0.25 * map_.thickness)
+    assert blob.width_mm == pytest.approx(1.5 * map_.width, abs=0.4 * map_.width)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_low_broad_blobs_dont_hide_a_layer(seed: int) -> None:
+    """Their slopes aren't the scatter of sound ink."""
+    found, _ = _with_blobs(profiled(seed, "solid"), (2, 6, 10), 0.6, 5.0)
+    assert found.seen_share > 0.8
+    assert found.blobs
+
+
+# Rows that a height map lacks, by an earlier map of the same place.
+
+_CELL = (0.02, 0.02)
+
+
+def _two(seed: int) -> tuple[FloatImage, FloatImage]:
+    """Two maps of one lattice, of other noise."""
+    map_ = profiled(seed, "lattice", size=4.0, px=0.02)
+    noise = np.random.default_rng(seed).normal(0.0, 0.004, (2, *map_.heights.shape))
+    first, second = map_.heights + noise
+    return first.astype(np.float32), second.astype(np.float32)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_rows_lost_in_the_middle_are_told_by_size_and_place(axis: int) -> None:
+    now, last = _two(3)
+    short = np.delete(now, slice(150, 165), axis=axis)
+    lost = lost_rows(short, last, np.ones(last.shape, np.bool_), _CELL)
+    assert lost[axis] == 15
+    assert lost[1 - axis] == 0
+
+
+def test_a_whole_map_and_one_that_ended_early_lack_nothing_between() -> None:
+    now, last = _two(3)
+    still = np.ones(last.shape, np.bool_)
+    assert lost_rows(now, last, still, _CELL) == (0, 0)
+    assert lost_rows(now[:-15], last, still, _CELL) == (0, 0)
+    assert lost_rows(now[:, :-15], last, still, _CELL) == (0, 0)
+    assert lost_rows(now[:-3], last, still, _CELL) == (0, 0)  # 60 µm
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_rows_that_were_lost_and_filled_up_are_told_by_what_is_gone(axis: int) -> None:
+    now, last = _two(3)
+    short = np.delete(now, slice(80, 92), axis=axis)
+    end = np.take(short, range(-12, 0), axis=axis)
+    filled = np.concatenate([short, end], axis=axis)
+    stretched = np.take(short, np.linspace(0, short.shape[axis] - 1, 200).round().astype(int), axis)
+    assert gone_mm2(now - last, 0.1, _CELL) == 0.0
+    assert gone_mm2(filled[:200, :200] - last[:200, :200], 0.1, _CELL) > 0.3
+    whole = np.take(now, range(200), axis=axis)
+    assert gone_mm2(stretched - np.take(last, range(200), axis=axis), 0.1, _CELL) > 0.3
+    assert gone_mm2(whole - np.take(last, range(200), axis=axis), 0.1, _CELL) == 0.0
+
+
+# Ink on ground that sank is judged by its rise over that.
+
+
+def _looks(
+    kind: Kind,
+    seed: int,
+    sunk: float,
+    bare: tuple[Bare, ...] = (),
+    lost: slice | None = None,
+) -> tuple[LayerFindings, LayerFindings, float]:
+    """Looks without and with the last map, in a hollow so many layers deep; how deep it is told."""
+    map_ = profiled(seed, kind, bare)
+    lines, thick = expected(map_), map_.thickness
+    y, x = (2.5 * one / len(map_.heights) - 1.25 for one in np.indices(map_.heights.shape))
+    hollow = sunk * thick * np.exp(-((x**2 + y**2) ** 2))
+    ink = map_.surface > (map_.layer.max() + 0.5) * thick
+    rise = np.where(np.isfinite(map_.heights), thick * ink, np.nan).astype(np.float32)
+    if lost is not None:
+        rise[lost] = np.nan
+    at = HeightMap((map_.heights - hollow).astype(np.float32), (map_.px, map_.px))
+    surface = surface_of(at, map_.to_map, map_.middle_z, thick, lines)
+    raised, told = lifted(
+        surface.picture, surface.hidden, rise, thick, map_.width / map_.px
+    )  # fmt: skip
+    plain, by_rise = (
+        see_layer(one, surface.frame, lines, hidden=surface.hidden, thickness_mm=thick)
+        for one in (surface.picture, raised)
+    )
+    return plain, by_rise, told / thick
+
+
+@pytest.mark.parametrize("kind", ["solid", "lattice"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_sound_ink_in_a_hollow_is_seen_and_not_faulted(kind: Kind, seed: int) -> None:
+    plain, by_rise, told = _looks(kind, seed, 0.9)
+    assert plain.gaps or plain.seen_share < 0.7
+    assert by_rise.gaps == ()
+    assert by_rise.seen_share > 0.8
+    assert 0.7 < told < 1.2
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_gap_in_a_hollow_remains_one(seed: int) -> None:
+    _, by_rise, _ = _looks("solid", seed, 0.9, ((5, 2.0, 3.0),))
+    (gap,) = by_rise.gaps
+    assert gap.length_mm == pytest.approx(1.0, abs=0.3)
+
+
+def test_a_line_that_the_last_map_lost_isnt_taken_for_missing() -> None:
+    middle = len(profiled(1, "solid").heights) // 2
+    _, by_rise, _ = _looks("solid", 1, 0.9, lost=slice(middle - 25, middle + 25))
+    assert by_rise.gaps == ()
+    assert by_rise.seen_share > 0.8
+
+
+# Height maps of which one end lies moved against the other.
+
+
+def _surface(
+    kind: Kind, seed: int, lost: slice | None, axis: int = 0, bare: bool = False
+) -> tuple[Surface, ExpectedLines]:
+    map_ = profiled(seed, kind, ((0, 0.0, 20.0),) if bare else ())
+    lines = expected(map_)
+    heights: FloatImage = map_.heights
+    if lost is not None:
+        heights = np.delete(heights, lost, axis=axis)
+    height_map = HeightMap(heights, (map_.px, map_.px))
+    return surface_of(height_map, map_.to_map, map_.middle_z, map_.thickness, lines), lines
+
+
+def _told(
+    kind: Kind, seed: int, lost: slice | None, axis: int = 0, bare: bool = False
+) -> str | None:
+    surface, lines = _surface(kind, seed, lost, axis, bare)
+    return better_turned(surface.picture, surface.frame, lines)
+
+
+@pytest.mark.parametrize("kind", ["plate", "lattice", "solid"])
+def test_a_sound_map_is_of_one_piece(kind: Kind) -> None:
+    assert _told(kind, 4, None) is None
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_map_that_lacks_its_middle_rows_is_told(seed: int) -> None:
+    """Lines that run across the lost rows show it; those along them only end early."""
+    middle = len(profiled(seed, "plate").heights) // 2
+    lost = slice(middle, middle + 10)  # less than a pitch
+    told = [one for axis in (0, 1) if (one := _told("plate", seed, lost, axis))]
+    assert told
+    assert all(one.endswith(IN_PART) for one in told)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 4, 7])
+def test_ink_tells_that_both_ends_of_a_map_lie_in_place_or_not(seed: int) -> None:
+    """A whole line that is missing at a rim looks like lost rows."""
+    whole, lines = _surface("plate", seed, None)
+    assert is_in_place(whole.picture, whole.frame, lines)
+    middle = len(profiled(seed, "plate").heights) // 2
+    lost = slice(middle, middle + 10)
+    for other in ((lost, 0, False), (lost, 1, False), (None, 0, True)):
+        found, _ = _surface("plate", seed, *other)
+        assert not is_in_place(found.picture, found.frame, lines)

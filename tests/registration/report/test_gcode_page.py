@@ -14,6 +14,7 @@ from registration.report.gcode import (
     Act,
     GcodePage,
     Layers,
+    design_outline,
     draw_layer,
     write_gcode_html,
 )
@@ -22,6 +23,7 @@ from registration.report.gcode import page as page_module
 from registration.report.gcode.bands import band_outlines
 from registration.report.gcode.chunks import pack_job
 from registration.report.gcode.colouring import colourings
+from registration.report.gcode.part_outline import REACH_MM
 from tests.slower import first_of
 
 from .gcode_sample import WRITE, layered_job, make_job
@@ -156,3 +158,34 @@ def test_picture_of_a_layer_has_the_size_that_is_asked_for(key):
     # Ten times as wide as high, which is more than a picture follows.
     assert image.size == (520, round(520 * (0.70 * 0.2 + 0.1924)))
     assert image.mode == "P"
+
+
+# Excess of printed lines over the design's outline.
+
+BOX = np.array([[0.0, 0.7], [10, 0.7], [10, 2.3], [0, 2.3]])
+"""Around the lines at y = 1 and 2, which are 0.5 mm wide."""
+
+
+def test_ink_beyond_the_outline_counts_above_nought_and_short_of_it_below() -> None:
+    shifted = BOX + [0.0, 0.1]
+    found = design_outline(layered_job(), 0, [shifted])
+    (ring,), (beyond,) = found.rings, found.beyond_mm
+    middle = 0.5 * (ring[1:] + ring[:-1])
+    inner = (middle[:, 0] > 0.5) & (middle[:, 0] < 9.5)
+    assert beyond[inner & (middle[:, 1] < 1)] == pytest.approx(0.05)
+    assert beyond[inner & (middle[:, 1] > 2)] == pytest.approx(-0.15)
+    assert np.linalg.norm(np.diff(ring, axis=0), axis=1).max() < 0.0301
+
+
+def test_an_outline_without_ink_near_is_as_short_as_can_be() -> None:
+    found = design_outline(layered_job(), 1, [BOX + [0.0, 30.0]])
+    assert (found.beyond_mm[0] == -REACH_MM).all()
+
+
+def test_the_picture_shows_where_ink_is_missing() -> None:
+    job = layered_job()
+    colouring = colourings(job)[0]
+    plain = draw_layer(job, 0, colouring, 400, False)
+    near = draw_layer(job, 0, colouring, 400, False, design_outline(job, 0, [BOX]))
+    off = draw_layer(job, 0, colouring, 400, False, design_outline(job, 0, [BOX + [0.0, 0.1]]))
+    assert len({plain, near, off}) == 3

@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import base64
 import hashlib
 import json
@@ -11,9 +13,10 @@ import pytest
 from lxml import html
 from matplotlib import rcParams
 
-from registration.report import ReportSurface, write_report_html
+from registration.report import ReportSurface, network_page, write_report_html
 from registration.report.gcode import layer_figure
 from registration.report.gcode.colouring import colourings
+from registration.report.wording import label_and_unit, number
 
 from .gcode_sample import layered_job
 from .sample import block_surface, deviation_surface, planar_network, sample_data
@@ -212,3 +215,48 @@ def test_looks_stand_beside_the_final_scan_and_those_that_disagree_first(tmp_pat
     assert (second[0], second[-2:]) == ("1", ["yes", "look: whole; scan: whole"])
     assert "16.3" in first
     assert "Looks held against the final scan" in words(page)
+
+
+# Shared parts of pages and figures: head, scripts, small multiples, caching.
+
+TEMPLATES = Path(network_page.__file__).parent / "templates"
+PAGES = ("comparison", "dye", "gcode", "network", "overlay", "report")
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_page_has_the_shared_head_and_no_other(name: str) -> None:
+    text = (TEMPLATES / f"{name}.html").read_text(encoding="utf-8")
+    assert text.count('{% include "head.html" %}') == 1
+    assert "<meta" not in text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"), (math.nan, "–"), (math.inf, "–"), (True, "–"), (0, "0"), (0.0, "0"),
+        (-3, "\u22123"), (123456, "123\u202f456"), (12.3456, "12.35"), (0.00123456, "0.001235"),
+        (-0.5, "\u22120.5"), (1234567.0, "1\u202f234\u202f567"), (2.5e-7, "2.500·10⁻⁷"),
+        (1e12, "1.000·10¹²"),
+    ],
+)  # fmt: skip
+def test_numbers(value: Any, text: str) -> None:
+    assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("key", "expected"),
+    [
+        ("inlet_flow_ml_min", ("Inlet flow", "mL/min")),
+        ("diameter_min_mm", ("Diameter min.", "mm")),
+        ("wall_shear_max_pa", ("Wall shear max.", "Pa")),
+        ("p95_um", ("95th percentile", "µm")),
+        ("duration_s", ("Duration", "s")),
+        ("volume_mm3", ("Volume", "mm³")),
+        ("layers", ("Layers", "")),
+        ("resistance_pa_s_ul", ("Resistance", "Pa·s/µL")),
+        ("vessels_per_mm2", ("Vessels", "1/mm²")),
+        ("within_200_um_of_a_lumen_percent", ("Within 200 µm of a lumen", "%")),
+    ],
+)
+def test_labels_and_units_come_from_the_key(key: str, expected: tuple[str, str]) -> None:
+    assert label_and_unit(key) == expected

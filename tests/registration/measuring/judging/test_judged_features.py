@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from registration.measuring.judging import Tolerances, VesselLimits, judge, judge_plain, reason
+from printctl.pipeline.verdict import verdict
+from printctl.recipe.tolerances import TolerancesPart
+from registration.measuring.judging import (
+    Rule,
+    Tolerances,
+    VesselLimits,
+    judge,
+    judge_plain,
+    reason,
+)
 from tests.registration.measuring.judging.registered import change, registration, vessel
 
 SURE = 8.0
@@ -90,3 +101,109 @@ def test_a_leak_fails_where_none_is_allowed() -> None:
         registration(vessel(0, np.zeros(20), u_um=SURE), defects=[leak]), 100.0, 10.0
     )
     assert [d["decision"] for d in found["findings"]] == ["fail"]
+
+
+# Doubtful pose: no decision says fail.
+
+DOUBTFUL = {"flag": True, "rivals": [{"lead": 1.1, "same": False}]}
+SYMMETRIC = {"flag": True, "rivals": [{"lead": 1.0, "same": True}]}
+
+
+def bad(ambiguity: dict[str, Any]) -> dict[str, Any]:
+    """Return a judged print with a failed diameter, a closure and a leak, and a sound vessel."""
+    leak = change(0, 1.0, 1.2) | {"kind": "leak", "size_um": 200.0}
+    gone = change(1, 0.0, 2.4) | {"kind": "missing", "size_um": 500.0}
+    rows = [
+        vessel(0, np.full(20, -150.0), u_um=8.0),
+        vessel(1, np.full(20, -500.0), open=False),
+        vessel(2, np.zeros(20), u_um=8.0),
+    ]
+    zone = {
+        "name": "face", "vessel": None, "feature": "face +z", "characteristic": "profile",
+        "zone_um": 300.0, "interval_95_um": [290.0, 310.0], "seen_fraction": 1.0, "note": "",
+    }  # fmt: skip
+    numbers = registration(
+        *rows, defects=[leak, gone], ambiguity=ambiguity, scaled={"rms_um": 300.0},
+        characteristics=[zone],
+    )  # fmt: skip
+    return judge(numbers, Tolerances(VesselLimits(), face_profile_um=50.0))
+
+
+def decisions(found: dict[str, Any]) -> dict[str, list[str]]:
+    judging, rows = found["judging"], found["vessels"]
+    return {
+        "print": [judging["decision"]],
+        **{
+            key: [one["decision"] for one in found[key]]
+            for key in ("vessels", "findings", "defects", "characteristics")
+        },
+        "features": [one["decision"] for one in judging["features"]],
+        "sections": [one for row in rows for one in row["decision_along"]],
+    }
+
+
+def test_nothing_fails_and_what_would_is_undecided() -> None:
+    sure, doubtful = decisions(bad({"flag": False})), decisions(bad(DOUBTFUL))
+    for key, before in sure.items():
+        assert "fail" in before, key
+        assert doubtful[key] == ["undecided" if one == "fail" else one for one in before], key
+
+
+def test_a_symmetric_part_fails_whichever_way_it_lies() -> None:
+    assert decisions(bad(SYMMETRIC)) == decisions(bad({"flag": False}))
+
+
+def test_a_sound_print_in_a_doubtful_pose_isnt_a_pass() -> None:
+    numbers = registration(vessel(0, np.zeros(20), u_um=8.0), ambiguity=DOUBTFUL)
+    found = judge_plain(numbers, 100.0, 10.0)
+    assert found["judging"]["decision"] == "undecided"
+    assert found["vessels"][0]["decision"] == "pass"
+
+
+# Decisions on geometric characteristics.
+
+
+def row(name: str, low: float, high: float, **more: Any) -> dict[str, Any]:
+    return {
+        "name": name, "characteristic": "position of the axis", "feature": "vessel 0", "vessel": 0,
+        "zone_um": (low + high) / 2, "interval_95_um": [low, high], "seen_fraction": 1.0,
+        "note": "", **more,
+    }  # fmt: skip
+
+
+def judged(*rows: dict[str, Any], **limits: Any) -> dict[str, Any]:
+    numbers = registration(vessel(0, np.zeros(20)), characteristics=list(rows))
+    return judge(numbers, TolerancesPart.model_validate(limits).tolerances(100.0, 10.0, Rule()))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "decision"), [(10, 40, "pass"), (30, 60, "undecided"), (70, 90, "fail")]
+)
+def test_a_zone_is_decided_by_its_interval(low: float, high: float, decision: str) -> None:
+    found = judged(row("axis", low, high), position_um=50)
+    assert found["characteristics"][0]["decision"] == decision
+    assert found["vessels"][0]["decision"] == decision
+
+
+def test_what_is_not_defined_is_not_judged_and_what_is_not_known_is_undecided() -> None:
+    none = {"zone_um": None, "interval_95_um": [None, None]}
+    curved = row("cylindricity", 0, 0, **none | {"note": "not defined: the design is curved"})
+    unseen = row("cylindricity", 0, 0, **none | {"note": "too few whole sections were measured"})
+    found = judged(curved, unseen, cylindricity_um=20)["characteristics"]
+    assert [one["decision"] for one in found] == [None, "undecided"]
+
+
+def test_a_face_that_was_seen_in_part_is_no_pass() -> None:
+    face = row("face", 5, 20, vessel=None, feature="face +x", seen_fraction=0.6)
+    found = judged(face, face_profile_um=50)
+    assert found["characteristics"][0]["decision"] == "undecided"
+    assert any("Face +x" in text for text in verdict(found)["reasons"])
+    assert any("not all of it was seen" in text for text in verdict(found)["reasons"])
+
+
+def test_a_fail_is_among_the_verdicts_reasons() -> None:
+    reasons = verdict(judged(row("axis", 70, 90), position_um=50))["reasons"]
+    assert reasons[0] == (
+        "Vessel 0: position of the axis 80 µm (70 to 90 µm, 95 %), limit at most 50 µm: "
+        "proven beyond it"
+    )
