@@ -71,9 +71,7 @@ def changed(model: type[Facts], name: str, **changes: Any) -> Facts:
         (Bath, "gelatin_support", {"max_printing_c": 37}, "max_printing_c", "37 °C isn't below"),
     ],
 )
-def test_a_contradiction_is_named_with_key_and_values(
-    model: type[Facts], name: str, changes: dict[str, Any], key: str, says: str
-) -> None:
+def test_a_contradiction_is_named_with_key_and_values(model, name, changes, key, says):
     grave = [
         doubt for doubt in profile_doubts(changed(model, name, **changes), SYRINGES) if doubt.grave
     ]

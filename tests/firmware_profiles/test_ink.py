@@ -122,9 +122,7 @@ def by_rings(fluid: Ink, stress_pa: float, bore_mm: float) -> float:
 
 @given(st.floats(0.1, 200), st.floats(0.15, 1.5), st.floats(0, 300), st.floats(0.05, 1.0))
 @settings(max_examples=examples(40), deadline=None)
-def test_flow_is_that_of_its_velocity_profile(
-    consistency: float, index: float, yield_stress: float, flow: float
-) -> None:
+def test_flow_is_that_of_its_velocity_profile(consistency, index, yield_stress, flow):
     fluid = ink(consistency, index, yield_stress)
     stress = wall_stress_pa(fluid, NEEDLE_RHEOLOGY.inner_mm, flow)
     assert stress > yield_stress
@@ -133,9 +131,7 @@ def test_flow_is_that_of_its_velocity_profile(
 
 @given(st.floats(0.01, 500), st.floats(0.06, 1.5), st.floats(0, 1000), st.floats(1e-5, 100))
 @settings(max_examples=examples(200), deadline=None)
-def test_pressure_and_flow_are_each_other_s_inverse(
-    consistency: float, index: float, yield_stress: float, flow: float
-) -> None:
+def test_pressure_and_flow_are_each_other_s_inverse(consistency, index, yield_stress, flow):
     fluid = ink(consistency, index, yield_stress)
     pressure = pressure_pa(fluid, NEEDLE_RHEOLOGY, flow)
     assert flow_ul_s(fluid, NEEDLE_RHEOLOGY, pressure * (1 + 1e-12)) >= flow * (1 - 1e-6)

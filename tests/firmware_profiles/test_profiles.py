@@ -54,9 +54,7 @@ def _needle(tmp_path: Path, **changes: object) -> str:
         ({"inner_mm": True}, "inner_mm must be a number"),
     ],
 )
-def test_wrong_value_is_refused_with_its_key(
-    tmp_path: Path, changes: dict[str, object], message: str
-) -> None:
+def test_wrong_value_is_refused_with_its_key(tmp_path, changes, message):
     with pytest.raises(ProfileError, match=message):
         load(Needle, _needle(tmp_path, **changes))
 
@@ -144,9 +142,7 @@ def test_missing_key_is_told_in_one_sentence(tmp_path: Path, key: str, said: str
         ("", f"note: {'x' * 200}", "c.yaml: note is no key here (is 'xxx"),
     ],
 )
-def test_wrong_key_is_told_short_and_without_the_checker_s_own_words(
-    tmp_path: Path, without: str, add: str, said: str
-) -> None:
+def test_wrong_key_is_told_short_and_without_the_checker_s_own_words(tmp_path, without, add, said):
     found = _refusal(_printer(tmp_path, without, add=add))
     assert found.startswith(said)
     assert "Value error" not in found

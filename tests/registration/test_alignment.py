@@ -263,9 +263,7 @@ def bubbles(points: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("filled", [None, half])
 @pytest.mark.parametrize("extra", [None, bubbles])
-def test_a_part_with_missing_vessels_and_bubbles_is_that_part(
-    filled: Filled | None, extra: Filled | None
-) -> None:
+def test_a_part_with_missing_vessels_and_bubbles_is_that_part(filled, extra):
     segmentation = block(extra=extra, filled=filled)
     surface = ModelSurface.of(ladder_construct())
     found = agreement(surface, ladder(), segmentation, IDENTITY, False)

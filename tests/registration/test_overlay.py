@@ -210,9 +210,7 @@ def test_a_pose_is_read_from_a_run_and_from_register(tmp_path: Path) -> None:
         (json.dumps({"scaled_scan_to_part": np.diag([1.0, 1, -1, 1]).tolist()}), "mirrors"),
     ],
 )
-def test_a_wrong_pose_file_ends_with_the_reason(
-    text: str | None, words: str, tmp_path: Path
-) -> None:
+def test_a_wrong_pose_file_ends_with_the_reason(text, words, tmp_path):
     path = tmp_path / "pose.json"
     if text is not None:
         path.write_text(text)

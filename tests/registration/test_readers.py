@@ -54,9 +54,7 @@ def test_tiff_comes_back_exactly(tmp_path: Path, dtype: str, compress: bool) -> 
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-def test_any_units_come_back(
-    tmp_path: Path, voxel: tuple[float, float, float], index: float, scale: Any, down: bool
-) -> None:
+def test_any_units_come_back(tmp_path, voxel, index, scale, down):
     original = scan(voxel_mm=voxel, refractive_index=index, scale=scale, depth_down=down)
     write_scan_tiff(tmp_path / "s.tif", original)
     found = read_scan(tmp_path / "s.tif")
@@ -105,9 +103,7 @@ def test_sidecar_completes_and_the_user_overrules(tmp_path: Path) -> None:
         ("voxel_um", [1, 2, 3], "unknown key"),
     ],
 )
-def test_impossible_metadata_is_refused(
-    tmp_path: Path, key: str, value: object, reason: str
-) -> None:
+def test_impossible_metadata_is_refused(tmp_path, key, value, reason):
     path = bare_tiff(tmp_path / "s.tif")
     known = {"voxel_mm": [0.1] * 3, "scale": "linear", "modality": "microct", key: value}
     path.with_suffix(".json").write_text(json.dumps(known))
@@ -126,9 +122,7 @@ def test_nonsense_in_the_file_gives_way_to_the_user(tmp_path: Path, wrong: objec
         read_scan(path, ScanOverrides(refractive_index=1.4, axes="zxy"))
 
 
-def test_a_stack_cut_within_its_pages_says_so_and_shows_nothing_else(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_stack_cut_within_its_pages_says_so_and_shows_nothing_else(tmp_path, caplog):
     path = tmp_path / "s.tif"
     tifffile.imwrite(path, np.ones((20, 16, 16), np.float32), metadata=None)
     data = path.read_bytes()

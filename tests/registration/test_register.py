@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from registration import RegistrationReport, register_scan
+from registration import register_scan
 from registration.errors import AlignmentError, RegistrationError, SegmentationError
 from registration.scan import Scan
 from registration.segmentation import segment
-from sim.devices.scanner import ScannerOutput
 from tests.registration.parts import (
     BLOCK,
     as_scan,
@@ -30,23 +29,17 @@ from tests.registration.registered import FAST, microct_of, planar_part
 
 
 @pytest.fixture(scope="module")
-def planar(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> tuple[ScannerOutput, RegistrationReport]:
+def planar(tmp_path_factory):
     return planar_part(tmp_path_factory)
 
 
-def test_planar_pose_is_recovered_within_30_um(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_planar_pose_is_recovered_within_30_um(planar):
     scanned, report = planar
     assert target_error(corners(BLOCK), report.scaled_scan_to_part, scanned.pose_truth) < 0.030
     assert not report.ambiguous
 
 
-def test_planar_diameters_are_those_of_the_shrunken_print(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_planar_diameters_are_those_of_the_shrunken_print(planar):
     _, report = planar
     for vessel in report.vessels[5:9]:
         assert vessel.sections > 50
@@ -56,9 +49,7 @@ def test_planar_diameters_are_those_of_the_shrunken_print(
     assert report.all_open
 
 
-def test_rigid_fit_reads_shrinkage_as_deviation_and_the_scaled_fit_does_not(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_rigid_fit_reads_shrinkage_as_deviation_and_the_scaled_fit_does_not(planar):
     _, report = planar
     assert report.rigid.rms_um > 40
     assert report.scaled.rms_um < 20
@@ -66,36 +57,28 @@ def test_rigid_fit_reads_shrinkage_as_deviation_and_the_scaled_fit_does_not(
     np.testing.assert_allclose(report.scale, 0.985, atol=0.006)
 
 
-def test_shrunken_outer_faces_deviate_positively(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_shrunken_outer_faces_deviate_positively(planar):
     _, report = planar
     x, _, z = report.surface.vertices.T
     end = (x < 0.3) & report.seen & (z < 2.7)
     assert np.median(report.deviation_um[end]) > 30
 
 
-def test_places_in_gel_and_lumens_are_told_apart(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_places_in_gel_and_lumens_are_told_apart(planar):
     told = planar[1].gel_at
     assert told is not None
     np.testing.assert_array_equal(told, [1.0] * 15 + [0.0] * 4 + [np.nan])
 
 
 @pytest.mark.slow
-def test_mirrored_scan_is_refused_as_mirrored(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_mirrored_scan_is_refused_as_mirrored(planar):
     scan = as_scan(planar[0])
     turned = replace(scan, volume=scan.volume[:, ::-1].copy())
     with pytest.raises(AlignmentError, match="mirror image"):
         register_scan(turned, planar_construct(), planar_network(), FAST)
 
 
-def test_upside_down_scan_ends_with_a_reason(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_upside_down_scan_ends_with_a_reason(planar):
     scan = as_scan(planar[0])
     turned = replace(scan, volume=scan.volume[::-1].copy())
     with pytest.raises(RegistrationError):
@@ -103,9 +86,7 @@ def test_upside_down_scan_ends_with_a_reason(
 
 
 @pytest.mark.slow
-def test_network_of_another_frame_is_refused(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_network_of_another_frame_is_refused(planar):
     moved = planar_network().moved(np.array([0.0, 0.65, 0.0]))
     with pytest.raises(RegistrationError, match="same"):
         register_scan(as_scan(planar[0]), planar_construct(), moved)

@@ -105,9 +105,7 @@ def gel_block(tilt: float, attenuation: float, step: float) -> NDArray[np.float3
 @pytest.mark.parametrize("tilt", [-0.1, 0.0, 0.1])
 @pytest.mark.parametrize("depth_down", [True, False])
 @pytest.mark.slow
-def test_light_compensation_gives_the_filled_share_times_the_attenuation(
-    tilt: float, depth_down: bool
-) -> None:
+def test_light_compensation_gives_the_filled_share_times_the_attenuation(tilt, depth_down):
     signal = gel_block(tilt, 0.8, 0.045)
     turned = signal if depth_down else signal[::-1].copy()
     light, typical = remaining_light(turned, 0.045, 1.0, np.array([0.06, 0.06]), depth_down)

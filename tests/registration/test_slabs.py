@@ -43,13 +43,7 @@ def by_slabs(item: Scan, bins: tuple[int, int, int], slab_bytes: int) -> np.ndar
     kind=st.sampled_from(["<u2", ">u2", "f4"]),
 )
 @settings(max_examples=examples(60), deadline=None)
-def test_slabs_bin_as_the_whole_does(
-    shape: tuple[int, int, int],
-    bins: tuple[int, int, int],
-    order: tuple[int, int, int],
-    slab_bytes: int,
-    kind: str,
-) -> None:
+def test_slabs_bin_as_the_whole_does(shape, bins, order, slab_bytes, kind):
     volume = counts(*shape).astype(kind).transpose(order)
     item = scan(volume=volume)
     expected = binned(volume, bins)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -52,9 +51,7 @@ def test_every_finding_has_its_own_b_scan_voxel_by_voxel(case: Case) -> None:
         np.testing.assert_array_equal(view.b_scan.grey, shades.grey(raw))
 
 
-def test_a_sections_outline_has_the_reported_diameter_and_parts_dark_from_bright(
-    case: Case,
-) -> None:
+def test_a_sections_outline_has_the_reported_diameter_and_parts_dark_from_bright(case):
     stack = case.views.sections
     side = (np.arange(PIXELS) + 0.5) / PIXELS * 2 - 1
     for k in range(0, len(stack.vessel), 40):
@@ -69,9 +66,7 @@ def test_a_sections_outline_has_the_reported_diameter_and_parts_dark_from_bright
         assert picture[away < 0.7 * reported].mean() < 0.6 * picture[away > 1.3 * reported].mean()
 
 
-def test_pictures_come_back_from_their_file_and_the_same_ones_give_the_same_bytes(
-    case: Case, tmp_path: Path
-) -> None:
+def test_pictures_come_back_from_their_file_and_the_same_ones_give_the_same_bytes(case, tmp_path):
     save_views(tmp_path / "a.npz", case.views)
     again = load_views(tmp_path / "a.npz")
     save_views(tmp_path / "b.npz", again)

@@ -102,9 +102,7 @@ def test_text_of_m0_begins_behind_its_words_with_numbers() -> None:
          "Max:  X200.00 Y200.00 Z200.00\n"),
     ],
 )  # fmt: skip
-def test_setting_is_kept_and_told_as_the_real_one_does(
-    line: str, question: str, answer: str
-) -> None:
+def test_setting_is_kept_and_told_as_the_real_one_does(line, question, answer):
     assert said(marlin(), *line.split("\n"), question) == answer
 
 
@@ -145,9 +143,7 @@ def test_dry_run_flag_of_m111_keeps_plunger_and_heaters_off() -> None:
 @pytest.mark.parametrize(
     ("feed", "real_s"), [(600, 0.638), (3000, 0.715), (6000, 0.843), (12000, 1.27)]
 )
-def test_motors_run_on_after_a_kill_for_as_long_as_the_real_ones(
-    feed: int, real_s: float, parser: bool
-) -> None:
+def test_motors_run_on_after_a_kill_for_as_long_as_the_real_ones(feed, real_s, parser):
     printer = marlin(emergency_parser=parser)
     said(printer, f"G1 X150 Y150 F{feed}", "G1 X0 Y0")
     printer.advance(0.6)

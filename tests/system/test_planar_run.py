@@ -74,9 +74,7 @@ def test_second_run_does_nothing_again(planar_run: Path, planar_recipe: Path) ->
     assert (planar_run / "part.gcode").stat().st_mtime_ns == before
 
 
-def test_same_recipe_gives_the_same_bytes(
-    planar_run: Path, planar_recipe: Path, tmp_path: Path
-) -> None:
+def test_same_recipe_gives_the_same_bytes(planar_run, planar_recipe, tmp_path):
     """In another process, which orders its sets in another way."""
     until = ("--until", "toolpath")
     done = printctl("run", planar_recipe, "--out", "again", *until, cwd=tmp_path)
@@ -86,9 +84,7 @@ def test_same_recipe_gives_the_same_bytes(
 
 
 @pytest.mark.slow
-def test_registering_the_scan_again_gives_the_same_numbers(
-    planar_run: Path, planar_report: dict[str, Any], tmp_path: Path
-) -> None:
+def test_registering_the_scan_again_gives_the_same_numbers(planar_run, planar_report, tmp_path):
     (planar_run / "scan_truth.json").rename(tmp_path / "hidden.json")
     pdf = ["--pdf"] if CHROMIUM else []
     try:

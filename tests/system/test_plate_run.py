@@ -203,9 +203,7 @@ def test_the_shipped_example_fills_six_wells() -> None:
         ),
     ],
 )
-def test_what_can_t_be_is_refused_before_it_is_planned(
-    tmp_path: Path, changes: dict[str, Any], words: str
-) -> None:
+def test_what_can_t_be_is_refused_before_it_is_planned(tmp_path, changes, words):
     with pytest.raises(RecipeError, match=words):
         run(tmp_path, recipe(**changes))
     assert not (tmp_path / "run" / "part.gcode").exists()

@@ -85,9 +85,7 @@ def test_shear_and_velocity_are_those_of_the_flow() -> None:
 
 @settings(max_examples=examples(60), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), vessels=st.integers(1, 60), spread=st.floats(0.0, 2.0))
-def test_random_trees_conserve_mass_and_divide_by_what_lies_below(
-    seed: int, vessels: int, spread: float
-) -> None:
+def test_random_trees_conserve_mass_and_divide_by_what_lies_below(seed, vessels, spread):
     network = random_tree(seed, vessels, spread)
     conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=2.0, outlet_pressure_pa=500.0)
     solution = solve_flow(network, conditions)

@@ -52,9 +52,7 @@ def test_shapes_have_the_mean_they_are_asked_for() -> None:
         ([0], [1], None, "1 samples"),
     ],
 )
-def test_what_is_no_waveform_is_refused(
-    time: list[float], value: list[float], period: float | None, words: str
-) -> None:
+def test_what_is_no_waveform_is_refused(time, value, period, words):
     with pytest.raises(FlowError, match=words):
         Tabulated(np.array(time, float), np.array(value, float), period)
 

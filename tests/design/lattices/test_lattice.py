@@ -60,9 +60,7 @@ def test_tiles_are_periodic(kind: LatticeKind) -> None:
 
 @pytest.mark.parametrize("axis", first_of("xyz"))
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_lattice_has_one_inlet_one_outlet_and_no_dead_end(
-    rod: Tissue, kind: LatticeKind, axis: str
-) -> None:
+def test_a_lattice_has_one_inlet_one_outlet_and_no_dead_end(rod, kind, axis):
     options = LatticeOptions(kind, 4.5, 0.3, axis=axis, clearance_mm=0.2)  # type: ignore[arg-type]
     network = build_lattice(rod, options)
     assert network.inlets().tolist() == [len(network.nodes) - 2]
@@ -81,9 +79,7 @@ def test_a_lattice_has_one_inlet_one_outlet_and_no_dead_end(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_flow_goes_through_every_lattice_and_its_measures_are_taken(
-    rod: Tissue, kind: LatticeKind
-) -> None:
+def test_flow_goes_through_every_lattice_and_its_measures_are_taken(rod, kind):
     network = build_lattice(rod, LatticeOptions(kind, 5.0, 0.25))
     flow = solve_flow(network, FlowConditions(1e-3, inlet_flow_ul_s=4.0)).flow
     assert flow[-1] == pytest.approx(4.0)

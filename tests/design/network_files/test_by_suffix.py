@@ -76,9 +76,7 @@ def test_scale_of_each_axis_keeps_the_volume(tmp_path: Path):
         ("# unit: mm\n# unit: um", "line 2: unit um here, mm in a line before"),
     ],
 )
-def test_a_unit_of_swc_that_cant_be_taken_is_refused(
-    tmp_path: Path, comments: str, message: str
-) -> None:
+def test_a_unit_of_swc_that_cant_be_taken_is_refused(tmp_path, comments, message):
     (tmp_path / "a.swc").write_text(comments + "\n1 2 0 0 0 1 -1\n2 2 9 0 0 1 1\n")
     with pytest.raises(NetworkError, match=message):
         read_network(tmp_path / "a.swc")
@@ -100,9 +98,7 @@ def test_swc_of_sizes_that_nothing_prints_is_asked_about(tmp_path: Path):
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 @pytest.mark.parametrize("before", ["", "# by hand\n", "sep={}\n", "\n"])
-def test_a_csv_tells_its_separator_by_its_header(
-    tmp_path: Path, separator: str, before: str
-) -> None:
+def test_a_csv_tells_its_separator_by_its_header(tmp_path, separator, before):
     text = "X,Y,Z,Radius,Parent\n0,0,0,5,-1\n# a comment\n0,0,9,5,0\n".replace(",", separator)
     (tmp_path / "a.csv").write_text(before.format(separator) + text)
     assert read_network(tmp_path / "a.csv", "mm").lengths() == pytest.approx([9.0])

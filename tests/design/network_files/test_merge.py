@@ -62,9 +62,7 @@ WANTED = network(*(line(*way) for way in TREE), shared=True)
 @pytest.mark.parametrize("points", [0, 40])
 @pytest.mark.parametrize("offset", [0.0, 0.1, 0.25])
 @pytest.mark.parametrize("turned", [(), (0,), (2,), (0, 1)])
-def test_ways_through_a_tree_are_the_tree(
-    points: int, offset: float, turned: tuple[int, ...]
-) -> None:
+def test_ways_through_a_tree_are_the_tree(points, offset, turned):
     lines = [
         line(*way, points=points, seed=k) + [0.0, offset * (k == 1), 0.0]
         for k, way in enumerate(WAYS)

@@ -124,9 +124,7 @@ def same_vessels(found: VesselNetwork, network: VesselNetwork) -> None:
 
 @settings(max_examples=examples(25), deadline=None)
 @given(st.integers(0, 1000), st.integers(1, 12), st.integers(1, 3))
-def test_ours_come_back_to_the_bit(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, vessels: int, roots: int
-) -> None:
+def test_ours_come_back_to_the_bit(tmp_path_factory, seed, vessels, roots):
     network = random_trees(seed, vessels, min(roots, vessels))
     path = tmp_path_factory.mktemp("vtp") / "network.vtp"
     write_network_vtp(path, network, {"flow_ul_s": np.ones(network.vessel_count)})
@@ -145,9 +143,7 @@ def test_lines_that_join_in_the_middle_are_cut_there(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
 @pytest.mark.parametrize("step", [0.5, 1.0, 2.0])
-def test_lines_of_shared_points_and_others_are_one_trunk(
-    tmp_path: Path, order: tuple[int, ...], step: float
-) -> None:
+def test_lines_of_shared_points_and_others_are_one_trunk(tmp_path, order, step):
     """One line traces the trunk by its own points, two by the same points, in any order."""
     trunk = [(x, 0.0, 0.0) for x in np.arange(0.0, 10.1, step)]
     lines = [

@@ -50,9 +50,7 @@ def test_a_branch_is_put_on_the_trunks_axis(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("off_cm", "joined"), [(0.104, True), (0.106, False)])
-def test_the_reach_is_the_trunks_radius_and_5_percent(
-    tmp_path: Path, off_cm: float, joined: bool
-) -> None:
+def test_the_reach_is_the_trunks_radius_and_5_percent(tmp_path, off_cm, joined):
     text = TRUNK + BRANCH.replace("1, 0.05", f"1, {off_cm}")
     assert len(read_network_xcavate(_written(tmp_path, text)).snaps) == joined
 
@@ -95,9 +93,7 @@ def test_inlets_and_outlets_turn_vessels_round(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shift", [-0.02, 0.0, 0.02])
 @pytest.mark.parametrize("aside", [0.005, 0.015, 0.025])
-def test_lines_through_one_trunk_are_merged_before_ends_are_moved(
-    tmp_path: Path, shift: float, aside: float
-) -> None:
+def test_lines_through_one_trunk_are_merged_before_ends_are_moved(tmp_path, shift, aside):
     lines = [
         [*((x / 10, 0, 0) for x in range(11)), (1.6, 0.6, 0)],
         [*((x / 10 + shift, aside, 0) for x in range(11)), (1.6, -0.6, 0)],
@@ -142,9 +138,7 @@ def test_what_cant_be_read_is_named_with_its_line(tmp_path: Path, text: str, sai
     ("name", "lines", "inlet"),
     [("4", 4, (-20, -10, 10)), ("14", 14, (-20, -10, 10)), ("cnet_100", 101, (18.8, 10, 10))],
 )
-def test_the_fields_own_networks_are_whole(
-    name: str, lines: int, inlet: tuple[float, float, float]
-) -> None:
+def test_the_fields_own_networks_are_whole(name, lines, inlet):
     path = SHARED / f"xcavate_network_{name}_vessels.txt"
     if not path.exists():
         pytest.skip("shared data isn't there")

@@ -30,7 +30,6 @@ from design.solids import (
 )
 from design.solids.read import load_mesh
 from design.solids.stl import read_corners
-from design.units import LengthUnit
 from tests.design.solids.networks import ladder
 
 WRITERS: dict[str, Callable[[Path, Solid], None]] = {
@@ -64,9 +63,7 @@ def test_a_file_read_back_is_the_same_solid(construct: Solid, tmp_path: Path, su
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("um", 1e-3), ("cm", 10.0), ("in", 25.4)])
-def test_a_file_without_unit_is_read_in_the_one_given(
-    tmp_path: Path, unit: LengthUnit, factor: float
-) -> None:
+def test_a_file_without_unit_is_read_in_the_one_given(tmp_path, unit, factor):
     path = tmp_path / "block.stl"
     write_stl(path, block_solid((1, 2, 3)))
     assert read_solid(path, unit).bounds[1] == pytest.approx(np.array([1, 2, 3]) * factor)
@@ -153,9 +150,7 @@ def test_boxes_that_touch_in_a_point_count_as_two_shells(tmp_path: Path) -> None
         ("a.docx", b"", r"\.docx isn't one of"),
     ],
 )
-def test_unreadable_files_are_refused(
-    tmp_path: Path, name: str, content: bytes, message: str
-) -> None:
+def test_unreadable_files_are_refused(tmp_path, name, content, message):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(SolidError, match=message):
         validate_file(tmp_path / name)
@@ -204,9 +199,7 @@ def test_3mf_is_read_by_lib3mf_without_a_warning(tmp_path: Path, construct: Soli
         ([{}], {"Owner": "me"}, "'Owner'"),
     ],
 )
-def test_what_3mf_cant_say_is_refused(
-    tmp_path: Path, parts: list[dict[str, str]], metadata: dict[str, str], message: str
-) -> None:
+def test_what_3mf_cant_say_is_refused(tmp_path, parts, metadata, message):
     cube = block_solid((1, 1, 1))
     with pytest.raises(SolidError, match=message):
         write_3mf(tmp_path / "a.3mf", [Part(cube, **more) for more in parts], metadata)
@@ -240,9 +233,7 @@ def test_a_binary_stl_reads_alike_with_and_without_the_mesh_library(tmp_path: Pa
 
 
 @pytest.mark.parametrize("for_sections", [True, False])
-def test_a_damaged_stl_is_refused_by_what_is_wrong_with_it(
-    construct: Solid, tmp_path: Path, for_sections: bool
-) -> None:
+def test_a_damaged_stl_is_refused_by_what_is_wrong_with_it(construct, tmp_path, for_sections):
     whole = tmp_path / "part.stl"
     write_stl(whole, construct)
     data = whole.read_bytes()

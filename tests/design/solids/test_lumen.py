@@ -43,9 +43,7 @@ def _area(solid: Solid, origin: np.ndarray, normal: np.ndarray) -> float:
     length=st.floats(2.0, 20.0),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_a_tapered_capsule_has_the_volume_of_its_cone_and_half_balls(
-    first: float, ratio: float, length: float, seed: int
-) -> None:
+def test_a_tapered_capsule_has_the_volume_of_its_cone_and_half_balls(first, ratio, length, seed):
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=3)
     start = rng.uniform(-50, 50, 3)

@@ -76,9 +76,7 @@ def prusa(*roles: str, old: bool = False) -> dict[str, str]:
         ("SupportBlocker", 320, "left out: support blocker v1"),
     ],
 )
-def test_prusas_ranges_of_triangles_have_roles(
-    tmp_path: Path, role: str, volume: float, note: str
-) -> None:
+def test_prusas_ranges_of_triangles_have_roles(tmp_path, role, volume, note):
     text = model(thing(1, mesh(BODY, ASIDE)), '<item objectid="1"/>')
     found = read_solid(package(tmp_path / "a.3mf", {MODEL: text, **prusa("ModelPart", role)}), None)
     assert found.volume_mm3 == pytest.approx(volume)
@@ -107,9 +105,7 @@ def test_a_negative_volume_is_cut_out_of_its_own_object_alone(tmp_path: Path) ->
         ("support_blocker", 320),
     ],
 )
-def test_bambus_components_in_other_parts_have_roles(
-    tmp_path: Path, subtype: str, volume: float
-) -> None:
+def test_bambus_components_in_other_parts_have_roles(tmp_path, subtype, volume):
     """Their own type is "other" where a slicer calls them negative."""
     second = ASIDE if subtype == "normal_part" else HOLE
     parts = thing(1, mesh(BODY), 'type="model"') + thing(2, mesh(second), 'type="other"')
@@ -220,9 +216,7 @@ def test_numbers_are_read_however_they_are_written(tmp_path: Path, old: str, new
         ("/3D/3dmodel", "/3D/other", "holds no 3D/other.model"),
     ],
 )
-def test_what_isnt_read_is_refused_with_the_reason(
-    tmp_path: Path, old: str, new: str, why: str
-) -> None:
+def test_what_isnt_read_is_refused_with_the_reason(tmp_path, old, new, why):
     path = tmp_path / "one.3mf"
     write_3mf(path, block_solid((1, 1, 1)))
     with zipfile.ZipFile(path) as archive:

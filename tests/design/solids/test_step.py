@@ -30,9 +30,7 @@ def test_pieces_are_frusta_and_balls_each_touching_one_before_it() -> None:
         seen |= {piece.start.tobytes(), piece.end.tobytes()}
 
 
-def test_what_is_too_large_is_refused_with_numbers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_too_large_is_refused_with_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr("design.solids.step.load_occ", lambda: None)
     with pytest.raises(SolidError, match=f"more than the {MOST_PIECES}"):
         write_step(tmp_path / "a.step", lattice(6, 2.0, 0.3))
@@ -64,9 +62,7 @@ def test_forks_loops_and_curves_have_the_triangles_volume(tmp_path: Path) -> Non
         assert check.volume == pytest.approx(lumen_solid(network).volume_mm3, rel=2e-3)
 
 
-def test_a_union_that_lost_a_part_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_union_that_lost_a_part_is_refused(tmp_path, monkeypatch):
     _occ()
     monkeypatch.setattr("design.solids.step.step_pieces", lambda network: step_pieces(network)[:-2])
     with pytest.raises(SolidError, match="it lost a part"):

@@ -94,9 +94,7 @@ def test_each_head_writes_the_volume_of_its_region(percent: float) -> None:
     radius=st.floats(0.7, 1.4),
     least=st.sampled_from([0.0, 0.0875]),
 )
-def test_neither_ink_lies_in_the_other_s_region_and_both_meet(
-    x: float, y: float, radius: float, least: float
-) -> None:
+def test_neither_ink_lies_in_the_other_s_region_and_both_meet(x, y, radius, least):
     assume(min(y, 4 - y) - radius > 1.5 * OPTIONS.line_width_mm)  # the next test is of the others
     check_border(x, y, radius, least)
 
@@ -197,9 +195,7 @@ def test_a_head_relieves_before_it_is_left_and_primes_when_it_is_back() -> None:
         ([right()], [replace(OPTIONS, clear_mm=0.1)], "clear_mm is 0.1 for head 1"),
     ],
 )
-def test_heads_that_can_t_share_a_layer_are_refused(
-    regions: list[Region], heads: list[FreshOptions], words: str
-) -> None:
+def test_heads_that_can_t_share_a_layer_are_refused(regions, heads, words):
     with pytest.raises(ToolpathError, match=words):
         FreshLayers(SOLID, OPTIONS, regions, heads)
 

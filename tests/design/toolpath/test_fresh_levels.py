@@ -65,9 +65,7 @@ def test_a_layer_ends_at_each_floor() -> None:
     thinnest=st.sampled_from([0.01, 0.02, 0.03, 0.05]),
     stair=st.floats(0.005, 0.06),
 )
-def test_heights_stay_within_their_limits_and_fill_the_part(
-    height: float, radius: float, thinnest: float, stair: float
-) -> None:
+def test_heights_stay_within_their_limits_and_fill_the_part(height, radius, thinnest, stair):
     body = block(3, 3, height) - along_x(1.5, height / 2, 2 * radius)
     if body.is_empty():
         return

@@ -162,9 +162,7 @@ def test_every_family_takes_its_own_valve_s_words(firmware: str) -> None:
         (None, {}, "nobody said its flow"),
     ],
 )
-def test_a_speed_that_nothing_bears_is_refused(
-    flow: float | None, changes: dict[str, Any], says: str
-) -> None:
+def test_a_speed_that_nothing_bears_is_refused(flow, changes, says):
     with pytest.raises(ToolpathError, match=says):
         write_gcode(fresh(), PRINTER, SYRINGE, PLACE, GcodeOptions(flow_ul_s=flow, **changes))
 

@@ -1,7 +1,6 @@
 """Dye marks and files: errors reported."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -54,17 +53,13 @@ def test_a_broken_marks_file_is_one_message(tmp_path: Path, text: str, words: st
         ({"marks": [{"node": 0, "pixel": [1, 2]}] * 2}, "on one point"),
     ],
 )
-def test_marks_of_another_design_are_told(
-    tmp_path: Path, change: dict[str, Any], words: str
-) -> None:
+def test_marks_of_another_design_are_told(tmp_path, change, words):
     said = {**marks_of(NETWORK, PLANAR_CAMERA, PLANAR_MARKS), **change}
     with pytest.raises(DyeError, match=words):
         measure_dye(tmp_path / "film.avi", Marks.model_validate(said), NETWORK)
 
 
-def test_the_command_writes_numbers_and_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_numbers_and_page(tmp_path, monkeypatch, capsys):
     shell = Shell(monkeypatch, capsys, "dye")
     film = filmed(
         tmp_path, NETWORK, 4.0, PLANAR_MARKS, DyeFilm(fps=5.0, seconds=26.0, camera=PLANAR_CAMERA)

@@ -73,9 +73,7 @@ def test_a_camera_whose_marks_stand_still_has_not_moved(painted: Stack) -> None:
     assert np.isfinite(findings.older_step)  # by the picture before
 
 
-def test_a_camera_that_moved_by_pixels_is_told_and_the_picture_before_left_out(
-    painted: Stack,
-) -> None:
+def test_a_camera_that_moved_by_pixels_is_told_and_the_picture_before_left_out(painted):
     moved = np.roll(painted.before, (4, -3), axis=(0, 1))
     findings = see_layer(painted.picture, painted, expected(painted), before=moved)
     assert findings.moved_px > 3.0

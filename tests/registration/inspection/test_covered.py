@@ -65,9 +65,7 @@ def _seen(found: LayerFindings, stroke: int, low: float, high: float) -> float:
 
 
 @pytest.mark.parametrize(("angle_deg", "gap_mm"), [(0, 3), (0, 8), (8, 3), (15, 2), (30, 1)])
-def test_what_an_upper_filament_of_the_look_hides_is_not_seen(
-    angle_deg: float, gap_mm: float
-) -> None:
+def test_what_an_upper_filament_of_the_look_hides_is_not_seen(angle_deg, gap_mm):
     """It was marked as seen, with all of its ink."""
     low, high = (LENGTH - gap_mm) / 2, (LENGTH + gap_mm) / 2
     found = _look(angle_deg, {0: (low, high)})

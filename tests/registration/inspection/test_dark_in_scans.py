@@ -87,9 +87,7 @@ THIN = (
         (lambda v: v[:, ::-1], "mirrored along y"),
     ],
 )
-def test_thin_clear_filaments_of_several_depths_are_told_when_turned(
-    turn: Turn, said: str | None
-) -> None:
+def test_thin_clear_filaments_of_several_depths_are_told_when_turned(turn, said):
     """In one slab over all depths they hardly show: they were told as missing."""
     rng, wide = np.random.default_rng(9), 0.2
     z, y, x = np.meshgrid(*(d * np.arange(n) for d, n in zip(VOXEL, SHAPE, strict=True)),

@@ -120,9 +120,7 @@ def _faint(
 
 @pytest.mark.parametrize("bare", [(2.6, 4.1), (3.5, 6.1)], ids=["1.5 mm", "half"])
 @pytest.mark.parametrize("seed", first_of([1, 2, 3]))
-def test_missing_ink_of_a_lone_faint_filament_is_found(
-    seed: int, bare: tuple[float, float]
-) -> None:
+def test_missing_ink_of_a_lone_faint_filament_is_found(seed, bare):
     found = _faint(0.04, seed, bare)
     (gap,) = found.gaps
     begin, end = bare[0] - 1.0, min(bare[1] - 1.0, 5.0)

@@ -242,9 +242,7 @@ def seen(scene: Scene, thin: tuple[float, float, float] | None = None) -> LayerF
 @pytest.mark.parametrize("seed", [3, 4, 5])
 @pytest.mark.parametrize("kind", ["opaque", "absorbing"])
 @pytest.mark.parametrize("um_per_px", [20.0, 40.0])
-def test_two_fifths_of_the_flow_in_a_filled_layer_are_told(
-    seed: int, kind: str, um_per_px: float
-) -> None:
+def test_two_fifths_of_the_flow_in_a_filled_layer_are_told(seed, kind, um_per_px):
     findings = seen(replace(FILLED, seed=seed, kind=kind, um_per_px=um_per_px), (FROM, TO, 0.4))
     along = np.arange(0.0, 80.0, 0.05)
     told = np.zeros(len(along), dtype=np.bool_)
@@ -262,9 +260,7 @@ def test_two_fifths_of_the_flow_in_a_filled_layer_are_told(
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("kind", ["opaque", "absorbing"])
-def test_sound_filled_layers_show_no_thin_line_though_round_ink_has_valleys(
-    seed: int, kind: str
-) -> None:
+def test_sound_filled_layers_show_no_thin_line_though_round_ink_has_valleys(seed, kind):
     findings = seen(replace(FILLED, seed=seed, kind=kind))
     assert not findings.stretches
     assert findings.coverage > 0.95

@@ -52,9 +52,7 @@ def test_a_gap_is_found_where_it_is(kind: Kind) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("bare", [(), ((3, 1.5, 2.5),)])
-def test_what_was_lost_is_neither_ink_nor_gap(
-    kind: Kind, bare: tuple[tuple[int, float, float], ...]
-) -> None:
+def test_what_was_lost_is_neither_ink_nor_gap(kind, bare):
     """A patch without points lies over 1 to 3 mm of lines, whether ink is there or not."""
     map_ = profiled(2, kind, bare)
     at = np.arange(len(map_.heights)) * map_.px - 2.0
@@ -115,9 +113,7 @@ def test_a_profiler_that_looks_up_or_saw_nothing_is_refused() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("over", [0.5, 3.0])
-def test_the_flat_surface_of_a_bath_over_the_layer_is_neither_ink_nor_gap(
-    kind: Kind, over: float
-) -> None:
+def test_the_flat_surface_of_a_bath_over_the_layer_is_neither_ink_nor_gap(kind, over):
     map_ = profiled(3, kind)
     top = 3.0 + map_.thickness * (map_.layer.max() + 1 + over)
     noise = np.random.default_rng(1).normal(0, 0.003, map_.heights.shape)

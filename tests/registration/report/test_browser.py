@@ -127,9 +127,7 @@ def test_network_page_starts_without_errors_and_asks_for_nothing(tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_pointing_at_a_vessel_tells_its_numbers_and_cutting_it_away_hides_it(
-    tmp_path: Path,
-) -> None:
+def test_pointing_at_a_vessel_tells_its_numbers_and_cutting_it_away_hides_it(tmp_path):
     path = tmp_path / "network.html"
     write_network(path)
     # From above the block's middle lies between the second and third channel; the third (y = 5.0,

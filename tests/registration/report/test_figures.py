@@ -44,9 +44,7 @@ def twice() -> tuple[dict[str, bytes], dict[str, bytes]]:
 
 
 @pytest.mark.parametrize("name", ["histogram", "diameters", "network", "layer"])
-def test_a_figure_is_svg_and_reproducible(
-    twice: tuple[dict[str, bytes], dict[str, bytes]], name: str
-) -> None:
+def test_a_figure_is_svg_and_reproducible(twice, name):
     first, second = twice[0][name], twice[1][name]
     assert etree.fromstring(first).tag == "{http://www.w3.org/2000/svg}svg"
     assert first == second

@@ -113,9 +113,7 @@ def test_a_windkessel_of_two_elements_is_openbfs() -> None:
         (("blood", "rho"), None, "rho is missing"),
     ],
 )
-def test_what_isnt_followed_is_refused_by_name(
-    path: tuple[Any, ...], value: Any, words: str
-) -> None:
+def test_what_isnt_followed_is_refused_by_name(path, value, words):
     with pytest.raises(FlowError, match=words):
         openbf.case_of(changed(*path, value=value), INLET)
 

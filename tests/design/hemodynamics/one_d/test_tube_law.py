@@ -17,7 +17,6 @@ from design.hemodynamics import (
 )
 from design.hemodynamics.one_d.grid import make_grid
 from design.hemodynamics.one_d.tube_law import relaxation_time
-from design.hemodynamics.vessel.wall import Wall
 from design.hemodynamics.waveforms import Sine
 from design.network import VesselNetwork
 from tests.design.hemodynamics.networks import network_of
@@ -40,9 +39,7 @@ def bent() -> VesselNetwork:
 
 @pytest.mark.parametrize("wall", [ThinWall(1e5, 0.1), GelWall(1e4, 0.45), StiffWall((4e3, 9e3))])
 @pytest.mark.parametrize("cells", [4, 37])
-def test_cells_have_the_vessels_compliance_resistance_and_volume(
-    bent: VesselNetwork, wall: Wall, cells: int
-) -> None:
+def test_cells_have_the_vessels_compliance_resistance_and_volume(bent, wall, cells):
     conditions = PulsatileConditions(1e-3, Sine(1.0, 0.5, 1.0), wall=wall)
     grid = make_grid(
         bent, conditions, OneDOptions(cell_mm=10.0, least_cells=cells), 1.0, np.ones(2)

@@ -77,9 +77,7 @@ def _laid(size: int, x: float, y: float) -> FloatArray:
 
 @pytest.mark.parametrize("radius", [0.02, 0.1, 0.3])
 @pytest.mark.slow
-def test_what_a_vessel_gives_depends_neither_on_its_place_in_a_cell_nor_on_the_grid(
-    radius: float,
-) -> None:
+def test_what_a_vessel_gives_depends_neither_on_its_place_in_a_cell_nor_on_the_grid(radius):
     """An oblique vessel in a box whose surface is a bath without oxygen."""
     given = OxygenConditions(cells_per_ml=1.0, bath_millimolar=0.0)
 

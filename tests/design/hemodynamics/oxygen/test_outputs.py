@@ -54,9 +54,7 @@ def test_the_summary_holds_together(pair: tuple[OxygenSolution, OxygenSolution])
     assert given == {"cells_per_ml"}
 
 
-def test_vessels_outside_the_tissue_give_it_nothing(
-    pair: tuple[OxygenSolution, OxygenSolution],
-) -> None:
+def test_vessels_outside_the_tissue_give_it_nothing(pair):
     table = oxygen_table(NETWORK, pair[0])
     assert table["wall_flux_nmol_s"][1] == 0.0
     assert table["oxygen_out_millimolar"][1] == table["oxygen_in_millimolar"][1]
@@ -81,9 +79,7 @@ def test_the_image_reads_back(pair: tuple[OxygenSolution, OxygenSolution], tmp_p
     np.testing.assert_allclose(field, inner, rtol=1e-6)
 
 
-def test_a_picture_of_the_worst_place_is_drawn(
-    pair: tuple[OxygenSolution, OxygenSolution],
-) -> None:
+def test_a_picture_of_the_worst_place_is_drawn(pair):
     assert slice_figure(pair[0], NETWORK) == slice_figure(pair[0], NETWORK)
     found = oxygen_summary(*pair)
     assert b"<svg" in oxygen_histogram(found["histogram"], 0.01)

@@ -123,9 +123,7 @@ def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("compression", [None, "zlib"])
-def test_a_tiff_that_is_cut_off_is_told_with_a_remedy(
-    compression: str | None, tmp_path: Path
-) -> None:
+def test_a_tiff_that_is_cut_off_is_told_with_a_remedy(compression, tmp_path):
     whole, cut = tmp_path / "whole.tif", tmp_path / "cut.tif"
     with tifffile.TiffWriter(whole) as file:
         for one in sweeps.flat()[:3]:

@@ -40,9 +40,7 @@ def off_px(lens: Lens, rig: Rig) -> float:
 
 
 @pytest.mark.parametrize("tilt", first_of([(1.5, -2.0, 77.0), (0.0, 0.0, 0.0)]))
-def test_one_picture_of_a_plane_tells_scale_and_distortion(
-    tmp_path: Path, tilt: tuple[float, float, float]
-) -> None:
+def test_one_picture_of_a_plane_tells_scale_and_distortion(tmp_path, tilt):
     rig = Rig(distortion=(-0.35, 0.0), tilt_deg=tilt)
     lens = fit_lens([view(tmp_path, rig)])
     assert lens.bends_px > 2

@@ -31,9 +31,7 @@ from tests.slower import examples, first_of
     lean=st.floats(-0.5, 0.5),
 )  # fmt: skip
 @settings(max_examples=examples(60), deadline=None)
-def test_refraction_keeps_to_snells_law(
-    angle: float, azimuth: float, index: float, lean: float
-) -> None:
+def test_refraction_keeps_to_snells_law(angle, azimuth, index, lean):
     normal = np.array([math.sin(lean), 0.0, -math.cos(lean)])
     aside = np.array([math.cos(lean), 0.0, math.sin(lean)])
     third = np.cross(normal, aside)

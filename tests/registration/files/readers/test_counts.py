@@ -84,9 +84,7 @@ def test_a_window_over_other_counts_and_a_slope_say_the_same(tmp_path: Path) -> 
         ({"db_range": [-40, 20], "scale": "linear"}, "the scale is 'linear'"),
     ],
 )
-def test_counts_that_nobody_describes_are_refused(
-    tmp_path: Path, said: dict[str, Any], reason: str
-) -> None:
+def test_counts_that_nobody_describes_are_refused(tmp_path, said, reason):
     with pytest.raises(ScanFileError, match=reason):
         read_scan(raw(tmp_path / "s.raw", to_counts(in_db(speckled())), **said))
 

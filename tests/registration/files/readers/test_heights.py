@@ -34,9 +34,7 @@ def test_heights_as_floats(tmp_path: Path, heights: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.tif"])
-def test_counts_of_16_bits_are_scaled_and_0_is_lost(
-    tmp_path: Path, heights: np.ndarray, name: str
-) -> None:
+def test_counts_of_16_bits_are_scaled_and_0_is_lost(tmp_path, heights, name):
     counts = np.where(np.isnan(heights), 0, np.round(heights * 1e4)).astype(np.uint16)
     cv2.imwrite(str(tmp_path / name), counts)
     found = read_heights(tmp_path / name, PIXEL, count_mm=1e-4)
@@ -57,9 +55,7 @@ def test_a_table_of_heights_behind_a_header(tmp_path: Path, heights: np.ndarray)
 @pytest.mark.parametrize(
     ("name", "split", "point"), [("a.csv", ",", "."), ("a.csv", ";", ","), ("a.xyz", " ", ".")]
 )
-def test_points_are_laid_into_cells(
-    tmp_path: Path, heights: np.ndarray, name: str, split: str, point: str
-) -> None:
+def test_points_are_laid_into_cells(tmp_path, heights, name, split, point):
     rows, columns = np.nonzero(np.isfinite(heights))
     order = np.random.default_rng(1).permutation(len(rows))
     rows, columns = rows[order], columns[order]

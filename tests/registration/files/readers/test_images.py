@@ -54,9 +54,7 @@ def test_ome_tiff_with_channels_is_refused(tmp_path: Path) -> None:
         ({"unit": "inch", "zunit": "um"}, (0.004 / 25.4, 0.005 / 25.4), -10),
     ],
 )
-def test_imagej_has_a_unit_for_each_axis(
-    tmp_path: Path, said: dict[str, str], across: tuple[float, float], spacing: float
-) -> None:
+def test_imagej_has_a_unit_for_each_axis(tmp_path, said, across, spacing):
     path = tmp_path / "s.tif"
     per_unit = (1 / across[0], 1 / across[1])
     more = {"spacing": spacing, "axes": "ZYX", **said}
@@ -86,9 +84,7 @@ SIZED = ScanOverrides(modality="microct", scale="linear", voxel_mm=(0.01, 0.02, 
 
 @pytest.mark.parametrize("limit", [0, 1 << 20])
 @pytest.mark.parametrize(("kind", "white"), [("u1", 255), (">u2", 65535), ("i2", -1)])
-def test_white_is_zero_is_inverted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, white: int, limit: int
-) -> None:
+def test_white_is_zero_is_inverted(tmp_path, monkeypatch, kind, white, limit):
     """Of volumes that are read whole, and of such as are too large for it."""
     monkeypatch.setattr("registration.files.readers.tiff.IN_MEMORY_BYTES", limit)
     path, dark = tmp_path / "s.tif", (counts() % 100).astype(kind)
@@ -224,9 +220,7 @@ def test_slices_that_are_missing_are_told(tmp_path: Path) -> None:
         ("about", counts()[0], "one slice"),
     ],
 )
-def test_slices_that_are_no_stack_are_refused_by_name(
-    tmp_path: Path, second: str, image: Any, why: str
-) -> None:
+def test_slices_that_are_no_stack_are_refused_by_name(tmp_path, second, image, why):
     folder = slices(tmp_path / "ct", a1=counts()[0], **{second: image})
     with pytest.raises(ScanFileError, match=why):
         read_scan(folder, SIZED)
@@ -304,9 +298,7 @@ def test_nrrd_comes_back(tmp_path: Path, encoding: str, name: str) -> None:
         ("left-anterior-superior", 0.03, True),
     ],
 )
-def test_nrrd_orientation_is_heeded(
-    tmp_path: Path, space: str, first: float, mirrored: bool
-) -> None:
+def test_nrrd_orientation_is_heeded(tmp_path, space, first, mirrored):
     directions = np.diag([first, 0.02, 0.01])
     path = write_nrrd(tmp_path / "s.nrrd", **{"space": space, "space directions": directions})
     found = read_scan(path, MODALITY)
@@ -350,9 +342,7 @@ def test_every_order_of_axes_comes_back(tmp_path: Path, axes: str) -> None:
 
 
 @pytest.mark.parametrize(("axes", "mirrored"), [("yzx", True), ("yxz", False), ("zyx", False)])
-def test_axes_named_otherwise_keep_their_handedness(
-    tmp_path: Path, axes: str, mirrored: bool
-) -> None:
+def test_axes_named_otherwise_keep_their_handedness(tmp_path, axes, mirrored):
     path = nifti(tmp_path / "s.nii", np.diag([0.03, 0.02, 0.01, 1]))
     found = read_scan(path, ScanOverrides(modality="microct", scale="linear", axes=axes))
     named = counts().transpose([axes.index(name) for name in "zyx"])
@@ -376,9 +366,7 @@ def test_axes_named_otherwise_keep_their_handedness(
         ("colour", "red", "unknown key"),
     ],
 )
-def test_a_sidecar_that_doesnt_fit_is_refused(
-    tmp_path: Path, key: str, value: Any, reason: str
-) -> None:
+def test_a_sidecar_that_doesnt_fit_is_refused(tmp_path, key, value, reason):
     with pytest.raises(ScanFileError, match=reason):
         read_scan(raw(tmp_path / "s.raw", **{key: value}))
 

@@ -76,9 +76,7 @@ def every_orientation() -> list[Any]:
 
 
 @pytest.mark.parametrize(("kind", "order", "signs"), every_orientation())
-def test_every_orientation_comes_back_in_space(
-    tmp_path: Path, kind: str, order: Any, signs: Any
-) -> None:
+def test_every_orientation_comes_back_in_space(tmp_path, kind, order, signs):
     part = laid(order, signs)
     said = OPT if kind == "ophthalmic" else MODALITY
     found = read_scan({**WRITERS, **STRAIGHT}[kind](tmp_path, part), said)
@@ -93,9 +91,7 @@ def test_every_orientation_comes_back_in_space(
 
 @pytest.mark.parametrize("kind", WRITERS)
 @pytest.mark.parametrize(("order", "signs"), ORIENTATIONS[::5])
-def test_oblique_orientations_come_back_in_space(
-    tmp_path: Path, kind: str, order: Any, signs: Any
-) -> None:
+def test_oblique_orientations_come_back_in_space(tmp_path, kind, order, signs):
     said = OPT if kind == "ophthalmic" else MODALITY
     found = read_scan(WRITERS[kind](tmp_path, laid(order, signs, OBLIQUE)), said)
     check_in_space(found, OBLIQUE)
@@ -210,9 +206,7 @@ def test_turned_tiff_pages_are_refused(tmp_path: Path, tag: int) -> None:
         ('"type": "affine", "scale": [', "'affine'"),
     ],
 )
-def test_zarr_transformations_that_turn_are_refused(
-    tmp_path: Path, change: str, reason: str
-) -> None:
+def test_zarr_transformations_that_turn_are_refused(tmp_path, change, reason):
     path = write_zarr(tmp_path / "s.zarr", laid((2, 1, 0), (1, 1, 1)), "0.4")
     text = (path / ".zattrs").read_text()
     (path / ".zattrs").write_text(text.replace('"type": "scale", "scale": [', change))

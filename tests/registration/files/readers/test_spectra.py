@@ -129,9 +129,7 @@ def test_dispersion_is_taken_out(tmp_path: Path) -> None:
         ({"colour": 1}, "give it the keys"),
     ],
 )
-def test_spectra_that_arent_described_are_refused(
-    tmp_path: Path, said: dict[str, Any], reason: str
-) -> None:
+def test_spectra_that_arent_described_are_refused(tmp_path, said, reason):
     with pytest.raises(ScanFileError, match=reason):
         scan_of(tmp_path, interference(DEPTHS_MM), **said)
 

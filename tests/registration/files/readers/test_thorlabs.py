@@ -17,9 +17,7 @@ INDEX = ScanOverrides(refractive_index=1.34)
 
 @pytest.mark.parametrize("folder", ["data\\", "data/"])
 @pytest.mark.parametrize("compression", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
-def test_depth_fastest_floats_come_back_as_z_y_x(
-    tmp_path: Path, folder: str, compression: int
-) -> None:
+def test_depth_fastest_floats_come_back_as_z_y_x(tmp_path, folder, compression):
     volume = counts().astype(np.float32)
     path = thorlabs(tmp_path / "s.oct", volume, folder=folder, compression=compression)
     found = read_scan(path, INDEX)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import zipfile
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,9 +23,7 @@ SAME = ("voxel_mm", "refractive_index", "optical_depth", "modality", "depth_down
 @pytest.mark.parametrize("name", ["s.tif", "s.zarr"])
 @pytest.mark.parametrize("kind", ["uint8", "uint16", "int16", "float32"])
 @pytest.mark.parametrize("handedness", ["right", "unknown"])
-def test_tiff_and_zarr_come_back_exactly(
-    tmp_path: Path, name: str, kind: str, handedness: Any
-) -> None:
+def test_tiff_and_zarr_come_back_exactly(tmp_path, name, kind, handedness):
     original = scan(volume=counts(70, 6, 5).astype(kind), scale="db", handedness=handedness)
     write_scan(tmp_path / name, original)
     found = read_scan(tmp_path / name)

@@ -145,9 +145,7 @@ def registered(tmp_path_factory: pytest.TempPathFactory) -> Registered:
 
 
 @pytest.mark.slow
-def test_the_chosen_datums_lay_the_rigid_fit_and_not_the_scaled_one(
-    registered: Registered,
-) -> None:
+def test_the_chosen_datums_lay_the_rigid_fit_and_not_the_scaled_one(registered):
     scan, plain = registered
     datums = read_datums(["axis 0", "outlet 4"])
     chosen = register_scan(scan, solid(lumens(NETWORK)), NETWORK, replace(FAST, datums=datums))

@@ -28,9 +28,7 @@ SURE = 8.0
     [(60, 30, "pass"), (90, 30, "undecided"), (120, 30, "undecided"), (150, 30, "fail"),
      (20, None, "undecided"), (150, None, "undecided")],
 )  # fmt: skip
-def test_the_rms_is_judged_with_its_interval_and_not_without(
-    rms: float, u: float | None, decision: str
-) -> None:
+def test_the_rms_is_judged_with_its_interval_and_not_without(rms, u, decision):
     numbers = registration(vessel(0, np.zeros(20), u_um=SURE), scaled={"rms_um": rms})
     found = judge_plain(numbers | {"rms_interval_95_um": u}, 100.0, 10.0)
     (feature,) = (f for f in found["judging"]["features"] if f["name"] == "rms")
@@ -41,9 +39,7 @@ def test_the_rms_is_judged_with_its_interval_and_not_without(
     ("widths", "u", "decision"),
     [(60, 20, "pass"), (90, 20, "undecided"), (160, 20, "fail"), (160, None, "undecided")],
 )
-def test_widths_may_differ_by_the_diameters_whole_tolerance(
-    widths: float, u: float | None, decision: str
-) -> None:
+def test_widths_may_differ_by_the_diameters_whole_tolerance(widths, u, decision):
     row = vessel(0, np.zeros(20), u_um=SURE, oval_um=widths, oval_interval_95_um=u)
     found = judge_plain(registration(row), 100.0, 10.0)  # ± 50 of 500 µm
     (feature,) = (f for f in found["judging"]["features"] if f["name"] == "oval")
@@ -62,9 +58,7 @@ def test_widths_may_differ_by_the_diameters_whole_tolerance(
         (245.0, {"position_um": 600.0}, "pass"),
     ],
 )
-def test_a_lumen_far_beside_its_axis_never_passes_without_a_limit(
-    aside: float, limits: dict[str, float], decision: str
-) -> None:
+def test_a_lumen_far_beside_its_axis_never_passes_without_a_limit(aside, limits, decision):
     offsets = np.full(40, 5.0)
     offsets[20:26] = aside
     row = vessel(

@@ -28,9 +28,7 @@ def judged(rule: DecisionRule, errors: np.ndarray, **more: Any) -> dict[str, Any
         (120.0, "fail", "fail", "fail"),
     ],
 )
-def test_each_rule_decides_by_its_own_risk(
-    off_um: float, guarded: str, conforming: str, shared: str
-) -> None:
+def test_each_rule_decides_by_its_own_risk(off_um, guarded, conforming, shared):
     """Of 500 ± 50 µm with U = 24.5 µm, nearly all of it shared by the vessel's sections."""
     decisions = [
         judged(rule, np.full(30, -off_um), u_um=24.5, noise_um=1.0)["vessels"][0]["decision"]

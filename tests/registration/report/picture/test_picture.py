@@ -170,9 +170,7 @@ def drawn(pieces: Sequence[Piece]) -> Any:
 
 @settings(max_examples=examples(60), deadline=None)
 @given(point, point, radius, radius)
-def test_depth_is_that_of_a_row_of_spheres(
-    a: tuple[float, float, float], b: tuple[float, float, float], ra: float, rb: float
-) -> None:
+def test_depth_is_that_of_a_row_of_spheres(a, b, ra, rb):
     start, end = np.array(a), np.array(b)
     depth, piece, _ = drawn([(start, end, ra, rb)])
     want = naive_depth(start, end, ra, rb)
