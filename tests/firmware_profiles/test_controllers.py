@@ -52,11 +52,6 @@ def test_what_doesnt_fit_is_refused(tmp_path: Path, old: str, new: str, message:
         loaded(tmp_path, TEXT.replace(old, new))
 
 
-def test_a_section_called_by_a_firmwares_name_is_refused_with_the_key_in_its_place(tmp_path):
-    with pytest.raises(ProfileError, match="write file_controller in place of aerotech"):
-        loaded(tmp_path, TEXT.replace("file_controller", "aerotech"))
-
-
 def test_an_output_is_no_marlins() -> None:
     printer = load(Printer, "pneumatic_marlin")
     head = {**printer.dispenser.model_dump(), "opens": "$DO[0].X=1", "closes": "$DO[0].X=0"}

@@ -151,11 +151,6 @@ def test_bridge_between_vessels_is_found_with_its_width() -> None:
     assert found.topology.explained is True
 
 
-def test_bubble_in_the_gel_leads_nowhere_and_is_no_leak() -> None:
-    bubble = hole((4.5, 2.2, 1.3), (4.6, 2.2, 1.3), 0.2)
-    assert findings(block(extra=bubble, noise=NOISE)).defects == ()
-
-
 @pytest.mark.slow
 def test_defects_on_the_brink_of_what_was_seen_say_so() -> None:
     whole = block(filled=plug(2.3, 5.2), noise=NOISE)
@@ -261,11 +256,6 @@ def test_a_stenosis_that_half_a_wall_shows_is_found_with_place_and_size() -> Non
     assert abs(found.from_mm - 0.3) < 0.11
     assert abs(found.to_mm - 0.6) < 0.11
     assert abs(found.size_um + 120) < max(found.error_um, 10)
-
-
-def test_a_bulge_is_a_bulge() -> None:
-    (found,) = scanned(change_mm=0.1)
-    assert found.kind == "bulge"
 
 
 def test_a_missing_vessel_s_gel_is_no_stenosis_of_the_one_that_it_would_lead_into() -> None:

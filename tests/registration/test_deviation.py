@@ -124,16 +124,6 @@ def away(x: float, y: float) -> np.ndarray:
     return np.hypot(vertices[:, 0] - x, vertices[:, 1] - y)
 
 
-def test_a_rim_rounded_by_the_blur_is_no_place_and_a_chipped_one_is() -> None:
-    vertices, _, off = face()
-    rim = vertices[:, 0] < 0.2
-    rounded = off + 110 * (vertices[:, 0] < 0.1)
-    assert listed(rounded, rim) == ()
-    chipped = rounded + 250 * (away(0.0, 2.5) < 0.3)
-    (chip,) = listed(chipped, rim)
-    np.testing.assert_allclose(chip.at_mm, [0.1, 2.5, 0], atol=0.3)
-
-
 def test_a_pit_and_a_bump_are_listed_with_sign_size_and_place() -> None:
     off = face()[2] + 300 * (away(3.0, 1.5) < 0.4) - 200 * (away(1.0, 4.0) < 0.3)
     pit, bump = listed(off)

@@ -8,7 +8,6 @@ from scipy.ndimage import gaussian_filter
 
 from design.network import VesselNetwork
 from registration.alignment import Fit
-from registration.alignment.distance import ModelSurface
 from registration.alignment.uncertainty import ScanErrors, section_errors
 from registration.measuring.gauging import find_changes, trace_vessels
 from registration.measuring.gauging.ovality import Oval, ovality
@@ -16,7 +15,6 @@ from registration.measuring.gauging.sections import Planes, cut_sections, oval_c
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumen_distance
-from tests.registration.phantom import IDENTITY, block, ladder, ladder_construct
 
 VOXEL = np.array([0.05, 0.05, 0.04])
 
@@ -80,23 +78,6 @@ def test_beside_a_sibling_at_a_narrow_angle_no_diameter_is_measured() -> None:
     assert trace.along[trace.counted].min() > 6 * 0.25 / 0.48
     np.testing.assert_allclose(trace.diameter[trace.counted], 0.5, atol=0.01)
     assert find_changes(trace_vessels(network, found, here, 0.1), 1.0) == []
-
-
-def test_an_axis_that_runs_on_past_the_parts_face_has_no_section_at_its_mouth() -> None:
-    designed = ladder()
-    nodes = designed.nodes + np.where(designed.nodes[:, :1] == 0, [-0.3, 0, 0], 0.0)
-    longer = VesselNetwork.from_segments(
-        nodes, designed.vessel_nodes, np.array([0.35, 0.3, 0.3, 0.25, 0.3, 0.3, 0.3, 0.35]),
-        np.full(8, 4), np.zeros(8),
-    )  # fmt: skip
-    part = ModelSurface.of(ladder_construct())
-    found = trace_vessels(longer, block(), IDENTITY, 0.1, part)[0]
-    # The face lies 0.3 mm along; four voxels of 0.05 mm beyond it a lumen's end is rounded.
-    assert 0.5 < found.along[found.counted].min() < 0.62
-    np.testing.assert_allclose(found.diameter[found.counted], 0.7, atol=0.01)
-    np.testing.assert_allclose(found.to_end, found.along - 0.3, atol=found.spacing / 2)
-    plain = trace_vessels(designed, block(), IDENTITY, 0.1, part)[0]
-    assert plain.along[plain.own].min() < 0.3
 
 
 def test_an_oval_conducts_less_than_a_circle_of_its_area() -> None:

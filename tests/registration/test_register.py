@@ -78,13 +78,6 @@ def test_mirrored_scan_is_refused_as_mirrored(planar):
         register_scan(turned, planar_construct(), planar_network(), FAST)
 
 
-def test_upside_down_scan_ends_with_a_reason(planar):
-    scan = as_scan(planar[0])
-    turned = replace(scan, volume=scan.volume[::-1].copy())
-    with pytest.raises(RegistrationError):
-        register_scan(turned, planar_construct(), planar_network(), FAST)
-
-
 @pytest.mark.slow
 def test_network_of_another_frame_is_refused(planar):
     moved = planar_network().moved(np.array([0.0, 0.65, 0.0]))
@@ -132,30 +125,6 @@ def test_occluded_vessel_is_found_closed_and_its_neighbours_open() -> None:
     assert report.vessels[1].narrowest_um == 0
     assert not report.all_open
     assert any("Closed vessels: 1" in note for note in report.notes)
-
-
-def scan_like(volume: np.ndarray) -> Scan:
-    scanned = microct_of(bent_network(), bent_network(), seed=1)
-    return replace(as_scan(scanned), volume=volume)
-
-
-BRIGHT = np.pad(np.ones((30, 40, 40), np.uint16), ((10, 0), (0, 0), (0, 0)))
-
-
-@pytest.mark.parametrize(
-    ("volume", "reason"),
-    [
-        (np.zeros((40, 40, 40), np.uint16), "empty"),
-        (np.full((40, 40, 40), np.nan, np.float32), "NaN"),
-        (np.arange(40, dtype=np.uint16).clip(9, 30) * BRIGHT, "saturated"),
-        (BRIGHT * np.uint16(65535), "two values only, 0 and 65535: it is a segmented image"),
-        (np.random.default_rng(0).integers(900, 1100, (60, 60, 60)).astype(np.uint16), "stands"),
-        (np.zeros((40, 40), np.uint16), "stack"),
-    ],
-)
-def test_useless_volumes_end_with_a_reason(volume: np.ndarray, reason: str) -> None:
-    with pytest.raises(SegmentationError, match=reason):
-        register_scan(scan_like(volume), solid(lumens(bent_network())), bent_network())
 
 
 # Scans that can't show the part, by a wrong unit, and scans of noise alone are refused plainly.

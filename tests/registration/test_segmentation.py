@@ -18,7 +18,7 @@ from registration.segmentation import GelField, Segmentation, Strength
 from registration.segmentation.filters import (
     bin_mean,
 )
-from registration.segmentation.levels import part_levels, sparse_levels
+from registration.segmentation.levels import part_levels
 from registration.segmentation.light import remaining_light
 from registration.segmentation.nets import surface
 from registration.segmentation.unevenness import unevenness
@@ -59,26 +59,12 @@ def test_surface_in_the_middle_is_closed_and_manifold() -> None:
     assert all((b, a) in forward for a, b in forward)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_whole_numbers_equal_to_the_level_leave_no_holes(sign: float) -> None:
-    volume = (ball(8.0, np.array([20.0, 20.0, 20.0])) * 8).astype(np.uint16)
-    vertices, _, _ = surface(volume, sign * 4.0, sign)
-    assert len(vertices) > 0
-    assert np.isfinite(vertices).all()
-
-
 def test_binning_averages_linear_intensity_of_decibels() -> None:
     linear = np.random.default_rng(0).uniform(1, 100, (4, 6, 9)).astype(np.float32)
     expected = linear[:, :6, :9].reshape(2, 2, 3, 2, 3, 3).mean(axis=(1, 3, 5))
     decibel = (10 * np.log10(linear)).astype(np.float32)
     np.testing.assert_allclose(bin_mean(linear, (2, 2, 3), False, 0.0), expected, rtol=1e-5)
     np.testing.assert_allclose(bin_mean(decibel, (2, 2, 3), True, 0.0), expected, rtol=1e-4)
-
-
-def test_sparse_lumens_of_one_percent_are_found() -> None:
-    rng = np.random.default_rng(0)
-    values = np.concatenate([rng.normal(100, 2, 99_000), rng.normal(40, 2, 1000)])
-    assert sparse_levels(values).half == pytest.approx(70, abs=1)
 
 
 @pytest.mark.parametrize("gel", [0.05, 0.5, 0.95])

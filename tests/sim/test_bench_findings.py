@@ -5,8 +5,6 @@ bytes to both over pseudo-terminals: some 700 lines, with and without emergency 
 
 from __future__ import annotations
 
-import re
-
 import pytest
 
 from firmware_profiles import Printer, load
@@ -139,22 +137,6 @@ def test_dry_run_flag_of_m111_keeps_plunger_and_heaters_off() -> None:
     assert printer.machine.heat.hotend.target_c == 0
 
 
-@pytest.mark.parametrize("parser", [True, False])
-@pytest.mark.parametrize(
-    ("feed", "real_s"), [(600, 0.638), (3000, 0.715), (6000, 0.843), (12000, 1.27)]
-)
-def test_motors_run_on_after_a_kill_for_as_long_as_the_real_ones(feed, real_s, parser):
-    printer = marlin(emergency_parser=parser)
-    said(printer, f"G1 X150 Y150 F{feed}", "G1 X0 Y0")
-    printer.advance(0.6)
-    begin = printer.now
-    assert "halted" in said(printer, "M112")
-    printer.advance(3.0)
-    assert printer.halted
-    executed = printer.executed()
-    assert executed.time_end[-1] - begin == pytest.approx(real_s, rel=0.05)
-
-
 def test_quickstop_before_the_kill_leaves_no_step_behind_it() -> None:
     printer = marlin()
     said(printer, "G1 X100 F3000")
@@ -188,19 +170,6 @@ def test_second_build_is_reproduced_up_to_its_kill():
     killed = next(i for i, row in enumerate(rows) if b"kill()" in row.expected)
     assert killed == 10
     assert differences(printer_of(second_build=True), rows[: killed + 1]) == []
-
-
-def test_second_build_tells_free_places_as_planner_and_queue_fill():
-    rows = rows_of("conf_avr3_stock_noEP_advok.txt")
-    killed = next(i for i, row in enumerate(rows) if b"kill()" in row.expected)
-    rest = rows[killed + 1 :]
-    pings = [row for row in rest if re.search(r"N\d+$", row.title)]
-    before, after = rest[: rest.index(pings[0])], rest[rest.index(pings[-1]) + 1 :]
-    printer = printer_of(second_build=True)
-    assert differences(printer, before) == []
-    assert ping_pong(printer, len(pings)) == [row.expected for row in pings]
-    assert differences(printer, after) == []
-    assert printer.dead
 
 
 @pytest.mark.parametrize("second_build", [True, False])

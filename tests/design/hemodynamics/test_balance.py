@@ -48,14 +48,6 @@ def test_every_loop_carries_the_same(rungs, conditions):
     assert flow_spread(balanced, conditions) < 1e-9
 
 
-@pytest.mark.parametrize("conditions", [FLOW, PRESSURE], ids=["flow", "pressure"])
-def test_loops_carry_their_shares(conditions):
-    shares = [1.0, 2.0, 3.0, 0.5]
-    balanced = balance(ladder(4), conditions, shares)
-    flow = solve_flow(balanced, conditions).flow[balanced.kind == C]
-    np.testing.assert_allclose(flow / flow.sum(), np.array(shares) / 6.5, rtol=1e-9)
-
-
 def test_trees_and_shapes_stay():
     network = ladder(5)
     balanced = balance(network, FLOW)

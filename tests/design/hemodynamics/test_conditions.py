@@ -62,11 +62,6 @@ def test_ends_must_be_nodes_of_the_network(conditions: FlowConditions, message: 
         solve_flow(LINE, conditions)
 
 
-def test_named_ends_take_the_place_of_the_designed_ones() -> None:
-    conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0, inlets=(2,), outlets=(0,))
-    assert solve_flow(LINE, conditions).flow.tolist() == pytest.approx([-1.0, -1.0], rel=1e-14)
-
-
 def test_a_resistance_behind_an_outlet_is_as_a_vessel_more() -> None:
     """Two outlets behind 1:2; and pressures beyond, one of them the lowest."""
     fork = network_of([[0, 0, 0], [1, 0, 0], [2, 1, 0], [2, -1, 0]], [(0, 1), (1, 2), (1, 3)], 0.3)

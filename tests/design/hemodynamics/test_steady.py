@@ -42,14 +42,6 @@ def _imbalance(network: VesselNetwork, solution: FlowSolution, ends: set[int]) -
     return worst
 
 
-def test_vessels_in_series_add_their_resistances() -> None:
-    network = network_of([[0, 0, 0], [1, 0, 0], [3, 0, 0]], [(0, 1), (1, 2)], [0.2, 0.1])
-    first, last = vessel_resistance(network, VISCOSITY)
-    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_pressure_pa=100.0))
-    assert solution.flow == pytest.approx([100.0 / (first + last)] * 2, rel=1e-13)
-    assert solution.pressure[1] == pytest.approx(100.0 * last / (first + last), rel=1e-13)
-
-
 def test_a_wheatstone_bridge_is_as_by_hand() -> None:
     """Four arms of resistances 1, 2, 3, 4 and a bridge of 5.
 

@@ -103,11 +103,3 @@ def test_both_ways_of_scaling_are_solutions_of_the_scaled_network():
         if name == "same_reynolds":
             key = next(key for key in summary if key.startswith("reynolds"))
             assert found[key] == pytest.approx(summary[key], rel=1e-9)
-
-
-def test_outlet_flows_scale_and_pressures_stay():
-    driven = FlowConditions(viscosity_pa_s=1e-3, inlet_pressure_pa=900.0, outlet_flow_ul_s={3: 2.0})
-    scaled = same_shear_conditions(driven, 2.0)
-    assert scaled.outlet_flow_ul_s == {3: 16.0}
-    assert scaled.inlet_pressure_pa == 900.0
-    assert same_shear_conditions(driven, 1.0) is driven

@@ -19,7 +19,7 @@ from design.measures.path_lengths import measure_paths
 from design.network import VesselKind, VesselNetwork
 from design.tissue import block
 from design.vasculature import GrowthOptions, grow_tree, planar_four_vessel, tree_to_network
-from tests.design.measures.oracles import depth, random_tree, strahler, tree_network
+from tests.design.measures.oracles import random_tree, strahler, tree_network
 from tests.design.tissue.kept import kept_tissue
 from tests.slower import examples
 
@@ -67,36 +67,6 @@ def test_diameter_orders_part_clear_groups_that_strahler_mixes() -> None:
     found, change = diameter_defined_orders(diameter, mixed)
     np.testing.assert_array_equal(found, np.repeat([1, 2, 3], 10))
     assert change < 0.01
-
-
-def test_loops_have_no_orders() -> None:
-    assert measure_morphometry(planar_four_vessel()) == ()
-    ring = VesselNetwork.from_segments(
-        np.eye(3), np.array([[0, 1], [1, 2], [2, 0]]), np.ones(3), np.zeros(3), np.zeros(3)
-    )
-    assert measure_morphometry(ring) == ()
-    assert measure_paths(ring) is None
-
-
-@settings(deadline=None, max_examples=examples(25))
-@given(seed=st.integers(0, 2**32), vessels=st.integers(1, 40), kind=st.sampled_from([0, 1]))
-def test_depth_and_way_are_those_of_a_walk(seed: int, vessels: int, kind: int) -> None:
-    parents, nodes = random_tree(np.random.default_rng(seed), vessels)
-    network = tree_network(parents, nodes, np.ones(vessels), kind)
-    ways = measure_paths(network)
-    assert ways is not None
-    leaves = [i for i in range(vessels) if i not in parents]
-    deep = [depth(parents, i) for i in leaves]
-    assert (ways.depth_mean, ways.depth_max) == (pytest.approx(np.mean(deep)), max(deep))
-    length, turns = network.lengths(), []
-    for leaf in leaves:
-        way, i = 0.0, leaf
-        while i >= 0:
-            way, i = way + length[i], parents[i]
-        turns.append(way / np.linalg.norm(nodes[leaf + 1] - nodes[0]))
-    assert ways.tortuosity_mean == pytest.approx(np.mean(turns))
-    assert ways.tortuosity_max == pytest.approx(max(turns))
-    assert ways.vessel_tortuosity_max == pytest.approx(1.0)
 
 
 def test_a_half_circle_is_half_pi_as_long_as_its_chord() -> None:

@@ -137,24 +137,12 @@ def test_krogh_erlang_solves_its_equation() -> None:
     np.testing.assert_allclose(left[5:-5], model.uptake_millimolar_s, rtol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["lumen_millimolar", "cells_per_ml", "diffusivity_mm2_s"])
-def test_impossible_oxygen_is_refused(name: str) -> None:
-    with pytest.raises(DesignError, match=name):
-        OxygenModel(**{name: -1.0})
-
-
 @pytest.mark.parametrize(
     "options", [{"samples": 0}, {"murray_exponent": 0.0}, {"printable_diameter_mm": -1.0}]
 )
 def test_impossible_options_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(DesignError, match="measures"):
         MeasureOptions(**options)  # type: ignore[arg-type]
-
-
-def test_a_tissue_that_is_all_lumen_has_no_supply(rod: Tissue) -> None:
-    measured = measure_network(straight(radius=50.0), rod, MeasureOptions(samples=100))
-    assert measured.supply is None
-    json.dumps(measures_dict(measured), allow_nan=False)
 
 
 def test_the_dictionary_is_plain_json(rod: Tissue) -> None:

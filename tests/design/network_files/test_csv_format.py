@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.errors import NetworkError
-from design.network import VesselKind, VesselNetwork
+from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv, write_network_csv
 from tests.slower import examples
 
@@ -87,14 +87,6 @@ def _file(tmp_path: Path, *rows: str, header: str = HEADER) -> Path:
     path = tmp_path / "network.csv"
     path.write_text(header + "".join(row + "\n" for row in rows))
     return path
-
-
-def test_the_unit_scales_coordinates_and_leaves_radii_which_say_mm(tmp_path: Path) -> None:
-    network = read_network_csv(_file(tmp_path, "0,0,1,0,0,0,1,2,3,0.5,0.4,artery,2"), "cm")
-    assert network.points.tolist() == [[0, 0, 0], [10, 20, 30]]
-    assert network.radius.tolist() == [0.5, 0.4]
-    assert network.kind.tolist() == [VesselKind.ARTERY]
-    assert network.tree.tolist() == [2]
 
 
 def test_a_vessel_is_cut_where_another_joins_it(tmp_path: Path) -> None:

@@ -66,17 +66,6 @@ def test_points_radii_and_cells_are_those_of_the_network(tmp_path: Path) -> None
     assert arrays["flow_ul_s"].tolist() == [1.5, -2.0]
 
 
-def test_an_array_of_another_length_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(NetworkError, match="flow: 3 values for 2 vessels"):
-        write_network_vtp(tmp_path / "n.vtp", _network(), {"flow": np.zeros(3)})
-
-
-def test_text_is_refused_before_a_file_is_left(tmp_path: Path) -> None:
-    with pytest.raises(NetworkError, match="name: type"):
-        write_network_vtp(tmp_path / "n.vtp", _network(), {"name": np.array(["a", "b"])})
-    assert list(tmp_path.iterdir()) == []
-
-
 # Reading VTP network files, ours and other programs'.
 
 POINTS = "0 0 0  10 0 0  20 0 0  10 0 0  10 8 0"

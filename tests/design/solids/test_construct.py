@@ -53,13 +53,6 @@ def test_the_ladder_opens_at_both_faces_and_has_the_graphs_handles() -> None:
         assert depths(construct, np.array([axis_point]))[0][0] == pytest.approx(0.5, abs=2e-3)
 
 
-def test_dimples_are_half_balls() -> None:
-    plain, marked = construct_solid(block(), None), construct_solid(block(), None, DIMPLES)
-    half_balls = 3 * 2 / 3 * np.pi * 0.3**3
-    assert plain.volume_mm3 - marked.volume_mm3 == pytest.approx(half_balls, rel=0.02)
-    assert marked.volume_mm3 < plain.volume_mm3
-
-
 def test_a_lumen_without_port_is_a_cavity() -> None:
     network = channels([[3, 4, 1.5], [9, 4, 1.5]], [(0, 1)], 0.4)
     assert open_ends(network, block(), 1.0).tolist() == []

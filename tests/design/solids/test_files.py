@@ -122,24 +122,6 @@ def test_an_inside_out_file_is_not_valid(tmp_path: Path) -> None:
     assert not check.valid
 
 
-def test_two_boxes_that_share_an_edge_are_not_valid(tmp_path: Path) -> None:
-    box = trimesh.creation.box((1, 1, 1))
-    other = box.copy()
-    other.apply_translation([1, 1, 0])
-    trimesh.util.concatenate([box, other]).export(tmp_path / "edge.stl")
-    check = validate_file(tmp_path / "edge.stl")
-    assert (check.wrong_edges, check.valid) == (1, False)
-
-
-def test_boxes_that_touch_in_a_point_count_as_two_shells(tmp_path: Path) -> None:
-    box = trimesh.creation.box((1, 1, 1))
-    other = box.copy()
-    other.apply_translation([1, 1, 1])
-    trimesh.util.concatenate([box, other]).export(tmp_path / "point.stl")
-    check = validate_file(tmp_path / "point.stl")
-    assert (check.genus, check.shells) == (0, 2)
-
-
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [

@@ -105,18 +105,6 @@ def test_a_cross_of_three_axes_has_the_tricylinders_overlap() -> None:
     assert solid.volume_mm3 == pytest.approx(exact, rel=1e-3)
 
 
-def test_a_helix_has_the_volume_of_its_pieces() -> None:
-    """Pappus: a mitred tube's volume is area times axis length, its ends apart."""
-    turn = np.linspace(0, 4 * np.pi, 240)
-    points = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0.4 * turn], axis=1)
-    solid = lumen_solid(vessel(points, 0.3))
-    _assert_solid(solid)
-    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-    exact = np.pi * 0.09 * length + 4 / 3 * np.pi * 0.027
-    assert solid.volume_mm3 == pytest.approx(exact, rel=5e-4)
-    assert surface_genus(solid.faces) == (0, 1)
-
-
 @pytest.mark.parametrize("closed_in", first_of([5, 1]))
 def test_a_smooth_ring_is_a_torus(closed_in: int) -> None:
     turn = np.linspace(0, 2 * np.pi, 101)
@@ -137,13 +125,6 @@ def test_a_smooth_ring_is_a_torus(closed_in: int) -> None:
     _assert_solid(solid)
     assert surface_genus(solid.faces) == (1, 1)
     assert solid.volume_mm3 == pytest.approx(2 * np.pi**2 * 4 * 0.25, rel=2e-3)
-
-
-def test_the_ladders_genus_is_its_graphs_wherever_it_lies() -> None:
-    for offset in (0.0, 1234.567):
-        solid = lumen_solid(ladder().moved(np.full(3, offset)))
-        _assert_solid(solid)
-        assert surface_genus(solid.faces) == (3, 1)
 
 
 @pytest.mark.slow

@@ -153,14 +153,6 @@ def test_what_isnt_printable_is_left_out_of_a_tissue_too(tmp_path: Path) -> None
         load_tissue(path, "in")
 
 
-def test_curas_support_mesh_is_left_out(tmp_path: Path) -> None:
-    said = '<metadatagroup><metadata name="cura:support_mesh">True</metadata></metadatagroup>'
-    text = model(thing(1, mesh(BODY)) + thing(2, said + mesh(ASIDE)),
-                 '<item objectid="1"/><item objectid="2"/>')  # fmt: skip
-    path = package(tmp_path / "a.3mf", {MODEL: text})
-    assert read_solid(path, None).volume_mm3 == pytest.approx(320)
-
-
 def test_a_model_is_found_by_the_packages_relationships(tmp_path: Path) -> None:
     text = model(thing(1, mesh(BODY)), '<item objectid="1"/>')
     decoy = model(thing(1, mesh(ASIDE)), '<item objectid="1"/>')

@@ -8,7 +8,7 @@ import pytest
 from design.errors import SolidError
 from design.solids import Solid, lumen_solid, network_genus, surface_genus
 from design.solids.facets import Facets
-from design.solids.smooth.fillet import rounded_distance, shoot, wall_rows
+from design.solids.smooth.fillet import rounded_distance, wall_rows
 from design.solids.smooth.layout import lay_out
 from design.solids.topology import edge_faults
 from tests.design.solids.networks import channels, ladder, lattice
@@ -59,14 +59,6 @@ def test_a_point_is_filled_where_no_ball_outside_the_vessels_reaches_it() -> Non
     assert tried > 100
 
 
-def test_vessels_in_one_line_dont_bulge() -> None:
-    walls = _walls(np.array([[1.0, 0, 0], [-1.0, 0, 0]]), np.array([0.5, 0.5]))
-    directions = np.stack([np.zeros(9), np.cos(np.arange(9)), np.sin(np.arange(9))], axis=1)
-    away = np.empty(9)
-    shoot(walls, 0.25, directions, away)
-    assert away == pytest.approx(0.5, rel=1e-6)
-
-
 @pytest.mark.parametrize("turn", [TURN, pytest.param(np.eye(3), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("ratio", [0.0, 0.25, 0.5, 1.0])
 def test_a_cross_of_six_is_closed_and_grows_with_its_fillet(turn: np.ndarray, ratio: float) -> None:
@@ -78,28 +70,6 @@ def test_a_cross_of_six_is_closed_and_grows_with_its_fillet(turn: np.ndarray, ra
     sharp = lumen_solid(network)
     if ratio:
         assert solid.volume_mm3 > sharp.volume_mm3 * (1.0 + 0.015 * ratio**2)
-
-
-def _sharpest(solid: Solid, middle: np.ndarray, reach: float) -> float:
-    """Least cosine between neighbouring faces with all corners within ``reach``."""
-    faces = solid.faces
-    a, b, c = (solid.vertices[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    area = np.linalg.norm(normal, axis=1)
-    normal /= area[:, None]
-    tail, head = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel()
-    size = len(solid.vertices)
-    one, two = np.argsort(tail * size + head), np.argsort(head * size + tail)
-    near = np.linalg.norm(solid.vertices - middle, axis=1) < reach
-    inner = near[faces].all(axis=1) & (area > 1e-6)
-    pair = inner[one // 3] & inner[two // 3]
-    return float(np.sum(normal[one // 3] * normal[two // 3], axis=1)[pair].min())
-
-
-def test_seams_are_sharp_without_and_gone_with_a_fillet() -> None:
-    middle = np.array([5.0, 0, 0])
-    assert _sharpest(lumen_solid(FORK), middle, 1.5) < 0.7
-    assert _sharpest(lumen_solid(FORK, fillet_mm=0.2), middle, 1.5) > 0.85
 
 
 @pytest.mark.parametrize("ratio", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])

@@ -9,17 +9,14 @@ from design.geometry import build_triangle_tree
 from design.tissue import (
     BlockZone,
     SpacingRule,
-    Surface,
     block,
     carve,
     load_tissue,
     tissue_from_surface,
 )
 from design.tissue.depth import depth_bounds, winding_number
-from tests.design.geometry import oracles
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
-from tests.slower import first_of
 
 
 def tissue_of(surface, **options):
@@ -63,22 +60,6 @@ def test_torus_keeps_its_hole_outside():
     np.testing.assert_array_equal(tissue.contains(points)[clear], (ring < 0)[clear])
 
 
-def test_wall_of_a_third_of_a_millimetre_is_seen():
-    tissue = tissue_of(surfaces.thin_box(0.3))
-    assert tissue.thinnest_wall_mm == pytest.approx(0.3, abs=1e-6)
-    assert tissue.grid.spacing_mm <= 0.3 / 4 + 1e-9
-    points = np.array([[6.0, 6.0, z] for z in (11.5, 11.75, 11.85, 11.95, 12.1)])
-    assert tissue.contains(points).tolist() == [False, True, True, True, False]
-    np.testing.assert_allclose(tissue.grid.distance(points[2:3]), -0.15, atol=0.02)
-
-
-def test_inside_out_mesh_is_turned():
-    shape = surfaces.hollow_sphere()
-    tissue = tissue_of(Surface(shape.vertices, shape.faces[:, ::-1]))
-    assert tissue.volume_mm3 == pytest.approx(shape.volume_mm3)
-    assert tissue.contains(np.array([[8.0, 0, 0], [0, 0, 0]])).tolist() == [True, False]
-
-
 def test_overlapping_solids_count_once():
     one, two = surfaces.sphere(6.0), surfaces.sphere(6.0).translate((5.0, 0.0, 0.0))
     parts = [surfaces.surface(part) for part in (one, two)]
@@ -88,22 +69,6 @@ def test_overlapping_solids_count_once():
     union = surfaces.surface(one + two)
     assert tissue.volume_mm3 == pytest.approx(union.volume_mm3, rel=1e-3)
     assert tissue.contains(np.array([[2.5, 0.0, 0.0]])).all()
-
-
-@pytest.mark.parametrize("bricks", first_of([2, 8]))
-def test_samples_are_exact_distances(hollow, bricks):
-    grid = hollow.grid.arrays
-    corners = hollow.surface.vertices[hollow.surface.faces]
-    rng = np.random.default_rng(5)
-    a, b, c = np.nonzero(grid.brick >= 0)
-    for n in rng.integers(0, len(a), bricks):
-        i, j, k = rng.integers(0, 9, 3)
-        p = grid.origin + grid.spacing * (8 * np.array([a[n], b[n], c[n]]) + (i, j, k))
-        near = np.argsort(np.linalg.norm(corners.mean(axis=1) - p, axis=1))[:200]
-        exact = min(oracles.point_triangle(p, *t) for t in corners[near])
-        sample = grid.samples[grid.brick[a[n], b[n], c[n]], i, j, k]
-        assert abs(sample) == pytest.approx(exact, abs=1e-5)
-        assert (sample < 0) == (6 < np.linalg.norm(p) < 10)
 
 
 def test_reads_are_never_deeper_than_exact_by_more_than_stated(hollow):

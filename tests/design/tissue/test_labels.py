@@ -76,14 +76,6 @@ def test_wall_of_one_voxel_stays_whole():
     assert shape.volume_mm3 == pytest.approx((voxels > 0).sum(), rel=0.01)
 
 
-def test_parts_and_cut_borders_are_told():
-    voxels = np.zeros((20, 20, 20), dtype=int)
-    voxels[0:6, 5:10, 5:10] = voxels[10:14, 5:10, 5:10] = 1
-    notes = label_surface(VolumeImage(voxels, np.eye(4)), 1)[1]
-    assert "border (low x)" in notes[0]
-    assert "2 parts, of 150, 100 voxels" in notes[1]
-
-
 def written(path, voxels, affine, unit="mm"):
     name = path.name
     if ".nii" in name:

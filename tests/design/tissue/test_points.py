@@ -4,7 +4,6 @@ import trimesh
 
 from design.errors import TissueError
 from design.tissue import load_point_surface, point_surface
-from design.tissue.normals import estimate_normals
 from tests.design.tissue import surfaces
 from tests.slower import first_of
 
@@ -65,22 +64,6 @@ def test_error_falls_faster_than_the_spacing():
         shape, _ = point_surface(10 * sphere(count), sphere(count))
         errors.append(abs(shape.volume_mm3 / (4 * np.pi * 1000 / 3) - 1))
     assert errors[1] < errors[0] / 3
-
-
-def test_cavity_is_told_by_its_normals():
-    outer, inner = sphere(1600), sphere(800, seed=1)
-    points = np.concatenate([10 * outer, 6 * inner])
-    shape, _ = point_surface(points, np.concatenate([outer, -inner]))
-    assert closed(shape)
-    assert shape.volume_mm3 == pytest.approx(4 / 3 * np.pi * (1000 - 216), rel=0.01)
-
-
-def test_estimated_normals_look_outward_everywhere():
-    points, normals = torus(1200)
-    near = np.argsort(np.linalg.norm(points[:, None] - points, axis=2), axis=1)[:, 1:15]
-    found, parts = estimate_normals(points, near)
-    assert parts == 1
-    assert (np.einsum("ij,ij->i", found, normals) > 0.8).all()
 
 
 def test_gap_is_refused_with_its_size():

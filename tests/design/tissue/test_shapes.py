@@ -38,10 +38,6 @@ def test_shape_is_closed_and_looks_outward(name):
     assert mesh.volume == pytest.approx(shape.volume_mm3)
 
 
-def test_block_has_the_volume_of_its_sides():
-    assert block((16.0, 8.0, 3.0)).volume_mm3 == pytest.approx(384.0)
-
-
 def test_annulus_converges_to_the_round_ring_in_second_order():
     exact = pi * (15.0**2 - 10.0**2) * 6.0
     errors = [exact - annulus(30.0, 20.0, 6.0, sides).volume_mm3 for sides in (32, 64)]

@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from manifold3d import Manifold
 
 from benchmarks.supply_bench import worker
@@ -27,7 +25,6 @@ from design.tissue import (
     Surface,
     block,
     carve,
-    folded_cortex,
     part_numbers,
     part_tissue,
     parts_of,
@@ -35,7 +32,7 @@ from design.tissue import (
 )
 from design.vasculature import check_parts
 from tests.design.tissue import surfaces
-from tests.slower import examples, first_of
+from tests.slower import first_of
 
 CUBE = block((10.0, 10.0, 10.0))
 NEEDLE = CylinderZone((2.0, 5.0, -1.0), (8.0, 5.0, 11.0), 0.4)
@@ -89,24 +86,6 @@ def test_needle_hole_is_outside_and_vessels_keep_clear_of_it():
     assert not tissue.contains(axis).any()
     start, end = np.array([[1.0, 5.0, 5.0]]), np.array([[9.0, 5.0, 5.0]])
     assert not tissue.grid.capsule_inside(start, end, np.array([0.1])).any()
-
-
-@settings(max_examples=examples(15), deadline=None)
-@given(st.lists(st.floats(0.5, 9.5, width=32), min_size=6, max_size=6), st.floats(0.2, 2.0))
-def test_cut_and_kept_parts_add_up(places, radius):
-    zone = SphereZone(tuple(places[:3]), radius)
-    other = BlockZone(tuple(places[:3]), (12.0, 12.0, 12.0))
-    for cut in (zone, other):
-        outside, inside = carve(CUBE, [cut])[0], carve(CUBE, (), [cut])[0]
-        # Around a round zone the polyhedron is larger than the one within it.
-        slack = 0.1 * inside.volume_mm3 if cut is zone else 1e-3
-        assert abs(outside.volume_mm3 + inside.volume_mm3 - 1000.0) < slack + 1e-3
-
-
-def test_zones_work_on_every_source():
-    shape, _ = carve(folded_cortex(), [CylinderZone((20, 16, -20), (20, 16, 20), 1.0)])
-    assert closed(shape)
-    assert shape.volume_mm3 < folded_cortex().volume_mm3 - 2.9 * pi
 
 
 def test_zone_that_misses_is_told():
@@ -176,15 +155,6 @@ def test_parts_are_told_apart_even_where_they_touch(place):
     assert [round(part.volume_mm3) for part in parts] == [1000, 216]
     middles = np.array([part.middle_mm for part in parts])
     assert part_numbers(tissue, parts, middles).tolist() == [0, 1]
-
-
-def test_a_cavity_is_no_part_and_what_lies_in_it_is_one():
-    shells = surfaces.nested_shells()
-    tissue = tissue_from_surface(shells.vertices, shells.faces)
-    outer, inner = parts_of(tissue)
-    assert outer.volume_mm3 + inner.volume_mm3 == pytest.approx(tissue.volume_mm3)
-    at = np.array([[9.0, 0, 0], [7.0, 0, 0], [4.5, 0, 0], [0, 0, 0.0]])
-    assert part_numbers(tissue, (outer, inner), at).tolist() == [0, -1, 1, -1]
 
 
 def test_a_part_that_no_vessel_ends_in_is_refused_by_size_and_place():

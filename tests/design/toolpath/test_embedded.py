@@ -23,20 +23,6 @@ from tests.slower import first_of
 OPTIONS = EmbeddedOptions()
 
 
-def first_written(toolpath, vessel):
-    write = toolpath.kind == MoveKind.WRITE
-    return int(np.flatnonzero(write & (toolpath.source == vessel))[0])
-
-
-def test_a_stack_is_written_from_the_bottom():
-    heights = [3.0, 1.0, 4.0, 0.0, 2.0]
-    nodes = [(x, 0, z) for z in heights for x in (0, 5)]
-    net = network(nodes, [(2 * k, 2 * k + 1) for k in range(5)], 0.2)
-    toolpath = embedded_toolpath(net, OPTIONS)
-    order = sorted(range(5), key=lambda vessel: first_written(toolpath, vessel))
-    assert [heights[k] for k in order] == sorted(heights)
-
-
 def test_a_helix_is_written_upward_in_one_pass():
     turn = np.linspace(0, 6 * np.pi, 300)
     helix = np.column_stack([3 * np.cos(turn), 3 * np.sin(turn), 0.5 * turn])
@@ -80,16 +66,6 @@ def test_vessels_that_overlap_are_told_as_one_body():
     (merged,) = plan.report.merged
     assert (merged.vessel, merged.other) == (0, 1)
     assert merged.overlap_mm == pytest.approx(0.2, abs=0.02)
-    assert crossings(plan.toolpath, net, OPTIONS.needle_outer_mm / 2) == set()
-
-
-def test_a_cycle_is_split():
-    # Three bars, each lying on the next: A over B, B over C, C over A, with C's end just over A.
-    nodes = [(0, 0, 0), (6, 0, 3), (5.5, -1, 0), (0, 6, 3), (0.3, 6, 0), (0.2, -0.2, 3)]
-    net = network(nodes, [(0, 1), (2, 3), (4, 5)], 0.15)
-    plan = plan_embedded(net, OPTIONS)
-    assert plan.report.crossings == ()
-    assert (plan.report.passes, len(plan.report.open)) == (4, 0)
     assert crossings(plan.toolpath, net, OPTIONS.needle_outer_mm / 2) == set()
 
 

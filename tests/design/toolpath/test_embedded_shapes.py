@@ -96,14 +96,6 @@ def test_a_shape_is_written_in_as_few_passes_as_can_be(name, passes):
     assert plan_embedded(SHAPES[name][0], OPTIONS).report.passes == passes
 
 
-@pytest.mark.parametrize("name", ["a ring on its edge", "a trefoil knot"])
-def test_a_loop_that_lies_over_itself_is_split(name):
-    report = plan_embedded(SHAPES[name][0], OPTIONS).report
-    assert report.passes >= 2
-    # As many cuts as pieces of a closed line, and the node if a pass goes on through it.
-    assert report.joints == report.passes + report.continued
-
-
 def test_the_checker_flags_a_planted_crossing():
     """The same moves for a network upside down: what was below lies above."""
     net = SHAPES["a vertical stack"][0]
@@ -157,13 +149,6 @@ def test_a_joint_that_stays_open_is_refused_by_place(monkeypatch):
         plan_embedded(net, options)
     allowed = plan_embedded(net, replace(options, open_joints=1))
     assert (allowed.report.joints, len(allowed.report.open)) == (3, 1)
-
-
-def test_a_short_overlap_closes_what_a_long_one_cant():
-    net, options = funnel(0.5)
-    plan = plan_embedded(net, options)
-    assert len(plan.report.open) == 0
-    assert bodies(plan.toolpath) == 2
 
 
 @pytest.mark.parametrize("radius", [0.2, 0.7])

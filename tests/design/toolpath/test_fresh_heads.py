@@ -128,12 +128,6 @@ def test_a_straight_border_is_met_from_both_sides_to_rounding() -> None:
     assert over[0] == pytest.approx(4.0 - CREST, abs=1e-6)
 
 
-def test_heads_alternate_so_that_a_layer_costs_one_change() -> None:
-    plan = planned(SOLID, [right()])
-    assert order(plan.toolpath) == [[0, 1], [1, 0], [0, 1], [1, 0]]
-    assert plan.report.changes == 4
-
-
 def test_a_lumen_on_the_border_keeps_its_size_between_both_inks() -> None:
     one = fresh_toolpath(with_lumen(), OPTIONS)
     two = planned(with_lumen(), [right()]).toolpath
@@ -154,22 +148,6 @@ def test_a_lumen_s_walls_are_of_the_ink_round_it() -> None:
     middle = shapely.Point(x, y)
     assert middle.distance(ink_of(path, 1, 0)) == pytest.approx(radius, abs=3e-3)
     assert middle.distance(ink_of(path, 0, 0)) == pytest.approx(radius + 0.4 - CREST, abs=5e-3)
-
-
-def test_each_head_has_its_own_lines_and_plunger() -> None:
-    other = replace(OPTIONS, line_width_mm=0.3, retract_ul=0.05, plunger_ul_s=0.2)
-    path = planned(SOLID, [right()], OPTIONS, other).toolpath
-    length = path.lengths
-    for head, own in enumerate((OPTIONS, other)):
-        rows = (path.tool == head) & (path.kind == MoveKind.WRITE)
-        width = rounded_width(path.volume_ul[rows] / length[rows], HEIGHT)
-        # Walls to rounding; infill is up to 5 % wider or narrower to fit between them.
-        assert np.median(width) == pytest.approx(own.line_width_mm, rel=0.05)
-        assert np.isclose(width, own.line_width_mm, rtol=1e-7).sum() >= 8
-        held = (path.tool == head) & np.isin(path.kind, [MoveKind.PRIME, MoveKind.RETRACT])
-        assert held.any()
-        np.testing.assert_allclose(np.abs(path.volume_ul[held]), own.retract_ul)
-        np.testing.assert_allclose(path.duration_s[held], own.retract_ul / own.plunger_ul_s)
 
 
 def test_a_head_relieves_before_it_is_left_and_primes_when_it_is_back() -> None:
@@ -236,20 +214,6 @@ def test_a_region_is_filled_by_its_own_density_and_the_rest_is_not():
     assert share == pytest.approx(walls + (1 - walls) / 2, abs=0.15 / 4)
 
 
-def test_outside_the_region_s_height_nothing_changes():
-    low = Region(box((-1, -1, -1), (9, 5, 0.06)), Filling("lines", 0.0))
-    plain, changed = (
-        fresh_toolpath(SOLID_FRESH_REGIONS, OPTIONS_FRESH_REGIONS),
-        fresh_toolpath(SOLID_FRESH_REGIONS, OPTIONS_FRESH_REGIONS, [low]),
-    )
-    written = [
-        [path.volume_ul[(path.source == k) & (path.kind == MoveKind.WRITE)].sum() for k in (0, 1)]
-        for path in (plain, changed)
-    ]
-    assert written[1][0] < 0.2 * written[0][0]
-    assert written[1][1] == pytest.approx(written[0][1], rel=1e-9)
-
-
 def test_an_open_region_is_refused_by_number():
     region = Region(Solid(SOLID_FRESH_REGIONS.vertices, SOLID_FRESH_REGIONS.faces[1:]), Filling())
     with pytest.raises(ToolpathError, match=r"region 0 can't be sliced.*closed manifold"):
@@ -306,8 +270,3 @@ def test_solid_concentric_infill_leaves_little_bare():
     report = plan_fresh(body(0.06), FreshOptions(filling=Filling("concentric"))).report
     assert report.unfilled_fraction < 0.02
     assert report.written_ul == pytest.approx(report.material_ul, rel=0.02)
-
-
-def test_a_solid_gyroid_is_refused():
-    with pytest.raises(ToolpathError, match=r"meet above 0\.7"):
-        Filling("gyroid", 1.0)

@@ -10,7 +10,7 @@ from manifold3d import Manifold
 
 from design.toolpath import MoveKind
 from design.toolpath.fresh import Adaptive, FreshLayers, FreshOptions, plan_fresh
-from design.toolpath.fresh.levels import adaptive_levels, even_levels
+from design.toolpath.fresh.levels import adaptive_levels
 from tests.design.toolpath.shapes import along_x, as_solid, block
 from tests.slower import examples
 
@@ -33,11 +33,6 @@ def foot() -> Manifold:
 
 def area_at(z: float) -> float:
     return 2 * (3 + max(z - 0.6, 0.0) * np.tan(np.radians(50.0)))
-
-
-def test_upright_walls_take_the_usual_layers() -> None:
-    levels = adaptive_levels([as_solid(block(2, 2, 0.6))], 0.06, FINE)
-    assert levels == pytest.approx(even_levels(0, 0.6, 0.06))
 
 
 @pytest.mark.parametrize("degrees", [20.0, 45.0, 60.0])

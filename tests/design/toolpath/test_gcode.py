@@ -97,24 +97,6 @@ def test_way_in_goes_up_across_and_down_from_an_unknown_place():
     assert machine.lines[9:12] == ["G0 Z25.8 F300", "G0 X60.075 Y70.075 F1200", "G0 Z20.06 F300"]
 
 
-def test_a_declared_start_is_declared_and_used():
-    options = GcodeOptions(start_mm=(60.075, 0.0, 100.0))
-    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
-    assert machine.lines[8:11] == [
-        "G92 X60.075 Y0 Z100 E0",
-        "G0 Y70.075 F1200",
-        "G0 Z20.06 F300",
-    ]
-
-
-def test_lines_leave_room_for_number_and_checksum():
-    longest = max(map(len, write_gcode(embedded(), PRINTER, SYRINGE, PLACE).data.split(b"\n")))
-    assert longest + len("N1234567 *255") <= PRINTER.max_line_bytes
-    short = PRINTER.model_copy(update={"max_line_bytes": longest + 12})
-    with pytest.raises(ToolpathError, match=r"max_line_bytes"):
-        write_gcode(embedded(), short, SYRINGE, PLACE)
-
-
 def test_feeds_respect_every_axis_and_are_given_only_when_changed():
     machine = Machine().read(write_gcode(embedded(), PRINTER, SYRINGE, PLACE).data)
     limits = PRINTER.max_speed_mm_s
@@ -190,23 +172,6 @@ def test_each_short_segment_has_its_own_dose_to_a_percent_in_float32_too():
 def test_a_move_that_e_cannot_hold_is_refused():
     with pytest.raises(ToolpathError, match="one move pushes the plunger"):
         write_gcode(line(2, 0.5, 1000.0), PRINTER, SYRINGE, PLACE)
-
-
-def test_moves_too_short_for_the_planner_are_merged():
-    turn = np.linspace(0, 2 * np.pi, 400)[1:]
-    builder = MoveBuilder((2, 0, 0.06), "layer", 0.06)
-    points = np.column_stack([2 * np.cos(turn), 2 * np.sin(turn), 0 * turn + 0.06])
-    builder.write(points, np.full(len(turn), 3e-4), 20, 0)
-    gcode = write_gcode(builder.build(), PRINTER, SYRINGE, PLACE)
-    # From the path's first point to its last; then come the mark, relief, lift and M400.
-    writing = [state[0] for state in Machine().read(gcode.data).states[11:-4]]
-    place = np.array([[float(p["X"]), float(p["Y"])] for p in writing]) - PLACE[:2]
-    steps = np.abs(np.diff(place, axis=0)).max(axis=1) * 80
-    assert steps.min() >= PRINTER.min_steps_per_segment
-    assert len(place) > 100
-    middle = (place[1:] + place[:-1]) / 2
-    assert np.linalg.norm(middle, axis=1).min() > 2 - 0.002
-    assert place[-1] == pytest.approx([2, 0], abs=1e-3)
 
 
 @pytest.mark.parametrize("place", [(0, 0), (0, 0, np.nan)])

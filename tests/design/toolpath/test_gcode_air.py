@@ -108,20 +108,6 @@ def test_valve_is_closed_for_travels_and_switched_only_while_the_head_stands(mak
     assert sum(line == "M106 P0 S255" for line in found.lines) > 2
 
 
-def test_valve_waits_its_delays() -> None:
-    slow = head(opening_delay_s=0.1234, closing_delay_s=0.0)
-    lines = (
-        Reader()
-        .read(write_gcode(fresh(), slow, SYRINGE, PLACE, GcodeOptions(flow_ul_s=FLOW)).data)
-        .lines
-    )
-    at = lines.index("M106 P0 S255")
-    assert lines[at - 1 : at + 2] == ["M400", "M106 P0 S255", "G4 P124"]
-    shut = lines.index("M106 P0 S0", at)
-    assert lines[shut - 1] == "M400"
-    assert not lines[shut + 1].startswith("G4")
-
-
 def test_valve_is_closed_where_a_job_may_be_interrupted() -> None:
     lines = (
         Reader()

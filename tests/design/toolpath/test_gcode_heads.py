@@ -10,7 +10,6 @@ import pytest
 from design.errors import ToolpathError
 from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import MoveKind
 from firmware_profiles import Printer, Syringe, load
 from sim.gcode.dry_run.run import dry_run
 
@@ -162,25 +161,6 @@ def test_the_firmware_is_told_to_add_no_offset_before_any_move():
     for number, text in enumerate(lines):
         if text == "T1 S1":
             assert lines[number + 1].startswith("G92 E")
-
-
-def test_a_syringe_may_be_changed_where_heads_are():
-    text = write_gcode(PATH, TWO, SMALL, PLACE, OPTIONS).data.decode()
-    assert ";RELOAD\nM400\nM280 P0 S90" in text
-    assert ";RELOAD\nM400\nM280 P1 S90" in text
-
-
-def test_each_head_s_count_goes_on_where_it_was_but_for_whole_mm():
-    path = lines_of([(LINES[0][0], (9.0, 0.0, 1.0))] * 5, [0, 1, 0, 1, 0])
-    path = replace(path, volume_ul=np.where(path.kind == MoveKind.WRITE, 40.0, path.volume_ul))
-    data = write_gcode(path, TWO, SMALL, PLACE, OPTIONS).data
-    job = Replay(data)
-    for head, syringe, count in ((0, SMALL, 3), (1, LARGE, 2)):
-        per_ul = 4 / (np.pi * syringe.inner_mm**2)
-        volume = path.volume_ul[path.tool == head].sum() - 0.02 * (head == 0)
-        assert job.pushed[head] == pytest.approx(volume * per_ul, abs=2e-5 * count)
-    counted = [float(text[5:]) for text in data.decode().splitlines() if text[:5] == "G92 E"]
-    assert all(0 <= value < 1 for value in counted)
 
 
 def test_what_can_t_be_written_is_refused():

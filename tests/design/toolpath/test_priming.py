@@ -9,7 +9,6 @@ import pytest
 
 from design.errors import ToolpathError
 from design.toolpath import MoveBuilder, MoveKind, Toolpath, join_toolpaths
-from design.toolpath.gcode import write_gcode
 from design.toolpath.priming import (
     HeadPriming,
     PrimeLine,
@@ -18,7 +17,6 @@ from design.toolpath.priming import (
     line_beside_bounds,
     priming,
 )
-from firmware_profiles import Printer, Syringe, load
 
 BOUNDS = np.array([[0.0, 0.0, 0.0], [10.0, 6.0, 4.0]])
 AROUND = Surroundings(BOUNDS, 20.0, 30.0, 5.0)
@@ -78,19 +76,6 @@ def test_needle_crosses_at_the_safe_height_alone():
     kinds = before.kind[before.volume_ul != 0].tolist()
     assert kinds == [MoveKind.PRIME, MoveKind.RETRACT, MoveKind.PRIME, MoveKind.WRITE,
                      MoveKind.RETRACT, MoveKind.PRIME]  # fmt: skip
-
-
-def test_each_head_writes_a_line_of_its_own_and_the_part_s_comes_last():
-    path = part(tool=0)
-    before = priming(path.start[0], 0, [head(), head()], AROUND, path)
-    written = np.flatnonzero(before.kind == MoveKind.WRITE)
-    assert before.tool[written].tolist() == [1, 0]
-    assert before.end[written, 0].tolist() == [12.0, 14.0]
-    machine = load(Printer, "two_syringe_marlin")
-    gcode = write_gcode(
-        join_toolpaths([before, path]), machine, load(Syringe, "hamilton_1ml"), [50, 50, 5]
-    )
-    assert gcode.data.count(b"\nT") >= 2
 
 
 def test_nothing_to_do_and_a_part_above_the_travels_are_refused():

@@ -12,7 +12,6 @@ from design.vasculature import (
     grow_forest,
     tree_radii,
 )
-from design.vasculature.growth.territory import part_tissue
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
@@ -74,19 +73,6 @@ def test_roots_of_a_kind_share_the_tissue_by_their_terminals(tissues):
     tips = [tree.distal[tree.children[:, 0] < 0, 0] for tree in (left, right)]
     assert tips[0].max() < tips[1].min() + 0.5
     assert tips[0].max() == pytest.approx(15.0, abs=1.0)
-
-
-def test_territories_have_the_volumes_wanted(tissues):
-    tissue = tissues["torus"]
-    centre = np.array([[8.0, 0, 0], [-4.0, 6.5, 0], [-4.0, -6.5, 0]])
-    wanted = np.array([0.2, 0.3, 0.5])
-    parts = part_tissue(tissue, centre, wanted)
-    np.testing.assert_allclose(parts.share, wanted, atol=5e-3)
-    low, high = tissue.bounds
-    points = np.random.default_rng(5).uniform(low, high, (60_000, 3))
-    inside = points[tissue.contains(points)]
-    share = [parts.owns(n)(inside).mean() for n in range(3)]
-    np.testing.assert_allclose(share, wanted, atol=0.02)
 
 
 def test_bad_forests_are_refused(tissues):

@@ -60,12 +60,6 @@ def test_given_flows_are_what_an_independent_solver_finds(box):
     np.testing.assert_allclose(found, expected * total / expected.sum(), rtol=1e-9)
 
 
-def test_points_outside_are_told_with_number_and_place(box):
-    points = [[5, 5, 5], [10, 8, 30], [9, 8, 6]]
-    with pytest.raises(GrowthError, match=r"1 of 3 given.*outside.*number 1 at \(10, 8, 30\)"):
-        grow_tree(box, GrowthOptions(terminal_points_mm=points))
-
-
 @pytest.mark.parametrize(
     ("asked", "message"),
     [

@@ -19,7 +19,6 @@ from design.vasculature import (
     grow_parts,
     grow_tree,
     parts_to_network,
-    supply_balance,
     terminals_of,
     tree_radii,
 )
@@ -72,13 +71,6 @@ def test_demand_of_a_part_sets_its_share(two):
 def test_a_part_without_an_inlet_is_refused_by_size_and_place(two):
     with pytest.raises(TissueError, match=r"no vessel ends in the part of 216 mm³ around \(23, 3"):
         grow_parts(two, OPTIONS, [Inlet((5.0, 5.0, 10.0))])
-
-
-def test_several_inlets_share_the_part_they_enter(two):
-    places = [(2.0, 2.0, 10.0), (8.0, 8.0, 10.0), (23.0, 3.0, 6.0)]
-    grown = grow_parts(two, OPTIONS, [Inlet(place, (0.0, 0.0, -1.0)) for place in places])
-    assert [tree.proximal[0].tolist() for tree in grown.trees] == [list(p) for p in places]
-    assert [one.terminals for one in grown.supply] == [49, 11]
 
 
 def test_a_lobe_behind_a_neck_gets_an_inlet_of_its_own(dumbbell):
@@ -151,18 +143,6 @@ def test_demand_is_ignored_where_the_user_says_so(even, uneven):
     options = GrowthOptions(terminals=200, follow_demand=False)
     one, two = grow_tree(even, options), grow_tree(uneven, options)
     np.testing.assert_array_equal(one.distal, two.distal)
-
-
-def test_balance_is_better_where_growth_follows_demand(uneven):
-    spread = [
-        supply_balance(uneven, tips_of(tree), tip_flows(tree)).spread
-        for tree in (
-            grow_tree(uneven, GrowthOptions(terminals=400, follow_demand=False)),
-            grow_tree(uneven, GrowthOptions(terminals=400)),
-            grow_tree(uneven, GrowthOptions(terminals=400, terminal_flow="demand")),
-        )
-    ]
-    assert spread[2] < 0.05 < spread[1] < 0.7 * spread[0]
 
 
 def test_flows_by_demand_are_what_an_independent_solver_finds(uneven):

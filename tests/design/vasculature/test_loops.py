@@ -57,10 +57,6 @@ def test_loops_in_a_torus_keep_clear_and_inside(seed):
     check(network, tissue)
 
 
-def test_loops_in_a_block_keep_clear_and_inside(closed, tissue):
-    check(closed, tissue)
-
-
 def check(network, tissue):
     assert collisions(network, 0.0, 0.1).count == 0
     start, end, r0, r1, vessel = network.pieces()
@@ -109,13 +105,6 @@ def test_several_trees_of_a_side_mix(tissue):
     assert len(network.inlets()) == 2
     assert len(network.outlets()) == 1
     assert collisions(network, 0.0, 0.1).count == 0
-
-
-def test_no_connection_is_thinner_than_asked(tissue):
-    trees = pair(tissue, count=20)
-    network = close_loops(tissue, *trees, LoopOptions(smallest_radius_mm=0.03)).network
-    radius = network.mean_radius()[network.kind == VesselKind.CONNECTION]
-    assert radius.min() >= 0.03
 
 
 def test_unequal_sides_are_refused(tissue):

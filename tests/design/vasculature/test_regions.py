@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from design.tissue import block
-from design.vasculature import ClusterPool, GrowthOptions, grow_tree, tree_radii
+from design.vasculature import ClusterPool, GrowthOptions, grow_tree
 from design.vasculature.growth.regions import large_growth, region_growth
 from design.vasculature.growth.regions.large_growth import LargeGrowth
 from design.vasculature.growth.surroundings import Surroundings
@@ -42,19 +42,6 @@ def test_tree_grown_by_regions_is_exact_on_any_number_of_threads(small, tissue):
     check(tree, tissue, OPTIONS)
     with ThreadPoolExecutor(5) as pool:
         assert same(tree, grow_tree(tissue, OPTIONS, pool=pool))
-
-
-def test_smallest_radius_and_limits_hold_in_regions(small, tissue):
-    options = replace(
-        OPTIONS,
-        terminals=1000,
-        smallest_radius_mm=0.04,
-        clearance_mm=0.02,
-        branch_angle_degrees=(15.0, 150.0),
-    )
-    tree = grow_tree(tissue, options)
-    check(tree, tissue, options)
-    assert tree_radii(tree).min() == pytest.approx(0.04)
 
 
 def test_what_a_region_falls_short_of_grows_elsewhere(small, tissue, monkeypatch):

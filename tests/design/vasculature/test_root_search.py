@@ -48,9 +48,3 @@ def test_a_search_goes_with_nothing_that_places_the_root(slab):
         GrowthOptions(root_candidates=3, root_point_mm=(0.0, 0.0, 0.0))
     with pytest.raises(GrowthError, match="give each of several trees its"):
         grow_forest(slab, [GrowthOptions(terminals=5, root_candidates=3)])
-
-
-def test_where_no_candidate_grows_the_reason_is_told(slab):
-    options = GrowthOptions(terminals=20, root_candidates=3, smallest_radius_mm=2.0)
-    with pytest.raises(GrowthError, match=r"none of 3 places.*too thin"):
-        grow_tree(slab, options)

@@ -91,14 +91,6 @@ def test_a_way_round_the_hole_is_found_and_holds_the_rules(web, across, torus):
     assert (turn <= 1.2 * arc / (web.rule.bend * route.radius) + 1e-9).all()
 
 
-@pytest.mark.slow
-def test_no_way_is_thinner_than_the_least_radius(web, across):
-    route = find_route(across, crowd_of(web))
-    least = 1.01 * route.radius
-    wider = find_route(across, crowd_of(web, least=least))
-    assert wider is None or wider.radius >= least
-
-
 def test_a_few_that_find_no_way_are_pruned_and_counted(torus, monkeypatch):
     settings = GrowthOptions(terminals=40)
     trees = grow_forest(torus, [RootSpec(settings), RootSpec(settings, VesselKind.VEIN)])

@@ -103,17 +103,6 @@ def test_a_trunks_branches_are_narrower_where_early_ones_are_kept_so(box, bent):
     assert widest[1] < 0.5
 
 
-def test_a_grown_tree_is_a_trunk_too(box):
-    first = grow_tree(box, GrowthOptions(terminals=10))
-    options = GrowthOptions(terminals=150)
-    tree = grow_tree(box, options, trunk=first)
-    assert (tree.children[:, 0] < 0).sum() == 150
-    check_flows(tree, options, box)
-    own = tree.distal[tree.given]
-    for point in first.distal:
-        assert np.abs(own - point).sum(axis=1).min() == 0.0
-
-
 def test_an_artery_segmented_and_published_is_a_trunk():
     """One of X-CAVATE's arteries (SOURCES.md) in a box about it."""
     path = SHARED / "xcavate_network_14_vessels.txt"
@@ -209,18 +198,6 @@ def test_a_stricter_stage_grows_on_what_a_milder_one_grew(box, strict):
     tree = grow_tree(box, options, attempts=1)
     assert (tree.children[:, 0] < 0).sum() == 400
     assert collisions(tree_to_network(tree), 0.02, options.clearance_ratio).count == 0
-
-
-def test_a_stage_s_penalty_holds_for_what_it_grows(box):
-    """Branch points of the first stage keep to one half, those of the second needn't."""
-    half = GrowthStage(60, penalty=lambda p: np.where(p[:, 0] > 10.0, 2.0, 1.0))
-    tree = grow_tree(box, GrowthOptions(terminals=60, stages=(half,)))
-    inner = tree.children[:, 0] >= 0
-    inner[0] = False
-    assert (tree.distal[inner, 0] > 10.5).mean() < 0.05
-    both = grow_tree(box, GrowthOptions(terminals=300, stages=(half, GrowthStage(300))))
-    inner = both.children[:, 0] >= 0
-    assert (both.distal[inner, 0] > 10.5).mean() > 0.25
 
 
 def test_stages_must_ascend_to_all():

@@ -8,7 +8,6 @@ from design.vasculature import (
     GrowthOptions,
     collisions,
     grow_tree,
-    scaled_to_smallest_radius,
     tree_radii,
     tree_to_network,
 )
@@ -54,13 +53,3 @@ def test_terminal_flows_are_equal_by_an_independent_solver_with_that_law(
     assert collisions(tree_to_network(tree), 0.0, options.clearance_ratio).count == 0
     if smallest is not None:
         assert radius.min() == pytest.approx(smallest)
-
-
-def test_scaling_settles_anew(box):
-    options = GrowthOptions(terminals=150, viscosity_law="pries_1994", pressure_drop_pa=2e4)
-    tree = grow_tree(box, options)
-    scaled = scaled_to_smallest_radius(tree, 0.005)
-    radius = tree_radii(scaled)
-    flows = oracles.terminal_flows(scaled, radius, pries(radius, 0.45) / pries(1e6, 0.45))
-    np.testing.assert_allclose(flows, tree.terminal_flow_ul_s, rtol=1e-6)
-    assert radius.min() == pytest.approx(0.005)

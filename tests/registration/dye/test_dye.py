@@ -98,28 +98,11 @@ def test_an_occluded_branch_is_found_in_its_vessel(tmp_path: Path, seep: float) 
         assert found.blocked_from_mm is None
 
 
-@pytest.mark.slow
-def test_shake_and_drift_leave_arrivals_where_they_are(tmp_path: Path) -> None:
-    calm = planar_report(tmp_path / "calm", spoilt=Disturbance())
-    rough = planar_report(tmp_path / "rough", spoilt=Disturbance(drift=0.15, shake_px=1.5))
-    moved = rough.arrivals.time_s - calm.arrivals.time_s
-    assert _states(rough) == {}
-    assert np.nanmedian(np.abs(moved)) < 0.08
-    assert rough.traces.shake_px > 2.0
-    assert rough.traces.drift > 0.05
-
-
 def test_shake_and_drift_alone_are_no_arrival(tmp_path: Path) -> None:
     spoilt = Disturbance(drift=0.3, shake_px=1.5)
     faint = Dye(absorbance_per_mm=(1e-6, 1e-6, 1e-6))
     with pytest.raises(ValueError, match=r"no dye|fewer than"):
         planar_report(tmp_path, spoilt=spoilt, dye=faint, seconds=8.0)
-
-
-def test_a_film_too_short_leaves_vessels_unseen_not_blocked(tmp_path: Path) -> None:
-    report = planar_report(tmp_path, seconds=5.0)
-    assert "blocked" not in _states(report).values()
-    assert dye_verdict(report, 40.0)["outcome"] == "undecided"
 
 
 def test_vessels_under_others_are_not_seen() -> None:

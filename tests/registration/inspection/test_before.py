@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.checkers.stacked_layers import Stack, stack
 from benchmarks.observe_before import expected, look
-from registration.inspection import Unseen, see_layer
+from registration.inspection import see_layer
 from tests.slower import first_of
 
 SEEN = 4
@@ -79,16 +79,3 @@ def test_a_camera_that_moved_by_pixels_is_told_and_the_picture_before_left_out(p
     assert findings.moved_px > 3.0
     assert findings.seen_share == 0.0
     assert not findings.gaps
-
-
-def test_what_was_mended_since_the_picture_before_is_not_judged(painted: Stack) -> None:
-    lines = expected(painted)
-    below = np.flatnonzero(~lines.fresh)[-len(painted.layer.at) // 2]
-    since = np.arange(len(lines)) == below
-    plain = look(painted)
-    findings = see_layer(
-        painted.picture, painted, lines, before=painted.before, since=since | lines.fresh
-    )
-    dark = (findings.stations.why == Unseen.OLD_INK) & plain.stations.seen
-    assert 0.0 < dark.mean() < 0.3
-    assert findings.seen_share < plain.seen_share

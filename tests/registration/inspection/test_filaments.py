@@ -55,16 +55,6 @@ def test_sound_filaments_of_all_depths_are_seen() -> None:
     assert found.coverage > 0.95
 
 
-def test_a_faint_filament_that_leads_steeply_down_is_ink() -> None:
-    """It was taken for one that turns back over itself, so that its level wasn't learned."""
-    steep = END - [[0, 0, 0], [0, 0, 0], [0, 0, 4]]
-    found = _look(end=steep)
-    assert found.gaps == ()
-    assert found.coverage > 0.95
-    (gap,) = _look({2: (1.5, 2.3)}, steep).gaps
-    assert gap.stroke == 2
-
-
 @pytest.mark.parametrize("number", first_of([1, 0, 2]))
 @pytest.mark.parametrize("bare", [(1.5, 2.3), (-1.0, 9.0)], ids=["gap", "all of it"])
 def test_missing_ink_of_any_depth_is_found(number: int, bare: tuple[float, float]) -> None:
@@ -73,27 +63,6 @@ def test_missing_ink_of_any_depth_is_found(number: int, bare: tuple[float, float
     assert gap.stroke == number
     begin, end = max(bare[0], 0.0), min(bare[1], 4.02)
     assert (gap.from_mm, gap.to_mm) == pytest.approx((begin, end), abs=0.1)
-
-
-def _alone(dark: float, noise: float = 1.0) -> LayerFindings:
-    """Findings of one filament that leads upwards, so that it grows darker; 0 for none."""
-    rng = np.random.default_rng(5)
-    y, x = np.mgrid[0:280, 0:320] * PX_MM
-    texture = cv2.GaussianBlur(rng.normal(size=x.shape), (0, 0), 2.0)
-    logs = np.log(140.0) + 0.1 * (x / 6.0) ** 2 + 0.02 * texture / texture.std()
-    thick = np.sqrt(np.clip(1.0 - (2.0 * (y - 2.5) / 0.4) ** 2, 0.0, 1.0))
-    logs -= dark * thick * np.clip((x - 1.0) / 2.0, 0.1, 2.0) * ((x > 1.0) & (x < 5.0))
-    light = cv2.GaussianBlur(np.exp(logs), (0, 0), 1.0) + rng.normal(0, noise, logs.shape)
-    ends = np.array([[1.0, 2.5, -2.0]]), np.array([[5.0, 2.5, -0.5]])
-    one = np.zeros(1, dtype=np.int64)
-    lines = ExpectedLines(*ends, np.array([0.4]), one, one, np.ones(1, dtype=np.bool_))
-    return see_layer(np.clip(light, 0, 255).astype(np.uint8), Flat(), lines)
-
-
-def test_a_filament_that_is_missing_altogether_is_bare() -> None:
-    found = _alone(0.0)
-    assert found.seen_share == 0.0
-    assert found.bare == (0,)
 
 
 def _faint(

@@ -31,16 +31,6 @@ def test_sound_layers_are_found_sound(seed: int) -> None:
     assert not findings.stretches
 
 
-def test_a_missing_layer_is_told_by_how_ink_looked_before() -> None:
-    scene = Scene(5, layout="waves", contrast=0.5)
-    sound, plan = scene.paint(), scene.plan()
-    nothing = scene.paint(tuple((int(stroke), -1.0, 99.0) for stroke in np.unique(plan.stroke)))
-    look = see_layer(sound.picture, sound.frame, expected(plan)).appearance
-    assert see_layer(nothing.picture, nothing.frame, expected(plan)).seen_share == 0.0
-    findings = see_layer(nothing.picture, nothing.frame, expected(plan), known=look)
-    assert len(findings.gaps) == len(np.unique(plan.stroke))
-
-
 def test_ink_without_contrast_is_not_seen() -> None:
     painted = Scene(9, contrast=0.0).paint(((1, 1.0, 2.0),))
     findings = see_layer(painted.picture, painted.frame, expected(painted.plan))

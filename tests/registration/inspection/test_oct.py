@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from registration.inspection import ExpectedLines, Unseen, better_turned, see_layer
-from registration.inspection.heights.height import HeightFrame
+from registration.inspection import Unseen, better_turned, see_layer
 from tests.registration.inspection.oct_volumes import Piece, area, painted
 from tests.registration.inspection.painted import Scene, expected
 
@@ -56,11 +55,6 @@ def test_a_missing_inner_line_is_found(pieces: list[Piece], inner: int) -> None:
     assert sum(gap.length_mm for gap in gaps) > np.hypot(x1 - x0, y1 - y0) - 0.8
 
 
-def test_ends_over_older_ink_are_not_seen_for_that_reason() -> None:
-    stations = painted(area(3, 10)).look().stations
-    assert set(stations.why[~stations.seen]) == {Unseen.OLD_INK}
-
-
 @pytest.mark.parametrize("bare", [False, True])
 def test_ink_in_coarse_speckle_shows_though_short_gaps_are_not_told(bare: bool) -> None:
     """Grain of 0.2 mm: nothing was seen of sound lines."""
@@ -101,31 +95,6 @@ def test_a_turned_or_mirrored_volume_is_told(turn, said) -> None:  # type: ignor
 
 
 TREE = [(0, 0.0, 0.0, 4.0, 0.0), (0, 4.0, 0.0, 4.0, 2.0), (0, 4.0, 2.0, 6.0, 2.0)]
-
-
-@pytest.mark.parametrize("pieces", [STAIRS, TREE, area(3, 4, 0.8)])
-@pytest.mark.parametrize("off", [(1.0, 0.0), (0.0, -1.0), (0.7, 0.9)])
-def test_a_moved_layer_is_no_turned_one(pieces: list[Piece], off: tuple[float, float]) -> None:
-    """A print that lay 1 mm aside was said to have x and y exchanged."""
-    volume = painted(pieces, margin_mm=2.0)
-    to_scan = volume.to_scan.copy()
-    to_scan[:2, 3] -= off  # the frame expects the lines there
-    picture, frame = replace(volume, to_scan=to_scan).picture()
-    said = better_turned(picture, frame, volume.lines)
-    assert said == f"moved by {off[0]:+.1f} mm along x and {off[1]:+.1f} mm along y"
-
-
-def test_an_older_filament_is_no_sign_that_the_fresh_one_is_turned() -> None:
-    """A missing filament was taken for one that lies turned, where an older one shows."""
-    start = np.array([[1.0, 1.0, 2.0], [1.0, 4.5, 2.6]])
-    end = np.array([[5.0, 4.0, 7.0], [5.0, 1.5, 6.0]])
-    count, fresh = np.arange(2), np.array([False, True])
-    lines = ExpectedLines(start, end, np.full(2, 0.5), count, count, fresh)
-    frame = HeightFrame(np.diag([40.0, 40.0, 40.0, 1.0]))
-    ink = cv2.line(np.zeros((240, 240), np.float32), (40, 40), (200, 160), 1.0, 20)
-    noise = np.random.default_rng(1).normal(0.0, 0.05, ink.shape)
-    picture = (ink + noise)[:, :, None].astype(np.float32)
-    assert better_turned(picture, frame, lines) is None
 
 
 # Constant A-scans and picture blocks hold no measurement: they aren't seen, and are no gaps.

@@ -11,7 +11,6 @@ from registration.inspection import (
     ExpectedLines,
     HeightFrame,
     LayerFindings,
-    Unseen,
     better_turned,
     filament_map,
     height_map,
@@ -110,16 +109,3 @@ def test_a_vessel_that_shows_by_its_rim_is_not_told_as_turned() -> None:
 
 
 CROSS: Pieces = [((0.7, 1.6, 0.35), (4.8, 1.6, 0.35)), ((2.7, 0.5, 1.0), (2.8, 2.8, 1.0))]
-
-
-@pytest.mark.parametrize("level", [0.3, 4.0])
-@pytest.mark.parametrize("bare", [None, {1: (0.85, 1.45)}, {0: (1.7, 2.4)}])
-def test_of_two_fresh_vessels_that_cross_the_lower_one_is_not_seen_there(level, bare):
-    """Columns were taken at the depth of the nearer one: neither's gap showed there."""
-    found = _look(CROSS, 0.4, 0.4, level, (level, 0.01), bare=bare)
-    assert [gap.stroke for gap in found.gaps] == ([1] if bare and 1 in bare else [])
-    at = found.stations
-    below = (at.stroke == 0) & (np.abs(at.along_mm - 2.05) < 0.15)
-    assert below.any()
-    assert set(at.why[below]) == {Unseen.COVERED}
-    assert at.seen[at.stroke == 1].all()

@@ -149,26 +149,6 @@ def test_the_overlay_shows_gaps_red_and_changes_nothing_else() -> None:
     assert red[300:].sum() > 50  # below the legend
 
 
-def test_the_overlay_of_a_small_part_in_a_wide_view_shows_the_part() -> None:
-    painted = Scene(3).paint(((1, 1.0, 1.6),))
-    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
-    aside = [3 * length for length in painted.picture.shape[:2]]
-    wide = np.pad(
-        painted.picture,
-        [(aside[0], aside[0]), (aside[1], aside[1]), (0, 0)][: painted.picture.ndim],
-    )
-
-    class Moved:
-        def to_pixels(self, points_mm):
-            return painted.frame.to_pixels(points_mm) + np.array(aside[::-1])
-
-    drawn = annotated(wide, Moved(), findings)
-    red = (drawn[..., 2] > 200) & (drawn[..., 1] < 60) & (drawn[..., 0] < 60)
-    whole = annotated(painted.picture, painted.frame, findings)
-    assert max(drawn.shape) < 1.5 * max(whole.shape)
-    assert red.sum() > 50
-
-
 @pytest.mark.parametrize(
     ("change", "word"),
     [
@@ -204,26 +184,6 @@ class Plain:
 
     def to_pixels(self, points_mm: np.ndarray) -> np.ndarray:
         return np.where(points_mm[:, :1] > 8, np.nan, 50.0 * points_mm[:, :2])
-
-
-@pytest.mark.parametrize("kind", first_of(["noise", "holes", "black", "white"], 2))
-def test_pictures_without_a_layer_tell_nothing_and_break_nothing(kind: str) -> None:
-    noise = np.random.default_rng(1).normal(100, 5, (200, 420))
-    pictures = {
-        "noise": noise.astype(np.uint8),
-        "black": np.zeros((200, 420, 3), np.uint8),
-        "white": np.full((200, 420), 255, np.uint8),
-        "holes": np.where(noise < 97, np.nan, noise).astype(np.float32),
-    }
-    count = np.arange(2)
-    start = np.array([[1.0, 1.0, 0], [1.0, 2.0, 0]])
-    lines = ExpectedLines(
-        start, start + (9.0, 0, 0), np.full(2, 0.3), count, count, np.ones(2, dtype=bool)
-    )
-    findings = see_layer(pictures[kind], Plain(), lines, before=pictures[kind])
-    assert findings.seen_share == 0.0
-    assert not findings.gaps
-    assert annotated(pictures[kind], Plain(), findings).ndim == 3
 
 
 # Thin ink between lines that touch: told by bath at their seams, and only there.

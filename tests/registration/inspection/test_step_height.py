@@ -58,11 +58,3 @@ def test_a_short_gap_at_a_rim_is_told_from_a_droop(seed: int) -> None:
     found = _look(solid_layer(np.random.default_rng(seed), (bare,)))
     (gap,) = found.gaps
     assert (gap.from_mm, gap.to_mm) == pytest.approx(bare, abs=0.06)
-
-
-def test_a_layer_that_lies_low_altogether_is_not_seen() -> None:
-    layer = solid_layer(np.random.default_rng(5000))
-    layer.picture[:, :, 1] -= layer.thickness
-    found = _look(layer)
-    assert found.gaps == ()
-    assert found.seen_share == 0.0

@@ -21,8 +21,6 @@ from registration.inspection import (
     see_layer,
     surface_of,
 )
-from registration.inspection.heights.lost_rows import gone_mm2, lost_rows
-from registration.inspection.heights.moved_part import is_in_place
 from registration.inspection.heights.sunk import lifted
 from registration.inspection.options import IN_PART
 from registration.inspection.values import FloatImage
@@ -185,49 +183,6 @@ def test_low_broad_blobs_dont_hide_a_layer(seed: int) -> None:
 
 # Rows that a height map lacks, by an earlier map of the same place.
 
-_CELL = (0.02, 0.02)
-
-
-def _two(seed: int) -> tuple[FloatImage, FloatImage]:
-    """Two maps of one lattice, of other noise."""
-    map_ = profiled(seed, "lattice", size=4.0, px=0.02)
-    noise = np.random.default_rng(seed).normal(0.0, 0.004, (2, *map_.heights.shape))
-    first, second = map_.heights + noise
-    return first.astype(np.float32), second.astype(np.float32)
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_rows_lost_in_the_middle_are_told_by_size_and_place(axis: int) -> None:
-    now, last = _two(3)
-    short = np.delete(now, slice(150, 165), axis=axis)
-    lost = lost_rows(short, last, np.ones(last.shape, np.bool_), _CELL)
-    assert lost[axis] == 15
-    assert lost[1 - axis] == 0
-
-
-def test_a_whole_map_and_one_that_ended_early_lack_nothing_between() -> None:
-    now, last = _two(3)
-    still = np.ones(last.shape, np.bool_)
-    assert lost_rows(now, last, still, _CELL) == (0, 0)
-    assert lost_rows(now[:-15], last, still, _CELL) == (0, 0)
-    assert lost_rows(now[:, :-15], last, still, _CELL) == (0, 0)
-    assert lost_rows(now[:-3], last, still, _CELL) == (0, 0)  # 60 µm
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_rows_that_were_lost_and_filled_up_are_told_by_what_is_gone(axis: int) -> None:
-    now, last = _two(3)
-    short = np.delete(now, slice(80, 92), axis=axis)
-    end = np.take(short, range(-12, 0), axis=axis)
-    filled = np.concatenate([short, end], axis=axis)
-    stretched = np.take(short, np.linspace(0, short.shape[axis] - 1, 200).round().astype(int), axis)
-    assert gone_mm2(now - last, 0.1, _CELL) == 0.0
-    assert gone_mm2(filled[:200, :200] - last[:200, :200], 0.1, _CELL) > 0.3
-    whole = np.take(now, range(200), axis=axis)
-    assert gone_mm2(stretched - np.take(last, range(200), axis=axis), 0.1, _CELL) > 0.3
-    assert gone_mm2(whole - np.take(last, range(200), axis=axis), 0.1, _CELL) == 0.0
-
-
 # Ink on ground that sank is judged by its rise over that.
 
 
@@ -276,13 +231,6 @@ def test_a_gap_in_a_hollow_remains_one(seed: int) -> None:
     assert gap.length_mm == pytest.approx(1.0, abs=0.3)
 
 
-def test_a_line_that_the_last_map_lost_isnt_taken_for_missing() -> None:
-    middle = len(profiled(1, "solid").heights) // 2
-    _, by_rise, _ = _looks("solid", 1, 0.9, lost=slice(middle - 25, middle + 25))
-    assert by_rise.gaps == ()
-    assert by_rise.seen_share > 0.8
-
-
 # Height maps of which one end lies moved against the other.
 
 
@@ -318,15 +266,3 @@ def test_a_map_that_lacks_its_middle_rows_is_told(seed: int) -> None:
     told = [one for axis in (0, 1) if (one := _told("plate", seed, lost, axis))]
     assert told
     assert all(one.endswith(IN_PART) for one in told)
-
-
-@pytest.mark.parametrize("seed", [0, 1, 4, 7])
-def test_ink_tells_that_both_ends_of_a_map_lie_in_place_or_not(seed: int) -> None:
-    """A whole line that is missing at a rim looks like lost rows."""
-    whole, lines = _surface("plate", seed, None)
-    assert is_in_place(whole.picture, whole.frame, lines)
-    middle = len(profiled(seed, "plate").heights) // 2
-    lost = slice(middle, middle + 10)
-    for other in ((lost, 0, False), (lost, 1, False), (None, 0, True)):
-        found, _ = _surface("plate", seed, *other)
-        assert not is_in_place(found.picture, found.frame, lines)

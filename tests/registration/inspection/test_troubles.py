@@ -23,22 +23,6 @@ def test_lines_in_a_soft_shadow_are_judged_as_before(layout: str, kind: str) -> 
     ]
 
 
-def test_crossings_of_translucent_lines_do_not_spoil_the_rest() -> None:
-    rng = np.random.default_rng(5)
-    plan = trouble.grid(5.0, 0.3, rng)
-    look = painter.Look("absorbing", ink=(80, 60, 50), light=0.2)
-    gaps = trouble.bare(plan, painter.plant_gaps(plan, (0.25, 0.3) * 8, rng))[:2]
-    ink = painter.lay(plan, rng, gaps=gaps)
-    extra = trouble.piled(ink, gaps, (0.0, 0.0), 5.0, 0.0125, look)
-    painted = painter.paint(
-        plan, ink, gaps, 5.0, 20.0, look, rng, overlay=trouble.Troubles(extra=extra)
-    )
-    findings = see_layer(painted.picture, painted.frame, expected(plan))
-    assert gaps
-    assert findings.seen_share > 0.9
-    assert sorted(g.stroke for g in findings.gaps) == sorted(s for s, _, _ in gaps)
-
-
 @pytest.mark.parametrize("tint", first_of([0.8, 0.6, 1.0]))
 def test_a_dark_crumb_on_a_light_line_is_no_gap(tint: float) -> None:
     rng = np.random.default_rng(8)

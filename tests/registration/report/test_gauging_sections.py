@@ -8,14 +8,10 @@ from typing import Any
 from lxml import html
 
 from registration.report import write_report_html
-from registration.report.gauging_figures import (
-    profile_figure,
-)
 from registration.report.gauging_sections import (
     defect_table,
     perfusion_table,
 )
-from registration.report.svg import BAD
 
 
 def gauged() -> dict[str, Any]:
@@ -102,20 +98,3 @@ def test_the_page_shows_it_all(tmp_path: Path) -> None:
                   "each written layer", "Diameter along the vessels"):  # fmt: skip
         assert words in text, words
     assert len(page.xpath('//table[@id="defects-table"]/tbody/tr')) == 2
-
-
-def test_each_section_is_drawn_by_its_decision() -> None:
-    n = 30
-    row = gauged()["vessels"][0] | {
-        "lower_um": [450.0] * n, "upper_um": [550.0] * n, "interval_95_um": [20.0] * n,
-        "decision_along": ["fail" if 10 < k < 14 else "pass" for k in range(n)],
-    }  # fmt: skip
-    found = gauged()["defects"][0] | {"decision": "fail"}
-    drawn = profile_figure([row], [found])
-    assert drawn is not None
-    text = drawn.decode()
-    assert "vessel 0: stenosis (fail)" in text
-    assert BAD in text
-    clean = profile_figure([row | {"decision_along": ["pass"] * n}], [])
-    assert clean is not None
-    assert BAD not in clean.decode()

@@ -101,20 +101,3 @@ def test_keys_go_through_layers_and_moves(tmp_path: Path) -> None:
     )
     dom = page(tmp_path, layered_job(), "width", keys)
     assert title(dom) == ["layer", "2", "layer", "2", "layer", "1", "2", "true"]
-
-
-def test_pointing_at_a_line_tells_its_text_and_its_numbers(tmp_path: Path) -> None:
-    # Written are y = 0.75 to 2.25 and x = -0.25 to 10.25, which the view shows with a margin;
-    # the line y = 1 lies 0.5 mm below the middle.
-    aim = (
-        "const scale = 0.9 * Math.min(box.width / 10.5, box.height / 1.5);"
-        "const y = 0.5 + (0.5 * scale) / box.height; point('pointermove', 0.5, y);"
-    )
-    dom = page(tmp_path, layered_job(), "kind", aim)
-    assert "G1 line 12" in inner(dom, "probe")
-    said = re.sub(r"\s+", " ", inner(dom, "line"))
-    assert "Solid infill, line 12" in said
-    assert "Width 0.5 mm" in said
-    assert "Length 10 mm" in said
-    away = aim + "await wait(300); point('pointermove', 0.02, 0.02);"
-    assert inner(page(tmp_path, layered_job(), "kind", away), "line") == ""

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from registration.report import ReportError
 from registration.report.gcode import (
     Act,
     GcodePage,
@@ -19,11 +18,9 @@ from registration.report.gcode import (
     write_gcode_html,
 )
 from registration.report.gcode import chunks as chunk_module
-from registration.report.gcode import page as page_module
 from registration.report.gcode.bands import band_outlines
 from registration.report.gcode.chunks import pack_job
 from registration.report.gcode.colouring import colourings
-from registration.report.gcode.part_outline import REACH_MM
 from tests.slower import first_of
 
 from .gcode_sample import WRITE, layered_job, make_job
@@ -108,18 +105,6 @@ def test_the_same_job_gives_the_same_page_and_hostile_names_stay_text(tmp_path):
     assert not re.search(r'(src|href)="http', text)
 
 
-def test_a_page_says_what_it_leaves_out_and_refuses_too_many_moves(tmp_path, monkeypatch):
-    path = tmp_path / "a.html"
-    monkeypatch.setattr(page_module, "MAX_TEXT_BYTES", 20)
-    write_gcode_html(path, layered_job(), GcodePage("width"))
-    assert "lines are told by number" in path.read_text(encoding="utf-8")
-    monkeypatch.setattr(page_module, "MAX_MOVES", 5)
-    path.unlink()
-    with pytest.raises(ReportError, match="10 moves"):
-        write_gcode_html(path, layered_job(), GcodePage("width"))
-    assert not path.exists()
-
-
 def filled(outlines, size=400, reach=4.0):
     """Share of a square about the origin that is inside outlines, by points."""
     axis = (np.arange(size) + 0.5) / size * 2 * reach - reach
@@ -175,11 +160,6 @@ def test_ink_beyond_the_outline_counts_above_nought_and_short_of_it_below() -> N
     assert beyond[inner & (middle[:, 1] < 1)] == pytest.approx(0.05)
     assert beyond[inner & (middle[:, 1] > 2)] == pytest.approx(-0.15)
     assert np.linalg.norm(np.diff(ring, axis=0), axis=1).max() < 0.0301
-
-
-def test_an_outline_without_ink_near_is_as_short_as_can_be() -> None:
-    found = design_outline(layered_job(), 1, [BOX + [0.0, 30.0]])
-    assert (found.beyond_mm[0] == -REACH_MM).all()
 
 
 def test_the_picture_shows_where_ink_is_missing() -> None:

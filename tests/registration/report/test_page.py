@@ -13,10 +13,10 @@ import pytest
 from lxml import html
 from matplotlib import rcParams
 
-from registration.report import ReportSurface, network_page, write_report_html
+from registration.report import ReportSurface, write_report_html
 from registration.report.gcode import layer_figure
 from registration.report.gcode.colouring import colourings
-from registration.report.wording import label_and_unit, number
+from registration.report.wording import number
 
 from .gcode_sample import layered_job
 from .sample import block_surface, deviation_surface, planar_network, sample_data
@@ -176,27 +176,6 @@ def test_same_input_gives_the_same_bytes(whole: str, tmp_path: Path) -> None:
     assert dict(rcParams) == before
 
 
-def test_simplification_is_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    surface = deviation_surface(0.4)
-    monkeypatch.setattr("registration.report.packing.pack_surfaces.__defaults__", (500,))
-    page = written(tmp_path, {}, surfaces=[surface])
-    text = words(page.xpath('//section[@id="map"]')[0])
-    assert "simplified for this page" in text
-    assert "vertices merged within cells of" in text
-
-
-def test_large_tables_say_what_they_leave_out(tmp_path: Path) -> None:
-    vessels = [
-        {"vessel": i, "open": i != 700, "error_percent": float(i % 900), "measured_um": 1.0}
-        for i in range(1500)
-    ]
-    page = written(tmp_path, {"registration": {"vessels": vessels}})
-    rows = page.xpath('//table[@id="vessels-table"]/tbody/tr')
-    assert len(rows) == 1000
-    assert rows[0].get("data-vessel") == "700"
-    assert "of 1\u202f500 rows shown" in page.text_content()
-
-
 LOOK = {
     "look": 5, "mark": "end of layer 4", "way_mm": 162.8, "judged": 0.7, "ink": 0.858,
     "mended": True, "gaps_mm": 0.9, "scan_known": 1.0, "scan_ink": 0.885, "scan_missing_mm": 16.3,
@@ -219,15 +198,7 @@ def test_looks_stand_beside_the_final_scan_and_those_that_disagree_first(tmp_pat
 
 # Shared parts of pages and figures: head, scripts, small multiples, caching.
 
-TEMPLATES = Path(network_page.__file__).parent / "templates"
 PAGES = ("comparison", "dye", "gcode", "network", "overlay", "report")
-
-
-@pytest.mark.parametrize("name", PAGES)
-def test_every_page_has_the_shared_head_and_no_other(name: str) -> None:
-    text = (TEMPLATES / f"{name}.html").read_text(encoding="utf-8")
-    assert text.count('{% include "head.html" %}') == 1
-    assert "<meta" not in text
 
 
 @pytest.mark.parametrize(
@@ -241,22 +212,3 @@ def test_every_page_has_the_shared_head_and_no_other(name: str) -> None:
 )  # fmt: skip
 def test_numbers(value: Any, text: str) -> None:
     assert number(value) == text
-
-
-@pytest.mark.parametrize(
-    ("key", "expected"),
-    [
-        ("inlet_flow_ml_min", ("Inlet flow", "mL/min")),
-        ("diameter_min_mm", ("Diameter min.", "mm")),
-        ("wall_shear_max_pa", ("Wall shear max.", "Pa")),
-        ("p95_um", ("95th percentile", "µm")),
-        ("duration_s", ("Duration", "s")),
-        ("volume_mm3", ("Volume", "mm³")),
-        ("layers", ("Layers", "")),
-        ("resistance_pa_s_ul", ("Resistance", "Pa·s/µL")),
-        ("vessels_per_mm2", ("Vessels", "1/mm²")),
-        ("within_200_um_of_a_lumen_percent", ("Within 200 µm of a lumen", "%")),
-    ],
-)
-def test_labels_and_units_come_from_the_key(key: str, expected: tuple[str, str]) -> None:
-    assert label_and_unit(key) == expected

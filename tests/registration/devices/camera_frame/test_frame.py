@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -15,21 +13,16 @@ from firmware_profiles.dishes import Dish
 from registration.devices.camera_frame import (
     Bath,
     CameraFrame,
-    PrintedLine,
     PrintedPoints,
     SeenMarks,
     Ties,
     Touch,
     check_frame,
     design_insert,
-    find_crossings,
     find_marks,
     fit_frame,
-    read_frame,
-    write_frame,
 )
 from registration.devices.camera_frame.insert import Process
-from registration.devices.camera_frame.projection import project
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 
@@ -82,23 +75,6 @@ def test_printed_points_tie_the_frame_to_the_printer() -> None:
     assert frame.tied == "printed"
 
 
-def test_crossings_of_one_line_count_for_less_each_since_they_share_its_error() -> None:
-    view, (x, y, z) = scene.frame().view, scene.TARGET
-    corners = [(x - 9, y - 9, z), (x + 9, y - 9, z), (x + 9, y + 9, z), (x - 9, y + 9, z)]
-    lines = [
-        PrintedLine(a, b, 0.5) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
-    ]
-    image = np.full(scene.optics().size[::-1], 150, np.uint8)
-    for line in lines:
-        share = np.linspace(0, 1, 40)[:, None]
-        along = (1 - share) * np.array(line.begin) + share * np.array(line.end)
-        fine = np.round(16 * project(view, along)).astype(np.int32)
-        cv2.polylines(image, [fine], False, 60, 6, cv2.LINE_AA, shift=4)
-    points = find_crossings(image, view, lines, u_mm=0.02)
-    assert len(points.u_mm) == 4
-    assert points.u_mm == pytest.approx(np.full(4, 0.02 * np.sqrt(2)), rel=0.1)
-
-
 def test_touches_that_dont_fit_are_refused() -> None:
     marks = find_marks(scene.picture(), scene.insert(), scene.lens(), "seen.png")
 
@@ -111,23 +87,6 @@ def test_touches_that_dont_fit_are_refused() -> None:
         fit(Touch("west", 80, 90), Touch("left", 80, 90))
     with pytest.raises(PictureError, match="the touched crosses don't fit the insert"):
         fit(Touch("left", 70, 90), Touch("right", 110, 90))
-
-
-def test_the_file_comes_back_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "frame.yaml"
-    write_frame(path, scene.frame())
-    assert read_frame(path) == scene.frame()
-    path.write_text(path.read_text().replace("tied: touched", "tied: guessed"))
-    with pytest.raises(PictureError, match=r"frame .*: tied: .*printctl observe frame"):
-        read_frame(path)
-
-
-def test_a_picture_without_insert_or_of_another_size_is_refused() -> None:
-    blank = np.full((800, 1000), 90, np.uint8)
-    with pytest.raises(PictureError, match=r"blank.png: 0 marks of the insert are found \(4"):
-        find_marks(blank, scene.insert(), scene.lens(), "blank.png")
-    with pytest.raises(PictureError, match="500 x 400 px, and the camera was calibrated at 1000"):
-        find_marks(blank[::2, ::2], scene.insert(), scene.lens(), "half.png")
 
 
 def bent_plate(plane: np.ndarray, bent_mm: float, taller: float) -> np.ndarray:
@@ -203,14 +162,6 @@ def test_a_bump_of_100_um_is_noticed_with_marks_hidden() -> None:
     assert not answer.holds
     assert abs(answer.moved_um - 100) < 10
     assert "camera or insert moved" in answer.why[0]
-
-
-def test_a_picture_upside_down_is_told_as_turned() -> None:
-    """It was told as "-200.41 % larger: zoom, focus or height changed"."""
-    answer = check_frame(np.ascontiguousarray(scene.picture()[::-1, ::-1]), scene.frame())
-    assert not answer.holds
-    assert "turned " in answer.why[0]
-    assert "180." in answer.why[0] or "179." in answer.why[0]
 
 
 def test_another_focus_light_or_size_is_told() -> None:

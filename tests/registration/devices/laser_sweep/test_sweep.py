@@ -92,19 +92,6 @@ def test_heights_of_a_reflected_line_dont_mix_with_true_ones(tmp_path: Path) -> 
     assert np.nanmax(off) < 0.3
 
 
-def test_one_picture_unlike_the_others_is_refused(tmp_path: Path) -> None:
-    pictures = sweeps.flat()
-    for name, other, words in (
-        ("large", np.pad(pictures[1], 40), "1080 x 880 px"),
-        ("turned", np.ascontiguousarray(pictures[1].T), "800 x 1000 px"),
-        ("colour", np.dstack([pictures[1]] * 3), "grey, of type uint8, others in colour"),
-        ("deep", pictures[1].astype(np.uint16), "of type uint8, others grey, of type uint16"),
-    ):
-        mixed = [*pictures[:2], other, *pictures[3:]]  # the ground is taken from others
-        with pytest.raises(PictureError, match=words):
-            trace(sweeps.written(mixed, tmp_path / name), scene.frame())
-
-
 def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
     pictures = sweeps.flat()[:4]
     tifffile.imwrite(tmp_path / "all.tif", np.stack(pictures), photometric="minisblack")

@@ -15,7 +15,6 @@ from registration.devices.microscope import (
     Line,
     Target,
     find_view,
-    marked_view,
     measure_gaps,
     measure_lines,
     read_picture,
@@ -113,17 +112,6 @@ def test_gaps_come_back_and_closed_ones_are_nought(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found[0].open_mm, 0)
     for one, gap in zip(found[1:], gaps[1:], strict=True):
         assert float(np.median(one.open_mm)) == pytest.approx(gap, abs=0.012)
-
-
-def test_marked_corners_need_no_finding(tmp_path: Path) -> None:
-    camera = CAMERAS[0]
-    image = paint(drawn(), camera, SIZE)
-    cv2.circle(image, (image.shape[1] // 2, image.shape[0] // 2), image.shape[0] // 2, 40, 9)
-    picture = read_picture(saved(tmp_path, image))  # a dish's rim, larger than the pattern
-    true, _ = view_of(camera, SIZE)
-    corners = np.array([[0, 0], [16, 0], [16, 13], [0, 13]], float)
-    view = marked_view(picture, target(), mapped(true, corners) + 6.0)
-    assert np.abs(mapped(view.matrix, corners) - mapped(true, corners)).max() < 0.6
 
 
 def test_pictures_of_something_else_are_refused(tmp_path: Path) -> None:

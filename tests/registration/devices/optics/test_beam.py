@@ -56,22 +56,6 @@ def test_the_bound_is_the_shift_of_a_straight_ray() -> None:
             refraction_bound(tilt, 1.0, index)
 
 
-@given(seed=st.integers(0, 10**6), air=st.booleans(), index=st.floats(1.0, 1.6))
-@settings(max_examples=examples(40), deadline=None)
-def test_to_scan_is_the_inverse_of_to_true(seed: int, air: bool, index: float) -> None:
-    rng = np.random.default_rng(seed)
-    surface = tilted(1.0, *rng.uniform(-0.15, 0.15, 2)) if air else None
-    beam = Beam(FAULT, np.array([2.5, 3.0]), index, surface)
-    points = rng.uniform(0, 1, (50, 3)) * [5.0, 6.0, 4.0]
-    np.testing.assert_allclose(beam.to_scan(beam.to_true(points)), points, atol=2e-5)
-
-
-def test_without_faults_only_depth_is_divided() -> None:
-    beam = Beam(OctCalibration(), np.array([1.0, 1.0]), 1.34)
-    points = np.random.default_rng(0).uniform(0, 3, (20, 3))
-    np.testing.assert_allclose(beam.to_true(points), points / [1, 1, 1.34])
-
-
 def test_what_is_too_steep_is_refused() -> None:
     steep = Beam(OctCalibration(fan_per_mm=(0.1, 0.0)), np.zeros(2), 1.0)
     with pytest.raises(RegistrationError, match="slope"):

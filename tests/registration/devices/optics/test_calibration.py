@@ -62,15 +62,6 @@ def test_fan_bow_and_scale_are_found(views: list[GridView]) -> None:
     assert low < found.lateral[0][0] < high
 
 
-def test_the_grids_certificate_widens_the_scales_alone(views: list[GridView]) -> None:
-    plain = fit_grid(views, PITCH).calibration
-    told = fit_grid(views, PITCH, pitch_u_mm=0.01 * PITCH).calibration
-    # U = 1 % (k = 2) beside a fit that is far better: u = 0.5 %.
-    assert told.relative_error("scale_x", "scale_y") == pytest.approx(0.005, rel=0.05)
-    assert plain.relative_error("scale_x", "scale_y") < 0.001
-    assert told.intervals["bow_xx"] == plain.intervals["bow_xx"]
-
-
 def test_the_wrong_pitch_is_noticed() -> None:
     flat = reflecting(
         blank((64, 150, 160), VOXEL), OctCalibration(), lambda x, y: 0.6 + 0 * x, dots(PITCH, 0.0)
@@ -119,15 +110,6 @@ def test_a_step_in_air_scales_depth_and_one_in_gel_gives_its_index() -> None:
     assert sure.relative_error("refractive_index") == pytest.approx(0.01, rel=0.02)
     with pytest.raises(SegmentationError, match="--height-um"):
         with_step(OctCalibration(), step, 2.0, immersed=False)
-
-
-def test_a_new_step_in_air_keeps_the_height_that_a_step_in_gel_has_told() -> None:
-    step = measure_step(step_scan(1.0, 0.0))  # type: ignore[arg-type]
-    gel = with_step(OctCalibration(), step, 0.75, immersed=True)
-    both = with_step(gel, step, 1.02, immersed=False)
-    assert both.refractive_index == pytest.approx(1.02 / 0.75, abs=0.003)
-    error = gel.relative_error("refractive_index")
-    assert both.relative_error("refractive_index") == pytest.approx(error)
 
 
 def test_the_file_keeps_a_calibration(tmp_path: Path) -> None:

@@ -89,14 +89,6 @@ def test_counts_that_nobody_describes_are_refused(tmp_path, said, reason):
         read_scan(raw(tmp_path / "s.raw", to_counts(in_db(speckled())), **said))
 
 
-def test_a_window_of_real_numbers_needs_their_range(tmp_path: Path) -> None:
-    share = np.clip((in_db(speckled()) + 40) / 60, 0, 1).astype("<f4")
-    with pytest.raises(ScanFileError, match="no range of their own"):
-        read_scan(raw(tmp_path / "s.raw", share, db_range=[-40, 20]))
-    found = read_scan(raw(tmp_path / "s.raw", share, db_range=[-40, 20], count_range=[0, 1]))
-    np.testing.assert_allclose(found.volume, np.clip(in_db(speckled()), -40, 20), atol=1e-4)
-
-
 def test_whole_decibels_come_back_from_our_own_files(tmp_path: Path) -> None:
     volume = np.round(in_db(speckled())).astype(np.int16)
     scan = Scan(volume, (0.01, 0.02, 0.03), 1.34, True, "db", "oct", True, tmp_path)
@@ -152,10 +144,3 @@ def test_saturated_voxels_are_told_with_their_share_and_refused_beyond_it(tmp_pa
     many = np.minimum(speckled(), -np.log(0.3))
     with pytest.raises(ScanFileError, match=r"1[3-7] % of its voxels are saturated .*limit 10 %"):
         read_scan(raw(tmp_path / "b.raw", many.astype("<f4"), scale="linear"))
-
-
-def test_a_floor_that_is_cut_off_is_told(tmp_path: Path) -> None:
-    db = np.maximum(in_db(speckled()), -22).astype("<f4")
-    assert "the noise floor is cut off" in read_scan(raw(tmp_path / "a.raw", db)).notes[0]
-    with pytest.raises(ScanFileError, match="window that reaches lower"):
-        read_scan(raw(tmp_path / "b.raw", np.maximum(db, 3).astype("<f4")))

@@ -11,7 +11,6 @@ import nrrd
 import numpy as np
 import pytest
 import tifffile
-from PIL import Image
 
 from registration import ScanOverrides, read_scan
 from registration.errors import ScanFileError
@@ -62,14 +61,6 @@ def test_imagej_has_a_unit_for_each_axis(tmp_path, said, across, spacing):
     same(path, (0.01, 0.005, 0.004))
 
 
-def test_imagej_pixels_that_cant_be_as_long_as_said_are_told(tmp_path: Path) -> None:
-    path = tmp_path / "s.tif"
-    said = {"spacing": 0.01, "unit": "micron", "yunit": "mm", "zunit": "mm", "axes": "ZYX"}
-    tifffile.imwrite(path, counts(), imagej=True, resolution=(1 / 4, 1 / 5), metadata=said)
-    same(path, (0.01, 0.005, 0.004))
-    assert "--voxel-um" in read_scan(path, MODALITY).notes[0]
-
-
 def test_an_imagej_unit_that_isnt_known_is_named_and_the_users_size_taken(tmp_path: Path) -> None:
     path = tmp_path / "s.tif"
     said = {"spacing": 1.0, "unit": "furlong", "axes": "ZYX"}
@@ -92,24 +83,6 @@ def test_white_is_zero_is_inverted(tmp_path, monkeypatch, kind, white, limit):
     found = read_scan(path, SIZED)
     np.testing.assert_array_equal(found.volume.astype(int), white - dark.astype(int))
     assert "WhiteIsZero" in found.notes[0]
-
-
-def bilevel(path: Path, bits: Any) -> None:
-    """Write a TIFF of one bit a voxel, its rows padded to bytes."""
-    first, *others = (Image.fromarray(page) for page in bits)
-    first.save(path, save_all=True, append_images=others)
-
-
-def test_bits_are_a_volume_of_zeros_and_ones(tmp_path: Path) -> None:
-    bits = counts() % 3 == 0
-    bilevel(tmp_path / "s.tif", bits)
-    found = read_scan(tmp_path / "s.tif", SIZED)
-    np.testing.assert_array_equal(found.volume, bits.astype(np.uint8))
-    bilevel(tmp_path / "s.tif", bits)
-    data = (tmp_path / "s.tif").read_bytes()
-    (tmp_path / "s.tif").write_bytes(data[: len(data) // 2])
-    with pytest.raises(ScanFileError):
-        read_scan(tmp_path / "s.tif", SIZED)
 
 
 def test_a_palette_of_greys_is_looked_up_and_one_of_colours_refused(tmp_path: Path) -> None:
@@ -148,14 +121,6 @@ def test_imagej_images_are_counted(tmp_path: Path, text: str, why: str | None) -
         read_scan(path, SIZED)
 
 
-def test_ome_images_that_are_missing_are_told(tmp_path: Path) -> None:
-    path = tmp_path / "s.ome.tif"
-    tifffile.imwrite(path, np.concatenate([counts()] * 2)[:10], metadata={"axes": "ZYX"})
-    path.write_bytes(path.read_bytes().replace(b'SizeZ="10"', b'SizeZ="20"'))
-    with pytest.raises(ScanFileError, match="20 images, it holds 10"):
-        read_scan(path, SIZED)
-
-
 def test_a_compression_that_isnt_read_is_named(tmp_path: Path) -> None:
     path = tmp_path / "s.tif"
     tifffile.imwrite(path, counts(), metadata=None)
@@ -190,13 +155,6 @@ def test_the_number_that_varies_orders_the_slices(tmp_path: Path, name: str) -> 
     pages = np.concatenate([counts(), counts()[::-1] + 1])
     folder = slices(tmp_path / "ct", **{name.format(n): page for n, page in enumerate(pages)})
     np.testing.assert_array_equal(read_scan(folder, SIZED).volume, pages)
-
-
-def test_slices_of_two_numbers_that_vary_are_several_series(tmp_path: Path) -> None:
-    names = [f"t{t}_z{z}" for t in range(2) for z in range(9)]
-    folder = slices(tmp_path / "ct", **dict.fromkeys(names, counts()[0]))
-    with pytest.raises(ScanFileError, match=r"several series of slices: t0_z\* \(9\), t1_z\* "):
-        read_scan(folder, SIZED)
 
 
 def test_slices_that_are_missing_are_told(tmp_path: Path) -> None:
@@ -369,14 +327,3 @@ def test_axes_named_otherwise_keep_their_handedness(tmp_path, axes, mirrored):
 def test_a_sidecar_that_doesnt_fit_is_refused(tmp_path, key, value, reason):
     with pytest.raises(ScanFileError, match=reason):
         read_scan(raw(tmp_path / "s.raw", **{key: value}))
-
-
-def test_raw_numbers_without_a_sidecar_are_of_no_known_format(tmp_path: Path) -> None:
-    (tmp_path / "s.raw").write_bytes(bytes(100))
-    with pytest.raises(ScanFileError, match="sidecar"):
-        read_scan(tmp_path / "s.raw")
-
-
-def test_npz_in_columns_is_read(tmp_path: Path) -> None:
-    np.savez(tmp_path / "s.npz", volume=np.asfortranarray(counts()), voxel_mm=[0.1, 0.2, 0.3])
-    same(tmp_path / "s.npz", (0.1, 0.2, 0.3))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from registration.measuring.geometry import Characteristic
-from registration.measuring.geometry.cylinder import minimum_zone
 from tests.registration.measuring.geometry.shapes import (
     Printed,
     measured,
@@ -79,12 +78,3 @@ def test_noise_makes_a_flat_zone_larger_and_its_interval_reaches_zero() -> None:
     noisy = zone(printed(0.006), "cylindricity", "vessel 2")
     assert noisy.zone_um > 5
     assert noisy.low_um < 1
-
-
-def test_minimum_zone_is_no_wider_than_least_squares_sees() -> None:
-    rng = np.random.default_rng(1)
-    along, angle = np.meshgrid(np.linspace(-3, 3, 30), np.linspace(0, 2 * np.pi, 48, False))
-    radius = 0.3 + 0.002 * rng.standard_normal(along.shape)
-    points = np.stack([along, radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-    width = minimum_zone(points.reshape(-1, 3), np.zeros(3), np.array([1.0, 0.0, 0.0]))
-    assert 0.8 * np.ptp(radius) < width <= np.ptp(radius)

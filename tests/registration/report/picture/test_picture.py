@@ -74,15 +74,6 @@ def test_inlets_and_outlets_have_arrows_within_the_picture() -> None:
     assert dark > 100
 
 
-@pytest.mark.slow
-def test_arrows_turn_with_the_flow() -> None:
-    options = PictureOptions(width=400)
-    ahead = np.ones(NETWORK.vessel_count)
-    designed = draw_picture(NETWORK, quantity("radius"), None, options)
-    assert draw_picture(NETWORK, quantity("radius"), None, options, ahead) == designed
-    assert draw_picture(NETWORK, quantity("radius"), None, options, -ahead) != designed
-
-
 def fork() -> VesselNetwork:
     """A trunk, two branches, and a piece of a vein; the trunk bends."""
     nodes = np.array([[0.0, 0, 0], [4, 0, 0], [8, 3, 0], [8, -3, 0], [0, 9, 0], [5, 9, 0]])

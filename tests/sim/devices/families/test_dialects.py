@@ -51,12 +51,6 @@ def test_duet_drops_a_garbled_line_without_a_word():
     assert said(printer, b"N3 G90*0000\n") == b""
 
 
-def test_duet_does_a_line_sent_twice_twice():
-    printer, _ = printer_of("reprapfirmware")
-    line = sealed(b"N1 G92 X5")
-    assert said(printer, line) == said(printer, line) == b"ok\n"
-
-
 def test_klipper_does_a_garbled_line():
     printer, _ = printer_of("klipper")
     assert said(printer, b"N7 G92 X5*1\n") == b"ok\n"
@@ -101,13 +95,6 @@ def test_klipper_s_offset_outlives_being_told_where_the_tip_is():
     assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:9.500")
     said(printer, b"SET_GCODE_OFFSET X=0 Y=0 Z=0\n" + PLACED)
     assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:10.000")
-
-
-def test_klipper_knows_no_t_of_its_own_where_there_are_heads():
-    two = load(Printer, "two_syringe_marlin").model_copy(update={"firmware": "klipper"})
-    printer = simulated_printer(two)(two, START)
-    assert said(printer, b"T1\n") == b'// Unknown command:"T1"\nok\n'
-    assert said(printer, b"G10 P1 X5\n") == b'// Unknown command:"G10"\nok\n'
 
 
 def test_klipper_s_timeout_switches_heaters_and_motors_off():

@@ -171,13 +171,6 @@ def test_without_homing_the_soft_limits_do_not_hold_and_after_it_they_do():
     assert printer.executed().end[-1, 0] == 200
 
 
-def test_cold_extrusion_is_told_and_the_plunger_stays():
-    printer = MarlinPrinter(PROFILE)
-    answer = printer.exchange(b"G1 X5 E1 F600\nM400\n")
-    assert answer == b"echo: cold extrusion prevented\nok\nok\n"
-    assert printer.executed().plunger_end.tolist() == [0]
-
-
 def test_waiting_for_heat_reports_each_second_and_takes_its_time():
     printer = ready()
     answer = printer.exchange(b"M109 S60\n")
@@ -223,17 +216,6 @@ def test_a_fault_happens_at_its_line():
     pulled = ready(faults=[parse_fault("unplug@1")])
     send(pulled, "G1 X1 F600")
     assert pulled.unplugged
-
-
-@given(st.lists(st.binary(max_size=80), max_size=12))
-@settings(max_examples=examples(60), deadline=None)
-def test_rubbish_never_breaks_the_printer(pieces):
-    printer = ready()
-    for piece in pieces:
-        printer.exchange(piece)
-    if not printer.dead:
-        printer.exchange(b"\n")
-        printer.exchange(b"M108\n")
 
 
 def test_the_receive_ring_overruns_when_the_planner_is_full():

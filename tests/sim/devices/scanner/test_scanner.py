@@ -172,22 +172,11 @@ def test_bulge_stands_back_by_its_height_and_fades_out() -> None:
     assert diameter(found, 5.0) == pytest.approx(2 * RADIUS, abs=0.002)
 
 
-def test_stenosis_leaves_its_share_of_the_diameter() -> None:
-    found = with_defects(bored(), [Defect("stenosis", AXIS, RADIUS, 3.0, 1.6, left=0.5)])
-    assert diameter(found, 3.0) == pytest.approx(RADIUS, abs=0.003)
-    assert diameter(found, 5.0) == pytest.approx(2 * RADIUS, abs=0.003)
-
-
 def test_occlusion_is_as_long_as_ordered_and_beside_it_nothing_changes() -> None:
     found = with_defects(bored(), [Defect("occlusion", AXIS, 1.2 * RADIUS, 3.0, 0.8)])
     along = 1 - found.volume[round(1 / EDGE), round(1 / EDGE)] / 255.0
     assert (1 - along).sum() * EDGE == pytest.approx(0.8, abs=1e-3)
     np.testing.assert_array_equal(found.volume[..., :90], bored().volume[..., :90])
-
-
-def test_missing_vessel_is_gel_throughout() -> None:
-    found = with_defects(bored(), [Defect("missing", AXIS, 1.2 * RADIUS)])
-    assert found.volume[:, :, 1:-1].min() == 255
 
 
 def test_leak_is_a_round_hole_from_the_lumen_outward() -> None:

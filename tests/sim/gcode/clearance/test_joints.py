@@ -61,16 +61,6 @@ FORK = (100, 100, 7)
 STEM, LEFT, RIGHT = [(100, 100, 3), FORK], [FORK, (96, 98, 8)], [FORK, (104, 98, 8)]
 
 
-def test_a_stem_under_branches_that_are_there_is_flagged():
-    job = Job()
-    job.along(LEFT, 1)
-    line = job.along(STEM, 0)[-1]
-    found = job.check(network(STEM, LEFT)).crossings
-    assert found
-    assert found[0].line in (line, line - 1)  # the way down to its foot crosses, too
-    assert (found[0].vessel, found[0].crossed) == (0, 1)
-
-
 def test_the_same_lines_without_a_shared_node_cross():
     left, right = [(99.865, 100, 7), (96, 98, 8)], [(100.135, 100, 7), (104, 98, 8)]
     job = Job()

@@ -89,13 +89,6 @@ def test_a_line_that_the_firmware_can_not_take_is_found(text, code):
     assert codes(dry(text)) == [code]
 
 
-def test_one_finding_tells_how_many_lines_have_it():
-    run = dry("G1 X201\nG1 X202\nG1 X10\nG1 X203\n")
-    assert only(run).count == 3
-    assert only(run).value == 203
-    assert dry("M73 P1\nG1 X1\nM73 P2\n").unknown == ((1, "M73"), (3, "M73"))
-
-
 def test_cold_extrusion_is_found_and_the_plunger_stays():
     run = dry_run(b"G1 X20 E1 F600\nM302 P1\nG1 X10 E3\n", PROFILE, (10, 10, 10))
     assert codes(run) == ["cold_extrusion"]

@@ -100,14 +100,6 @@ def test_what_a_firmware_would_do_wrong_is_found(wrong, right, sort):
     assert sort in codes(JOB.replace(right, wrong, 1))
 
 
-def test_marlin_names_the_head_in_use_and_refuses_one_that_isn_t_there():
-    printer = MarlinPrinter(TWO)
-    assert sent(printer, b"T1 S1\n") == b"echo:Active Extruder: 1\nok\n"
-    assert sent(printer, b"T1 S1\n") == b"echo:Active Extruder: 1\nok\n"
-    assert sent(printer, b"T2\n") == b"echo:T2 Invalid extruder\nok\n"
-    assert printer.machine.motion.tool == 1
-
-
 def test_marlin_s_own_offset_shifts_the_frame_without_a_move_where_it_isn_t_homed():
     printer = MarlinPrinter(TWO, (10, 0, 40))
     sent(printer, b"M302 P1\nM218 T1 X40 Y0 Z0\nT1 S1\n")

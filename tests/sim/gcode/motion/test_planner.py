@@ -66,13 +66,6 @@ def test_a_single_move_takes_the_time_of_its_trapezoid(length, speed):
     assert bench.span == pytest.approx(expected, rel=0.002, abs=0.006)
 
 
-def test_a_plunger_above_its_limit_slows_the_whole_move():
-    bench = Bench()
-    bench.move(10, 0, 0, 100, feed=20)
-    log = bench.finish()
-    assert log["time_end"][0] - log["time_start"][0] == pytest.approx(100 / 25, rel=0.01)
-
-
 def test_a_right_angle_is_entered_at_the_junction_deviation_speed():
     bench = Bench()
     bench.move(10, 0, 0, 0)

@@ -14,7 +14,6 @@ from firmware_profiles import Printer, load, shipped
 from sim.errors import LineError
 from sim.gcode.reading import read_line, read_sent
 from sim.gcode.reading.faults import SORTS
-from sim.gcode.reading.firmware_codes import is_known_line
 from sim.gcode.reading.plain import PLAIN_MOVE
 from sim.gcode.reading.read import read_words
 
@@ -142,15 +141,6 @@ def test_a_line_that_no_firmware_takes_is_refused_before_it_is_looked_at(text, p
 def test_families_refuse_what_they_read_otherwise(family, text):
     with pytest.raises(LineError):
         read_line(text, FAMILIES[family])
-
-
-def test_klippers_names_keep_their_parameters():
-    line = read_line(b"set_pin pin=valve Value=1 ; open", KLIPPER)
-    assert (line.code, line.parameters) == ("SET_PIN", {"PIN": "valve", "VALUE": "1"})
-    assert line.text == b"SET_PIN PIN=valve VALUE=1"
-    assert is_known_line(KLIPPER, line)
-    with pytest.raises(LineError, match="isn't a command"):
-        read_line(b"SET_PIN PIN=valve VALUE=1", MARLIN)
 
 
 @pytest.mark.parametrize("name", shipped(Printer))
