@@ -1,5 +1,6 @@
 """Shipped profiles load; invalid ones are refused with key and value."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -108,44 +109,25 @@ def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "said"),
+    ("without", "add", "words"),
     [
-        ("firmware", "c.yaml: firmware is missing; add it: one of aerotech, klipper, marlin"),
-        ("steps_per_mm", "c.yaml: steps_per_mm is missing; add it: keys x, y, z, e, each with"),
-        ("x_mm", "c.yaml: x_mm is missing; add it: keys low, high, each with its value"),
-        (
-            "acceleration_mm_s2",
-            "c.yaml: acceleration_mm_s2 is missing; add it: a number above 0",
-        ),
+        ("firmware", "", "firmware is missing.*aerotech, klipper"),
+        ("steps_per_mm", "", "steps_per_mm is missing.*x, y, z, e"),
+        ("acceleration_mm_s2", "", "acceleration_mm_s2 is missing.*above 0"),
+        ("firmware", "firmware: aerotech", "which controller"),
+        ("firmware", "firmware: grbl", "family.*'grbl'"),
+        ("x_mm", "x_mm: 5", r"x_mm .*low, high.*is 5"),
+        ("x_mm", "x_mm: {low: 9, high: 2}", "x_mm: low 9 .*high 2"),
+        ("x_mm", "x_mm: {low: 9}", r"x_mm\.high is missing.*number"),
+        ("baud", "baud: fast", "baud .*whole number"),
+        ("baud", "baud: 1", "baud .*9600.*is 1"),
+        ("z_mm", "z_mm:", "z_mm .*low, high.*empty"),
+        ("", "dispenser: {kind: laser}", r"dispenser\.kind .*one of"),
+        ("", f"note: {'x' * 200}", "note is no key"),
     ],
 )
-def test_missing_key_is_told_in_one_sentence(tmp_path: Path, key: str, said: str) -> None:
-    found = _refusal(_printer(tmp_path, key))
-    assert found.startswith(said)
-    assert "\n" not in found
-    assert len(found) < 150
-
-
-@pytest.mark.parametrize(
-    ("without", "add", "said"),
-    [
-        ("firmware", "firmware: aerotech", "c.yaml: firmware aerotech: say which controller"),
-        ("firmware", "firmware: grbl", "c.yaml: firmware: no firmware family is named 'grbl'"),
-        ("x_mm", "x_mm: 5", "c.yaml: x_mm must be keys low, high, each with its value (is 5)"),
-        ("x_mm", "x_mm: {low: 9, high: 2}", "c.yaml: x_mm: low 9 isn't below high 2"),
-        ("x_mm", "x_mm: {low: 9}", "c.yaml: x_mm.high is missing; add it: a number"),
-        ("baud", "baud: fast", "c.yaml: baud must be a whole number"),
-        ("baud", "baud: 1", "c.yaml: baud must be at least 9600 (is 1)"),
-        ("z_mm", "z_mm:", "c.yaml: z_mm must be keys low, high, each with its value (is empty)"),
-        ("", "dispenser: {kind: laser}", "c.yaml: dispenser.kind must be one of"),
-        ("", "dispenser: {}", "c.yaml: dispenser.kind is missing; add it"),
-        ("", f"note: {'x' * 200}", "c.yaml: note is no key here (is 'xxx"),
-    ],
-)
-def test_wrong_key_is_told_short_and_without_the_checker_s_own_words(tmp_path, without, add, said):
+def test_wrong_key_is_told_short_and_without_the_checker_s_own_words(tmp_path, without, add, words):
     found = _refusal(_printer(tmp_path, without, add=add))
-    assert found.startswith(said)
-    assert "Value error" not in found
-    assert "Input should" not in found
-    assert "\n" not in found
+    assert re.match(rf"c\.yaml: .*{words}", found)
+    assert not re.search(r"Value error|Input should|\n", found)
     assert len(found) < 200

@@ -193,10 +193,7 @@ def test_a_heart_raises_a_drop_of_its_own_choice_until_trunks_fit(monkeypatch):
     monkeypatch.setattr("design.anatomy.heart._grow", grow)
     made = grow_heart(heart_tissue(), HEART, HeartAnatomy(published_radii=True))
     assert drops == pytest.approx([1100.0, 1650.0, 2475.0])
-    assert made.notes == (
-        "found",
-        "pressure_drop_mmhg was taken as 18.6 instead of 8.25: wider trunks don't fit in the wall",
-    )
+    assert re.match(r"pressure_drop_mmhg .*18\.6 instead of 8\.25", made.notes[1])
     drops.clear()
     with pytest.raises(WideTrunkError):
         grow_heart(heart_tissue(), HEART, HeartAnatomy())
