@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import manifold3d
 import numpy as np
 import pytest
@@ -226,7 +224,6 @@ def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
 
 # Scans of a part with defects and of other parts, by where their hollows are.
 
-Filled = Callable[[np.ndarray], np.ndarray]
 OTHER = VesselNetwork.from_segments(
     np.array([(0.0, 0.7, 0.6), (9.0, 3.7, 1.9), (0.0, 3.8, 1.3), (9.0, 0.7, 1.3)]),
     np.array([[0, 1], [2, 3]]), np.array([0.3, 0.35]), np.full(2, 4), np.arange(2),

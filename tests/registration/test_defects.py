@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -18,7 +17,6 @@ from registration.measuring.gauging import deviations
 from registration.measuring.gauging.defect import Defect
 from registration.measuring.gauging.junctions import find_junction_changes
 from registration.measuring.gauging.trace import VesselTrace
-from registration.measuring.gauging.vessels import VesselGauge
 from registration.segmentation import Segmentation, gel_evidence
 from tests.registration.phantom import (
     CHANNEL,
@@ -276,10 +274,3 @@ def test_a_missing_vessel_s_gel_is_no_stenosis_of_the_one_that_it_would_lead_int
 
 def test_a_clean_junction_shows_nothing() -> None:
     assert [one for seed in range(0, 40, 2) for one in scanned(change_mm=0.0, seed=seed)] == []
-
-
-def gauged(vessel: int) -> VesselGauge:
-    """A vessel of which only the resistance counts here."""
-    fields: dict[str, Any] = {field.name: None for field in dataclasses.fields(VesselGauge)}
-    fields |= {"vessel": vessel, "resistance_ratio": 0.93, "resistance_ratio_95": (0.85, 1.02)}
-    return VesselGauge(**fields)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -37,15 +36,6 @@ def lattice(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = printctl("design", "recipe.yaml", "--out", "run", cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder
-
-
-def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
-    """One message without a traceback, and nothing on stdout."""
-    assert done.returncode == code, done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
-    for word in words:
-        assert word in done.stderr
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
@@ -22,15 +21,6 @@ pytestmark = pytest.mark.slow
 """One run of a minute; shorter ones elsewhere scale, prime and register each for itself."""
 
 PRIME = {"line_mm": 6, "gap_mm": 4, "purge_ul": 5, "cup_mm": [20, 20, 70], "wipe_mm": [30, 20, 70]}
-
-
-def _network(path: Path) -> np.ndarray:
-    with path.open() as lines:
-        rows = [row for row in csv.reader(lines) if row and not row[0].startswith("#")]
-    columns = rows[0]
-    wanted = [k for k, name in enumerate(columns) if name in {"x0", "y0", "z0", "radius0_mm"}]
-    assert len(wanted) == 4, columns
-    return np.array([[float(row[k]) for k in wanted] for row in rows[1:]])
 
 
 @pytest.fixture(scope="module")

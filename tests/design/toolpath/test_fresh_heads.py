@@ -68,16 +68,6 @@ def ink_of(path: Toolpath, head: int, layer: int | None = None) -> shapely.Geome
     return shapely.union_all(shapely.buffer(shapely.linestrings(ways), width / 2))
 
 
-def order(path: Toolpath) -> list[list[int]]:
-    """Heads that write in each layer, in their order."""
-    found = []
-    for layer in np.unique(path.source):
-        rows = (path.kind == MoveKind.WRITE) & (path.source == layer)
-        heads = path.tool[rows]
-        found.append(heads[np.flatnonzero(np.diff(heads, prepend=-1))].tolist())
-    return found
-
-
 @pytest.mark.parametrize("percent", [0.0, 3.0])
 def test_each_head_writes_the_volume_of_its_region(percent: float) -> None:
     own = replace(OPTIONS, compensation=Compensation((percent, 0.0, 0.0)))

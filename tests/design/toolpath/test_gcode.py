@@ -225,9 +225,6 @@ def test_text_is_the_exact_value_without_idle_digits(values, mask):
         assert not word[1:].startswith(("00", "-00", ".", "-."))
 
 
-paths = st.lists(st.tuples(st.integers(-8, 8), st.integers(-8, 8)), min_size=1, max_size=60)
-
-
 # Start and end G-code of a job, for each firmware family.
 
 MARLIN = load(Printer, "generic_marlin")

@@ -85,15 +85,6 @@ class Replay:
                 self.strokes.append((self.head, *tip, pushed))
 
 
-SINGLE = {
-    "ender5_duet3_replistruder5": "642d956ab907612b",
-    "generic_marlin": "67d53139a64ed535",
-    "klipper_bioprinter": "3f75b5f2abdfc63a",
-    "lulzbot_taz6_replistruder4": "76d56960aad81125",
-    "makergear_m2_duet2": "642d956ab907612b",
-    "marlin_avr": "67d53139a64ed535",
-    "pneumatic_marlin": "22fc8e23af922bd1",
-}
 """SHA-256 of a job for each shipped printer with one head, from before there were several."""
 
 

@@ -34,17 +34,6 @@ def seen_by(
     return Marks.model_validate(marks_of(network, camera, nodes, **more))
 
 
-def pinhole(points: FloatArray, tilt: float, distance: float, scale: float) -> FloatArray:
-    """A pinhole looking at (8, 4, 1.5) from above, tilted about x; worked out on paper."""
-    x, y, z = (points - [8.0, 4.0, 1.5]).T
-    c, s = np.cos(tilt), np.sin(tilt)
-    # Lower in the picture is nearer: the camera stands at y < 4.
-    depth = distance + c * -z + s * y
-    size, flat = (scale * distance / depth)[:, None], np.stack([x, -(c * y + s * z)], axis=1)
-    seen: FloatArray = flat * size + np.array([320.0, 180.0])
-    return seen
-
-
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("distance", [np.inf, 60.0])
 def test_a_tilted_camera_is_found_from_four_marks(mirrored: bool, distance: float) -> None:

@@ -24,7 +24,6 @@ SHAPE = (90, 150, 240)
 WIDE = 0.45
 Turn = Callable[[NDArray[Any]], NDArray[Any]]
 BENT = np.array([[1.2, 1.0, 0.9], [3.2, 1.2, 0.9], [4.6, 2.8, 0.9]])
-SHORT = np.array([[1.2, 1.0, 0.9], [3.0, 1.1, 0.9], [4.1, 1.5, 0.9]])
 
 
 def _scanned(

@@ -94,9 +94,6 @@ def test_a_turned_or_mirrored_volume_is_told(turn, said) -> None:  # type: ignor
     assert better_turned(picture, frame, volume.lines) == said
 
 
-TREE = [(0, 0.0, 0.0, 4.0, 0.0), (0, 4.0, 0.0, 4.0, 2.0), (0, 4.0, 2.0, 6.0, 2.0)]
-
-
 # Constant A-scans and picture blocks hold no measurement: they aren't seen, and are no gaps.
 
 LATTICE = area(3, 4, 0.8)
@@ -137,7 +134,3 @@ def test_a_lost_block_of_a_picture_is_not_seen(value):
     found = see_layer(picture, layer.frame, lines)
     assert [(g.from_mm, g.to_mm) for g in found.gaps] == [pytest.approx((1.0, 1.4), abs=0.1)]
     assert (found.stations.why == Unseen.HIDDEN).sum() >= 4
-
-
-def noisy(shape, level, rng):
-    return np.clip(rng.normal(level, 4.0, shape), 0, 255).astype(np.uint8)

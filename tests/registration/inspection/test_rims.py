@@ -106,6 +106,3 @@ def test_a_vessel_that_shows_by_its_rim_is_not_told_as_turned() -> None:
     other = Scan(turned, VOXEL, 1.0, False, "linear", "oct", True, Path("painted"))
     picture, frame = height_map(other, to_scan, 0.7, 0.7, lines)
     assert better_turned(picture, frame, lines, other, in_parts=False) == "turned by 180°"
-
-
-CROSS: Pieces = [((0.7, 1.6, 0.35), (4.8, 1.6, 0.35)), ((2.7, 0.5, 1.0), (2.8, 2.8, 1.0))]

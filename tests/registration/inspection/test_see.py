@@ -179,13 +179,6 @@ def test_a_picture_of_something_else_is_refused() -> None:
         see_layer(painted.picture[0], painted.frame, lines)
 
 
-class Plain:
-    """50 px/mm, seen from straight above; places beyond 8 mm nowhere."""
-
-    def to_pixels(self, points_mm: np.ndarray) -> np.ndarray:
-        return np.where(points_mm[:, :1] > 8, np.nan, 50.0 * points_mm[:, :2])
-
-
 # Thin ink between lines that touch: told by bath at their seams, and only there.
 
 FILLED = Scene(3, layout="filled", size=8.0, width=0.3)

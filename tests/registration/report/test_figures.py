@@ -15,9 +15,6 @@ from registration.report.svg import inline_svg
 from .gcode_sample import layered_job
 from .sample import planar_network
 
-PNG = b"\x89PNG\r\n\x1a\n" + b"rest"
-
-
 MEANS = [
     {"vessel": 0, "designed_um": 400.0, "value_um": 10.0},
     {"vessel": "$b_2$", "designed_um": 500.0, "value_um": 100.0, "u_um": 8.0, "lower_um": -30.0,

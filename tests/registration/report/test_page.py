@@ -21,8 +21,6 @@ from registration.report.wording import number
 from .gcode_sample import layered_job
 from .sample import block_surface, deviation_surface, planar_network, sample_data
 
-ROOT = Path(__file__).parents[3] / "registration" / "report"
-
 
 def layer_picture() -> bytes:
     job = layered_job()
@@ -197,8 +195,6 @@ def test_looks_stand_beside_the_final_scan_and_those_that_disagree_first(tmp_pat
 
 
 # Shared parts of pages and figures: head, scripts, small multiples, caching.
-
-PAGES = ("comparison", "dye", "gcode", "network", "overlay", "report")
 
 
 @pytest.mark.parametrize(

@@ -99,11 +99,6 @@ def test_an_interrupted_lumen_is_refused() -> None:
         surface_mesh(both, np.concatenate([faces, faces + len(one)]), straight(RADIUS, LENGTH))
 
 
-def volume_of(mesh: LumenMesh) -> float:
-    a, b, c, d = mesh.points[mesh.tets[:, :4]].transpose(1, 0, 2)
-    return float(np.einsum("td,td->", b - a, np.cross(c - a, d - a)) / 6.0)
-
-
 def test_options_are_bounded() -> None:
     with pytest.raises(FlowError, match="smooth_passes -1"):
         SurfaceOptions(smooth_passes=-1)

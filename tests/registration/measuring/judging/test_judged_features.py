@@ -90,7 +90,6 @@ def test_a_leak_whose_interval_leaves_room_for_none_is_undecided() -> None:
 # Doubtful pose: no decision says fail.
 
 DOUBTFUL = {"flag": True, "rivals": [{"lead": 1.1, "same": False}]}
-SYMMETRIC = {"flag": True, "rivals": [{"lead": 1.0, "same": True}]}
 
 
 def bad(ambiguity: dict[str, Any]) -> dict[str, Any]:

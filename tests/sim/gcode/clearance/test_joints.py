@@ -57,7 +57,6 @@ def test_a_vessel_cut_too_low_is_flagged():
     assert line in {one.line for one in job.check(network(ARCH)).crossings}
 
 
-FORK = (100, 100, 7)
 STEM, LEFT, RIGHT = [(100, 100, 3), FORK], [FORK, (96, 98, 8)], [FORK, (104, 98, 8)]
 
 

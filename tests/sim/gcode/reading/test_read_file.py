@@ -20,7 +20,6 @@ from tests.sim.gcode.reading.test_read_line import FAMILIES, anything, lines
 from tests.slower import examples
 
 MARLIN = load(Printer, "generic_marlin")
-AIR = load(Printer, "aerotech_pneumatic")
 files = st.lists(st.one_of(lines, anything), max_size=12).map(b"\n".join).filter(
     lambda data: b"\0" not in data
 )  # fmt: skip
