@@ -18,7 +18,7 @@ from sim.gcode.reading.plain import PLAIN_MOVE
 from sim.gcode.reading.read import read_words
 
 MARLIN, KLIPPER = load(Printer, "marlin_avr"), load(Printer, "klipper_bioprinter")
-DUET, AEROTECH = load(Printer, "makergear_m2_duet2"), load(Printer, "aerotech_pneumatic")
+DUET = load(Printer, "makergear_m2_duet2")
 PRUSA = MARLIN.model_copy(update={"firmware": "prusa"})
 FAMILIES = {p.firmware: p for p in (MARLIN, PRUSA, DUET, KLIPPER)}
 
