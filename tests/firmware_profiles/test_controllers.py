@@ -70,3 +70,20 @@ def test_an_output_is_no_marlins() -> None:
 def test_an_outputs_words_are_which_it_is_and_its_value(command: str, name: str) -> None:
     assert is_output(command)
     assert switch_words(command) == [name, "1"]
+
+
+def test_commands_that_nobody_would_send_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError, match="nothing is sent to a controller"):
+        loaded(tmp_path, TEXT + "safe_state_off: ['$DO[1].X=0']\n")
+
+
+@pytest.mark.parametrize("letter", ["X", "F", "G", "AB", "a"])
+def test_letters_that_mean_something_else_are_refused(tmp_path: Path, letter: str) -> None:
+    text = PLUNGER.replace("a3200}", f"a3200, plunger_axis: {letter}}}")
+    with pytest.raises(ProfileError, match="plunger_axis"):
+        loaded(tmp_path, text)
+
+
+def test_a_plunger_without_a_letter_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError, match="plunger_axis is the letter"):
+        loaded(tmp_path, PLUNGER.replace("dispenser, file_controller", "file_controller"))

@@ -96,3 +96,40 @@ def at_the_mouth(content: Callable[[FloatArray], FloatArray]) -> VesselTrace:
 def test_a_film_across_the_mouth_is_found() -> None:
     trace = at_the_mouth(lambda x: 0.4 * np.exp(-0.5 * ((x - 0.05) / 0.04) ** 2))
     assert np.flatnonzero(trace.gel_like).tolist() == [0]
+
+
+def test_a_film_at_the_very_end_is_found() -> None:
+    trace = found(with_film(0.4, at=1.75))[CHANNEL]
+    assert trace.gel_like[0]
+
+
+def test_weak_gel_all_along_is_found_by_the_other_lumens() -> None:
+    trace = found(holding(lambda x, y, z: 0.4 + 0 * (x + y + z)))[CHANNEL]
+    assert trace.gel_like.mean() > 0.9
+
+
+def test_faint_debris_in_the_lower_half_all_along_is_found() -> None:
+    trace = found(holding(lambda x, y, z: 0.18 * (z < 0) + 0 * (x + y)))[CHANNEL]
+    assert trace.own.mean() > 0.8
+    assert trace.gel_like[trace.own].all()
+
+
+def test_light_that_gel_above_scatters_on_is_no_debris() -> None:
+    """It fades downwards, over 0.4 mm as in scans."""
+    lit = holding(lambda x, y, z: 0.1 * np.exp(-(0.25 - z) / 0.4) + 0 * (x + y))
+    assert not any(trace.gel_like.any() for trace in found(lit))
+
+
+def test_a_parents_own_liquid_isnt_a_plug_of_its_branch() -> None:
+    """The channel is brighter all along; the headers that meet it reach into its lumen."""
+    traces_ = found(holding(lambda x, y, z: 0.16 + 0 * (x + y + z)))
+    assert not any(trace.gel_like.any() for trace in traces_)
+
+
+def test_a_narrowed_section_stays_a_stenosis() -> None:
+    scan = block(lambda vessel, along: -0.11 * (vessel == CHANNEL) * (abs(along - 2.3) < 0.15))
+    assert not found(scan)[CHANNEL].gel_like.any()
+
+
+def test_a_bright_bath_isnt_a_film_across_the_mouth() -> None:
+    assert not at_the_mouth(lambda x: 0.45 * np.clip(0.5 - x / 0.1, 0, 1)).gel_like.any()

@@ -28,6 +28,7 @@ from registration.overlay import (
     Raster,
     align_pose,
     measure_layer,
+    overlay_csv,
     overlay_dict,
     reached,
     read_pose,
@@ -231,3 +232,30 @@ def test_a_scan_that_can_t_be_aligned_asks_for_a_pose() -> None:
     bare = Segmentation(field, nothing, none, np.zeros(0, bool), 10.0, None)
     with pytest.raises(AlignmentError, match=r"0 surface points .* give --pose registration\.json"):
         align_pose(scan, bare, solid(manifold3d.Manifold.cube((4.0, 3.0, 0.5))))
+
+
+def test_what_no_light_reached_is_not_seen() -> None:
+    numbers = measured(scanned(block, lit=0.24))
+    assert statuses(numbers)[3:] == [LayerStatus.NOT_SEEN] * 2
+    assert statuses(numbers)[0] == LayerStatus.PRINTED
+    assert numbers[4].in_view == 1
+
+
+def test_what_is_out_of_view_is_not_seen() -> None:
+    # The part's 0 lies 0.21 mm above the first plane: 28 planes reach to 0.33 mm.
+    numbers = measured(scanned(block, slice(0, 28)))
+    assert statuses(numbers) == [LayerStatus.PRINTED] * 3 + [LayerStatus.NOT_SEEN] * 2
+    assert numbers[4].in_view == 0
+    assert numbers[4].gel_in_written is None
+    row = overlay_csv([overlay_dict(numbers[4], LayerStatus.NOT_SEEN)]).splitlines()[1]
+    assert row.startswith("5,0.4,0.5,0.45,not seen,")
+    assert row.endswith("," * 9)
+
+
+def test_a_layer_that_others_lie_on_is_missing() -> None:
+    gone = measured(scanned(lambda x, y, z: np.asarray(block(x, y, z) & ((z < 0.2) | (z > 0.3)))))
+    found = statuses(gone)
+    assert found[2] == LayerStatus.MISSING
+    said = overlay_dict(gone[2], found[2])
+    assert said["gap_mm2"] == pytest.approx(LONG * (WIDE - 0.6), rel=0.15)
+    assert said["gaps"][0]["line_count"] in (5, 7)

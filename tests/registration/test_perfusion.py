@@ -71,3 +71,12 @@ def test_oval_lumen_conducts_less_than_a_round_one_of_its_area() -> None:
     along = radius.polyline(CHANNEL)[1][1:-1][middle]
     a, b = 0.34, 0.20
     np.testing.assert_allclose(along**4, 2 * (a * b) ** 3 / (a * a + b * b), rtol=0.08)
+
+
+def test_blocked_inlet_perfuses_nothing() -> None:
+    block_in = block(filled=lambda p: np.abs(p[..., 0] - 0.8) - 0.2)
+    found = perfusion(ladder(), traces(block_in))
+    assert found is not None
+    assert found.perfused is False
+    assert (found.flow_ul_s == 0).all()
+    assert np.isnan(found.pressure_drop_pa)

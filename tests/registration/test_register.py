@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from registration import register_scan
+from registration import register_scan, report_dict
 from registration.errors import AlignmentError, RegistrationError, SegmentationError
 from registration.scan import Scan
 from registration.segmentation import segment
@@ -145,3 +146,18 @@ def test_a_scan_in_a_wrong_unit_is_refused_with_both_sizes(voxel_mm: float, exte
 def test_noise_alone_is_refused_without_a_warning() -> None:
     with pytest.raises(SegmentationError, match="can't be told apart"):
         segment(scan(0.03))
+
+
+def test_report_is_json_with_the_promised_keys(planar):
+    found = json.loads(json.dumps(report_dict(planar[1]), allow_nan=False))
+    assert set(found) >= {
+        "rigid", "scaled", "transform_scan_to_part", "scale", "ambiguity", "histogram", "vessels",
+        "notes",
+    }  # fmt: skip
+    assert set(found["rigid"]["within"]) == {"25", "50", "100"}
+    assert len(found["histogram"]["counts"]) == len(found["histogram"]["edges_um"]) - 1
+    assert sum(found["histogram"]["counts"]) == planar[1].seen.sum()
+    assert set(found["vessels"][0]) >= {
+        "vessel", "kind", "designed_um", "measured_um", "error_percent", "narrowest_um", "open",
+        "offset_um", "rms_um", "length_mm", "seen_fraction",
+    }  # fmt: skip

@@ -93,3 +93,10 @@ def test_a_wide_way_is_gauged_about_its_middle(monkeypatch: pytest.MonkeyPatch) 
     (bridge,) = (d for d in found if d.kind == "bridge")
     assert bridge.point_mm[0] == pytest.approx(5.0, abs=0.05)
     assert abs(bridge.size_um - 360) < bridge.error_um < 80
+
+
+def test_lumens_as_bright_as_gel_are_neither_open_nor_closed() -> None:
+    found = findings(speckled(block(), 0.95))
+    assert [vessel.open for vessel in found.vessels] == [None] * len(found.vessels)
+    assert [d for d in found.defects if d.kind in ("missing", "occlusion", "leak", "bridge")] == []
+    assert found.contrast.untold == 1.0

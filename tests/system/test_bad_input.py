@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import trimesh
 
 from tests.system.cli import called, recipe_file
@@ -137,3 +138,13 @@ def test_full_disk_leaves_the_good_file(tmp_path: Path) -> None:
     assert "too large" in done.stderr
     assert (tmp_path / "part.gcode").read_text() == "a good file"
     assert {path.name for path in tmp_path.iterdir()} == {"recipe.yaml", "part.gcode"}
+
+
+def test_missing_mesh(tmp_path: Path) -> None:
+    tissue = {"=": "replace", "mesh": "none.stl", "unit": "mm"}
+    _refused(recipe_file(tmp_path, "cortex_embedded", tissue=tissue), tmp_path, 2, "none.stl")
+
+
+@pytest.mark.parametrize("command", ["design", "run"])
+def test_missing_recipe(tmp_path: Path, command: str) -> None:
+    _refused(tmp_path / "none.yaml", tmp_path, 2, "printctl init", command=(command,))

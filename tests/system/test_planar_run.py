@@ -103,3 +103,13 @@ def test_registering_the_scan_again_gives_the_same_numbers(planar_run, planar_re
         digest = hashlib.sha256((planar_run / "scan.tif").read_bytes()).hexdigest()
         assert digest in text
         assert "SHA-256ofG-code" in text
+
+
+def test_folder_holds_everything_promised(planar_run: Path) -> None:
+    promised = {
+        "network.csv", "network.vtp", "flow.csv", "lumen.stl", "solid.stl", "solid.3mf",
+        "part.gcode", "part.map.npz", "scan.tif", "deviation.ply", "report.html", "report.json",
+        "manifest.json",
+    }  # fmt: skip
+    assert promised <= {path.name for path in planar_run.iterdir()}
+    assert not [path for path in planar_run.rglob("*") if ".part" in path.suffixes]

@@ -76,3 +76,8 @@ def test_a_resistance_behind_an_outlet_is_as_a_vessel_more() -> None:
         flow = g * [100.0 - middle, middle - 30.0, middle + 10.0]
         assert found.flow == pytest.approx(flow, rel=1e-5)
         assert found.pressure[2] == pytest.approx(30.0 + 5.0 * flow[1], rel=1e-5)
+
+
+def test_named_ends_take_the_place_of_the_designed_ones() -> None:
+    conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0, inlets=(2,), outlets=(0,))
+    assert solve_flow(LINE, conditions).flow.tolist() == pytest.approx([-1.0, -1.0], rel=1e-14)

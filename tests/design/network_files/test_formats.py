@@ -174,3 +174,16 @@ def test_bad_npz_is_refused(tmp_path: Path) -> None:
         read_network_npz(path)
     with pytest.raises(NetworkError, match=r"ends in \.npz"):
         write_network_npz(tmp_path / "n.bin", random_network(1, 3))
+
+
+def test_a_traced_swc_is_read_whatever_its_numbers_and_order(tmp_path: Path) -> None:
+    path = tmp_path / "traced.swc"
+    path.write_text(
+        "# traced\n\n 7 3 0 0 2000 50 9 # tip\n9 3 0 0 1000 100 4\n4 1 0 0 0 100 -1\n"
+        "8 3 0 500 1500 40 9\n"
+    )
+    found = read_network_swc(path, kind=VesselKind.CHANNEL)
+    assert found.vessel_count == 3
+    assert set(found.kind) == {VesselKind.CHANNEL}
+    np.testing.assert_allclose(found.nodes[found.inlets()], [[0, 0, 0]])
+    assert sorted(found.lengths().round(6)) == [round(0.5**0.5, 6), 1.0, 1.0]

@@ -238,3 +238,12 @@ def test_3mf_reads_as_by_the_mesh_library(tmp_path: Path, construct: Solid) -> N
         mesh = trimesh.load_mesh(file, file_type="3mf", process=False)
     assert np.array_equal(found.vertices[found.faces], mesh.triangles)
     assert (found.unit, found.notes) == ("millimeter", ())
+
+
+def test_two_boxes_that_share_an_edge_are_not_valid(tmp_path: Path) -> None:
+    box = trimesh.creation.box((1, 1, 1))
+    other = box.copy()
+    other.apply_translation([1, 1, 0])
+    trimesh.util.concatenate([box, other]).export(tmp_path / "edge.stl")
+    check = validate_file(tmp_path / "edge.stl")
+    assert (check.wrong_edges, check.valid) == (1, False)

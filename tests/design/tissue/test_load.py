@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from design.errors import TissueError
-from design.tissue import SizeLimits, block, load_tissue
+from design.tissue import SizeLimits, block, load_tissue, tissue_from_surface
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
 BOX = block((16.0, 8.0, 3.0))
@@ -75,3 +75,27 @@ def test_real_gyrus_has_its_published_volume():
     point, inward = tissue.top_vertex()
     assert point[2] == tissue.surface.vertices[:, 2].max()
     assert tissue.contains((point + 0.3 * inward)[None]).all()
+
+
+def test_nan_vertices_are_refused():
+    vertices = BOX.vertices.copy()
+    vertices[0, 0] = np.nan
+    with pytest.raises(TissueError, match="NaN"):
+        tissue_from_surface(vertices, BOX.faces)
+
+
+def test_inconsistent_faces_are_refused():
+    faces = BOX.faces.copy()
+    faces[0] = faces[0, ::-1]
+    with pytest.raises(TissueError, match="isn't consistently oriented: at 3 of 18 edges"):
+        tissue_from_surface(BOX.vertices, faces)
+
+
+def test_empty_mesh_is_refused(tmp_path):
+    (tmp_path / "none.stl").write_text("solid nothing\nendsolid nothing\n")
+    (tmp_path / "none.obj").write_text("# nothing\n")
+    for name in ("none.stl", "none.obj"):
+        with pytest.raises(TissueError, match=name):
+            load_tissue(tmp_path / name, "mm")
+    with pytest.raises(TissueError, match="mesh is empty"):
+        tissue_from_surface(np.empty((0, 3)), np.empty((0, 3), dtype=int))

@@ -263,3 +263,11 @@ def test_each_stands_in_the_job_where_its_part_is_written() -> None:
     places = [lines[k - 1] for k, line in enumerate(lines) if line == ";PART_END:0"]
     heights = [float(line.split(" Z")[1].split()[0]) - 40 for line in places]
     assert heights == pytest.approx(looks(path)[:, 2], abs=0.001)
+
+
+def test_moves_join_end_to_end_and_plunger_relief_cancels():
+    toolpath = embedded_toolpath(random_tree(20, 10, 3, 0.1), replace(OPTIONS, dwell_s=0.2))
+    assert np.array_equal(toolpath.start[1:], toolpath.end[:-1])
+    write = toolpath.kind == MoveKind.WRITE
+    assert toolpath.written_ul == pytest.approx(toolpath.volume_ul[write].sum(), rel=1e-12)
+    assert toolpath.duration_s[toolpath.kind == MoveKind.DWELL] == pytest.approx(0.2)

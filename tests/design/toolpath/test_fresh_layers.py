@@ -175,3 +175,8 @@ def test_lumen_that_lines_would_close_is_refused_by_number():
     check_lumens(network(nodes, [(0, 1), (1, 2)], [0.2, 0.075]), FreshOptions())
     with pytest.raises(ToolpathError, match=r"vessel 1: lumen of 0\.100 mm.*0\.150 mm"):
         check_lumens(network(nodes, [(0, 1), (1, 2)], [0.2, 0.05]), FreshOptions())
+
+
+def test_moves_join_end_to_end(plan):
+    assert np.array_equal(plan.toolpath.start[1:], plan.toolpath.end[:-1])
+    assert (plan.toolpath.lengths[plan.toolpath.kind == MoveKind.WRITE] > 0).all()

@@ -276,3 +276,42 @@ def test_an_unknown_start_isn_t_declared_to_klipper() -> None:
     lines = lines_of(of("klipper"), GcodeOptions())
     assert not any(line.startswith("SET_KINEMATIC") for line in lines)
     assert lines[7] == "G92 E0"
+
+
+def test_end_relieves_lifts_straight_up_and_waits():
+    options = GcodeOptions(relieve_ul=0.5, plunger_ul_s=2.0)
+    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
+    before, relieved, lifted = machine.states[-4], machine.states[-3], machine.states[-2]
+    assert float(before[1] - relieved[1]) == pytest.approx(0.5 * PER_UL, abs=1e-5)
+    assert float(relieved[2]) == pytest.approx(2.0 * PER_UL * 60, abs=1e-3)
+    assert lifted[0]["X"] == before[0]["X"]
+    assert lifted[0]["Z"] > before[0]["Z"]
+    assert machine.lines[-1] == "M400"
+
+
+def test_lift_stays_below_the_top_of_the_printer():
+    gcode = write_gcode(fresh(), PRINTER, SYRINGE, (60, 70, 198))
+    heights = [state[0]["Z"] for state in Machine().read(gcode.data).states if state[0]["Z"]]
+    assert max(heights) == PRINTER.z_mm.high
+
+
+def test_writing_speed_is_the_asked_one_where_no_limit_stands():
+    machine = Machine().read(write_gcode(line(20, 0.5, 0.0045), PRINTER, SYRINGE, PLACE).data)
+    assert machine.lines[12].endswith("F1200")
+
+
+def test_moves_too_short_for_the_planner_are_merged():
+    turn = np.linspace(0, 2 * np.pi, 400)[1:]
+    builder = MoveBuilder((2, 0, 0.06), "layer", 0.06)
+    points = np.column_stack([2 * np.cos(turn), 2 * np.sin(turn), 0 * turn + 0.06])
+    builder.write(points, np.full(len(turn), 3e-4), 20, 0)
+    gcode = write_gcode(builder.build(), PRINTER, SYRINGE, PLACE)
+    # From the path's first point to its last; then come the mark, relief, lift and M400.
+    writing = [state[0] for state in Machine().read(gcode.data).states[11:-4]]
+    place = np.array([[float(p["X"]), float(p["Y"])] for p in writing]) - PLACE[:2]
+    steps = np.abs(np.diff(place, axis=0)).max(axis=1) * 80
+    assert steps.min() >= PRINTER.min_steps_per_segment
+    assert len(place) > 100
+    middle = (place[1:] + place[:-1]) / 2
+    assert np.linalg.norm(middle, axis=1).min() > 2 - 0.002
+    assert place[-1] == pytest.approx([2, 0], abs=1e-3)

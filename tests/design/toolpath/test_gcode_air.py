@@ -166,3 +166,17 @@ def test_standing_doses_open_the_valve_each_for_its_time() -> None:
         ["G4 P30", "G4 P5000"],
         ["G4 P30", "G4 P10000"],
     ]
+
+
+def test_valve_waits_its_delays() -> None:
+    slow = head(opening_delay_s=0.1234, closing_delay_s=0.0)
+    lines = (
+        Reader()
+        .read(write_gcode(fresh(), slow, SYRINGE, PLACE, GcodeOptions(flow_ul_s=FLOW)).data)
+        .lines
+    )
+    at = lines.index("M106 P0 S255")
+    assert lines[at - 1 : at + 2] == ["M400", "M106 P0 S255", "G4 P124"]
+    shut = lines.index("M106 P0 S0", at)
+    assert lines[shut - 1] == "M400"
+    assert not lines[shut + 1].startswith("G4")

@@ -84,3 +84,10 @@ def test_nothing_to_do_and_a_part_above_the_travels_are_refused():
         priming(path.start[0], 0, [HeadPriming(0.02, 0.4)], AROUND, path)
     with pytest.raises(ToolpathError, match=r"above the 0\.5 mm"):
         priming(path.start[0], 0, [head()], replace(AROUND, safe_mm=0.5), path)
+
+
+def test_purge_alone_is_taken_back_once_and_given_again():
+    path = part()
+    one = HeadPriming(0.02, 0.4, purge=Purge(CUP, 5.0))
+    volumes = priming(path.start[0], 0, [one], AROUND, path).volume_ul
+    assert volumes[volumes != 0].tolist() == pytest.approx([5.0, -0.02, 0.02])

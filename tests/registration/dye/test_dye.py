@@ -112,3 +112,15 @@ def test_vessels_under_others_are_not_seen() -> None:
     # From the front all channels lie behind one another.
     assert not stations.seen[np.isin(stations.vessel, (5, 6, 7, 8))].any()
     assert stations.seen[stations.vessel == 0].any()
+
+
+def test_a_film_too_short_leaves_vessels_unseen_not_blocked(tmp_path: Path) -> None:
+    report = planar_report(tmp_path, seconds=5.0)
+    assert "blocked" not in _states(report).values()
+    assert dye_verdict(report, 40.0)["outcome"] == "undecided"
+
+
+@pytest.mark.slow
+def test_a_closure_that_dye_has_just_come_to_is_not_called_open(tmp_path: Path) -> None:
+    report = planar_report(tmp_path, [Occlusion(5, 0.5, seep_ul_s=0.25)])
+    assert report.vessels[5].patency in ("blocked", "not seen")

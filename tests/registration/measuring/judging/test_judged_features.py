@@ -183,3 +183,32 @@ def test_a_face_that_was_seen_in_part_is_no_pass() -> None:
 def test_a_fail_is_among_the_verdicts_reasons() -> None:
     reasons = verdict(judged(row("axis", 70, 90), position_um=50))["reasons"]
     assert re.match(r"Vessel 0: .*80 µm \(70 to 90 µm.*limit at most 50 µm", reasons[0])
+
+
+def test_without_a_tolerance_nothing_is_decided() -> None:
+    found = judged(row("axis", 70, 90))
+    assert found["characteristics"][0]["decision"] is None
+    assert found["vessels"][0]["decision"] == "pass"
+
+
+def test_a_vessels_own_limit_counts() -> None:
+    found = judged(
+        row("axis", 70, 90), position_um=50, vessels=[{"vessels": [0], "position_um": 100}]
+    )
+    assert found["characteristics"][0]["limit_um"] == 100
+    assert found["characteristics"][0]["decision"] == "pass"
+
+
+def test_a_leak_fails_where_none_is_allowed() -> None:
+    leak = change(0, 1.0, 1.2) | {"kind": "leak", "size_um": 200.0}
+    found = judge_plain(
+        registration(vessel(0, np.zeros(20), u_um=SURE), defects=[leak]), 100.0, 10.0
+    )
+    assert [d["decision"] for d in found["findings"]] == ["fail"]
+
+
+SYMMETRIC = {"flag": True, "rivals": [{"lead": 1.0, "same": True}]}
+
+
+def test_a_symmetric_part_fails_whichever_way_it_lies() -> None:
+    assert decisions(bad(SYMMETRIC)) == decisions(bad({"flag": False}))

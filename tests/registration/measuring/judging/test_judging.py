@@ -248,3 +248,53 @@ def test_a_vessel_at_its_limit_fails_in_fewer_than_one_of_a_hundred() -> None:
     found = judged(*rows)
     failed = sum(row["decision"] == "fail" for row in found["vessels"])
     assert failed <= 0.01 * trials
+
+
+def test_a_change_found_in_pieces_is_one_finding() -> None:
+    pieces = [change(0, low, low + 0.4) for low in (0.6, 1.8, 3.0)]
+    found = judged(vessel(0, np.full(40, 90.0), u_um=SURE), defects=pieces)
+    (finding,) = found["findings"]
+    assert (finding["decision"], finding["local"]) == ("fail", True)
+    assert (finding["from_mm"], finding["to_mm"]) == (0, pytest.approx(4.8))
+
+
+def test_a_run_within_a_change_is_the_same_finding() -> None:
+    errors = np.where((np.arange(40) > 15) & (np.arange(40) < 20), 80.0, 0.0)
+    found = judged(vessel(0, errors, u_um=SURE), defects=[change(0, 1.7, 2.5)])
+    (finding,) = found["findings"]
+    assert (finding["decision"], finding["local"]) == ("fail", True)
+
+
+def test_limits_of_one_side_are_said_as_such() -> None:
+    assert str(Limit(minus_um=30)) == "not below \N{MINUS SIGN}30 µm"
+    assert str(Limit(plus_percent=5)) == "not above +5 %"
+
+
+def test_what_fails_as_the_narrowest_is_a_fail_in_the_list_too() -> None:
+    limits = VesselLimits(Limit(minus_percent=20, plus_percent=10), narrowest=Limit(minus_um=15))
+    errors = np.zeros(30)
+    errors[12:15] = -60.0
+    found = judge(registration(vessel(0, errors, u_um=3.0)), Tolerances(limits))
+    assert [one["decision"] for one in found["findings"]] == ["fail"]
+    assert (
+        found["findings"][0]["limit"] == "+10/\N{MINUS SIGN}20 % and not below \N{MINUS SIGN}15 µm"
+    )
+    assert found["vessels"][0]["lower_um"][0] == 485.0
+
+
+def test_a_section_without_an_interval_fails_nothing() -> None:
+    """Though what the vessel's sections share is known."""
+    row = vessel(0, np.where(np.arange(30) == 4, 400.0, noise(30, 3.0)), u_um=SURE)
+    row["interval_95_um"][4] = None
+    row["measured_interval_95_um"] = SURE
+    found = judged(row)
+    assert found["vessels"][0]["decision_along"][4] == "undecided"
+    assert found["judging"]["decision"] == "undecided"
+
+
+def test_a_change_within_tolerance_stays_in_the_list_as_a_pass() -> None:
+    errors = np.where((np.arange(40) > 15) & (np.arange(40) < 20), 30.0, 0.0)
+    found = judged(vessel(0, errors, u_um=SURE), defects=[change(0, 1.9, 2.4)])
+    (finding,) = found["findings"]
+    assert (finding["decision"], finding["local"]) == ("pass", True)
+    assert found["judging"]["decision"] == "pass"
