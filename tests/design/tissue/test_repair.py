@@ -205,7 +205,3 @@ def test_the_wall_between_solids_that_share_a_face_goes():
     found, _ = repair_surface(*joined(one, other))
     assert sound(found) == pytest.approx(128.0)
     assert np.abs(found.vertices[found.faces][..., 0]).max(axis=1).min() > 0
-
-
-def cube(side, *corner):
-    return surfaces.surface(Manifold.cube((side,) * 3).translate(tuple(map(float, corner))))

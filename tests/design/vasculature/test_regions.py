@@ -9,8 +9,6 @@ import pytest
 from design.tissue import block
 from design.vasculature import ClusterPool, GrowthOptions, grow_tree
 from design.vasculature.growth.regions import large_growth, region_growth
-from design.vasculature.growth.regions.large_growth import LargeGrowth
-from design.vasculature.growth.surroundings import Surroundings
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature.test_grow import check
 
@@ -52,13 +50,6 @@ def test_what_a_region_falls_short_of_grows_elsewhere(small, tissue, monkeypatch
         lambda self, goal: grow(self, goal if self.job.number else (2 * goal) // 3),
     )
     check(grow_tree(tissue, OPTIONS), tissue, OPTIONS)
-
-
-def grown(tissue, terminals):
-    growth = LargeGrowth.open(tissue, replace(OPTIONS, terminals=terminals), Surroundings(), 1.5, 0)
-    growth.start()
-    growth.grow()
-    return growth
 
 
 @pytest.mark.slow

@@ -44,10 +44,6 @@ G1 Z35 F20
 """
 
 
-def unknown(text: bytes, printer: Printer = A3200) -> list[str]:
-    return [name for _, name in dry_run(text, printer, START).unknown]
-
-
 def test_a_file_is_read_as_it_is_meant() -> None:
     run = dry_run(FILE, A3200, START)
     program = run.program
