@@ -11,7 +11,7 @@ import pytest
 from design.errors import NetworkError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.lattices import LatticeKind, LatticeOptions, build_lattice
-from design.lattices.cells import narrowest, tile, unit_cell
+from design.lattices.cells import tile, unit_cell
 from design.measures import MeasureOptions, measure_network
 from design.tissue import Tissue, annulus, block, cylinder
 from design.vasculature import collisions
@@ -43,19 +43,6 @@ def test_each_node_has_the_bonds_of_its_net(kind: LatticeKind, nodes: int, degre
 def test_shortest_rings_are_those_of_the_net(kind: LatticeKind, ring: int) -> None:
     _, bonds = tile(unit_cell(kind), (3, 3, 3))
     assert networkx.girth(networkx.Graph(bonds.tolist())) == ring
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_tiles_are_periodic(kind: LatticeKind) -> None:
-    cell = unit_cell(kind)
-    nodes, bonds = tile(cell, (2, 3, 2))
-    assert len(nodes) == 12 * len(cell.nodes)
-    lengths = np.linalg.norm(nodes[bonds[:, 1]] - nodes[bonds[:, 0]], axis=1)
-    own = cell.nodes[cell.bonds[:, 1]] + cell.shift * cell.size - cell.nodes[cell.bonds[:, 0]]
-    np.testing.assert_allclose(
-        np.unique(lengths.round(9)), np.unique(np.linalg.norm(own, axis=1).round(9))
-    )
-    assert 0.0 < narrowest(cell) <= 1.0
 
 
 @pytest.mark.parametrize("axis", first_of("xyz"))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from manifold3d import Manifold
 
 from design.toolpath import MoveKind
-from design.toolpath.fresh import Adaptive, FreshLayers, FreshOptions, plan_fresh
+from design.toolpath.fresh import Adaptive, FreshLayers, FreshOptions
 from design.toolpath.fresh.levels import adaptive_levels
 from tests.design.toolpath.shapes import along_x, as_solid, block
 from tests.slower import examples
@@ -85,10 +85,3 @@ def test_each_layer_s_lines_hold_its_own_height() -> None:
         )
         (height,) = path.heights_mm.values()
         assert height == path.layer_height_mm
-
-
-def test_the_report_weighs_sections_by_their_layers() -> None:
-    plan = plan_fresh(as_solid(foot()), OPTIONS)
-    volume = 0.6 * area_at(0.0) + area_at(1.1)
-    assert plan.report.material_ul == pytest.approx(volume, rel=0.005)
-    assert plan.report.written_ul == pytest.approx(volume, rel=0.01)

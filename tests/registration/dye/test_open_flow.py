@@ -33,25 +33,6 @@ def test_flow_beside_a_closed_vessel_is_the_simulators() -> None:
     assert flow.moves().sum() == 13
 
 
-def test_others_are_in_time_by_the_flow_that_a_closed_vessel_leaves(closed: DyeReport) -> None:
-    states = {v.vessel: v.patency for v in closed.vessels if v.patency != "open"}
-    assert states.pop(4) == "blocked"
-    assert set(states.values()) == {"not reached"}
-    assert set(states) == {8, 12}
-    assert closed.beside is not None
-    assert closed.beside.closed == (4, 8, 12)
-    by_design, by_rest = closed.late_s(), closed.late_held_s()
-    assert np.nanmedian(np.abs(by_rest)) < 0.1
-    # Twice as much flows through the others: by the design they are early.
-    assert np.nanmedian(by_design) < -0.3
-    ways = [(v.leaves_s, v.predicted_leaves_s) for v in closed.vessels if v.vessel in (5, 6, 7)]
-    assert all(seen - 1.5 < 0.6 * (due - 1.5) for seen, due in ways if seen and due)
-    found = dye_verdict(closed, 40.0)
-    assert found["outcome"] == "fail"
-    assert not any("too late" in reason or "too early" in reason for reason in found["reasons"])
-    assert any("dye leaves 11 of 11 others within 40 %" in reason for reason in found["reasons"])
-
-
 def test_a_vessel_that_is_late_beside_a_closed_one_is_still_told(closed: DyeReport) -> None:
     def slow(vessel: int) -> DyeReport:
         vessels = list(closed.vessels)

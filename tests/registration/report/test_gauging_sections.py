@@ -8,10 +8,6 @@ from typing import Any
 from lxml import html
 
 from registration.report import write_report_html
-from registration.report.gauging_sections import (
-    defect_table,
-    perfusion_table,
-)
 
 
 def gauged() -> dict[str, Any]:
@@ -62,32 +58,6 @@ def gauged() -> dict[str, Any]:
         ],
         "model_seen_fraction": 0.97,
     }  # fmt: skip
-
-
-def cells(table: Any) -> list[list[str]]:
-    return [[cell.text for cell in row.cells] for row in table.rows]
-
-
-def test_defects_are_told_with_place_size_and_lines() -> None:
-    table = defect_table(gauged())
-    assert table is not None
-    stenosis, bridge = cells(table)
-    assert stenosis[:2] == ["0", "stenosis"]
-    assert "1.00 – 1.50" in stenosis
-    assert "1.20, 0.50, 0.25" in stenosis
-    assert "layers 3 to 6" in stenosis
-    assert "40 – 71" in stenosis
-    assert "vessel 1" in bridge
-    assert [row.vessel for row in table.rows] == [0, 0]
-
-
-def test_flow_as_printed_against_designed() -> None:
-    table = perfusion_table(gauged())
-    assert table is not None
-    first, second = cells(table)
-    assert "2.000" in first
-    assert second[-1] == "no"
-    assert second[3] == "–"
 
 
 def test_the_page_shows_it_all(tmp_path: Path) -> None:

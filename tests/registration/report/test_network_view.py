@@ -13,12 +13,8 @@ from registration.report.network_view import (
     thin_out,
 )
 from registration.report.picture import quantities
-from registration.report.sections import vessel_summary
-from registration.report.simplify import (
-    simplify,
-)
 
-from .sample import deviation_surface, planar_network, sample_data
+from .sample import planar_network, sample_data
 
 
 def unpacked(text: str, dtype: str) -> NDArray[Any]:
@@ -80,33 +76,3 @@ def test_the_thinnest_are_left_out_and_it_is_told() -> None:
     assert unpacked(view["number"], "<i4").tolist() == [1, 3]
     assert np.allclose(unpacked(view["colourings"][0]["values"], "<f4"), [0.5, 0.5, 0.4, 0.4])
     assert positions(view["points"])[:, 0] == pytest.approx([1, 1, 3, 3], abs=1e-4)
-
-
-def test_summary_of_vessels() -> None:
-    rows = [{"open": True, "error_percent": -4.0, "narrowest_um": 350.0},
-            {"open": False, "error_percent": 2.0, "narrowest_um": None}]  # fmt: skip
-    lines = {f.label: f.value for f in vessel_summary({"vessels": rows})}
-    assert lines["Open"] == "1 of 2"
-    assert lines["Mean diameter error"] == "\u22121"
-    assert lines["Mean size of the error"] == "3"
-    assert lines["Narrowest lumen"] == "350"
-
-
-def volume(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> float:
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
-
-
-def test_shape_and_values_are_kept_to_the_cell() -> None:
-    surface = deviation_surface(0.1)
-    shown = simplify(surface, len(surface.surface.faces) // 3)
-    before, after = (volume(s.surface.vertices, s.surface.faces) for s in (surface, shown))
-    assert before > 0
-    # The mean of points on a curved wall lies a little inside it.
-    assert after == pytest.approx(before, rel=0.05)
-    far = shown.cell_mm * np.sqrt(3.0)
-    for k in range(0, len(shown.surface.vertices), 97):
-        near = np.linalg.norm(surface.surface.vertices - shown.surface.vertices[k], axis=1)
-        assert near.min() < far
-    assert shown.scalar is not None
-    assert np.nanmax(shown.scalar) <= np.nanmax(surface.scalar)  # type: ignore[arg-type]

@@ -1,6 +1,6 @@
 import base64
 import zlib
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -12,11 +12,10 @@ from registration.report.play import (
     load_played,
     play_section,
     save_played,
-    thin_playback,
 )
 from registration.report.play.serialise import pack_playback
 
-from .play_sample import layered, make_rows, passes
+from .play_sample import layered, passes
 
 
 def values(text, kind):
@@ -65,45 +64,6 @@ def test_what_a_page_holds_is_the_prediction(played):
     assert np.all(np.diff(found["time"]) >= 0)
     # One where the job begins, and one where the layered job rests for 2 s.
     assert (~own).sum() == (1 if played.passes else 2)
-
-
-def wave(count, seed=3):
-    """A wave of short stretches at an uneven speed, its width growing; a travel in its middle."""
-    rng = np.random.default_rng(seed)
-    x = np.linspace(0, 20, count + 1)
-    places = np.column_stack([x, np.sin(x), np.zeros(count + 1)])
-    times = np.concatenate([[0], np.cumsum(rng.uniform(0.5, 1.5, count))]) * 40 / count
-    act = np.full(count, Act.WRITE, np.uint8)
-    act[count // 2 : count // 2 + 20] = Act.TRAVEL
-    width = np.where(act == Act.WRITE, np.linspace(0.2, 0.3, count), np.nan)
-    return make_rows(places, times, act, width_mm=width,
-                     layer=(np.arange(count) > 3 * count // 4).astype(int))  # fmt: skip
-
-
-def test_a_large_layered_job_is_told_by_line_and_then_by_some_of_its_layers():
-    rng = np.random.default_rng(5)
-    rows = wave(2000)
-    line, layer = np.arange(2000) // 10, np.arange(2000) // 200
-    noisy = replace(rows, line=line, layer=layer, width_mm=rng.uniform(0.1, 0.4, 2000),
-                    act=np.full(2000, Act.WRITE, np.uint8))  # fmt: skip
-    whole = layered(rows=noisy, layer_z_mm=np.arange(10.0))
-    assert len(thin_playback(whole, 2000).rows) > 1900
-    by_line = thin_playback(whole, 1000)
-    assert np.unique(by_line.rows.line).tolist() == list(range(200))
-    assert "mean of each line" in by_line.notes[-1]
-    own = by_line.rows.line == 7
-    mean = np.average(by_line.rows.width_mm[own], weights=by_line.rows.way_mm[own])
-    first = noisy.line == 7
-    exact = np.average(noisy.width_mm[first], weights=noisy.way_mm[first])
-    assert mean == pytest.approx(exact, rel=1e-3)
-    least = thin_playback(whole, len(by_line.rows) // 2 + 1)
-    assert set(least.rows.layer.tolist()) == {0, 2, 4, 6, 8}
-    assert "One layer in 2 is drawn" in least.notes[-1]
-    assert least.rows.laid_ul[-1] == noisy.laid_ul[noisy.layer == 8][-1]
-    # Passes would leave holes: they are drawn coarser instead.
-    coarse = thin_playback(replace(whole, passes=True), 300)
-    assert len(coarse.rows) <= 300
-    assert set(coarse.rows.layer.tolist()) == set(range(10))
 
 
 def test_a_file_between_keeps_all(tmp_path):

@@ -14,7 +14,6 @@ from design.hemodynamics.oxygen.problem import OxygenProblem
 from design.hemodynamics.oxygen.transport import sweep
 from design.hemodynamics.oxygen.wall import SMOOTHING, subgrid
 from design.network import VesselNetwork
-from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 
 BOX = np.array([[0.0, 0.0, 0.0], [2.0, 2.0, 2.0]])
@@ -38,41 +37,6 @@ def test_the_subgrid_correction_is_the_mean_over_a_blurred_ring() -> None:
         expected = np.log(np.maximum(1.0, away)).mean()
         assert subgrid(np.array([ratio]), 1.0)[0] == pytest.approx(expected, abs=0.003)
     assert subgrid(np.array([1e-4]), 1.0)[0] == pytest.approx(np.log(0.6606 / 1e-4), abs=1e-3)
-
-
-def test_the_lattice_answers_as_the_smoothing_says() -> None:
-    """A line laid on a periodic lattice by B-splines, read where it is and far away."""
-    size, far = 64, 10.0
-    k = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.fft.fftfreq(size))
-    star = k[:, None] + k
-    star[0, 0] = np.inf
-    rng = np.random.default_rng(1)
-    radii = []
-    for x, y in size / 2 + rng.random((12, 2)):
-        source = _laid(size, x, y)
-        field = np.fft.ifft2(np.fft.fft2(source) / star).real
-        ring = [
-            (field * _laid(size, x + far * np.cos(t), y + far * np.sin(t))).sum()
-            for t in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
-        ]
-        # The even sink that a periodic lattice needs adds r²/(4 area).
-        rise = (field * source).sum() - np.mean(ring) + far**2 / (4.0 * size**2)
-        radii.append(far * np.exp(-2.0 * np.pi * rise))
-    expected = np.sqrt(2) * SMOOTHING * np.exp(-np.euler_gamma / 2)
-    assert np.mean(radii) == pytest.approx(expected, rel=0.02)
-    assert np.std(radii) / np.mean(radii) < 0.06
-
-
-def _laid(size: int, x: float, y: float) -> FloatArray:
-    out = np.zeros((size, size))
-    spline = []
-    for at in (x, y):
-        away = np.abs(np.arange(size) - at)
-        away = np.minimum(away, size - away)
-        near, next_ = 0.75 - away**2, 0.5 * (1.5 - away) ** 2
-        spline.append(np.where(away <= 0.5, near, np.where(away <= 1.5, next_, 0.0)))
-    out += spline[0][:, None] * spline[1]
-    return out
 
 
 @pytest.mark.parametrize("radius", [0.02, 0.1, 0.3])

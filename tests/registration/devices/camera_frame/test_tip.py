@@ -130,27 +130,3 @@ def test_a_wrong_place_of_one_picture_is_refused() -> None:
     wrong = [*views[:3], TipView(frame(), views[3].seen, PLACES[3] + [1.0, 0, 0])]
     with pytest.raises(PictureError, match="picture 4 doesn't fit the others"):
         locate_tip(wrong, OUTER)
-
-
-@pytest.mark.slow
-def test_pictures_of_coded_light_are_measured_in_light() -> None:
-    rng = np.random.default_rng(8)
-    camera, at = optics(), PLACES[0]
-    ground = rough_ground(camera.size, rng, 180.0, 4.0)
-    dark = Needle(at + OFFSET, OUTER, UP, bright=40.0, dark=25.0, thread=0.1)
-    coded = Scene(blur=1.2, quality=95, gamma=1 / 2.2)
-    image, back = (
-        developed(seen, coded, rng) for seen in (with_needle(camera, ground, dark), ground)
-    )
-    true = camera.pixels((at + OFFSET)[None])[0]
-    upwards = camera.pixels((at + OFFSET + [0, 0, 0.2])[None])[0] - true
-
-    def too_high(gamma: float) -> float:
-        told = frame().seen.model_copy(update={"gamma": gamma})
-        eye = frame().model_copy(update={"seen": told})
-        seen = find_tip(image, eye, at, OUTER, reach_mm=1.0, ground=back)
-        return float((seen.pixel - true) @ upwards / np.linalg.norm(upwards))
-
-    as_stored = too_high(1.0)
-    assert as_stored > 0.2
-    assert abs(too_high(2.0)) < as_stored / 2

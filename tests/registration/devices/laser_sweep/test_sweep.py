@@ -107,19 +107,3 @@ def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
         seen = [read() for read in each]
     assert len(seen) == 4
     assert np.abs(seen[2].mean(axis=2) - pictures[2]).mean() < 3
-
-
-@pytest.mark.parametrize("compression", [None, "zlib"])
-def test_a_tiff_that_is_cut_off_is_told_with_a_remedy(compression, tmp_path):
-    whole, cut = tmp_path / "whole.tif", tmp_path / "cut.tif"
-    with tifffile.TiffWriter(whole) as file:
-        for one in sweeps.flat()[:3]:
-            file.write(one, compression=compression, contiguous=False)
-    data = whole.read_bytes()
-    for share in (0.2, 0.9):
-        cut.write_bytes(data[: int(share * len(data))])
-        with (
-            pytest.raises(PictureError, match=r"cut off TIFF.*copy or export"),
-            sweep_pictures(cut) as each,
-        ):
-            [read() for read in each]

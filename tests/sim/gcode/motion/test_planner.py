@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 from firmware_profiles import Printer, load
 from sim.gcode.motion.planner import (
     add_move,
-    count_steps,
     next_event,
     run_until,
     set_trapezoid,
-    stop_now,
 )
 from sim.gcode.motion.state import BLOCK, LOG, new_planner, new_ring
 from sim.gcode.motion.stepper import walk
@@ -73,26 +71,6 @@ def test_a_right_angle_is_entered_at_the_junction_deviation_speed():
     half_sine = math.sqrt(0.5)
     expected = 3000 * 0.013 * half_sine / (1 - half_sine)
     assert bench.ring["entry_sq"][1] == pytest.approx(expected, rel=1e-4)
-
-
-def test_small_segments_on_a_circle_are_limited_by_the_arc_they_stand_for():
-    bench = Bench()
-    angle = math.radians(10)
-    bench.move(0.5, 0, 0, 0, feed=200)
-    end = (0.5 + 0.5 * math.cos(angle), 0.5 * math.sin(angle))
-    bench.move(*end, 0, 0, feed=200)
-    length = float(bench.ring["millimetres"][1])
-    limit = length * 3000 / angle
-    assert bench.ring["max_entry_sq"][1] == pytest.approx(limit, rel=0.25)
-    half_sine = math.sqrt(0.5 * (1 + math.cos(angle)))
-    assert bench.ring["max_entry_sq"][1] < 3000 * 0.013 * half_sine / (1 - half_sine)
-
-
-def test_a_reversal_is_entered_from_rest():
-    bench = Bench()
-    bench.move(10, 0, 0, 0)
-    bench.move(0, 0, 0, 0)
-    assert bench.ring["entry_sq"][1] == bench.ring["least_sq"][1]
 
 
 coordinate = st.integers(0, 400).map(lambda n: n * 0.05)
@@ -163,36 +141,3 @@ def test_the_stepper_gives_each_pulse_when_the_slow_one_does(block, share):
     limit = int(share * times[-1])
     done, _, _ = walk(block[0], limit)
     assert done == sum(time <= limit for time in times)
-
-
-def test_a_stop_in_mid_move_leaves_the_motors_where_they_are():
-    bench = Bench((10.0, 0.0, 0.0))
-    bench.move(60, 0, 0, 0, feed=10)
-    stop_now(bench.planner, bench.ring, bench.log, 1.1)
-    steps = bench.physical
-    assert steps[0] == pytest.approx((10 + 10 * 1.0) * 80, abs=5)
-    assert bench.planner["position"][0].tolist() == steps.tolist()
-    assert bench.planner["count"][0] == 0
-    log = bench.finish()
-    assert log["end"][0, 0] == steps[0]
-    assert log["time_end"][0] == 1.1
-
-
-def test_counting_in_mid_move_agrees_with_the_motion():
-    bench = Bench()
-    bench.move(50, 25, 0, 0, feed=10)
-    run_until(bench.planner, bench.ring, bench.log, 2.1)
-    out = np.zeros(4, np.int64)
-    count_steps(bench.planner, bench.ring, 2.1, out)
-    assert out[0] / 80 == pytest.approx(2 * 10 * 2 / math.sqrt(5), rel=0.01)
-    assert out[1] == pytest.approx(out[0] / 2, abs=1)
-
-
-def test_a_travel_after_a_hop_is_entered_at_its_least_speed():
-    """sqrt(a / 2 / steps per mm), as the real board does it: 4.33 mm/s, not the corner's 2.1."""
-    bench = Bench()
-    bench.move(0, 0, 1, 0, feed=5.0)
-    bench.move(10, 0, 1, 0, feed=50.0)
-    bench.move(20, 0, 1, 0, feed=50.0)
-    travel = bench.ring[1]
-    assert math.sqrt(travel["entry_sq"]) == pytest.approx(math.sqrt(3000 / 2 / 80), rel=1e-3)
