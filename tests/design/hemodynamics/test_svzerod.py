@@ -199,7 +199,9 @@ IN, OUT, VESSEL = ("boundary_conditions", 0), ("boundary_conditions", 1), ("vess
         (("boundary_conditions",), 3, "boundary_conditions is 3; write a list"),
     ],
 )
-def test_what_isnt_modelled_is_refused_by_key_and_place(tmp_path, path, value, words):
+def test_what_isnt_modelled_is_refused_by_key_and_place(
+    tmp_path: Path, path: tuple[Any, ...], value: Any, words: str
+) -> None:
     file = tmp_path / "case.json"
     file.write_text(json.dumps(_changed(path, value)))
     with pytest.raises(FlowError, match=words):
@@ -210,7 +212,9 @@ def test_what_isnt_modelled_is_refused_by_key_and_place(tmp_path, path, value, w
     ("said", "why"),
     [('{"vessels": [], "vessels": []}', "'vessels' stands twice"), ("[" * 100_000, "JSON")],
 )
-def test_a_key_given_twice_and_endless_lists_are_refused(tmp_path, said, why):
+def test_a_key_given_twice_and_endless_lists_are_refused(
+    tmp_path: Path, said: str, why: str
+) -> None:
     file = tmp_path / "case.json"
     file.write_text(said)
     with pytest.raises(FlowError, match=why):

@@ -78,7 +78,9 @@ def test_a_passive_sphere_swells_until_its_wall_carries_the_pressure() -> None:
 
 @pytest.mark.parametrize("kind", ["ValveTanh", "PiecewiseValve"])
 @pytest.mark.parametrize(("source", "resistance"), [(100.0, 2.0), (-100.0, 1e4)])
-def test_a_valve_lets_through_what_goes_forward(kind, source, resistance):
+def test_a_valve_lets_through_what_goes_forward(
+    kind: str, source: float, resistance: float
+) -> None:
     data = _between("AV", steady("P", source), cycles=2)
     data["junctions"] = []
     steep = {"Steepness": 10.0} if kind == "ValveTanh" else {}
