@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from firmware_profiles import (
     Ink,
@@ -44,15 +43,6 @@ def test_a_rounded_line_is_a_band_between_half_circles_and_round_where_it_is_sma
     small = math.pi / 4 * 0.03**2
     found = BeadSection().width(np.array([band, small]), height)
     assert found == pytest.approx([0.15, 0.03])
-
-
-def test_an_ink_is_rounded_where_it_doesn_t_say_otherwise():
-    facts = load(Ink, "collagen_fresh").model_dump()
-    assert Ink.model_validate(facts).bead_section == BeadSection("rounded")
-    assert Ink.model_validate(facts | {"bead": 8.0}).bead_section == BeadSection(8.0)
-    for wrong in ("square", -3.0, math.inf):
-        with pytest.raises(ValidationError):
-            Ink.model_validate(facts | {"bead": wrong})
 
 
 # Choice of a pneumatic head's flow: weighed value if applicable, else from viscosity.

@@ -131,15 +131,6 @@ def test_a_lumen_on_the_border_keeps_its_size_between_both_inks() -> None:
     assert both == pytest.approx(alone, abs=3e-3)
 
 
-def test_a_lumen_s_walls_are_of_the_ink_round_it() -> None:
-    x, y, radius = LUMEN
-    round_it = Region(as_solid(rod(x, y, radius + 0.4)), Filling(), 1)
-    path = planned(with_lumen(), [round_it]).toolpath
-    middle = shapely.Point(x, y)
-    assert middle.distance(ink_of(path, 1, 0)) == pytest.approx(radius, abs=3e-3)
-    assert middle.distance(ink_of(path, 0, 0)) == pytest.approx(radius + 0.4 - CREST, abs=5e-3)
-
-
 def test_a_head_relieves_before_it_is_left_and_primes_when_it_is_back() -> None:
     path = planned(SOLID, [right()]).toolpath
     works = path.kind != MoveKind.TRAVEL

@@ -179,17 +179,6 @@ def test_branch_points_keep_away_from_the_surface(box):
     assert np.percentile(depth[1], 5) > 1.8
 
 
-def test_branch_points_keep_to_a_region_given_by_a_function(box):
-    options = GrowthOptions(terminals=200, penalty=lambda p: np.where(p[:, 0] > 10.0, 2.0, 1.0))
-    beyond = [
-        (joints_of(grow_tree(box, o))[:, 0] > 10.5).mean()
-        for o in (GrowthOptions(terminals=200), options)
-    ]
-    assert beyond[0] > 0.4
-    # Where nothing else fits they still go beyond.
-    assert beyond[1] < 0.6 * beyond[0]
-
-
 @pytest.mark.parametrize(
     ("depth", "factor", "message"),
     [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -53,25 +52,6 @@ def test_a_missing_inner_line_is_found(pieces: list[Piece], inner: int) -> None:
     _, x0, y0, x1, y1 = pieces[inner]
     # Not told over older ink are ends, a width each.
     assert sum(gap.length_mm for gap in gaps) > np.hypot(x1 - x0, y1 - y0) - 0.8
-
-
-@pytest.mark.parametrize("bare", [False, True])
-def test_ink_in_coarse_speckle_shows_though_short_gaps_are_not_told(bare: bool) -> None:
-    """Grain of 0.2 mm: nothing was seen of sound lines."""
-    rng = np.random.default_rng(99)
-    volume = painted(SINGLE[:1], [(0, -1.0, 9.0)] if bare else [], seed=0)
-    wave = rng.normal(size=(2, *volume.voxels.shape)).astype(np.float32)
-    for part in wave:
-        for k in range(len(part)):
-            part[k] = cv2.GaussianBlur(part[k], (0, 0), 3.0)
-        part /= part.std()
-    speckle = (wave**2).sum(axis=0) / 2
-    middle = np.stack([cv2.medianBlur(plane, 5) for plane in volume.voxels])
-    voxels = (np.where(middle > 300, 1500.0, 125.0) * speckle).clip(0, 65_535).astype(np.uint16)
-    found = replace(volume, voxels=voxels).look()
-    assert found.seen_share == 0.0
-    assert found.gaps == ()
-    assert found.faint_share == pytest.approx(0.0 if bare else 1.0, abs=0.05)
 
 
 STAIRS = [(0, 0.0, 0.3 * k, 3.0 - 0.25 * k, 0.3 * k) for k in range(10)]

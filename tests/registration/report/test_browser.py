@@ -150,17 +150,3 @@ def test_pointing_at_a_vessel_tells_its_numbers_and_cutting_it_away_hides_it(tmp
     write_network(path)
     dom = acted(path, look + "change('clip-axis', 'z'); change('clip', 100, 'input');" + pick)
     assert inner(dom, "probe").strip() == ""
-
-
-@pytest.mark.slow
-def test_the_colour_switch_changes_the_legend(tmp_path: Path) -> None:
-    path = tmp_path / "network.html"
-    write_network(path)
-    choose = (
-        "const select = document.getElementById('colouring');"
-        "const option = [...select.options].find((o) => o.text === 'Kind of vessel');"
-        "change('colouring', option.value);"
-    )
-    legends = inner(acted(path, choose), "legends")
-    assert "Kind of vessel" in legends
-    assert "Radius" not in legends

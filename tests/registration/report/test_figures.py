@@ -9,7 +9,6 @@ from registration.report import (
 )
 from registration.report.gcode import layer_figure
 from registration.report.gcode.colouring import colourings
-from registration.report.picture.colours import samples
 from registration.report.svg import inline_svg
 
 from .gcode_sample import layered_job
@@ -64,16 +63,3 @@ def test_inlined_drawings_follow_the_theme_and_keep_their_ids_apart() -> None:
         assert {ref[1:] for ref in page.xpath("//@href")} <= ids
     assert "var(--ink)" in inline_svg(picture, "c", "a-")
     assert "#1c2126" not in inline_svg(picture, "c", "a-")
-
-
-def test_diverging_colours_are_equally_light_at_equal_distance_from_zero() -> None:
-    colours = samples(diverging=True)
-    light = []
-    for colour in colours:
-        rgb = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
-        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-        light.append(116 * float(linear @ [0.2126, 0.7152, 0.0722]) ** (1 / 3) - 16)
-    half = len(light) // 2
-    assert (np.diff(light[: half + 1]) > 0).all()
-    assert (np.diff(light[half:]) < 0).all()
-    assert np.abs(np.array(light) - light[::-1]).max() < 8

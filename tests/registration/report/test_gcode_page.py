@@ -5,25 +5,21 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 
 from registration.report.gcode import (
     Act,
     GcodePage,
-    Layers,
     design_outline,
     draw_layer,
     write_gcode_html,
 )
-from registration.report.gcode import chunks as chunk_module
 from registration.report.gcode.bands import band_outlines
 from registration.report.gcode.chunks import pack_job
 from registration.report.gcode.colouring import colourings
 from tests.slower import first_of
 
-from .gcode_sample import WRITE, layered_job, make_job
+from .gcode_sample import WRITE, layered_job
 
 
 def unpacked(chunk):
@@ -65,32 +61,6 @@ def test_a_piece_says_every_move_where_it_is():
     assert text[2:] == [f"G1 line {k}" for k in range(12, 21)]
     assert packed.first.tolist() == [0, 5]
     assert packed.last.tolist() == [5, 11]
-
-
-@given(st.data())
-def test_moves_of_layers_in_any_order_keep_their_ends(data):
-    count = data.draw(st.integers(1, 30))
-    least = data.draw(st.integers(1, 12))
-    layer = data.draw(st.lists(st.integers(0, 4), min_size=count, max_size=count))
-    seed = data.draw(st.integers(0, 1000))
-    places = np.round(np.random.default_rng(seed).uniform(-50, 50, (count + 1, 3)), 3)
-    layers = Layers(False, np.arange(5.0), np.ones(5))
-    job = make_job(places, [WRITE] * count, layer, layers)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chunk_module, "MOVES_A_CHUNK", least)
-        packed = pack_job(job, False)
-    found = []
-    fields = [unpacked(chunk)[0] for chunk in packed.chunks]
-    for k in range(5):
-        x, y, z, _, line, _, _, act, _ = fields[packed.chunk[k]]
-        for i in range(packed.first[k], packed.last[k]):
-            if act[i] != Act.JUMP:
-                ends = [[x[j] / 1e3, y[j] / 1e3, z[j] / 1e3] for j in (i - 1, i)]
-                found.append((line[i] - 11, k, ends))
-    assert sorted(move for move, _, _ in found) == list(range(count))
-    for move, k, ends in found:
-        assert layer[move] == k
-        assert ends == pytest.approx(np.array([job.start[move], job.end[move]]))
 
 
 def test_the_same_job_gives_the_same_page_and_hostile_names_stay_text(tmp_path):

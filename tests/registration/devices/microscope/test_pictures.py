@@ -83,19 +83,6 @@ def test_widths_come_back_from_a_picture(camera: Camera, tmp_path: Path) -> None
     assert shade.opaque(0.28) == (camera.per_mm is None)
 
 
-def test_a_line_that_breaks_is_told_and_does_not_hide_the_others(tmp_path: Path) -> None:
-    kept = drawn()
-    broken = kept.pop()
-    a, b = broken.corners
-    kept += [Painted(np.array([a, a + 0.3 * (b - a)]), broken.width_mm)]
-    picture = read_picture(saved(tmp_path, paint(kept[:2] + kept[3:], CAMERAS[0], SIZE)))
-    found, _ = measure_lines(picture, find_view(picture, target()), lines())
-    whole = {one.line.number: one.found for one in found}
-    assert whole[1] < 0.05
-    assert whole[4] == pytest.approx(0.3, abs=0.05)
-    assert whole[2] == whole[3] == 1
-
-
 def test_gaps_come_back_and_closed_ones_are_nought(tmp_path: Path) -> None:
     gaps, wide = [-0.05, 0.1, 0.2, 0.4], 0.3
     y = 4.0 + np.cumsum([0, *(gap + wide for gap in gaps)])

@@ -6,9 +6,7 @@ import pytest
 from benchmarks.firmware_bench.dry_run_files import short_curve
 from benchmarks.firmware_bench.gcode_files import short_moves
 from firmware_profiles import Printer, load
-from sim.gcode.dry_run.line_times import checksums, sent_bytes
 from sim.gcode.dry_run.run import dry_run
-from sim.gcode.program.gcode import checksum, read_gcode
 from tests.sim.transcripts import DATA
 
 PROFILE = load(Printer, "marlin_avr")
@@ -148,19 +146,6 @@ def test_each_line_costs_its_bytes_both_ways_the_board_and_the_host():
     assert later - one == pytest.approx(297 * 0.02, rel=0.02)
     # an ok with N, P and B is 9 bytes and the number's digits more; the divider gives 117,647 Bd
     assert longer - one == pytest.approx(300 * 11.6 * 10 / 117_647, rel=0.1)
-
-
-def test_lines_are_counted_as_sent_with_number_and_checksum():
-    text = b"G1 X1 F600\n  G1 X2 ; a remark\nM400\n" + b"G1 X3\n" * 8
-    program = read_gcode(text, (0.0, 0.0, 0.0))
-    sent = [numbered(line.split(b";")[0].strip(), number) for number, line in
-            enumerate(text.splitlines(), 1)]  # fmt: skip
-    assert sent_bytes(program, checksums(program, text)).tolist() == [len(line) for line in sent]
-
-
-def numbered(line, number):
-    body = b"N%d %s" % (number, line)
-    return b"%s*%d\n" % (body, checksum(body))
 
 
 @pytest.mark.parametrize(

@@ -115,18 +115,6 @@ def test_marlin_moves_a_homed_carriage_by_its_own_offset():
     assert b"X:100.00" in sent(printer, b"M114\n")
 
 
-def test_a_reset_forgets_the_head_but_not_what_the_plungers_pushed():
-    printer = MarlinPrinter(TWO, (0, 0, 40))
-    sent(printer, JOB[: JOB.index(b"M280 P1 S90\nT0 S1")])
-    printer.reset()
-    printer.take_output()
-    assert printer.machine.motion.tool == 0
-    sent(printer, b"M302 P1\nG92 E0\nG1 E0.5 F60\nM400\n")
-    done = printer.executed()
-    assert done.plunger_end[-1] == pytest.approx(0.9 + 0.5, abs=1e-3)
-    assert done.tool[-1] == 0
-
-
 def test_raised_heads_are_followed_and_their_tips_known():
     run = dry_run(JOB, TWO, (0, 0, 40))
     program, heads = run.program, run.heads
