@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -16,12 +16,13 @@ from design.toolpath import MoveBuilder, MoveKind
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
+from design.toolpath.gcode.merge import long_enough
 from design.toolpath.gcode.render import Table, render
 from firmware_profiles import Printer, Syringe, load
 from tests.design.toolpath.gcode_reader import Machine
 from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
-from tests.slower import examples
+from tests.slower import examples, first_of
 
 PRINTER = load(Printer, "generic_marlin")
 SYRINGE = load(Syringe, "hamilton_1ml")
@@ -315,3 +316,31 @@ def test_moves_too_short_for_the_planner_are_merged():
     middle = (place[1:] + place[:-1]) / 2
     assert np.linalg.norm(middle, axis=1).min() > 2 - 0.002
     assert place[-1] == pytest.approx([2, 0], abs=1e-3)
+
+
+def _cut(way, chosen):
+    """Squared distances of the left out vertices from the chosen way, by half the way beside."""
+    total = 0.0
+    for begin, end in pairwise(chosen):
+        a, c = way[begin, :3], way[end, :3]
+        for v in range(begin + 1, end):
+            share = np.clip((way[v, :3] - a) @ (c - a) / ((c - a) @ (c - a)), 0.0, 1.0)
+            away = way[v, :3] - a - share * (c - a)
+            beside = np.abs(np.diff(way[v - 1 : v + 2, :3], axis=0)).sum()
+            total += 0.5 * beside * float(away @ away)
+    return total
+
+
+@pytest.mark.parametrize("seed", first_of(range(40), 10))
+def test_no_other_choice_of_vertices_cuts_off_less(seed):
+    rng = np.random.default_rng(seed)
+    turn = np.cumsum(rng.normal(0.0, 0.6, 9))
+    step = rng.uniform(1.0, 9.0, 9)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+    way = np.zeros((10, 4))
+    way[1:, :2] = np.cumsum(step, axis=0)
+    choices = [(0, *inner, 9) for count in range(9) for inner in combinations(range(1, 9), count)]
+    fit = [c for c in choices if (np.abs(np.diff(way[list(c)], axis=0)).max(axis=1) >= 7).all()]
+    chosen = (0, *(np.flatnonzero(long_enough(way, np.zeros(9, dtype=np.int64), 7.0)) + 1).tolist())
+    assert chosen in (fit or [(0, 9)])  # a run ends where it ended
+    if fit:
+        assert _cut(way, chosen) == pytest.approx(min(_cut(way, c) for c in fit))

@@ -7,6 +7,23 @@ import numpy as np
 from tests.design.geometry.oracles import segment_segment
 
 
+def reduced_resistance(tree, i, k):
+    """R* and the ratios below segment i by Karch's recursion, straight from physics.md."""
+    length = np.linalg.norm(tree.distal[i] - tree.proximal[i])
+    a, b = tree.children[i]
+    length *= tree.relative_viscosity[i]
+    if a < 0:
+        return k * length, {i: tree.relative_flow[i]}, {}
+    ra, na, ratios_a = reduced_resistance(tree, a, k)
+    rb, nb, ratios_b = reduced_resistance(tree, b, k)
+    gamma = tree.murray_exponent
+    x = (na[a] * ra / (nb[b] * rb)) ** 0.25
+    beta_a = (1 + x**-gamma) ** (-1 / gamma)
+    beta_b = (1 + x**gamma) ** (-1 / gamma)
+    own = k * length + 1 / (beta_a**4 / ra + beta_b**4 / rb)
+    return own, {**na, **nb, i: na[a] + nb[b]}, {**ratios_a, **ratios_b, a: beta_a, b: beta_b}
+
+
 def terminal_flows(tree, radius, thick=None):
     """Flow of each terminal by series and parallel resistances of Poiseuille tubes, µL/s.
 
