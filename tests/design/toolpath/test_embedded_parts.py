@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
@@ -20,11 +20,9 @@ from design.toolpath.embedded.merge import fewest
 from design.toolpath.embedded.needle import (
     Needle,
     joint_reach,
-    off_shaft,
-    off_shaft_slopes,
     radius_at,
 )
-from design.toolpath.embedded.rules import Rules, find_rules, one_way
+from design.toolpath.embedded.rules import Rules, find_rules
 from design.toolpath.embedded.schedule import Pass, Scheduler
 from design.toolpath.embedded.squares import squares_of
 from design.toolpath.embedded.touches import touches
@@ -113,28 +111,6 @@ def test_radii_are_those_along_a_tapered_vessel_in_steps_of_at_most_5_percent():
     assert elements.radius == pytest.approx(expected, rel=1e-9)
     # Steps are equal in length, so the thin end's are somewhat more.
     assert np.abs(np.diff(np.log(elements.radius), axis=1)).max() < 2.2 * TAPER_STEP
-
-
-@settings(max_examples=examples(300), deadline=None)
-@given(
-    across=st.floats(0, 3),
-    height=st.floats(-2, 4),
-    to=st.tuples(st.floats(0, 3), st.floats(-2, 4)),
-    needle=st.sampled_from([(0.36, 0.36, 0.0), (0.16, 0.4, 1.5), (0.12, 0.6, 3.0)]),
-)
-def test_slopes_bound_the_distance_of_a_shaft_and_are_those_of_small_steps(
-    across, height, to, needle
-):
-    one, step = Needle(needle[0], needle[0], *needle, 0.5), 1e-6
-    off, outward, up = off_shaft_slopes(across, height, one)
-    assert off == off_shaft(across, height, one)
-    assert off_shaft(*to, one) >= off + outward * (to[0] - across) + up * (to[1] - height) - 1e-9
-    assume(across > step)
-    for slope, (dx, dz) in ((outward, (step, 0)), (up, (0, step))):
-        ahead = (off_shaft(across + dx, height + dz, one) - off) / step
-        behind = (off - off_shaft(across - dx, height - dz, one)) / step
-        low, high = sorted((behind, ahead))
-        assert low - 1e-4 <= slope <= high + 1e-4
 
 
 def shaft_gap(places, needle):
@@ -258,25 +234,6 @@ def test_all_is_written_once_and_rules_that_can_all_be_kept_are_kept(seed, densi
     assert set(zip(first.tolist(), after.tolist(), strict=True)) == broken(pairs, order)
     assert not (ranked and len(first))
     check_joined(passes, TREE)
-
-
-@pytest.mark.parametrize("net", [random_tree(10, 9, 4, 0.1), cage(6, 3.0, 4.0)])
-def test_the_rules_of_real_networks_that_can_be_kept_are_kept(net):
-    parts = parts_of(net)
-    found = find_rules(parts.elements, parts.squares, parts.meetings, parts.needle)
-    rules = one_way(found, parts.elements.vessel)
-    passes = Scheduler(parts.elements, rules, np.zeros(net.vessel_count, dtype=np.int64)).run()
-    assert broken(pairs_of(rules), order_of(passes)) == set()
-    assert len(passes) < net.vessel_count
-    assert len(order_of(passes)) == len(parts.elements.end)
-    check_joined(passes, parts.elements)
-
-
-def test_the_lightest_rule_of_a_cycle_is_broken():
-    elements, head = bars([(0, k, 0) for k in range(3)])
-    pairs = {(0, 1): 3.0, (1, 2): 1.0, (2, 0): 2.0}
-    passes = Scheduler(elements, rules_of(pairs, 3), head).run()
-    assert broken(pairs, order_of(passes)) == {(1, 2)}
 
 
 def bars(places, long_mm=0.05):

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection
 
 from design.toolpath.fresh.coarsen import remove_short_moves
-from design.toolpath.fresh.contours import Contours, contours_of, sample
+from design.toolpath.fresh.contours import Contours, contours_of
 from design.toolpath.fresh.coverage import measure_coverage
-from design.toolpath.fresh.infill import Intervals, fill, infill_paths, scan, subtract
-from design.toolpath.fresh.largest_disc import measure_room
+from design.toolpath.fresh.infill import fill, infill_paths, scan
 from design.toolpath.fresh.layout import lay_out, obstacles
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import order_paths
@@ -41,41 +40,6 @@ def test_scan_finds_what_shapely_finds():
         exact = shapely.intersection(SHAPE, shapely.LineString([(-1, y), (9, y)])).length
         here = found.row == row
         assert (found.high - found.low)[here].sum() == pytest.approx(exact, abs=1e-9)
-
-
-def test_rows_through_vertices_count_them_once():
-    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    found = scan([square], 0.5, 0.0)
-    assert found.row.tolist() == [0, 1]
-    assert found.low.tolist() == [0, 0]
-    assert found.high.tolist() == [1, 1]
-
-
-sets = st.lists(st.tuples(st.integers(0, 2), st.sets(st.integers(0, 12))), max_size=3)
-
-
-def as_intervals(cells: set[tuple[int, int]]) -> Intervals:
-    """Runs of whole cells as intervals; touching cells are one run."""
-    starts = sorted(cell for cell in cells if (cell[0], cell[1] - 1) not in cells)
-    ends = sorted(cell for cell in cells if (cell[0], cell[1] + 1) not in cells)
-    return Intervals(
-        np.array([row for row, _ in starts], dtype=np.int64),
-        np.array([float(x) for _, x in starts]),
-        np.array([float(x + 1) for _, x in ends]),
-    )
-
-
-@given(first=sets, second=sets)
-def test_subtract_is_the_difference_of_sets(first, second):
-    one = {(row, x) for row, cells in first for x in cells}
-    other = {(row, x) for row, cells in second for x in cells}
-    found = subtract(as_intervals(one), as_intervals(other))
-    cells = {
-        (int(row), x)
-        for row, low, high in zip(found.row, found.low, found.high, strict=True)
-        for x in range(int(low), int(high))
-    }
-    assert cells == one - other
 
 
 @pytest.mark.parametrize("angle", [0.0, 90.0, 180.0, 30.0, -45.0])
@@ -125,14 +89,6 @@ def test_order_is_complete_and_no_longer_than_nearest_neighbour(count, seed, lin
     assert travel(start, end, order, flipped, at) <= naive + 1e-9
 
 
-def test_parallel_lines_are_written_to_and_fro():
-    y = np.arange(20) * 0.15
-    start, end = np.column_stack([0 * y, y]), np.column_stack([0 * y + 5, y])
-    order, flipped = order_lines(start, end, np.zeros(2), 0.2)
-    assert order.tolist() == list(range(20))
-    assert flipped.tolist() == [False, True] * 10
-
-
 @settings(max_examples=examples(30), deadline=None)
 @given(seed=st.integers(0, 1000))
 def test_travels_rise_where_shapely_sees_them_cross_a_contour(seed):
@@ -171,28 +127,6 @@ def test_coverage_is_the_area_of_stadiums(seed, count):
     assert found.unfilled == pytest.approx(unfilled, abs=0.05)
     outside = shapely.difference(written, SHAPE).area
     assert found.outside == pytest.approx(outside, abs=0.05)
-
-
-@settings(max_examples=examples(25), deadline=None)
-@given(seed=st.integers(0, 10_000))
-def test_room_is_the_largest_disc_that_crosses_no_facing_edge(seed):
-    rng = np.random.default_rng(seed)
-    angle = np.sort(rng.uniform(0, 2 * np.pi, 9))
-    star = rng.uniform(0.4, 1.0, 9)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    fine = sample(contours_of(CrossSection([star])), 0.07)
-    room, other = measure_room(fine, 0.3)
-    points, after = fine.contours.points, fine.contours.points[fine.contours.next]
-    along = points + np.linspace(0, 1, 400)[:, None, None] * (after - points)  # every edge, finely
-    way = (after - points) / np.linalg.norm(after - points, axis=1)[:, None]
-    facing = np.column_stack([-way[:, 1], way[:, 0]])
-    for k in range(0, len(points), 5):
-        out = along - points[k]
-        ahead = out @ fine.normal[k]
-        radius = np.full(ahead.shape, np.inf)
-        np.divide((out**2).sum(axis=2), 2 * ahead, out=radius, where=ahead > 1e-9)
-        radius[:, facing @ fine.normal[k] > -0.2] = np.inf
-        assert room[k] == pytest.approx(min(radius.min(), 0.3), abs=2e-3)
-        assert (other[k] >= 0) == (room[k] < 0.3)
 
 
 W = 0.15
@@ -234,19 +168,6 @@ def test_a_tubes_wall_is_filled_once(thick):
     assert volume(walls.paths) == pytest.approx(expected, rel=0.01)
     bare = shape(section - walls.inside).difference(inked(walls.paths)).area
     assert bare < 0.01 * expected
-
-
-@pytest.mark.parametrize("angle_deg", [40, 70])
-def test_walls_reach_into_tips_and_stay_inside_them(angle_deg):
-    half = np.radians(angle_deg) / 2
-    side = 2.0 * np.array([np.cos(half), np.sin(half)])
-    material = CrossSection([np.array([[0, 0], side * [1, -1], side])])
-    ink = inked(build_walls(material, W, 2, 0.4).paths)
-    tip = shape(material).intersection(shapely.box(0, -1, W / 2 / np.sin(half), 1))
-    whole = (W / 2) ** 2 * (1 / np.tan(half) - (np.pi / 2 - half))  # beyond a disc as wide as W
-    assert tip.difference(ink).area < 0.3 * whole
-    beside = shapely.box(-1, -1, 0.7, 1).difference(shape(material))
-    assert beside.intersection(ink).area < W**2 / 8
 
 
 @settings(max_examples=examples(20), deadline=None)

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -86,3 +88,9 @@ def test_collisions_agree_with_all_pairs(seed, count, clearance):
     colliding, joints = oracles.colliding_pairs(network, *clearance)
     assert set(map(tuple, found.pieces.tolist())) == colliding
     assert set(map(tuple, found.joint_pieces.tolist())) == joints
+
+
+def test_a_hairpin_with_a_long_way_around_collides():
+    hairpin = [(0, 0, 0), (9, 0, 0), (9, 3, 0), (5, 3, 0), (5, 0.8, 0)]
+    found = collisions(straight(*itertools.pairwise(hairpin)))
+    assert found.vessels.tolist() == [[0, 3]]

@@ -12,6 +12,7 @@ from design.vasculature import (
     grow_forest,
     tree_radii,
 )
+from design.vasculature.growth.territory import part_tissue
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
@@ -84,3 +85,16 @@ def test_bad_forests_are_refused(tissues):
     same = GrowthOptions(terminals=5, root_point_mm=(10.0, 8.0, 0.0))
     with pytest.raises(GrowthError, match="meets another tree"):
         grow_forest(tissues["block"], [same, same])
+
+
+def test_territories_have_the_volumes_wanted(tissues):
+    tissue = tissues["torus"]
+    centre = np.array([[8.0, 0, 0], [-4.0, 6.5, 0], [-4.0, -6.5, 0]])
+    wanted = np.array([0.2, 0.3, 0.5])
+    parts = part_tissue(tissue, centre, wanted)
+    np.testing.assert_allclose(parts.share, wanted, atol=5e-3)
+    low, high = tissue.bounds
+    points = np.random.default_rng(5).uniform(low, high, (60_000, 3))
+    inside = points[tissue.contains(points)]
+    share = [parts.owns(n)(inside).mean() for n in range(3)]
+    np.testing.assert_allclose(share, wanted, atol=0.02)

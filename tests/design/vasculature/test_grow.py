@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
 from benchmarks.paper_places import cases_of, compare
+from benchmarks.paper_plain import order_down, traversed_cost
 from design.errors import GrowthError, TissueError
 from design.geometry import build_triangle_tree, nearest_distances
 from design.tissue import annulus, block, folded_cortex, load_tissue
@@ -19,6 +20,7 @@ from design.vasculature import (
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import KeptTissues, kept_tissue
 from tests.design.vasculature import oracles
+from tests.design.vasculature.oracles import volume
 from tests.slower import first_of, first_rows
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
@@ -319,3 +321,11 @@ def test_limits_that_leave_no_tree_are_told(tissues_limits):
 def test_impossible_angles_are_refused(name, value):
     with pytest.raises(GrowthError, match=f"{name} is .*least and a greatest angle"):
         GrowthOptions(**{name: value})
+
+
+def test_cost_by_traversals_is_the_volume():
+    tree = grown(60)
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    cost = traversed_cost(order_down(tree.children, len(length)), tree.children, length, 3.0)
+    unit = 8 * tree.viscosity_pa_s / np.pi * tree.terminal_flow_ul_s / tree.pressure_drop_pa
+    assert np.pi * unit**0.5 * cost == pytest.approx(volume(tree), rel=1e-12)

@@ -22,6 +22,7 @@ from design.vasculature import (
     terminals_of,
     tree_radii,
 )
+from design.vasculature.growth.territories import demand_points, territory_demand
 from design.vasculature.growth.unreached import unreached
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
@@ -197,3 +198,13 @@ def test_impossible_functions_are_refused(box):
         grow_tree(box, GrowthOptions(terminals=5, penalty=lambda p: np.full(len(p), -1.0)))
     with pytest.raises(GrowthError, match="shape"):
         grow_tree(box, GrowthOptions(terminals=5, penalty=lambda p: p))
+
+
+def test_territories_are_those_of_a_grid_of_terminals(even):
+    """On a regular grid every territory is a box; its demand is an integral done by hand."""
+    axes = [np.arange(s / 8, s, s / 4) for s in SIZE]
+    tips = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    linear = replace(even, demand=function_demand(even, lambda p: 1.0 + p[:, 0]))
+    points, weight = demand_points(linear, 200_000, 3)
+    expected = (1 + tips[:, 0]) / (1 + tips[:, 0]).sum()
+    np.testing.assert_allclose(territory_demand(points, weight, tips), expected, rtol=0.02)

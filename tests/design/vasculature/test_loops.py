@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.optimize import linear_sum_assignment
 
 from design.errors import GrowthError, NetworkError
 from design.hemodynamics import FlowConditions, flow_spread, solve_flow
@@ -15,6 +16,8 @@ from design.vasculature import (
     grow_forest,
     grow_tree,
 )
+from design.vasculature.loops.curves import tightest_bend
+from design.vasculature.loops.matching import match_terminals
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
@@ -123,3 +126,20 @@ def test_trees_that_collide_are_refused(tissue):
 def test_option_out_of_range_is_refused():
     with pytest.raises(GrowthError, match=r"bend_to_radius is 0\.5"):
         LoopOptions(bend_to_radius=0.5)
+
+
+def test_matching_is_as_good_as_the_dense_one(tissue):
+    random = np.random.default_rng(3)
+    one, other = random.uniform(1, 11, (2, 60, 3))
+    partner = match_terminals(tissue, one, other)
+    apart = np.linalg.norm(one[:, None] - other[None], axis=2)
+    rows, columns = linear_sum_assignment(apart)
+    best = apart[rows, columns].sum()
+    assert apart[np.arange(60), partner].sum() == pytest.approx(best, rel=0.02)
+    assert sorted(partner) == list(range(60))
+
+
+def test_bend_of_a_quarter_circle():
+    k = 0.5522847498
+    quarter = np.array([[1.0, 0, 0], [1, k, 0], [k, 1, 0], [0, 1, 0]])
+    assert tightest_bend(3.0 * quarter) == pytest.approx(3.0, rel=0.01)

@@ -11,6 +11,7 @@ from design.vasculature import (
     tree_radii,
     tree_to_network,
 )
+from design.vasculature.viscosity import relative_viscosity
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 
@@ -53,3 +54,13 @@ def test_terminal_flows_are_equal_by_an_independent_solver_with_that_law(
     assert collisions(tree_to_network(tree), 0.0, options.clearance_ratio).count == 0
     if smallest is not None:
         assert radius.min() == pytest.approx(smallest)
+
+
+@pytest.mark.parametrize("haematocrit", [0.2, 0.45, 0.6])
+def test_law_is_pries_over_its_value_in_wide_vessels(haematocrit):
+    radii = np.geomspace(0.0025, 2.0, 40)
+    expected = pries(radii, haematocrit) / pries(50.0, haematocrit)
+    found = [relative_viscosity(r, haematocrit) for r in radii]
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+    assert relative_viscosity(0.5, -1.0) == 1.0
+    assert relative_viscosity(1e-6, 0.45) == relative_viscosity(0.002, 0.45)
