@@ -2,17 +2,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
 from design.errors import TissueError
+from design.geometry import build_triangle_tree
+from design.geometry.segment_surface import segment_distance, segment_triangle
 from design.tissue import (
     BlockZone,
     SpacingRule,
+    Surface,
     block,
     carve,
     load_tissue,
     tissue_from_surface,
 )
+from design.tissue.depth import depth_bounds, winding_number
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 
@@ -193,3 +199,92 @@ def test_capsules_are_judged_exactly_in_real_tissue(name):
     start, end, radius = capsules_near(tissue, 50_000)
     expected = judged(tissue, start, end, radius)
     np.testing.assert_array_equal(tissue.grid.capsule_inside(start, end, radius), expected)
+
+
+def test_bounds_of_depth_hold_everywhere(slit):
+    rng = np.random.default_rng(3)
+    near = capsules_near(slit, 1_500)[0]
+    points = np.concatenate([near, rng.uniform(-2, 14, (1_500, 3))])
+    corners = slit.surface.vertices[slit.surface.faces]
+    tree = surface_tree(corners)
+    away = to_surface(points, points, np.full(len(points), 30.0), tree, corners[tree.order])
+    depth = np.where(winding_numbers(points, corners, tree) > 0, away, -away)
+    bounds = np.array([depth_bounds(slit.grid.arrays, *p) for p in points])
+    assert (bounds[:, 0] <= depth).all()
+    assert (depth <= bounds[:, 1]).all()
+    # And they say something: no wider than a cell's diagonal allows.
+    width = np.ptp(bounds[: len(near)], axis=1)
+    assert (width[np.isfinite(width)] < 2 * slit.grid.spacing_mm).all()
+
+
+def test_winding_number_agrees_with_a_checker(slit):
+    points = np.concatenate(list(capsules_near(slit, 1_000)[:2]))
+    tree = build_triangle_tree(slit.surface.vertices, slit.surface.faces)
+    mine = [winding_number(tree, *p) for p in points]
+    np.testing.assert_array_equal(
+        mine, winding_numbers(points, slit.surface.vertices[slit.surface.faces])
+    )
+    shapes = [surfaces.surface(surfaces.sphere(r)) for r in (6.0, 4.0)]  # overlapping solids
+    vertices = np.concatenate([s.vertices for s in shapes])
+    faces = np.concatenate([shapes[0].faces, shapes[1].faces + len(shapes[0].vertices)])
+    tree = build_triangle_tree(vertices, faces)
+    assert [winding_number(tree, x, 0.0, 0.0) for x in (0.0, 5.0, 7.0, -5.0)] == [2, 1, 0, 1]
+
+
+#: Two corners that are one; three; and three in a line.
+_NO_AREA = [[0.0] * 6 + [0, 1, 1], [0.0] * 9, [0.0, 0, 0, 0.1, 0.3, 0.7, 0.2, 0.6, 1.4]]
+
+
+@given(st.lists(st.floats(-1, 1, width=32), min_size=15, max_size=15))
+@example([0, 0, 1, 0, 0, 0, *_NO_AREA[0]])
+@example([1, 0, 1, 1, 0, 0, *_NO_AREA[0][3:], 0, 0, 0])
+@example([0.5, 0.5, 1, 0, 0.25, 0, *_NO_AREA[1]])
+@example([0.5, 0.5, 1, 0, 0.25, 0, *_NO_AREA[2]])
+@example([1, 0, 0, 0, 1 / 3, -1, -1, 0, 0, 1e-8, 0, 0, 0, 1e-8, 0])
+@example([0.2, 0.2, -1.0, 0.3, 0.3, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0])
+def test_segment_triangle_distance_is_the_least_over_their_points(numbers):
+    a, b, corners = np.array(numbers[:3]), np.array(numbers[3:6]), np.reshape(numbers[6:], (3, 3))
+    s = np.linspace(0, 1, 33)
+    u, v = (x[np.add.outer(s, s) <= 1 + 1e-12] for x in np.meshgrid(s, s))
+    on = corners[0] + np.outer(u, corners[1] - corners[0]) + np.outer(v, corners[2] - corners[0])
+    along = a + np.outer(s, b - a)
+    sampled = np.linalg.norm(along[:, None] - on[None], axis=2).min()
+    # Samples are at most an eighth apart on each.
+    assert sampled - 0.2 <= segment_triangle(*a, *b, corners.ravel()) <= sampled + 1e-6
+
+
+def test_segment_distance_of_a_surface_is_the_least_of_its_triangles(slit):
+    tree = build_triangle_tree(slit.surface.vertices, slit.surface.faces)
+    start, end, _ = capsules_near(slit, 60, seed=4)
+    for a, b in zip(start, end, strict=True):
+        each = [segment_triangle(*a, *b, t) for t in tree.triangles]
+        assert segment_distance(tree, *a, *b, np.inf) == min(each)
+        assert segment_distance(tree, *a, *b, 1e-3) == min(*each, 1e-3)
+
+
+def test_nested_shells_are_told_apart():
+    tissue = tissue_of(surfaces.nested_shells())
+    along = np.array([1.5, 4.5, 7.0, 9.0, 10.5])
+    points = along[:, None] * np.array([[0.6, 0.0, 0.8]])
+    assert tissue.contains(points).tolist() == [False, True, False, True, False]
+
+
+def test_wall_of_a_third_of_a_millimetre_is_seen():
+    tissue = tissue_of(surfaces.thin_box(0.3))
+    assert tissue.thinnest_wall_mm == pytest.approx(0.3, abs=1e-6)
+    assert tissue.grid.spacing_mm <= 0.3 / 4 + 1e-9
+    points = np.array([[6.0, 6.0, z] for z in (11.5, 11.75, 11.85, 11.95, 12.1)])
+    assert tissue.contains(points).tolist() == [False, True, True, True, False]
+    np.testing.assert_allclose(tissue.grid.distance(points[2:3]), -0.15, atol=0.02)
+
+
+def test_inside_out_mesh_is_turned():
+    shape = surfaces.hollow_sphere()
+    tissue = tissue_of(Surface(shape.vertices, shape.faces[:, ::-1]))
+    assert tissue.volume_mm3 == pytest.approx(shape.volume_mm3)
+    assert tissue.contains(np.array([[8.0, 0, 0], [0, 0, 0]])).tolist() == [True, False]
+
+
+def test_asked_spacing_too_coarse_for_the_wall_is_refused():
+    with pytest.raises(TissueError, match=r"too coarse for walls of 0\.3 mm"):
+        tissue_of(surfaces.thin_box(0.3), spacing_mm=0.5)

@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from design.errors import TissueError
 from design.tissue import VolumeImage, label_surface, load_label_surface
+from design.tissue.images import read_image
 from tests.design.tissue.kept import kept_tissue
 from tests.slower import first_of
 
@@ -174,3 +175,25 @@ def test_files_that_are_no_volume_are_refused(tmp_path):
         load_label_surface(tmp_path / "none.nii", 1)
     with pytest.raises(TissueError, match="must end with"):
         load_label_surface(tmp_path / "a.dcm", 1)
+
+
+def test_wrong_labels_are_refused_with_what_there_is(tmp_path):
+    image = VolumeImage(ball(10, value=3), np.eye(4))
+    with pytest.raises(TissueError, match=r"no voxel has label 2; it has 0 \(\d+ .*3 \(\d+ voxels"):
+        label_surface(image, 2)
+    blurred = VolumeImage(ball(10) * 0.5, np.eye(4))
+    with pytest.raises(TissueError, match="no voxel has label 1"):
+        label_surface(blurred, 1)
+    mixed = ball(10) * 1.0
+    mixed[20, 20, 20] = 0.4
+    with pytest.raises(TissueError, match="aren't whole numbers"):
+        label_surface(VolumeImage(mixed, np.eye(4)), 1)
+
+
+def test_axes_counted_in_several_units_are_refused_by_name(tmp_path):
+    path = tmp_path / "labels.tif"
+    said = {"spacing": 0.03, "unit": "micron", "zunit": "mm", "axes": "ZYX"}
+    volume = np.ones((4, 5, 6), np.uint8)
+    tifffile.imwrite(path, volume, imagej=True, resolution=(0.05, 0.05), metadata=said)
+    with pytest.raises(TissueError, match="micron and mm"):
+        read_image(path)

@@ -4,6 +4,7 @@ import trimesh
 
 from design.errors import TissueError
 from design.tissue import load_point_surface, point_surface
+from design.tissue.normals import estimate_normals
 from tests.design.tissue import surfaces
 from tests.slower import first_of
 
@@ -118,3 +119,19 @@ def test_mesh_surface_is_found_again():
     points, face = trimesh.sample.sample_surface(mesh, 8000, seed=0)
     found, _ = point_surface(np.asarray(points), np.asarray(mesh.face_normals[face]))
     assert found.volume_mm3 == pytest.approx(shape.volume_mm3, rel=0.005)
+
+
+def test_cavity_is_told_by_its_normals():
+    outer, inner = sphere(1600), sphere(800, seed=1)
+    points = np.concatenate([10 * outer, 6 * inner])
+    shape, _ = point_surface(points, np.concatenate([outer, -inner]))
+    assert closed(shape)
+    assert shape.volume_mm3 == pytest.approx(4 / 3 * np.pi * (1000 - 216), rel=0.01)
+
+
+def test_estimated_normals_look_outward_everywhere():
+    points, normals = torus(1200)
+    near = np.argsort(np.linalg.norm(points[:, None] - points, axis=2), axis=1)[:, 1:15]
+    found, parts = estimate_normals(points, near)
+    assert parts == 1
+    assert (np.einsum("ij,ij->i", found, normals) > 0.8).all()

@@ -9,6 +9,7 @@ from manifold3d import Manifold
 from design.errors import TissueError
 from design.tissue import Surface, load_tissue, repair_surface
 from design.tissue.crossing_faces import crossing_faces
+from design.tissue.parts import parts_of
 from tests.design.tissue import surfaces
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
@@ -205,3 +206,93 @@ def test_the_wall_between_solids_that_share_a_face_goes():
     found, _ = repair_surface(*joined(one, other))
     assert sound(found) == pytest.approx(128.0)
     assert np.abs(found.vertices[found.faces][..., 0]).max(axis=1).min() > 0
+
+
+def test_all_at_once():
+    rng = np.random.default_rng(2)
+    faces = np.delete(ball().faces, [5, 900, 901], axis=0)
+    turned = rng.choice(len(faces), 100, replace=False)
+    faces[turned] = faces[turned, ::-1]
+    soup = ball().vertices[np.concatenate([faces, faces[40:50]])].reshape(-1, 3)
+    volume = mended(soup, np.arange(len(soup)).reshape(-1, 3), "duplicate", "turned", "filled")
+    assert volume == pytest.approx(ball().volume_mm3, rel=3e-3)
+
+
+def test_small_tangle_is_replaced():
+    shape, vertices = ball_with_a_tangle(160)
+    assert len(crossing_faces(vertices, shape.faces)) > 0
+    volume = mended(vertices, shape.faces, "passed through itself", "near (")
+    assert volume == pytest.approx(shape.volume_mm3, rel=2e-3)
+
+
+def test_many_holes_are_refused():
+    keep = np.random.default_rng(3).random(len(ball().faces)) > 0.08
+    with pytest.raises(TissueError, match=r"holes (make up|are too wide)"):
+        repair_surface(ball().vertices, ball().faces[keep])
+
+
+def test_vertices_on_a_neighbours_edge_split_it():
+    """A joint of three faces in a T: the edges are open, and nothing is missing."""
+    points, faces = ball().vertices.tolist(), ball().faces.tolist()
+    for k in (0, 7, 40):
+        a, b, c = faces[k]
+        points.append((0.3 * np.array(points[a]) + 0.7 * np.array(points[b])).tolist())
+        faces[k] = [a, len(points) - 1, c]
+        faces.append([len(points) - 1, b, c])
+    volume = mended(np.array(points), np.array(faces), "3 edge(s) split at vertices")
+    assert volume == pytest.approx(ball().volume_mm3, rel=1e-12)
+
+
+def test_a_solid_with_a_large_hole_is_no_sheet_and_refused():
+    shell = surfaces.surface(surfaces.sphere(4.0).translate((30.0, 0.0, 0.0)))
+    middle = shell.vertices[shell.faces].mean(axis=1)
+    half = Surface(shell.vertices, shell.faces[middle[:, 2] < 0])
+    with pytest.raises(TissueError, match="mesh is open"):
+        repair_surface(*joined(ball(), half))
+
+
+def cube(side, *corner):
+    return surfaces.surface(Manifold.cube((side,) * 3).translate(tuple(map(float, corner))))
+
+
+def test_parts_that_touch_in_edges_alone_stay_parts(tmp_path):
+    """Six cubes around an empty one: each touches four others in an edge."""
+    places = [(1, 1, 0), (1, 0, 1), (0, 1, 1), (2, 1, 1), (1, 2, 1), (1, 1, 2)]
+    vertices, faces = joined(*(cube(4.0, *(4 * x for x in place)) for place in places))
+    path = tmp_path / "cubes.ply"
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
+    parts = parts_of(load_tissue(path, "mm"))
+    assert [part.volume_mm3 for part in parts] == pytest.approx([64.0] * 6)
+
+
+def test_boxes_that_share_a_wall_split_otherwise_are_one():
+    one, other = cube(8.0, 0, 0, 0), cube(8.0, 8, 0, 0)
+    mirrored = Surface(other.vertices * [1, -1, 1] + [0, 8, 0], other.faces[:, ::-1].copy())
+    for beside in (other, mirrored):
+        found, _ = repair_surface(*joined(one, beside))
+        assert sound(found) == pytest.approx(1024.0)
+
+
+def aside(shape):
+    return surfaces.surface(shape.translate((25.0, 0.0, 0.0)))
+
+
+def test_shells_are_turned_united_or_told_by_where_they_lie():
+    far, hollow = aside(surfaces.sphere(4.0)), aside(surfaces.sphere(5.0) - surfaces.sphere(3.0))
+    for beside, words in ((far, "1 shell(s) turned"), (hollow, "2 shell(s) turned")):
+        volume = mended(*joined(ball(), inverted(beside)), words)
+        assert volume == pytest.approx(ball().volume_mm3 + beside.volume_mm3)
+    block = surfaces.surface(Manifold.cube((2.0, 2.0, 2.0)))
+    beside = Surface(block.vertices + [2.0, 0.5, 0.5], block.faces)
+    words = "2 overlapping shells united, or touching ones"
+    assert mended(*joined(block, beside), words) == pytest.approx(16.0)
+    found, notes = repair_surface(*joined(ball(), surfaces.surface(surfaces.sphere(3.0))))
+    assert sound(found) == pytest.approx(ball().volume_mm3, rel=1e-6)
+    assert "1 shell(s) inside others look outward" in notes[1]
+
+
+@pytest.mark.parametrize("again", [slice(10), slice(None)])
+def test_duplicate_faces_are_dropped_in_both_windings(again):
+    faces = np.concatenate([ball().faces, ball().faces[again, ::-1]])
+    volume = mended(ball().vertices, faces, "duplicate face(s)")
+    assert volume == pytest.approx(ball().volume_mm3)

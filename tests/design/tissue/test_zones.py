@@ -200,3 +200,12 @@ def test_the_judges_parts_are_those_of_the_file(kind: str) -> None:
     case = make(kind, 1)
     true = sorted((true_volume(part) for part in case.parts), reverse=True)
     assert welded_volumes(case.mesh) == pytest.approx(true, rel=1e-4)
+
+
+def test_a_cavity_is_no_part_and_what_lies_in_it_is_one():
+    shells = surfaces.nested_shells()
+    tissue = tissue_from_surface(shells.vertices, shells.faces)
+    outer, inner = parts_of(tissue)
+    assert outer.volume_mm3 + inner.volume_mm3 == pytest.approx(tissue.volume_mm3)
+    at = np.array([[9.0, 0, 0], [7.0, 0, 0], [4.5, 0, 0], [0, 0, 0.0]])
+    assert part_numbers(tissue, (outer, inner), at).tolist() == [0, -1, 1, -1]
