@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,6 +17,7 @@ from design.errors import (
     LEAST_TERMINALS,
     CrowdedError,
     GrowthError,
+    NoRoomError,
     WideTrunkError,
 )
 from design.tissue import Tissue, tissue_from_surface
@@ -124,3 +126,42 @@ def test_too_few_terminals_and_too_few_trunk_ends_are_told_apart() -> None:
         trunk_ends(600, 3, "heart")
     with pytest.raises(GrowthError, match=r"^5 trunk_ends are too few .*; ask for 6 at least$"):
         trunk_ends(5, 400, "heart")
+
+
+def _crowds(options: GrowthOptions) -> CrowdedError:
+    return CrowdedError(options.terminals // 2, options.terminals)
+
+
+@pytest.mark.parametrize(
+    ("change", "refuses", "error", "advice"),
+    [
+        ({}, lambda o: True, _crowds, r"^(?!.*ask for).*200 and 140 were tried"),
+        (
+            {},
+            lambda o: o.pressure_drop_pa < 25 * PA_PER_MMHG,
+            _crowds,
+            "give a pressure_drop_mmhg of 40, which was tried",
+        ),
+        (
+            {"smallest_radius_mm": 0.25},
+            lambda o: (o.smallest_radius_mm or 0.0) > 0.21,
+            lambda o: NoRoomError("too wide", drop_factor=2.0),
+            "give a smallest_diameter_mm of 0.42 or less, which",
+        ),
+        (
+            {"clearance_mm": 1.0},
+            lambda o: o.clearance_mm > 0.25,
+            lambda o: NoRoomError("no room", placed=10),
+            "give a clearance_mm of 0.2 or less, which",
+        ),
+    ],
+    ids=["nothing fits", "drop", "diameter", "clearance"],
+)
+def test_only_what_was_grown_is_advised(change, refuses, error, advice) -> None:
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        if refuses(options):
+            raise error(options)
+        return FITS
+
+    with pytest.raises((CrowdedError, NoRoomError), match=advice):
+        grow_or_advise(grow, replace(asked(400), **change), LEAST_TERMINALS)

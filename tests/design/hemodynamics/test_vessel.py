@@ -65,3 +65,17 @@ def test_a_million_millimetres_of_mercury_are_questioned() -> None:
     question_pressure(133.322 * 500)
     with pytest.raises(FlowError, match=r"1e\+06 mmHg.*another unit"):
         question_pressure(133.322e6)
+
+
+@pytest.mark.parametrize("power", [2, 3, -2, -4])
+def test_tapers_are_integrated(power: int) -> None:
+    middle = (np.arange(50_000) + 0.5) / 50_000 * 5
+    radius = np.interp(middle, [0, 2, 5], TAPER.radius)
+    by_sum = (radius**power).mean() * 5
+    assert integral_of_power(TAPER, power)[0] == pytest.approx(by_sum, rel=1e-7)
+
+
+def test_the_series_and_the_functions_meet_and_large_numbers_dont_overflow() -> None:
+    below, above = impedance_factor(np.array([0.3 - 1e-9, 0.3]))
+    assert below == pytest.approx(above, rel=1e-8)
+    assert np.isfinite(impedance_factor(np.array([0.0, 1e4]))).all()

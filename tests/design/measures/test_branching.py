@@ -116,3 +116,12 @@ def test_terminals_of_a_closed_loop_are_its_connections() -> None:
     found = measure_terminal_flow(replace(network, kind=kind), flow)
     assert found is not None
     assert (found.terminals, found.mean_ul_s, found.spread) == (4, 2.0, 1.0)
+
+
+def test_murray_residual_of_a_fork_and_of_its_mirror() -> None:
+    radius = np.array([1.0, 0.5, 0.7])
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [2, 1, 0], [2, -1, 0]])
+    for kind in (0, 1):
+        found = measure_murray(tree_network([-1, 0, 0], nodes, radius, kind), 3.0)
+        assert found is not None
+        assert found.mean == pytest.approx(0.5**3 + 0.7**3 - 1.0)

@@ -154,3 +154,10 @@ def test_the_dictionary_is_plain_json(rod: Tissue) -> None:
     assert table["morphometry"]["artery"]["strahler"]["segments"] == [1]
     assert table["volume_mm3"] == pytest.approx(np.pi * LUMEN**2 * (LENGTH + 2))
     assert table["surface_mm2"] == pytest.approx(2 * np.pi * LUMEN * (LENGTH + 2))
+
+
+def test_sections_count_the_vessels_that_cross_them(rod: Tissue) -> None:
+    found = supply(straight(over=0.0), rod, samples=1000)
+    area = rod.volume_mm3 / LENGTH
+    np.testing.assert_allclose(found.sections_per_mm2, [0, 0, 1 / area], rtol=1e-9)
+    assert found.vessels_per_mm2 == pytest.approx(0.5 / area)

@@ -119,3 +119,10 @@ def test_a_lumen_that_meets_no_face_and_a_body_of_two_shells_are_left_to_it() ->
     inner = lumen_solid(channels([[3, 4, 1.5], [9, 4, 1.5]], [(0, 1)], 0.4))
     assert subtract_near(block(), inner, "it") is None
     assert subtract_near(construct_solid(block(), inner), _lumen(), "it") is None
+
+
+def test_dimples_are_half_balls() -> None:
+    plain, marked = construct_solid(block(), None), construct_solid(block(), None, DIMPLES)
+    half_balls = 3 * 2 / 3 * np.pi * 0.3**3
+    assert plain.volume_mm3 - marked.volume_mm3 == pytest.approx(half_balls, rel=0.02)
+    assert marked.volume_mm3 < plain.volume_mm3

@@ -183,3 +183,15 @@ def test_a_pair_is_what_two_unions_are(length_mm: float, fillet: float) -> None:
         _assert_solid(solid)
         assert len(solid.faces) == len(wanted.faces)
         assert np.array_equal(np.sort(solid.vertices, axis=0), np.sort(wanted.vertices, axis=0))
+
+
+def test_a_helix_has_the_volume_of_its_pieces() -> None:
+    """Pappus: a mitred tube's volume is area times axis length, its ends apart."""
+    turn = np.linspace(0, 4 * np.pi, 240)
+    points = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0.4 * turn], axis=1)
+    solid = lumen_solid(vessel(points, 0.3))
+    _assert_solid(solid)
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    exact = np.pi * 0.09 * length + 4 / 3 * np.pi * 0.027
+    assert solid.volume_mm3 == pytest.approx(exact, rel=5e-4)
+    assert surface_genus(solid.faces) == (0, 1)

@@ -227,3 +227,23 @@ def test_components_that_hold_themselves_are_refused(tmp_path: Path) -> None:
     text = model(thing(1, inside), '<item objectid="1"/>')
     with pytest.raises(SolidError, match="made of itself"):
         read_solid(package(tmp_path / "a.3mf", {MODEL: text}), None)
+
+
+def test_an_old_modifier_is_left_out(tmp_path: Path) -> None:
+    text = model(thing(1, mesh(BODY, HOLE)), '<item objectid="1"/>')
+    path = package(tmp_path / "a.3mf", {MODEL: text, **prusa("0", "1", old=True)})
+    assert read_solid(path, None).volume_mm3 == pytest.approx(320)
+
+
+def test_curas_support_mesh_is_left_out(tmp_path: Path) -> None:
+    said = '<metadatagroup><metadata name="cura:support_mesh">True</metadata></metadatagroup>'
+    text = model(thing(1, mesh(BODY)) + thing(2, said + mesh(ASIDE)),
+                 '<item objectid="1"/><item objectid="2"/>')  # fmt: skip
+    path = package(tmp_path / "a.3mf", {MODEL: text})
+    assert read_solid(path, None).volume_mm3 == pytest.approx(320)
+
+
+def test_a_model_in_feet_is_read(tmp_path: Path) -> None:
+    text = model(thing(1, mesh((0, 0, 0, 0.01, 0.02, 0.03))), '<item objectid="1"/>')
+    path = package(tmp_path / "a.3mf", {MODEL: text.replace("millimeter", "foot")})
+    assert read_solid(path, None).bounds[1] == pytest.approx((3.048, 6.096, 9.144))

@@ -8,6 +8,7 @@ import pytest
 from design.errors import SolidError
 from design.solids import Solid, lumen_solid, network_genus, surface_genus
 from design.solids.facets import Facets
+from design.solids.smooth.fillet import rounded_distance, wall_rows
 from design.solids.smooth.layout import lay_out
 from design.solids.topology import edge_faults
 from tests.design.solids.networks import channels, ladder, lattice
@@ -99,3 +100,50 @@ def test_no_triangle_crosses_another(ratio: float) -> None:
     cross = channels([[0, 0, 0], *arms], [(0, k) for k in range(1, 7)], 0.4)
     for network in (FORK, crowd, cross):
         assert _crossings(lumen_solid(network, fillet_ratio=ratio, tolerance_mm=0.02)) == 0
+
+
+def _distances(walls: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distance of points (m, 3) from each half-infinite tube, (m, n): plain NumPy."""
+    along = np.maximum(points @ walls[:, 3:6].T, 0.0)
+    gap = points[:, None] - along[..., None] * walls[None, :, 3:6]
+    return np.linalg.norm(gap, axis=2) - walls[:, 7]
+
+
+def _walls(axes: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    axes = axes / np.linalg.norm(axes, axis=1)[:, None]
+    count = len(axes)
+    return wall_rows(np.zeros((count, 3)), axes, np.full(count, np.inf), radius, np.zeros(count))
+
+
+def test_a_point_is_filled_where_no_ball_outside_the_vessels_reaches_it() -> None:
+    rng = np.random.default_rng(3)
+    walls = _walls(
+        np.array([[1.0, 0, 0], [-0.6, 0.8, 0.1], [-0.7, -0.7, 0.3]]), np.array([1, 0.8, 0.6])
+    )
+    rho = 0.4
+    points = rng.uniform(-2.0, 2.0, (4000, 3))
+    near = np.abs(_distances(walls, points).min(axis=1)) < rho
+    balls = rng.normal(size=(4000, 3))
+    balls *= rho * rng.random((4000, 1)) ** (1 / 3) / np.linalg.norm(balls, axis=1)[:, None]
+    tried = 0
+    for point in points[near][:250]:
+        off = rounded_distance(walls, rho, *point)
+        if abs(off) < 0.1 * rho:
+            continue
+        tried += 1
+        reached = np.any(_distances(walls, point + balls).min(axis=1) >= rho)
+        assert reached == (off > 0.0)
+    assert tried > 100
+
+
+def test_between_plane_walls_the_fillet_is_the_balls_arc() -> None:
+    """Two tubes so wide that their walls are planes at a right angle, ball in the corner."""
+    wide, rho = 1e4, 0.5
+    walls = wall_rows(
+        np.array([[0, -wide, 0], [-wide, 0, 0]]), np.array([[0, 0, 1.0], [0, 0, 1.0]]),
+        np.full(2, np.inf), np.full(2, wide), np.zeros(2),
+    )  # fmt: skip
+    angle = np.linspace(0.1, 1.4, 7)
+    arc = rho - rho * np.stack([np.cos(angle), np.sin(angle), 0 * angle - 2.0], axis=1)
+    found = np.array([rounded_distance(walls, rho, *point) for point in arc])
+    assert found == pytest.approx(0.0, abs=2e-5)

@@ -170,3 +170,14 @@ def test_impossible_bodies_are_refused() -> None:
         chamber_solid(Chamber("block", (1.0, 1.0, 1.0), wall_mm=2.0, ledge_mm=2.0))
     with pytest.raises(SolidError, match="above 0"):
         cylinder_solid(0.0, 1.0)
+
+
+def test_a_cylinder_and_chambers_have_their_volumes() -> None:
+    assert cylinder_solid(4.0, 5.0).volume_mm3 == pytest.approx(20.0 * np.pi, rel=1e-6)
+    box = chamber_solid(Chamber("block", (10.0, 8.0, 5.0), ledge_mm=1.0, ledge_depth_mm=0.5))
+    cut = 10 * 8 * 5 + (12 * 10 - 10 * 8) * 0.5
+    assert box.volume_mm3 == pytest.approx(14 * 12 * 7 - cut, rel=1e-6)
+    assert box.bounds.tolist() == [[-7, -6, -2], [7, 6, 5]]
+    dish = chamber_solid(Chamber("cylinder", (10.0, 1.0, 5.0)))
+    assert dish.volume_mm3 == pytest.approx(np.pi * (49 * 7 - 25 * 5), rel=1e-5)
+    assert surface_genus(dish.faces) == (0, 1)

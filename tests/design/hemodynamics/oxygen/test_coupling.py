@@ -10,10 +10,12 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.oxygen import OxygenConditions, grid_of_box, solve_oxygen
+from design.hemodynamics.oxygen.elements import cut_vessels
 from design.hemodynamics.oxygen.problem import OxygenProblem
-from design.hemodynamics.oxygen.transport import sweep
+from design.hemodynamics.oxygen.transport import sweep, transport_of
 from design.hemodynamics.oxygen.wall import SMOOTHING, subgrid
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 
 BOX = np.array([[0.0, 0.0, 0.0], [2.0, 2.0, 2.0]])
@@ -100,3 +102,61 @@ def test_what_cannot_be_solved_is_said() -> None:
         grid_of_box(BOX, 0.002)
     with pytest.raises(FlowError, match="cells_per_ml is -1"):
         OxygenConditions(cells_per_ml=-1.0)
+
+
+def _laid(size: int, x: float, y: float) -> FloatArray:
+    out = np.zeros((size, size))
+    spline = []
+    for at in (x, y):
+        away = np.abs(np.arange(size) - at)
+        away = np.minimum(away, size - away)
+        near, next_ = 0.75 - away**2, 0.5 * (1.5 - away) ** 2
+        spline.append(np.where(away <= 0.5, near, np.where(away <= 1.5, next_, 0.0)))
+    out += spline[0][:, None] * spline[1]
+    return out
+
+
+def test_the_lattice_answers_as_the_smoothing_says() -> None:
+    """A line laid on a periodic lattice by B-splines, read where it is and far away."""
+    size, far = 64, 10.0
+    k = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.fft.fftfreq(size))
+    star = k[:, None] + k
+    star[0, 0] = np.inf
+    rng = np.random.default_rng(1)
+    radii = []
+    for x, y in size / 2 + rng.random((12, 2)):
+        source = _laid(size, x, y)
+        field = np.fft.ifft2(np.fft.fft2(source) / star).real
+        ring = [
+            (field * _laid(size, x + far * np.cos(t), y + far * np.sin(t))).sum()
+            for t in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+        ]
+        # The even sink that a periodic lattice needs adds r²/(4 area).
+        rise = (field * source).sum() - np.mean(ring) + far**2 / (4.0 * size**2)
+        radii.append(far * np.exp(-2.0 * np.pi * rise))
+    expected = np.sqrt(2) * SMOOTHING * np.exp(-np.euler_gamma / 2)
+    assert np.mean(radii) == pytest.approx(expected, rel=0.02)
+    assert np.std(radii) / np.mean(radii) < 0.06
+
+
+def test_the_change_that_newton_uses_is_that_of_the_loss() -> None:
+    """Downstream action through the stream included."""
+    problem = solved_problem(network_of(NODES, BRIDGE, 0.08))
+    rng = np.random.default_rng(3)
+    inside = problem.grid.inside.ravel()
+    c, step = (np.where(inside, rng.random(inside.size), 0.0) for _ in range(2))
+    eps = 1e-6
+    expected = (problem.loss(c + eps * step) - problem.loss(c - eps * step)) / (2 * eps)
+    found = problem.change(step, problem.slope(c))
+    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_a_stream_relaxes_exponentially_to_what_is_around_it() -> None:
+    network = network_of([[0.5, 1, 1], [1.5, 1, 1]], [(0, 1)], 0.05)
+    flow = solve_flow(network, FlowConditions(1e-3, inlet_flow_ul_s=0.02))
+    elements = cut_vessels(network, grid_of_box(BOX, 0.1))
+    count = len(elements.length)
+    transport, around = transport_of(network, flow, elements), np.full(count, 0.1)
+    flux, _, leaves = sweep(transport, np.full(count, 0.03 / count), around, 0.2)
+    assert leaves[0] == pytest.approx(0.1 + 0.1 * np.exp(-1.5), rel=1e-12)
+    assert flux.sum() == pytest.approx(0.02 * (0.2 - leaves[0]), rel=1e-12)

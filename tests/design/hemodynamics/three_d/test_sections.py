@@ -18,10 +18,11 @@ from design.hemodynamics.three_d import (
     wall_shear,
     write_flow_vtu,
 )
-from design.hemodynamics.three_d.lagrange import nodes, quadratic
+from design.hemodynamics.three_d.lagrange import gradients, nodes, quadratic, shapes
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.sections import VesselSections
 from design.hemodynamics.three_d.streamlines import trace_streamlines
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import bend, pipe
 
@@ -136,3 +137,25 @@ def test_a_vtu_is_read_back(tmp_path: Path) -> None:
         10.0 - 2.0 * mesh.points[: mesh.corner_count, 2]
     )
     assert len(arrays["wall_shear_pa"]) == 3 * len(mesh.points)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_shapes_reproduce_polynomials_and_their_slopes(order: int) -> None:
+    at = np.random.default_rng(order).dirichlet(np.ones(4), 6)
+
+    def wanted(x: FloatArray) -> FloatArray:
+        return np.asarray(x[:, 1] ** order + 2.0 * x[:, 2] * x[:, 3] ** (order - 1))
+
+    assert shapes(order, at)[0] @ wanted(nodes(order)) == pytest.approx(wanted(at))
+    step = 1e-6 * np.eye(4)
+    for c in range(4):
+        slope = (shapes(order, at + step[c])[0] - shapes(order, at - step[c])[0]) / 2e-6
+        assert shapes(order, at)[1][..., c] == pytest.approx(slope, abs=1e-6)
+
+
+def test_gradients_on_curved_elements_are_those_of_linear_fields() -> None:
+    mesh = bend(1, 4)
+    place = np.einsum("qn,tnx->tqx", quadratic(nodes(2))[0], mesh.points[mesh.tets])
+    matrix = np.arange(9.0).reshape(3, 3)
+    found, _ = gradients(place @ matrix.T, mesh.points[mesh.tets], 2, nodes(3)[3:9])
+    assert found == pytest.approx(np.broadcast_to(matrix, found.shape))

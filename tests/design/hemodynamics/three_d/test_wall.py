@@ -9,7 +9,7 @@ import pytest
 
 from design.errors import FlowError
 from design.hemodynamics.three_d import LumenMesh, least_jacobian, straighten_edges
-from design.hemodynamics.three_d.lagrange import jacobian, nodes, quadratic
+from design.hemodynamics.three_d.lagrange import jacobian, nodes, quadratic, triangle_rule
 from design.hemodynamics.three_d.wall import lumen_wall
 from kernels.arrays import FloatArray
 from tests.design.hemodynamics.three_d.lumens import pipe
@@ -108,3 +108,13 @@ def test_an_inverted_element_is_refused_with_its_place() -> None:
     tets[5] = tets[5][[1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]
     with pytest.raises(FlowError, match=r"element 5 .* inverted .* mm; 1 such of 36"):
         least_jacobian(replace(mesh, tets=tets))
+
+
+def test_the_rule_on_triangles_is_exact_to_degree_4() -> None:
+    from math import factorial
+
+    at, weight = triangle_rule()
+    for i in range(5):
+        for j in range(5 - i):
+            exact = 2.0 * factorial(i) * factorial(j) / factorial(i + j + 2)
+            assert weight @ (at[:, 0] ** i * at[:, 1] ** j) == pytest.approx(exact, rel=1e-13)
