@@ -140,3 +140,10 @@ def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
         write_scan_tiff(path, broken)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_colour_stack_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    tifffile.imwrite(path, np.zeros((9, 8, 7, 3), np.uint8), photometric="rgb", metadata=None)
+    with pytest.raises(ScanFileError, match="grey images"):
+        read_scan(path, ScanOverrides((0.1, 0.1, 0.1), 1.0, False, "linear", "microct", False))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import struct
 import zlib
 from pathlib import Path
@@ -337,3 +338,12 @@ def test_frames_of_ophthalmic_tomography_are_b_scans(tmp_path: Path) -> None:
     assert found.voxel_mm == pytest.approx((0.02, 0.01, 0.03))
     assert (found.modality, found.handedness) == ("oct", "right")
     assert "mirrored" in found.notes[0]
+
+
+def test_frames_beyond_the_file_are_refused(tmp_path: Path) -> None:
+    path = multiframe(tmp_path / "s.dcm")
+    data = pydicom.dcmread(path)
+    data.NumberOfFrames = math.floor(1e9)
+    data.save_as(path)
+    with pytest.raises(ScanFileError, match="truncated"):
+        read_scan(path)

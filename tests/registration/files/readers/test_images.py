@@ -14,7 +14,7 @@ import tifffile
 
 from registration import ScanOverrides, read_scan
 from registration.errors import ScanFileError
-from tests.registration.files.readers.crafted import MODALITY, counts
+from tests.registration.files.readers.crafted import MODALITY, OCT, counts
 
 
 def same(path: Path, voxel: tuple[float, float, float], said: ScanOverrides = MODALITY) -> None:
@@ -327,3 +327,17 @@ def test_axes_named_otherwise_keep_their_handedness(tmp_path, axes, mirrored):
 def test_a_sidecar_that_doesnt_fit_is_refused(tmp_path, key, value, reason):
     with pytest.raises(ScanFileError, match=reason):
         read_scan(raw(tmp_path / "s.raw", **{key: value}))
+
+
+def test_npz_that_claims_more_than_it_holds_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.npz"
+    np.savez(path, volume=counts(), voxel_mm=[0.1] * 3)
+    path.write_bytes(path.read_bytes().replace(b"(9, 8, 7), ", b"(99999, 8, 7),"[:11]))
+    with pytest.raises(ScanFileError):
+        read_scan(path, MODALITY)
+
+
+def test_npz_of_python_objects_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "s.npz", volume=np.array([[[{"a": 1}]]]))
+    with pytest.raises(ScanFileError, match="Python objects"):
+        read_scan(tmp_path / "s.npz", OCT)

@@ -200,3 +200,38 @@ def test_matlab_axes_mean_the_same_in_both_levels(tmp_path: Path) -> None:
     found = read_scan(tmp_path / "s.mat", MODALITY)
     np.testing.assert_array_equal(found.volume, counts())
     assert found.voxel_mm == (0.01, 0.02, 0.03)
+
+
+def test_frames_of_several_orientations_are_refused(tmp_path: Path) -> None:
+    def turn(data: Any) -> None:
+        frame = data.PerFrameFunctionalGroupsSequence[4]
+        frame.PlaneOrientationSequence[0].ImageOrientationPatient = [0, 1, 0, 0, 0, 1]
+
+    path = write_enhanced(tmp_path / "s.dcm", laid((2, 1, 0), (1, 1, 1)), per_frame=True)
+    with pytest.raises(ScanFileError, match="slice 5 of 9 has the orientation"):
+        read_scan(edited(path, turn), MODALITY)
+
+
+@pytest.mark.parametrize("kind", ["PALETTE COLOR", "RGB"])
+def test_palettes_are_refused(tmp_path: Path, kind: str) -> None:
+    path = write_enhanced(tmp_path / "s.dcm", laid((2, 1, 0), (1, 1, 1)))
+    edited(path, lambda data: setattr(data, "PhotometricInterpretation", kind))
+    with pytest.raises(ScanFileError, match="aren't a scan"):
+        read_scan(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ('"scale", "scale": [', '"scale", "scale": [-', "runs backwards"),
+        ('"scale", "scale": [', '"affine", "scale": [', "'affine'"),
+        ("inferior-to-superior", "inferior-to-left", "orientation 'inferior-to-left'"),
+    ],
+)
+def test_zarr_axes_that_turn_or_are_half_told_are_refused(tmp_path, old, new, reason):
+    path = write_zarr(tmp_path / "s.zarr", laid((2, 1, 0), (1, 1, 1)), "0.4")
+    text = (path / ".zattrs").read_text()
+    assert old in text
+    (path / ".zattrs").write_text(text.replace(old, new))
+    with pytest.raises(ScanFileError, match=reason):
+        read_scan(path, MODALITY)

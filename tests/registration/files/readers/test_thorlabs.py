@@ -106,3 +106,32 @@ def test_raw_spectra_alone_name_the_remedy(tmp_path: Path) -> None:
     path = thorlabs(tmp_path / "s.oct", counts().astype(np.float32), folder="data/Raw")
     with pytest.raises(ScanFileError, match="store processed data"):
         read_scan(path, INDEX)
+
+
+def test_names_that_climb_out_of_the_folder_write_nothing(tmp_path: Path) -> None:
+    inner = tmp_path / "a" / "b"
+    inner.mkdir(parents=True)
+    evil = {"../../evil.txt": b"x", "..\\..\\evil.txt": b"x", "/evil.txt": b"x"}
+    path = thorlabs(inner / "s.oct", counts().astype(np.float32), members=evil)
+    read_scan(path, INDEX)
+    files = sorted(place.name for place in tmp_path.rglob("*") if place.is_file())
+    assert files == ["s.oct"]
+
+
+def test_nan_is_refused(tmp_path: Path) -> None:
+    volume = counts().astype(np.float32)
+    volume[3, 2, 1] = np.nan
+    volume[3, 2, 2] = -np.inf
+    with pytest.raises(ScanFileError, match="2 of 504 voxels are NaN or infinite"):
+        read_scan(thorlabs(tmp_path / "s.oct", volume), INDEX)
+
+
+def test_depth_already_divided_is_not_divided_again(tmp_path: Path) -> None:
+    path = thorlabs(tmp_path / "s.oct", counts().astype(np.float32), index="1.33")
+    found = read_scan(path)
+    assert not found.optical_depth
+    assert found.refractive_index == 1.33
+    assert found.geometric_voxel_mm[0] == 0.003
+    # Another index replaces the one that the program divided by.
+    other = read_scan(path, ScanOverrides(refractive_index=1.40))
+    assert other.geometric_voxel_mm[0] == pytest.approx(0.003 * 1.33 / 1.40)
