@@ -25,7 +25,7 @@ from registration.measuring.gauging.face_places import FacePlace, ScannedFaces
 from registration.report.sections import place_rows
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
-from tests.registration.parts import solid
+from tests.registration.parts import planar_construct, solid
 
 HERE = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
 VOXEL = 0.04
@@ -134,3 +134,12 @@ def test_a_pit_and_a_bump_are_listed_with_sign_size_and_place() -> None:
     np.testing.assert_allclose(bump.at_mm, [1.0, 4.0, 0], atol=0.3)
     rows = place_rows({"by_surface": {"outer_faces": {"places": [asdict(pit), asdict(bump)]}}})
     assert [float(row[1]) for row in rows] == pytest.approx([0.5, 0.28], abs=0.05)
+
+
+def test_direction_is_the_gradient_of_the_distance() -> None:
+    surface = ModelSurface.of(planar_construct())
+    points = np.random.default_rng(2).uniform([0, 0, 0], [16, 8, 3], (300, 3))
+    here = surface.query(points)
+    ahead = surface.query(points + 1e-5 * here.direction).distance
+    back = surface.query(points - 1e-5 * here.direction).distance
+    np.testing.assert_allclose((ahead - back) / 2e-5, 1.0, atol=0.02)

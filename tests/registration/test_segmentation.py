@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.ndimage import gaussian_filter
 
 from design.geometry.surface import Surface
@@ -15,9 +16,11 @@ from registration.alignment.uncertainty import ScanErrors, scan_errors
 from registration.alignment.uncertainty.scan_errors import LEVEL_PART
 from registration.scan import Scan
 from registration.segmentation import GelField, Segmentation, Strength
-from registration.segmentation.even_light import even_signal
+from registration.segmentation.even_light import even_signal, running_median
 from registration.segmentation.filters import (
     bin_mean,
+    gaussian_weights,
+    smooth,
 )
 from registration.segmentation.levels import part_levels
 from registration.segmentation.light import remaining_light
@@ -285,3 +288,23 @@ def test_a_focus_in_the_gel_is_evened_out_from_top_to_foot() -> None:
     assert np.abs(ratio - 1).mean() < 0.08
     # By the model alone a part of it lies below half of the level, where liquid is.
     assert (level[inside] < 0.5).mean() > 0.1
+
+
+@pytest.mark.parametrize(("depth", "half"), [(30, 3), (6, 9), (50, 1)])
+def test_running_median_is_numpys_also_of_equal_values_and_short_volumes(depth, half) -> None:
+    values = np.random.default_rng(0).random((depth, 5, 7)).round(1).astype(np.float32)
+    around = np.arange(-half, half + 1)
+    naive = [np.median(values[np.clip(z + around, 0, depth - 1)], axis=0) for z in range(depth)]
+    np.testing.assert_array_equal(running_median(values, half), naive)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.8, 3.0])
+def test_smoothing_is_the_gaussian_with_the_nearest_value_beyond_the_edge(sigma: float) -> None:
+    values = np.random.default_rng(0).random((40, 21, 13), dtype=np.float32)
+    weights = gaussian_weights(sigma)
+    out = np.empty_like(values)
+    smooth(values, out, (weights, weights, weights), 0.0)
+    expected = values.astype(np.float64)
+    for axis in range(3):
+        expected = ndimage.correlate1d(expected, weights, axis, mode="nearest")
+    np.testing.assert_allclose(out, expected, atol=1e-6)

@@ -14,6 +14,7 @@ from registration.measuring.topology import (
     betti_numbers,
     lay_grid,
     overlap,
+    scanned_with,
 )
 from registration.measuring.topology.euler import euler_number
 from tests.registration.phantom import BLOCK, IDENTITY, block
@@ -69,3 +70,13 @@ def test_volume_ratio_of_scaled_cylinders(printed: float, designed: float) -> No
     dice = 2 * small**2 / (small**2 + large**2)
     assert found.dice == pytest.approx(dice, abs=0.015)
     assert found.designed_mm3 == pytest.approx(np.pi * designed**2 * 9, rel=0.02)
+
+
+def test_dice_of_offset_cylinders() -> None:
+    r, offset = 0.5, 0.2
+    only = lambda points: np.hypot(points[..., 1] - 2.2, points[..., 2] - 1.3) - r  # noqa: E731
+    full = block(extra=only, filled=lambda p: -only(p))
+    grid = lay_grid(tube(r, offset), full.field, IDENTITY, bounds(), 0.04, 0.5)
+    lens = 2 * r**2 * np.arccos(offset / (2 * r)) - offset / 2 * np.sqrt(4 * r**2 - offset**2)
+    assert overlap(grid, 0.4).dice == pytest.approx(lens / (np.pi * r**2), abs=0.015)
+    assert scanned_with(grid, full.field, IDENTITY).free.sum() == grid.free.sum()

@@ -125,3 +125,19 @@ def test_a_view_full_of_liquid_shows_no_surface_under_air() -> None:
     full = replace(scan, volume=np.full_like(scan.volume, 12.0))
     with pytest.raises(SegmentationError, match="--air-above"):
         find_surface(full)
+
+
+@given(seed=st.integers(0, 10**6), air=st.booleans(), index=st.floats(1.0, 1.6))
+@settings(max_examples=examples(40), deadline=None)
+def test_to_scan_is_the_inverse_of_to_true(seed: int, air: bool, index: float) -> None:
+    rng = np.random.default_rng(seed)
+    surface = tilted(1.0, *rng.uniform(-0.15, 0.15, 2)) if air else None
+    beam = Beam(FAULT, np.array([2.5, 3.0]), index, surface)
+    points = rng.uniform(0, 1, (50, 3)) * [5.0, 6.0, 4.0]
+    np.testing.assert_allclose(beam.to_scan(beam.to_true(points)), points, atol=2e-5)
+
+
+def test_above_the_surface_depth_is_not_divided() -> None:
+    beam = Beam(OctCalibration(), np.zeros(2), 1.34, tilted(1.0, 0.0, 0.0))
+    points = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 1.0], [0.0, 0.0, 2.34]])
+    np.testing.assert_allclose(beam.to_true(points)[:, 2], [0.5, 1.0, 2.0])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from registration.measuring.geometry import Characteristic
+from registration.measuring.geometry.filters import closed_filtered, open_filter
 from tests.registration.measuring.geometry.shapes import (
     Printed,
     measured,
@@ -78,3 +79,12 @@ def test_noise_makes_a_flat_zone_larger_and_its_interval_reaches_zero() -> None:
     noisy = zone(printed(0.006), "cylindricity", "vessel 2")
     assert noisy.zone_um > 5
     assert noisy.low_um < 1
+
+
+def test_a_wave_of_the_cut_offs_length_keeps_half() -> None:
+    angle = 2 * np.pi * np.arange(48) / 48
+    wave = closed_filtered(np.cos(7 * angle), 7.0)
+    assert np.ptp(wave) / 2 == pytest.approx(0.5, abs=0.01)
+    along = np.linspace(0, 20, 801)
+    kept = open_filter(along, 1.0) @ np.cos(2 * np.pi * along)
+    assert np.ptp(kept[200:600]) / 2 == pytest.approx(0.5, abs=0.01)
