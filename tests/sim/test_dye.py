@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselNetwork
 from design.vasculature.named import planar_four_vessel
 from sim.devices.dye import (
@@ -72,3 +73,9 @@ def test_a_written_film_reads_back_with_its_clock(tmp_path: Path) -> None:
     assert np.diff(times) == pytest.approx(np.full(29, 1.0 / 15.0), abs=1e-3)
     with pytest.raises(SimError, match="written as"):
         write_film(tmp_path / "film.gif", flow, film, np.random.default_rng(0))
+
+
+def test_flow_agrees_with_the_designs_solver() -> None:
+    network = planar_four_vessel()
+    solved = solve_flow(network, FlowConditions(1e-3, inlet_flow_ul_s=INFLOW))
+    assert dye_flow(network, INFLOW).flow_ul_s == pytest.approx(np.abs(solved.flow), rel=1e-9)

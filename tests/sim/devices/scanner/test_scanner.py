@@ -258,3 +258,17 @@ def test_a_part_of_the_field_is_seen_as_in_a_scan_of_all_of_it(ink, field):
 def test_a_region_beside_the_field_is_refused(ink, field):
     with pytest.raises(ScannerError, match="lies outside the OCT's field"):
         live_scan(ink, field, 5, (LOW + 5, HIGH + 5))
+
+
+def test_stenosis_leaves_its_share_of_the_diameter() -> None:
+    found = with_defects(bored(), [Defect("stenosis", AXIS, RADIUS, 3.0, 1.6, left=0.5)])
+    assert diameter(found, 3.0) == pytest.approx(RADIUS, abs=0.003)
+    assert diameter(found, 5.0) == pytest.approx(2 * RADIUS, abs=0.003)
+
+
+def test_roll_off_falls_to_one_over_e_at_its_depth() -> None:
+    options = replace(OCT, attenuation_mm=0.0, reflection=0.0, roll_off_mm=2.0, signal_db=30.0)
+    found = simulate_oct(slab(), options, seed=1).volume
+    k = round(2.0 / dz(OCT))
+    deep = found[k - 1 : k + 2, 20:40, 20:40].mean() - NOISE_COUNTS
+    assert deep / (NOISE_COUNTS * 10**3) == pytest.approx(np.exp(-1), rel=0.05)
