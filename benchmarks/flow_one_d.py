@@ -24,7 +24,7 @@ from design.hemodynamics import (
     WindkesselOutlet,
     solve_one_d,
 )
-from design.hemodynamics.one_d.kernels.march import advance, make_work
+from design.hemodynamics.one_d.march import advance, make_work
 from design.hemodynamics.one_d.solve import set_up_problem
 from design.hemodynamics.waveforms import Constant, Sine
 from design.network import FloatArray, VesselNetwork

@@ -22,7 +22,7 @@ from benchmarks.machine import ROOT, peak_mb, row
 from design.hemodynamics import FlowConditions, PulsatileConditions
 from design.hemodynamics.three_d import FlowOptions, Stepping, march_flow, solve_steady
 from design.hemodynamics.three_d.engine import load_engine
-from design.hemodynamics.vessel.womersley import impedance_factor, womersley_number
+from design.hemodynamics.vessel_coefficients import impedance_factor, womersley_number
 from design.hemodynamics.waveforms import Sine
 from tests.design.hemodynamics.three_d.lumens import pipe
 

@@ -12,9 +12,8 @@ from skimage.registration import phase_cross_correlation
 
 from benchmarks.image_timing import against, cpu_ms
 from design.vasculature.named import planar_four_vessel
-from registration.dye.marks import Marks
-from registration.dye.stabilise import Steadier, ground_pixels
-from registration.dye.view import View, find_view
+from registration.dye.traces import Steadier, ground_pixels
+from registration.dye.view import Marks, View, find_view
 from sim.devices.dye import Disturbance, DyeCamera, DyeFilm, dye_flow
 from sim.devices.dye.film import _shake, film_frames
 

@@ -16,8 +16,7 @@ from benchmarks.image_timing import against, cpu_ms
 from registration.devices.microscope.ink_absorption import shade_profile
 from registration.devices.microscope.profiles import Profiles, middles
 from registration.devices.microscope.widths import _edges
-from registration.overlay.patches import spots
-from registration.overlay.raster import Raster
+from registration.overlay.raster import Raster, spots
 from registration.segmentation.levels import sparse_levels
 
 FloatArray = NDArray[np.float64]

@@ -14,8 +14,8 @@ from skimage.measure import marching_cubes
 
 from benchmarks.image_timing import against, cpu_ms
 from design.tissue.isosurface import isosurface
-from registration.measuring.topology.euler import euler_number
-from registration.segmentation.nets import surface
+from registration.measuring.topology.compare import euler_number
+from registration.segmentation.mesh import surface
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from benchmarks.link_files import PrintFile, hatching
 from benchmarks.link_runs import DONE, new_printer, run
 from benchmarks.link_wire import BreakingTroubles
 from benchmarks.machine import row
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
 

@@ -14,7 +14,7 @@ from benchmarks.checkers.link_order import Taken, body_of
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import PortLost
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import PermanentFaults
+from sim.devices.faults import PermanentFaults
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport
 
 

@@ -24,8 +24,7 @@ from sim.devices.camera.optics import Camera
 from sim.devices.camera.paint import paint
 from sim.devices.camera.scene import Bath, InkLook, Light, Scene, Sensor
 from sim.gcode.deposit.ink_faults import Clog, InkFaults
-from sim.gcode.deposit.laid import laid, laid_as_is
-from sim.gcode.deposit.lay import deposit_of_laid
+from sim.gcode.deposit.lay import deposit_of_laid, laid, laid_as_is
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.motion.executed import ExecutedMotion
 

@@ -25,7 +25,7 @@ from benchmarks.checkers.dish_camera import Made, Optics, Scene, aimed, develope
 from benchmarks.checkers.needle_camera import Needle, rough_ground, with_needle
 from benchmarks.machine import print_rows, row
 from firmware_profiles import load
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from printctl.cli.main import app
 from registration.devices.camera_frame import (
     CameraFrame,
@@ -265,8 +265,7 @@ def tip_error(rng: np.random.Generator, cameras: int) -> tuple[np.ndarray, np.nd
 
 def _known(optics: Optics, rng: np.random.Generator) -> CameraFrame:
     """The checker's own camera as a frame that is told to be, and is, good to 5 µm."""
-    from registration.devices.camera_frame.frame import SeenAtFit
-    from registration.devices.camera_frame.rotations import turn_vector
+    from registration.devices.camera_frame.frame import SeenAtFit, turn_vector
 
     lens = Lens(
         size_px=optics.size, focal_px=optics.focal, centre_px=optics.axis,

@@ -47,10 +47,9 @@ from printctl.observe.records import answer_look, look_folder, read_looks
 from printctl.observe.view_before import EMPTY
 from printctl.pipeline.observing import look_care
 from printctl.recipe.observe import ObservePart
-from sim.devices.camera.camera_file import load_camera
-from sim.devices.camera.paint import paint
+from sim.devices.camera.paint import load_camera, paint
 from sim.gcode.deposit.ink_faults import Bubble, Clog, Drift, InkFault, InkFaults, Lost
-from sim.gcode.deposit.laid import Laid, laid, nothing_laid
+from sim.gcode.deposit.lay import Laid, laid, nothing_laid
 from sim.gcode.deposit.written import written
 from sim.gcode.dry_run.run import dry_run
 

@@ -28,7 +28,7 @@ from benchmarks.checkers.profiler_painter import Bare, Kind, Profiled, profiled
 from benchmarks.machine import machine, row
 from benchmarks.observe_laser import expected
 from firmware_profiles import load
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from registration.devices.camera_frame import (
     CameraFrame,
     Ties,

@@ -27,8 +27,8 @@ from benchmarks.vasculature_grow import warm_up
 from design.tissue import Tissue, block, folded_cortex, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree
 from design.vasculature.growth.fit import growth_factor
+from design.vasculature.growth.growth_state import CELL, clearances_of, index_segments
 from design.vasculature.growth.index import nearest_segments
-from design.vasculature.growth.make_index import CELL, clearances_of, index_segments
 from design.vasculature.treemath import tree_radii
 
 PICTURE = ROOT / "build" / "paper_panels.png"

@@ -21,10 +21,9 @@ from benchmarks.command import Row
 from benchmarks.machine import row
 from benchmarks.paper_plain import best_of_15, cost_at, gap, order_down, split
 from design.vasculature import VesselTree
-from design.vasculature.growth.bifurcation import split_value
-from design.vasculature.growth.cost import Sprout, climb
+from design.vasculature.growth.fit import split_value
 from design.vasculature.growth.propose import estimate
-from design.vasculature.growth.state import SEGMENT, refresh_all, spread_down
+from design.vasculature.growth.state import SEGMENT, Sprout, climb, refresh_all, spread_down
 from design.vasculature.options import Law
 from design.vasculature.penalty import no_penalty
 from design.vasculature.treemath import tree_radii

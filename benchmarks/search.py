@@ -22,7 +22,7 @@ import yaml
 from benchmarks.command import Job, Row, run
 from benchmarks.machine import ROOT, row
 from design.vasculature import grow_tree
-from printctl.pipeline.growth_source import growth_options
+from printctl.pipeline.growing import growth_options
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe.growth import GrownNetwork
 from printctl.search import load_search

@@ -45,7 +45,7 @@ from pathlib import Path
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.liver import grow_liver
-from design.anatomy.network import curved_network
+from design.anatomy.published_drop import curved_network
 from design.anatomy.presets import PRESETS
 from design.network_files.csv_format import write_network_csv
 from design.tissue import load_tissue

@@ -24,14 +24,14 @@ FACTS = '''
 """Facts about a made-up firmware."""
 
 from firmware_profiles.families.ack_protocol import AckProtocol, Sort
-from firmware_profiles.families.common_words import COMMON
+from firmware_profiles.families.grammar import COMMON
 from firmware_profiles.families.dialect import Dialect, same_dialect
 from firmware_profiles.families.family import Family
-from firmware_profiles.families.gate_facts import AllowQuery, GateFacts
+from firmware_profiles.families.family import AllowQuery, GateFacts
 from firmware_profiles.families.grammar import Grammar, codes
-from firmware_profiles.families.job_facts import IdleTimeout
-from firmware_profiles.families.link_facts import LinkFacts
-from firmware_profiles.families.probe_facts import ProbeFacts
+from firmware_profiles.families.family import IdleTimeout
+from firmware_profiles.families.family import LinkFacts
+from firmware_profiles.families.family import ProbeFacts
 
 
 class SixthProtocol(AckProtocol):
@@ -64,7 +64,7 @@ TWIN = '''
 """The printer that plays it."""
 
 from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.families.marlin.firmware import Marlin
+from sim.devices.families.marlin.printer import Marlin
 
 
 def _m777(board, command):

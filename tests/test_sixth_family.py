@@ -13,7 +13,7 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families import family_names
 from printctl.checks.gate import Bounds, LineOrigin, PrinterSituation, judge
-from printctl.checks.gate.verdict import AllowedLine
+from printctl.checks.gate.inputs import AllowedLine
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for
@@ -25,7 +25,7 @@ from sim.devices.families.registry import simulated_printer
 from sim.errors import LineError
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.reading import read_line
-from sim.gcode.reading.firmware_codes import is_known_line
+from sim.gcode.reading.line import is_known_line
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.machine.link.jobs import parse_job

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from firmware_profiles import Printer, ProfileError, load
-from firmware_profiles.commands import is_output, switch_words
 from firmware_profiles.load import DATA
+from firmware_profiles.strict_model import is_output, switch_words
 
 TEXT = (DATA / "printers" / "aerotech_pneumatic.yaml").read_text(encoding="utf-8")
 HEAD = TEXT[TEXT.index("dispenser:\n") : TEXT.index("starting_values:")]

@@ -7,7 +7,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from printctl.errors import RecipeError
 from printctl.recipe.load import parse_recipe
 from printctl.web.api.errors import answer_errors

@@ -11,7 +11,7 @@ from pkgutil import iter_modules
 import pytest
 
 from design.on_demand import exported_names
-from printctl.pipeline.names import WHOLE_NAMES
+from printctl.pipeline.run_options import WHOLE_NAMES
 from printctl.pipeline.sequences import WHOLE
 from printctl.web.rooms import ROOMS
 

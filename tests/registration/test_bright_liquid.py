@@ -10,7 +10,7 @@ import pytest
 
 from registration.scan import Scan
 from registration.segmentation import segment
-from registration.segmentation.first_light import first_light
+from registration.segmentation.bright_liquid import first_light
 from registration.segmentation.working import Working
 from tests.slower import first_of
 

@@ -10,8 +10,8 @@ from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.alignment.uncertainty import ScanErrors, section_errors
 from registration.measuring.gauging import find_changes, trace_vessels
-from registration.measuring.gauging.ovality import Oval, ovality
 from registration.measuring.gauging.sections import Planes, cut_sections, oval_conductance
+from registration.measuring.gauging.vessels import Oval, ovality
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumen_distance

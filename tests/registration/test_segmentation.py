@@ -12,8 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from design.geometry.surface import Surface
 from kernels.arrays import FloatArray
-from registration.alignment.uncertainty import ScanErrors, scan_errors
-from registration.alignment.uncertainty.scan_errors import LEVEL_PART
+from registration.alignment.uncertainty import LEVEL_PART, ScanErrors, scan_errors
 from registration.scan import Scan
 from registration.segmentation import GelField, Segmentation, Strength
 from registration.segmentation.even_light import even_signal, running_median
@@ -24,10 +23,9 @@ from registration.segmentation.filters import (
 )
 from registration.segmentation.levels import part_levels
 from registration.segmentation.light import remaining_light
-from registration.segmentation.nets import surface
-from registration.segmentation.reflections import without_lines
+from registration.segmentation.mesh import surface
+from registration.segmentation.oct_field import unevenness, without_lines
 from registration.segmentation.response import depth_response
-from registration.segmentation.unevenness import unevenness
 from registration.segmentation.working import Working
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from registration import read_scan
-from registration.files.readers import limits, storage, tiff
+from registration.files.readers import common, tiff
 from registration.files.writers import write_scan_zarr
 from registration.scan import Scan
 from tests.registration.files.readers.crafted import MODALITY, OCT, counts, scan, thorlabs
@@ -55,7 +55,7 @@ def test_slabs_bin_as_the_whole_does(shape, bins, order, slab_bytes, kind):
 
 @pytest.fixture
 def tiny_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (storage, tiff, limits):
+    for module in (common, tiff, common):
         monkeypatch.setattr(module, "IN_MEMORY_BYTES", 100)
 
 

@@ -16,7 +16,7 @@ from registration.measuring.topology import (
     overlap,
     scanned_with,
 )
-from registration.measuring.topology.euler import euler_number
+from registration.measuring.topology.compare import euler_number
 from tests.registration.phantom import BLOCK, IDENTITY, block
 from tests.slower import examples
 

@@ -12,7 +12,7 @@ from design.solids import Solid
 from registration import RegistrationReport, Scan, report_dict
 from registration.measuring.judging import Tolerances, VesselLimits, judge
 from registration.measuring.judging.tolerance import symmetric
-from registration.overlay.sampling import Shades
+from registration.overlay.cut import Shades
 from registration.report.views import Views, add_scan_places, load_views, save_views, take_views
 from registration.report.views.stack import PIXELS
 from tests.registration.parts import as_scan, planar_construct

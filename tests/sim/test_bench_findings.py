@@ -9,7 +9,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import Fault
+from sim.devices.faults import Fault
 from tests.sim.transcripts import differences, numbered, ping_pong, printer_of, rows_of
 
 PROFILE = load(Printer, "marlin_avr")

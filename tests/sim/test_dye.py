@@ -18,7 +18,7 @@ from sim.devices.dye import (
     film_frames,
     write_film,
 )
-from sim.devices.dye.transport import Transport
+from sim.devices.dye.lumens import Transport
 from sim.errors import SimError
 
 INFLOW = 4.0

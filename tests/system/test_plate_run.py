@@ -18,7 +18,7 @@ from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Bath, Ink, Needle, Plate, Printer, Syringe, load
 from printctl.checks.preflight import SetUp, file_checks
 from printctl.errors import RecipeError, SafetyError
-from printctl.pipeline.plates import assigned
+from printctl.pipeline.plate_plan import assigned
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import load_recipe, parse_recipe
 from sim.gcode.dry_run.run import dry_run

@@ -6,19 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from design.anatomy.grown import AnatomicTrees
+from design.anatomy.grown import AnatomicTrees, grow_or_advise
 from design.anatomy.heart import HeartAnatomy, grow_heart
-from design.anatomy.heart_base import _across_rims
-from design.anatomy.heart_places import find_heart_places
+from design.anatomy.heart_places import _across_rims, find_heart_places
 from design.anatomy.openness import sample_surface
 from design.anatomy.presets import PRESETS
-from design.anatomy.sink import check_trunks, sink_trunk
-from design.anatomy.tried_fewer import grow_or_advise
+from design.anatomy.trunk_depth import check_trunks, sink_trunk
 from design.anatomy.trunk_lines import lines_of
 from design.errors import LEAST_TERMINALS, TissueError, WideTrunkError
-from design.measures.published_radii import PublishedMatch
+from design.measures.published_comparison import PublishedMatch
 from design.tissue import biventricle, block, tissue_from_surface
-from design.tissue import heart as heart_shape
+from design.tissue import shapes as heart_shape
 from design.units import PA_PER_MMHG
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from tests.design.anatomy.hearts import HEART, closed_heart, heart_tissue, trunk_length

@@ -15,11 +15,10 @@ from design.anatomy import liver as liver_template
 from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
-from design.anatomy.kidney import KidneyAnatomy, grow_kidney
-from design.anatomy.kidney_places import find_kidney_places
+from design.anatomy.kidney import KidneyAnatomy, find_kidney_places, grow_kidney
 from design.anatomy.liver import LiverAnatomy, grow_liver
-from design.anatomy.network import curved_network
 from design.anatomy.openness import sample_surface
+from design.anatomy.published_drop import curved_network
 from design.anatomy.trunk_lines import outward
 from design.errors import GrowthError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
@@ -28,8 +27,8 @@ from design.tissue import Tissue, folded_cortex, tissue_from_surface
 from design.tissue import kidney as kidney_shape
 from design.tissue import liver as liver_shape
 from design.vasculature import GrowthOptions, check_supply, terminals_of
-from design.vasculature.collisions.collide import collisions
-from design.vasculature.growth.territories import demand_points
+from design.vasculature.collide import collisions
+from design.vasculature.growth.supply import demand_points
 from design.vasculature.treemath import tree_radii
 from tests.design.anatomy.hearts import HEART, heart_tissue
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from design.anatomy.clear_trunks import clear_trunks
-from design.anatomy.grown import AnatomicTrees
-from design.anatomy.tried_fewer import grow_or_advise
-from design.anatomy.trunk_count import trunk_ends
+from design.anatomy.grown import AnatomicTrees, grow_or_advise
+from design.anatomy.presets import trunk_ends
 from design.anatomy.trunk_lines import TrunkLines
 from design.errors import (
     LEAST_TERMINALS,

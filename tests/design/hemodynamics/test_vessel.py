@@ -7,8 +7,11 @@ import pytest
 
 from design.errors import FlowError
 from design.hemodynamics import GelWall, ThinWall, question_pressure
-from design.hemodynamics.vessel.geometry import integral_of_power
-from design.hemodynamics.vessel.womersley import impedance_factor, shear_factor
+from design.hemodynamics.vessel_coefficients import (
+    impedance_factor,
+    integral_of_power,
+    shear_factor,
+)
 from design.network import VesselNetwork
 
 TAPER = VesselNetwork(

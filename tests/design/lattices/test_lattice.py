@@ -11,7 +11,7 @@ import pytest
 from design.errors import NetworkError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.lattices import LatticeKind, LatticeOptions, build_lattice
-from design.lattices.cells import tile, unit_cell
+from design.lattices.lattice import tile, unit_cell
 from design.measures import MeasureOptions, measure_network
 from design.tissue import Tissue, annulus, block, cylinder
 from design.vasculature import collisions

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from design.measures.published_comparison import compare_orders, published_orders
-from design.measures.published_radii import published_match
+from design.measures.published_comparison import compare_orders, published_match, published_orders
 from design.network import VesselNetwork
 
 

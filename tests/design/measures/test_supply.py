@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 
 from design.errors import DesignError
 from design.measures import MeasureOptions, OxygenModel, Supply, measure_network, measures_dict
-from design.measures.lumens import build_lumens, nearest_walls
-from design.measures.oxygen import krogh_erlang
-from design.measures.supply import sample_tissue
+from design.measures.supply import build_lumens, krogh_erlang, nearest_walls, sample_tissue
 from design.network import VesselNetwork
 from design.tissue import Tissue, block, cylinder
 from tests.design.measures.oracles import random_tree, tree_network, wall_distances

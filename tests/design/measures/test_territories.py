@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from design.measures import measure_network, measures_dict
-from design.measures.measure import MeasureOptions
-from design.measures.territories import measure_territories
+from design.measures.measure import MeasureOptions, measure_territories
 from design.network import VesselKind, VesselNetwork
 from design.tissue import block
 from tests.design.tissue.kept import kept_tissue

@@ -20,7 +20,7 @@ from design.solids import (
     solid_from_surface,
     surface_genus,
 )
-from design.solids.check_made import check_made
+from design.solids.check import check_made
 from design.solids.local_subtract import subtract_near
 from design.solids.ports import depths
 from tests.design.solids.networks import channels, ladder

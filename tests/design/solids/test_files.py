@@ -29,7 +29,7 @@ from design.solids import (
     write_stl,
 )
 from design.solids.read import load_mesh
-from design.solids.stl import read_corners
+from design.solids.write import read_corners
 from tests.design.solids.networks import ladder
 
 WRITERS: dict[str, Callable[[Path, Solid], None]] = {

@@ -8,8 +8,8 @@ import pytest
 
 from design.errors import SolidError
 from design.network import VesselNetwork
-from design.solids.genus import network_genus
 from design.solids.lumen_axes import found_lumens, unfollowed_ways
+from design.solids.topology import network_genus
 from tests.registration.parts import lumens, solid
 
 BLOCK = manifold3d.Manifold.cube((9.0, 5.0, 2.6))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from design.solids import Solid, find_crossings, lumen_solid, network_genus, surface_genus
-from design.solids.facets import Facets
 from design.solids.smooth.layout import lay_out
 from design.solids.topology import edge_faults
+from design.solids.tube import Facets
 from tests.design.solids.networks import channels, ladder, lattice
 
 TURN, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))

@@ -7,10 +7,10 @@ import pytest
 
 from design.errors import SolidError
 from design.solids import Solid, lumen_solid, network_genus, surface_genus
-from design.solids.facets import Facets
 from design.solids.smooth.fillet import rounded_distance, wall_rows
 from design.solids.smooth.layout import lay_out
 from design.solids.topology import edge_faults
+from design.solids.tube import Facets
 from tests.design.solids.networks import channels, ladder, lattice
 from tests.slower import first_of
 

@@ -10,8 +10,7 @@ import pytest
 
 from design.errors import SolidError
 from design.solids import lumen_solid, write_step
-from design.solids.step import MOST_PIECES
-from design.solids.step_pieces import step_pieces
+from design.solids.step import MOST_PIECES, step_pieces
 from tests.design.solids.networks import channels, ladder, lattice, vessel
 
 FORK = channels([[0, 0, 0], [5, 0, 0], [9, 3, 0], [9, -3, 1]], [(0, 1), (1, 2), (1, 3)], 0.4)

@@ -27,10 +27,10 @@ from design.solids import (
     with_connectors,
     with_text,
 )
-from design.solids.connector import Kind
+from design.solids.dimensions import Kind
 from design.solids.manifolds import solid_manifold
 from design.solids.snap import solid_from_manifold
-from design.tissue.depth import enclosed
+from design.tissue.grid import enclosed
 from tests.design.solids.networks import channels
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
 from design.errors import TissueError
 from design.geometry import build_triangle_tree
-from design.geometry.segment_surface import segment_distance, segment_triangle
+from design.geometry.surface_distances import segment_distance, segment_triangle
 from design.tissue import (
     BlockZone,
     SpacingRule,
@@ -18,7 +18,7 @@ from design.tissue import (
     load_tissue,
     tissue_from_surface,
 )
-from design.tissue.depth import depth_bounds, winding_number
+from design.tissue.grid import depth_bounds, winding_number
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 

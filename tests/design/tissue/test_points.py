@@ -4,7 +4,7 @@ import trimesh
 
 from design.errors import TissueError
 from design.tissue import load_point_surface, point_surface
-from design.tissue.normals import estimate_normals
+from design.tissue.points import estimate_normals
 from tests.design.tissue import surfaces
 from tests.slower import first_of
 

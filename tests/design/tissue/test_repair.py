@@ -8,8 +8,8 @@ from manifold3d import Manifold
 
 from design.errors import TissueError
 from design.tissue import Surface, load_tissue, repair_surface
-from design.tissue.crossing_faces import crossing_faces
 from design.tissue.parts import parts_of
+from design.tissue.shells import crossing_faces
 from tests.design.tissue import surfaces
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"

@@ -15,7 +15,7 @@ from design.tissue import (
     kidney,
     tissue_from_surface,
 )
-from design.tissue import heart as heart_module
+from design.tissue import shapes as heart_module
 
 SHAPES = {
     "block": lambda: block((16.0, 8.0, 3.0)),

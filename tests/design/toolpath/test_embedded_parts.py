@@ -13,21 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
-from design.toolpath.embedded.elements import STRAIGHT_MM, TAPER_STEP, elements_of
+from design.toolpath.embedded.elements import STRAIGHT_MM, TAPER_STEP, elements_of, squares_of
 from design.toolpath.embedded.improve import broken_rules
-from design.toolpath.embedded.meetings import at_nodes, with_touches
-from design.toolpath.embedded.merge import fewest
+from design.toolpath.embedded.merge import CLIMB, fewest, shorten_travels
 from design.toolpath.embedded.needle import (
     Needle,
     joint_reach,
     radius_at,
 )
-from design.toolpath.embedded.rules import Rules, find_rules
-from design.toolpath.embedded.schedule import Pass, Scheduler
-from design.toolpath.embedded.squares import squares_of
+from design.toolpath.embedded.rules import Rules, at_nodes, find_rules, with_touches
+from design.toolpath.embedded.schedule import Leg, Pass, Scheduler
 from design.toolpath.embedded.touches import touches
-from design.toolpath.embedded.travel import CLIMB, shorten_travels
-from design.toolpath.embedded.walk import Leg
 from tests.design.toolpath.shapes import (
     cage,
     helix,

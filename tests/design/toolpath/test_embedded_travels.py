@@ -14,7 +14,7 @@ from design.toolpath.embedded import (
     EmbeddedOptions,
     plan_embedded,
 )
-from design.toolpath.embedded.ink_heights import ground_under, highest_along, lay
+from design.toolpath.embedded.write import ground_under, highest_along, lay
 from tests.design.toolpath.plans import embedded_toolpath
 from tests.design.toolpath.shapes import cage, polylines, random_tree
 from tests.slower import first_of

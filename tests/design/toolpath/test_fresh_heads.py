@@ -22,7 +22,7 @@ from design.toolpath.fresh import (
     Region,
     plan_fresh,
 )
-from design.toolpath.fresh.patterns import gyroid_lines
+from design.toolpath.fresh.infill import gyroid_lines
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, rounded_width
 from tests.slower import examples

@@ -17,7 +17,7 @@ from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from design.toolpath.gcode.merge import long_enough
-from design.toolpath.gcode.render import Table, render
+from design.toolpath.gcode.table import Table, render
 from firmware_profiles import Printer, Syringe, load
 from tests.design.toolpath.gcode_reader import Machine
 from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath

@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.vasculature import GrowthOptions, tree_from_topology, tree_radii
-from design.vasculature.growth.bifurcation import best_place, split_value
-from design.vasculature.growth.cost import Sprout, climb
+from design.vasculature.growth.fit import best_place, split_value
 from design.vasculature.growth.propose import trial
-from design.vasculature.growth.state import SEGMENT, place, refresh, spread_down
+from design.vasculature.growth.state import SEGMENT, Sprout, climb, place, refresh, spread_down
 from design.vasculature.options import Law
 from tests.design.vasculature import oracles
 from tests.slower import examples

@@ -12,7 +12,7 @@ from design.vasculature import (
     grow_forest,
     tree_radii,
 )
-from design.vasculature.growth.territory import part_tissue
+from design.vasculature.growth.surroundings import part_tissue
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles

@@ -10,7 +10,7 @@ from manifold3d import Manifold
 
 from design.errors import GrowthError, TissueError
 from design.tissue import block, depth_demand, function_demand, part_demands, parts_of
-from design.tissue.manifolds import surface_of
+from design.tissue.zones import surface_of
 from design.vasculature import (
     DepthPenalty,
     GrowthOptions,
@@ -22,8 +22,7 @@ from design.vasculature import (
     terminals_of,
     tree_radii,
 )
-from design.vasculature.growth.territories import demand_points, territory_demand
-from design.vasculature.growth.unreached import unreached
+from design.vasculature.growth.supply import demand_points, territory_demand, unreached
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 

@@ -17,7 +17,7 @@ from design.vasculature import (
     grow_tree,
 )
 from design.vasculature.loops.curves import tightest_bend
-from design.vasculature.loops.matching import match_terminals
+from design.vasculature.loops.loops import match_terminals
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles

@@ -8,7 +8,7 @@ import pytest
 
 from design.tissue import block
 from design.vasculature import ClusterPool, GrowthOptions, grow_tree
-from design.vasculature.growth.regions import large_growth, region_growth
+from design.vasculature.growth import large_growth, region_growth
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature.test_grow import check
 

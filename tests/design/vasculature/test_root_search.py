@@ -9,7 +9,7 @@ from design.errors import DesignError, GrowthError
 from design.tissue import block
 from design.vasculature import GrowthOptions, grow_forest, grow_tree
 from design.vasculature.growth.grow import PROBES
-from design.vasculature.growth.root_search import search_root
+from design.vasculature.growth.root import search_root
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 

@@ -9,9 +9,8 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from printctl.cli.commands import COMMANDS, LazyGroup
+from printctl.cli.commands import COMMANDS, LazyGroup, summary
 from printctl.cli.main import app
-from printctl.cli.summaries import summary
 
 LOADED = """
 import sys

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from printctl.history.records.keys import lab_key
+from printctl.history.signing import lab_key
 from tests.printctl.cli.shell import Shell
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 

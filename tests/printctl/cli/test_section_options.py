@@ -19,7 +19,7 @@ from printctl.cli.section_options import (
     wrong_option,
 )
 from printctl.errors import UsageError
-from printctl.recipe.marks import FILE
+from printctl.recipe.parts import FILE
 
 
 class Bath(StrictModel):

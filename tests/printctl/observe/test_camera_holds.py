@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from printctl.observe.camera_holds import frame_holds
+from printctl.observe.views import frame_holds
 from tests.registration.devices.camera_frame import scene
 
 

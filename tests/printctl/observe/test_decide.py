@@ -15,9 +15,7 @@ from printctl.observe.deciding import (
     Limits,
     SupplyState,
 )
-from printctl.observe.deciding.evidence import Narrowed, UnseenPath
-from printctl.observe.deciding.thin import Thin
-from printctl.observe.map_check import MapCheck
+from printctl.observe.deciding.evidence import MapCheck, Narrowed, Thin, UnseenPath
 from registration.inspection.values import Blob, Gap
 from tests.printctl.observe.decisions import GAP, decided, evidence, flow
 

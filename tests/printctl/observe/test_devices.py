@@ -12,8 +12,7 @@ from contextlib import suppress
 import pytest
 
 from printctl.machine.link.find_link import has_ended
-from printctl.observe.devices import DeviceError, DeviceSettings, acquire, picture_of
-from printctl.observe.devices.files import files_in
+from printctl.observe.devices import DeviceError, DeviceSettings, acquire, files_in, picture_of
 
 HANGS = f"{sys.executable} -c 'import time; time.sleep(60)'"
 

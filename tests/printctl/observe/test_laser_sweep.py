@@ -10,13 +10,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from printctl.observe.devices import DeviceError, DeviceSettings, acquire, picture_of
-from printctl.observe.devices.files import files_in
-from printctl.observe.profiler import try_laser_frame
+from printctl.observe.devices import DeviceError, DeviceSettings, acquire, files_in, picture_of
 from printctl.observe.records import emptied_look_folder
-from printctl.observe.views import open_view
-from registration.devices.camera_frame import write_frame
-from registration.devices.laser_sweep import write_laser
+from printctl.observe.views import open_view, try_laser_frame
+from registration.devices.lens.lens import write_model as write_frame
+from registration.devices.lens.lens import write_model as write_laser
 from registration.errors import PictureError
 from registration.inspection import ExpectedLines
 from tests.printctl.cli.test_observe import observe

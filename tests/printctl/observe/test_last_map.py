@@ -9,8 +9,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from printctl.observe.deciding.evidence import MapCheck
 from printctl.observe.last_map import LastMap
-from printctl.observe.map_check import MapCheck
 from printctl.observe.scan_place import ScanSize
 from registration.files.readers.heights import HeightMap
 from registration.inspection import ExpectedLines, HeightFrame

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 
-from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import (
     Decider,
     DecisionKind,
@@ -13,6 +12,7 @@ from printctl.observe.deciding import (
     Limits,
     SupplyState,
 )
+from printctl.observe.observer import restore, state_of
 from registration.inspection.findings import ToldOfInk
 from registration.inspection.values import Gap
 from tests.printctl.observe.decisions import GAP, decided, evidence

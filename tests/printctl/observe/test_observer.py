@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from printctl.observe.deciding.thin import Thin
+from printctl.observe.deciding.evidence import Thin
 from printctl.observe.look_words import total_words
 from printctl.observe.records import answer_of, read_looks
 from tests.printctl.observe.observer_bench import GAP, LOOK, Bench, answering

@@ -14,8 +14,7 @@ from benchmarks.checkers.profiler_painter import profiled
 from benchmarks.observe_laser import expected
 from printctl.errors import UsageError
 from printctl.observe.devices import DeviceError
-from printctl.observe.profiler import read_profiler_frame, refuse_other_height
-from printctl.observe.views import View, open_view
+from printctl.observe.views import View, open_view, read_profiler_frame, refuse_other_height
 
 
 def write_frame(path: Path, **changes: object) -> Path:

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import Decider, DecisionKind, FlowBlocks, Limits
+from printctl.observe.observer import restore, state_of
 from tests.printctl.observe.decisions import evidence
 
 

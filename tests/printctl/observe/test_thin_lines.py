@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from printctl.observe.deciding.thin import Thin, seen_twice
-from printctl.observe.thin_lines import low_stretches, runs_below, thin_lines
+from printctl.observe.deciding.evidence import Thin, seen_twice
+from printctl.observe.judging import low_stretches, runs_below, thin_lines
 from registration.inspection import Stations, Stretch
 
 STEP = 0.15

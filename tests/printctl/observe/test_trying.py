@@ -16,8 +16,8 @@ from printctl.observe import __main__ as starting
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.order import ObserverOrder
+from printctl.observe.process import try_device
 from printctl.observe.records import look_folder
-from printctl.observe.trying import try_device
 from printctl.observe.view_before import EMPTY
 from sim.errors import SimError
 from sim.gcode.motion.executed import ExecutedMotion

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import Decider, DecisionKind, FlowBlocks, FlowControl, Limits
-from printctl.observe.deciding.thin import Thin
+from printctl.observe.deciding.evidence import Thin
+from printctl.observe.observer import restore, state_of
 from tests.printctl.observe.decisions import evidence
 from tests.printctl.observe.observer_bench import LOOK, Bench
 

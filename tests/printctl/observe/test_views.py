@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from printctl.errors import UsageError
-from printctl.observe import camera_holds, views
+from printctl.observe import views
+from printctl.observe import views as camera_holds
 from printctl.observe.devices import DeviceError
 from registration.devices.camera_frame.frame import CameraFrame
 from registration.inspection import ExpectedLines

@@ -16,7 +16,7 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.errors import RecipeError, SafetyError
 from printctl.machine.link.care import Care
 from printctl.machine.printing import Order, usable_mm
-from printctl.pipeline.head_contents import Filled
+from printctl.pipeline.heads import Filled
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages import printing
 from printctl.recipe import Recipe, parse_recipe

@@ -19,9 +19,8 @@ from design.network_files.vtp import write_network_vtp
 from design.tissue.shapes import annulus, block
 from design.tissue.surface import tissue_from_surface
 from printctl.errors import RecipeError
-from printctl.pipeline.outside import outside_note
 from printctl.pipeline.run import toolpath_recipe
-from printctl.pipeline.stages.vasculature import parts_note
+from printctl.pipeline.stages.vasculature import outside_note, parts_note
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe import parse_recipe
 

@@ -9,7 +9,7 @@ from design.network_files.swc import write_network_swc
 from design.tissue import block, tissue_from_surface
 from design.vasculature import DepthPenalty, GrowthOptions, grow_tree, tree_to_network
 from printctl.errors import RecipeError
-from printctl.pipeline.growth_source import growth_options, read_terminals, read_trunk
+from printctl.pipeline.growing import growth_options, read_terminals, read_trunk
 from printctl.recipe.growth import GrownNetwork
 
 

@@ -18,7 +18,7 @@ from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
-from printctl.recipe.heads import HeadPart
+from printctl.recipe.making import HeadPart
 
 ROOT = Path(__file__).parents[3]
 GOOD = yaml.safe_load((ROOT / "examples" / "ring_two_inks.yaml").read_text())

@@ -17,8 +17,7 @@ from printctl.errors import RecipeError, UsageError
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
-from printctl.recipe.heads import HeadPart
-from printctl.recipe.making import Fresh
+from printctl.recipe.making import Fresh, HeadPart
 from sim.gcode.dry_run.run import dry_run
 
 ROOT = Path(__file__).parents[3]

@@ -14,8 +14,8 @@ from printctl.cli.part_file import read_record
 from printctl.errors import UsageError
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.recipe.record import RecordPart
+from registration.report.measurement_tables import record_facts
 from registration.report.page import report_html
-from registration.report.record import record_facts
 from registration.scan import Scan
 from registration.wall_reference import WallCalibration
 

@@ -14,8 +14,8 @@ from printctl.errors import RecipeError, UsageError
 from printctl.machine.link.marks import MarkKind
 from printctl.observe.records import ORDER
 from printctl.pipeline import observing
-from printctl.pipeline.observable import refuse_unobservable
 from printctl.pipeline.observing import device_settings, look_care, unlooked_words
+from printctl.pipeline.refusals import refuse_unobservable
 from printctl.pipeline.stages.toolpath import looks_within
 from printctl.recipe import parse_recipe
 from printctl.run_folder.artefacts import GCODE

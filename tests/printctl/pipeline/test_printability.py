@@ -9,7 +9,7 @@ import pytest
 
 from design.toolpath.embedded import EmbeddedOptions
 from firmware_profiles import Bath, Ink, Needle, load
-from printctl.pipeline.head_contents import needle_options
+from printctl.pipeline.heads import needle_options
 from printctl.pipeline.printability import printability
 from printctl.recipe.making import Embedded, Fresh
 

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 from design.errors import DesignError
 from design.network import VesselNetwork
 from design.solids import block_solid, write_stl
-from printctl.pipeline.regions import make_region
+from printctl.pipeline.stages.toolpath import make_region
 from printctl.recipe.regions import RegionPart
 
 NONE = np.zeros(1, dtype=np.int64)

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from design.network import VesselNetwork
 from printctl.errors import RecipeError
-from printctl.pipeline.scan_defects import scan_defects
+from printctl.pipeline.stages.scan import scan_defects
 from printctl.recipe.making import SimulatedScan
 
 NETWORK = VesselNetwork.from_segments(

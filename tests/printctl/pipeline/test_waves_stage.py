@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from printctl.analysis.flow import ONE_D, ONE_D_WAVES, TABLE, steady_conditions
-from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.conditions import Driven
 from printctl.pipeline.stages.flow import work
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.solid import SolidPart

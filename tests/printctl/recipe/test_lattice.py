@@ -7,7 +7,7 @@ import pytest
 from design.lattices import LatticeKind
 from printctl.errors import RecipeError
 from printctl.recipe import parse_recipe
-from printctl.recipe.lattice import LatticeNetwork
+from printctl.recipe.model import LatticeNetwork
 
 BLOCK = {"shape": "block", "size_mm": [16, 8, 8]}
 

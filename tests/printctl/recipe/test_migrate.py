@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from printctl.cli.main import app
 from printctl.errors import RecipeError
-from printctl.recipe import SCHEMA, Recipe, load_recipe, migrate, parse_recipe
-from printctl.recipe.migrate import STEPS, Change, Step, migrated, migrated_text, steps_from
+from printctl.recipe import SCHEMA, Recipe, load, load_recipe, parse_recipe
+from printctl.recipe.load import STEPS, Change, Step, migrated, migrated_text, steps_from
 
 TWICE = Step(
     0,
@@ -37,7 +37,7 @@ vasculature: {grow: tree, terminals: 20}
 
 @pytest.fixture
 def old(monkeypatch, tmp_path: Path) -> Path:
-    monkeypatch.setattr(migrate, "STEPS", (TWICE,))
+    monkeypatch.setattr(load, "STEPS", (TWICE,))
     path = tmp_path / "old.yaml"
     path.write_text(OLD)
     return path

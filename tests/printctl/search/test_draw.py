@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from printctl.errors import RecipeError
-from printctl.search.draw import drawn
+from printctl.search.candidates import drawn
 from printctl.search.model import SearchFile
 from tests.printctl.search.small import SEARCH
 

@@ -9,10 +9,8 @@ import pytest
 from scipy import stats
 
 from registration.comparison import ComparisonError, Origin, compare, comparison_dict, gauged_scan
-from registration.comparison.intervals import holm, mean_interval, sd_interval
 from registration.comparison.scans import GaugedScan
-from registration.comparison.trend import trend
-from registration.comparison.variance import components
+from registration.comparison.statistics import components, holm, mean_interval, sd_interval, trend
 
 
 def scan(errors: Any, print_id: str, design: str = "d" * 64, **more: Any) -> GaugedScan:

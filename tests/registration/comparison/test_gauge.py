@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.comparison.errors import GaugeStudyError
-from registration.comparison.gauge.shares import shares
-from registration.comparison.gauge.squares import mean_squares
+from registration.comparison.gauge_shares import mean_squares, shares
+from registration.comparison.scans import GaugeStudyError
 from tests.slower import first_of
 
 # AIAG, Measurement Systems Analysis, 4th ed. 2010, chapter III B: three appraisers, three

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from registration.dye import DyeOptions, DyeReport, dye_verdict, measure_dye, read_marks
-from registration.dye.carrying_flow import carrying_flow
+from registration.dye.flow import carrying_flow
 from registration.dye.patency import _Seen, _stop
 from registration.errors import DyeError
 from sim.devices.dye import Disturbance, Dye, DyeFilm

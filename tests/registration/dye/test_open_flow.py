@@ -9,7 +9,7 @@ import pytest
 
 from design.vasculature.named import planar_four_vessel
 from registration.dye import DyeOptions, DyeReport, dye_verdict
-from registration.dye.carrying_flow import solve_without_closed
+from registration.dye.flow import solve_without_closed
 from sim.devices.dye import Occlusion, dye_flow
 from tests.registration.dye.films import PLANAR_FLOW, planar_report
 

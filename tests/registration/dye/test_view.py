@@ -19,7 +19,7 @@ from registration.dye.view import find_view
 from registration.errors import DyeError
 from sim.devices.dye import Disturbance, Dye, DyeCamera, DyeFilm, dye_flow
 from sim.devices.dye.film import film_frames
-from sim.devices.dye.transport import Transport
+from sim.devices.dye.lumens import Transport
 from tests.registration.devices.lens.rendered import Rig
 from tests.registration.dye.films import PLANAR_CAMERA, PLANAR_FLOW, PLANAR_MARKS, filmed, marks_of
 

@@ -15,7 +15,7 @@ from registration.inspection import Appearance, ExpectedLines, SeeingOptions, se
 from sim.devices.camera.optics import Camera
 from sim.devices.camera.paint import paint
 from sim.devices.camera.scene import Bath, InkLook, Scene
-from sim.gcode.deposit.laid import Laid, laid_as_is
+from sim.gcode.deposit.lay import Laid, laid_as_is
 from sim.gcode.deposit.strands import Strands
 from tests.slower import first_of, first_rows
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from design.hemodynamics import PulsatileConditions, WindkesselOutlet
-from design.hemodynamics.vessel.geometry import integral_of_power
+from design.hemodynamics.vessel_coefficients import integral_of_power
 from design.hemodynamics.waveforms import Tabulated
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray

@@ -12,7 +12,7 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics import OneDOptions, PulsatileConditions, WindkesselOutlet, solve_one_d
 from design.hemodynamics.one_d import openbf, svoned_input
-from design.hemodynamics.vessel.wall import ThinWall, VesselWalls
+from design.hemodynamics.vessel_coefficients import ThinWall, VesselWalls
 from design.hemodynamics.waveforms import Constant, Sine
 from tests.design.hemodynamics.networks import network_of
 

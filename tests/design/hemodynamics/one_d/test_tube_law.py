@@ -15,8 +15,7 @@ from design.hemodynamics import (
     solve_one_d,
     vessel_resistance,
 )
-from design.hemodynamics.one_d.grid import make_grid
-from design.hemodynamics.one_d.tube_law import relaxation_time
+from design.hemodynamics.one_d.grid import make_grid, relaxation_time
 from design.hemodynamics.waveforms import Sine
 from design.network import VesselNetwork
 from tests.design.hemodynamics.networks import network_of

@@ -8,7 +8,7 @@ import numpy as np
 
 from design.hemodynamics import OneDOptions, PulsatileConditions
 from design.hemodynamics.one_d.grid import Grid
-from design.hemodynamics.one_d.kernels.march import State, advance, make_work
+from design.hemodynamics.one_d.march import State, advance, make_work
 from design.hemodynamics.one_d.nodes import Nodes
 from design.hemodynamics.one_d.solve import OneDProblem, set_up_problem
 from design.network import VesselNetwork

@@ -10,10 +10,14 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.oxygen import OxygenConditions, grid_of_box, solve_oxygen
-from design.hemodynamics.oxygen.elements import cut_vessels
-from design.hemodynamics.oxygen.problem import OxygenProblem
-from design.hemodynamics.oxygen.transport import sweep, transport_of
-from design.hemodynamics.oxygen.wall import SMOOTHING, subgrid
+from design.hemodynamics.oxygen.solve import OxygenProblem
+from design.hemodynamics.oxygen.transport import (
+    SMOOTHING,
+    cut_vessels,
+    subgrid,
+    sweep,
+    transport_of,
+)
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of

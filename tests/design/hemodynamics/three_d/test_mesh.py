@@ -10,8 +10,7 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics.three_d import LumenMesh, least_jacobian, straighten_edges
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
-from design.hemodynamics.three_d.surface import wall_surface
-from design.hemodynamics.three_d.surface_check import check_surface
+from design.hemodynamics.three_d.surface import check_surface, wall_surface
 from design.hemodynamics.three_d.wall import lumen_wall
 from design.network import VesselNetwork
 from tests.design.hemodynamics.networks import network_of

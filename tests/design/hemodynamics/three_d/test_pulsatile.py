@@ -18,7 +18,7 @@ from design.hemodynamics.three_d import (
     march_flow,
     sections_at,
 )
-from design.hemodynamics.vessel.womersley import impedance_factor, womersley_number
+from design.hemodynamics.vessel_coefficients import impedance_factor, womersley_number
 from design.hemodynamics.waveforms import Constant, Sine
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import beside, pipe

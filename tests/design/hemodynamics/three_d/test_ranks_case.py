@@ -21,8 +21,7 @@ from design.hemodynamics.three_d.ranks import (
     read_result,
     write_case,
 )
-from design.hemodynamics.three_d.ranks.case import ENGINE
-from design.hemodynamics.three_d.ranks.profile import port_velocity
+from design.hemodynamics.three_d.ranks.case import ENGINE, port_velocity
 
 RADIUS, FLOW, VISCOSITY = 0.2, 4.0, 1e-3
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printctl.analysis.dye import VesselPlace
-from printctl.analysis.dye.outputs import volume_share
+from printctl.analysis.dye import VesselPlace, volume_share
 from tests.design.hemodynamics.networks import network_of
 from tests.system.cli import called as printctl
 

@@ -24,15 +24,19 @@ from design.hemodynamics.waveforms import Sine
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from printctl.analysis.flow.as_printed import even_radii, open_part, printed_lumens
-from printctl.analysis.flow.driven import Driven, recipe_of
-from printctl.analysis.flow.printed_case import AS_PRINTED, PrintedCase, solve_as_printed
+from printctl.analysis.flow.conditions import Driven, recipe_of
+from printctl.analysis.flow.printed_case import (
+    AS_PRINTED,
+    PrintedCase,
+    flow_intervals,
+    lumen_errors,
+    solve_as_printed,
+)
 from printctl.analysis.flow.printed_fidelities import FlowIntervals, Pair, lumped, printed_summary
-from printctl.analysis.flow.printed_intervals import flow_intervals, lumen_errors
 from printctl.errors import UsageError
 from printctl.pipeline.facts import recipe_facts
 from printctl.recipe import Recipe
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.space import ThreeDPart
+from printctl.recipe.parts import FlowPart, ThreeDPart
 from tests.system.cli import called as printctl
 
 WATER = 1e-3

@@ -18,9 +18,7 @@ from design.hemodynamics.three_d.ranks import (
     RankResult,
     write_case,
 )
-from printctl.analysis.flow.ranks import Engine, find_engine, run_on_ranks
-from printctl.analysis.flow.ranks.__main__ import main
-from printctl.analysis.flow.ranks.engine import rank_command
+from printctl.analysis.flow.ranks import Engine, find_engine, main, rank_command, run_on_ranks
 from printctl.errors import PrintctlError, UsageError
 
 RADIUS, LENGTH, FLOW, VISCOSITY = 0.2, 0.6, 4.0, 1e-3
@@ -74,7 +72,7 @@ def test_without_fenicsx_the_message_says_how_to_install_it(tmp_path, monkeypatc
         find_engine(bare)
     with pytest.raises(PrintctlError, match="no such file"):
         find_engine(tmp_path / "nothing")
-    monkeypatch.setattr("printctl.analysis.flow.ranks.engine._places", lambda: iter([bare]))
+    monkeypatch.setattr("printctl.analysis.flow.ranks._places", lambda: iter([bare]))
     monkeypatch.delenv("PRINTCTL_DOLFINX_PYTHON", raising=False)
     with pytest.raises(PrintctlError, match=r"no Python with FEniCSx.*conda create"):
         find_engine()

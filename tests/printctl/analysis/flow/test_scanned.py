@@ -16,8 +16,7 @@ from design.network import VesselNetwork
 from design.solids import Solid, write_ply
 from design.solids.manifolds import to_manifold
 from kernels.arrays import FloatArray
-from printctl.analysis.flow.scanned import scanned_lumen
-from printctl.analysis.flow.scanned_size import blur_squared, set_out
+from printctl.analysis.flow.scanned import blur_squared, scanned_lumen, set_out
 from printctl.errors import UsageError
 from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight
 

@@ -15,15 +15,14 @@ from pydantic import ValidationError
 from design.hemodynamics import FlowConditions, ProbeWaves
 from design.hemodynamics.probes import clear_parts, midpoints
 from design.network_files.csv_format import read_network_csv
-from printctl.analysis.flow.comparison import (
+from printctl.analysis.flow.fidelities import (
     IDEAL,
     comparison_summary,
     comparison_table,
     places,
     steady_comparison,
 )
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.space import ComparePart, ThreeDPart
+from printctl.recipe.parts import ComparePart, FlowPart, ThreeDPart
 from registration.report.flow_figures import comparison_figure
 from tests.design.hemodynamics.networks import network_of
 from tests.printctl.analysis.flow.test_flow import SINE

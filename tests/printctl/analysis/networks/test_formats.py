@@ -55,7 +55,7 @@ def test_a_failed_folder_leaves_nothing(tmp_path: Path, monkeypatch: pytest.Monk
         (folder / "path_0001.pth").write_text("half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("printctl.analysis.networks.formats.write_simvascular_paths", full)
+    monkeypatch.setattr("printctl.analysis.networks.write_simvascular_paths", full)
     with pytest.raises(OSError, match="No space"):
         write_network(tmp_path / "Paths", random_trees(3, 9, 2))
     assert list(tmp_path.iterdir()) == []

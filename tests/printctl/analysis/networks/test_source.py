@@ -9,8 +9,7 @@ from design.hemodynamics import solve_flow, write_flow_csv
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from design.vasculature import planar_four_vessel
-from printctl.analysis.networks import Drive, load_source
-from printctl.analysis.networks.source import Source, with_flow
+from printctl.analysis.networks import Drive, Source, load_source, with_flow
 from printctl.errors import UsageError
 from registration.report.picture import VesselQuantities
 

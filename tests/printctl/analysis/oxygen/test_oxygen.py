@@ -14,7 +14,7 @@ from design.solids import Solid, write_stl
 from design.tissue import block
 from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.design_stages import DESIGN
+from printctl.pipeline.design_run import DESIGN
 from printctl.pipeline.facts import recipe_facts
 from printctl.pipeline.stage import wanted_stages
 from printctl.pipeline.stages import oxygen as stage

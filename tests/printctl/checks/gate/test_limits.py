@@ -10,17 +10,17 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from firmware_profiles import Dish, Needle, Printer, load
-from printctl.checks.gate.limits import (
+from printctl.checks.gate.inputs import (
     IN_DISH_MM_S,
     RIM_MARGIN_MM,
     STEP_ASIDE_MM,
     STEP_DOWN_MM,
     Bounds,
+    NotAllowed,
     check_move,
     check_speed,
     reach,
 )
-from printctl.checks.gate.verdict import NotAllowed
 
 PRINTER = load(Printer, "generic_marlin")
 NEEDLE = load(Needle, "25g")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_profiles.bead import BeadSection
-from printctl.checks.gcode_view.widths import cross_sections, widths
+from printctl.checks.gcode_view.read import cross_sections, widths
 from printctl.rounding import last_digit_mm, window_mm
 
 

@@ -14,7 +14,7 @@ from printctl.checks.lumens import (
     find_filament_place,
     read_filaments,
 )
-from printctl.checks.lumens.merges import necks, segment_distances
+from printctl.checks.lumens.filament_check import necks, segment_distances
 from printctl.errors import UsageError
 from tests.printctl.checks.lumens.small_gcode import UL_PER_E
 from tests.printctl.checks.lumens.written_filaments import plunger_gcode

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens import SectionStations, WrittenLines
-from printctl.checks.lumens.measure import slabs_near
+from printctl.checks.lumens.stations import slabs_near
 from sim.gcode.lumens.leak_kernels import find_runs, join_runs
 from sim.gcode.lumens.ray_kernels import first_hit, stadium_span
 from sim.gcode.lumens.width_kernels import widest_in_polygon

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_profiles import FileController, Plunger, Printer, load
 from printctl.checks.preflight.gcode import gcode_checks
-from printctl.checks.set_up.check import Check
+from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import dry_run
 
 A3200 = load(Printer, "aerotech_pneumatic")

@@ -11,7 +11,7 @@ from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.checks.preflight import shaft_clearance, written_arrays
-from printctl.checks.preflight.shaft_map import read_written_arrays
+from printctl.checks.preflight.shaft import read_written_arrays
 from printctl.checks.set_up import HeadLoading
 from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.random_networks import random_network

@@ -17,7 +17,7 @@ from printctl.checks.preflight import (
     viability_checks,
     viability_facts,
 )
-from printctl.recipe.care import CarePart
+from printctl.recipe.making import CarePart
 from sim.gcode.dry_run.run import DryRun, dry_run
 
 PRINTER = load(Printer, "generic_marlin")

@@ -12,7 +12,7 @@ from design.toolpath.embedded import EmbeddedOptions, bundled, plan_embedded
 from design.toolpath.gcode import Gcode, GcodeOptions, stream_gcode, write_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.checks.preflight import shaft_clearance, written_arrays
-from printctl.checks.preflight.shaft_map import read_written_arrays
+from printctl.checks.preflight.shaft import read_written_arrays
 from printctl.checks.set_up import HeadLoading
 from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.shapes import random_tree

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_profiles import Dish, Needle, load
-from printctl.checks.preflight.wall_gaps import hub_gap, wall_gap
+from printctl.checks.preflight.dish import hub_gap, wall_gap
 from printctl.checks.set_up import PlacedDish, hub_gap_of, wall_gap_of
 
 NEEDLE = load(Needle, "25g")

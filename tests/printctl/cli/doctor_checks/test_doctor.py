@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from printctl.cli.doctor_checks import places
-from printctl.cli.doctor_checks.extras import extras
+from printctl.cli.doctor_checks.collect import extras
 from printctl.cli.doctor_checks.ports import check_ports, permission_findings, udev_rule
 from printctl.cli.main import app
 from printctl.machine.link.ports import PortInfo
@@ -113,13 +113,13 @@ def test_ports_are_listed_with_id_and_permission():
 
 def test_a_missing_extra_comes_with_its_command(monkeypatch):
     wanted = ["numpy>=2", 'h5py>=3 ; extra == "scans"', "no-such-thing>=1; extra == 'scans'"]
-    monkeypatch.setattr("printctl.cli.doctor_checks.extras.metadata.requires", lambda name: wanted)
+    monkeypatch.setattr("printctl.cli.doctor_checks.collect.metadata.requires", lambda name: wanted)
     assert extras() == {"scans": "missing no-such-thing; pip install 'printctl[scans]'"}
 
 
 def test_an_extra_that_is_there_is_present(monkeypatch):
     wanted = ['pytest>=3 ; extra == "scans"', 'ruff ; extra == "test"']
-    monkeypatch.setattr("printctl.cli.doctor_checks.extras.metadata.requires", lambda name: wanted)
+    monkeypatch.setattr("printctl.cli.doctor_checks.collect.metadata.requires", lambda name: wanted)
     assert extras() == {"scans": "present"}
 
 

@@ -14,12 +14,18 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from printctl.history.records.bundle import write_bundle
-from printctl.history.records.errors import BundleError, KeyTrouble
-from printctl.history.records.keys import PRIVATE, lab_key, read_public, read_public_file
-from printctl.history.records.manifest import read_manifest
-from printctl.history.records.plain_zip import PlainZipWriter, read_members, safe_name
-from printctl.history.records.verify import Signature, verify_bundle, verify_stream
+from printctl.history.bundle import write_bundle
+from printctl.history.plain_zip import PlainZipWriter, read_members, safe_name
+from printctl.history.signing import (
+    PRIVATE,
+    BundleError,
+    KeyTrouble,
+    lab_key,
+    read_manifest,
+    read_public,
+    read_public_file,
+)
+from printctl.history.verify import Signature, verify_bundle, verify_stream
 from printctl.machine.printing.films import film_file
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.slower import examples

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from printctl.history.records.cover import cover_page
+from printctl.history.bundle import cover_page
 from printctl.machine.link.history_entry import Alarm
 from printctl.pipeline.evidence import evidence
 from tests.printctl.history.records.prints import printed, with_run

@@ -8,10 +8,9 @@ from dataclasses import replace
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.history.records.bundle import write_bundle
-from printctl.history.records.errors import RecordsError
-from printctl.history.records.keys import lab_key
-from printctl.history.records.repeat import entry_of_bundle, make_job, plan_repeat
+from printctl.history.bundle import write_bundle
+from printctl.history.repeat import entry_of_bundle, make_job, plan_repeat
+from printctl.history.signing import RecordsError, lab_key
 from printctl.machine.link.origin import digest_of, origin, profile_digest
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from printctl.history.records.table import csv_lines, safe_cell
-from printctl.history.records.timeline import time_line
+from printctl.history.table import csv_lines, safe_cell
+from printctl.history.timeline import time_line
 from tests.printctl.history.records.prints import printed
 
 CALCULATED = "=+-@"

@@ -6,7 +6,7 @@ import numpy as np
 
 from printctl.machine.link.clock import VirtualClock
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import PermanentFaults
+from sim.devices.faults import PermanentFaults
 from tests.printctl.machine.link.fake_marlin import slips_through
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport
 

@@ -15,7 +15,7 @@ from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import parse_fault
+from sim.devices.faults import parse_fault
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.journals import journal_in

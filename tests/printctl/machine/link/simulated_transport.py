@@ -1,7 +1,7 @@
 """In-process transport to the simulated printer, for tests and benchmarks.
 
 Clock and printer move together: what the host waits, the printer lives through, by its own pace
-(`sim.devices.faults.clock_pace`). What the cable does to the bytes is `sim.devices.faults.cable`'s.
+(`sim.devices.faults`). What the cable does to the bytes is `sim.devices.faults`'s.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import PortLost
 from printctl.machine.link.ports import PortPrograms
 from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.faults.cable import FaultyCable
-from sim.devices.faults.clock_pace import Pace
-from sim.devices.faults.fault_file import PermanentFaults
+from sim.devices.faults import FaultyCable, Pace, PermanentFaults
 
 
 class HostDiedError(BaseException):

@@ -9,10 +9,10 @@ import pytest
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.known_messages import MessageMeaning, load_messages
 from firmware_profiles.families.link_protocol import Fault, FirmwareHalted, Remark
-from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.marlin.state import QUESTION
 from firmware_profiles.families.pairing import Pairing
-from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
+from firmware_profiles.families.reprapfirmware.facts import RrfProtocol
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.modal import places

@@ -10,7 +10,7 @@ from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import Fault, FirmwareHalted, Halting
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
-from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
+from firmware_profiles.families.reprapfirmware.facts import RrfProtocol
 from printctl.machine.link.modal import places
 
 JOB = [b"G1 X%d" % k for k in range(1, 101)]

@@ -20,7 +20,7 @@ from printctl.machine.link.wiring import Wiring
 from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
-from sim.devices.faults.fault_file import Fault
+from sim.devices.faults import Fault
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.journals import journal_in

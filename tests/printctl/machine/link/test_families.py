@@ -8,7 +8,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family
 from firmware_profiles.families.link_protocol import Halting
 from firmware_profiles.families.marlin.replies import Kind, classify
-from firmware_profiles.families.reprapfirmware.crc16 import crc16
+from firmware_profiles.families.reprapfirmware.facts import crc16
 from printctl.machine.link.care import Care
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for

@@ -21,10 +21,10 @@ from printctl.machine.link.journal import Journal
 from printctl.machine.link.states import Status
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
-from sim.devices.board.fault_plan import FaultPlan
+from sim.devices.board.controller import FaultPlan
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
-from sim.devices.faults.fault_file import Fault, FaultFile
+from sim.devices.faults import Fault, FaultFile
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport

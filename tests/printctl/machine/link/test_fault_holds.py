@@ -9,7 +9,7 @@ import pytest
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import Fault
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
+from firmware_profiles.families.reprapfirmware.facts import RrfProtocol
 from printctl.machine.link.modal import places
 
 JOB = [b"G1 X%d" % k for k in range(1, 101)]

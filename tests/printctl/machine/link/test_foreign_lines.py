@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.link_protocol import StrayOk, Synchronised
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.link_protocol import StrayOk, Synchronised, Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.pairing import Pairing
-from printctl.machine.link.answer_count import EVERY_S
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import JournalledPrint, read_journal
 from printctl.machine.link.ports import PortPrograms
+from printctl.machine.link.print_parts import EVERY_S
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring

@@ -13,11 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.pairing import Pairing
-from firmware_profiles.families.reprapfirmware.crc16 import crc16
+from firmware_profiles.families.reprapfirmware.facts import crc16
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for
 from printctl.machine.link.journal import Journal

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from firmware_profiles.families.marlin.bit_flips import guard_command
-from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
+from firmware_profiles.families.marlin.sender import guard_command
+from firmware_profiles.families.marlin.state import QUESTION, RENUMBER
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.states import LinkState
 from sim.devices.board.wire import Wire
-from sim.devices.families.marlin.urgent import EMERGENCY
+from sim.devices.families.marlin.numbering import EMERGENCY
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 

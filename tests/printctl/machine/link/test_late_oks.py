@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from firmware_profiles.families.harmless_query import QUESTION
 from firmware_profiles.families.link_protocol import (
+    QUESTION,
     CommandReplied,
     LinesResent,
     Notice,
@@ -11,9 +11,9 @@ from firmware_profiles.families.link_protocol import (
     Synchronised,
     TokenSent,
 )
-from firmware_profiles.families.marlin.bit_flips import guard_command
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.marlin.sender import guard_command
 
 JOB = [b"G1 X%d" % k for k in range(1, 41)]
 

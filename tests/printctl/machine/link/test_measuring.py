@@ -17,8 +17,8 @@ from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import FaultFile, load_faults
-from sim.devices.faults.gauge import Gauge as SimGauge
+from sim.devices.faults import FaultFile, load_faults
+from sim.devices.faults import Gauge as SimGauge
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import PRINTER, START, Script, layered, played

@@ -7,11 +7,17 @@ import pytest
 
 from firmware_profiles import Printer, ProfileError, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.link_protocol import Fault, LinesResent, Notice, StrayOk, TokenSent
-from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.marlin.doubt import QUESTION
+from firmware_profiles.families.link_protocol import (
+    Fault,
+    LinesResent,
+    Notice,
+    StrayOk,
+    Timing,
+    TokenSent,
+)
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.marlin.state import QUESTION
 from firmware_profiles.families.pairing import Pairing
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for

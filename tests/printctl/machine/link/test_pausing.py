@@ -7,7 +7,7 @@ import contextlib
 import numpy as np
 import pytest
 
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
 from printctl.machine.link.care import Care, NewSyringe

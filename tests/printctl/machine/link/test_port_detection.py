@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.marlin.doubt import QUESTION
+from firmware_profiles.families.marlin.state import QUESTION
 from printctl.cli import ports as ports_command
 from printctl.cli.main import app
 from printctl.machine.link import LinkState, port_detection, start_print

@@ -6,7 +6,7 @@ from functools import partial
 from itertools import groupby
 
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
+from firmware_profiles.families.reprapfirmware.facts import RrfProtocol
 from printctl.machine.link.modal import places
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.wire_machine import FILE, WireMachine, as_test

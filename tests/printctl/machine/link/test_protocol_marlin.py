@@ -14,9 +14,9 @@ from firmware_profiles.families.link_protocol import (
     Synchronised,
     TokenSent,
 )
-from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.marlin.state import QUESTION, RENUMBER
 
 JOB = [b"G1 X1", b"G1 X2", b"G1 X3", b"G1 X4"]
 TOKEN = frame(2, b"M0118 E1 at 2.1")

@@ -17,7 +17,7 @@ from printctl.machine.link.recovering import Recovery, plan_recovery
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import parse_fault
+from sim.devices.faults import parse_fault
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job

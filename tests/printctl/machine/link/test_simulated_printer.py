@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.machine.link.answer_count import EVERY_S
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.print_parts import EVERY_S
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer

@@ -10,7 +10,7 @@ import pytest
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.states import LinkState
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import Fault, PermanentFaults
+from sim.devices.faults import Fault, PermanentFaults
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed, same_motion
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport

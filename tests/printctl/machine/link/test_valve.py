@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firmware_profiles.families.marlin.bit_flips import guard_command
+from firmware_profiles.families.marlin.sender import guard_command
 from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.firmware import mode_lines

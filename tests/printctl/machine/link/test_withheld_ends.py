@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.link_protocol import Fault, StrayOk
-from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.marlin.doubt import QUESTION
+from firmware_profiles.families.link_protocol import Fault, StrayOk, Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.marlin.state import QUESTION
 from firmware_profiles.families.pairing import Pairing
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for

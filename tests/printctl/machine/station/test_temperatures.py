@@ -7,7 +7,7 @@ import pytest
 from firmware_profiles import Printer, load
 from printctl.checks.gate import Bounds, NotAllowed, PrinterSituation, check_heat
 from printctl.machine.link.temperatures import Temperature, parse_temperatures, target_command
-from printctl.machine.station.heat_limits import heat_limits
+from printctl.machine.station.known_state import heat_limits
 from printctl.machine.station.mounted_profiles import read_mounted_profiles
 from printctl.machine.station.status import MountedParts
 

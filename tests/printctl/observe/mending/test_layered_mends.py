@@ -159,9 +159,7 @@ def test_a_mend_that_fails_its_check_has_no_lines(held, monkeypatch):
     assert mend.lines
     assert check.passed
     wrong = replace(check, lumens_entered=2)
-    monkeypatch.setattr(
-        "printctl.observe.mending.plan_and_check.check_mend", lambda *args, **more: wrong
-    )
+    monkeypatch.setattr("printctl.observe.mending.plan.check_mend", lambda *args, **more: wrong)
     mend, check = checked_mend(held, [gap])
     assert (mend.lines, mend.patches) == ((), ())
     assert "2 pieces of ink in lumens" in mend.left[0].reason

@@ -13,7 +13,14 @@ from pydantic import ValidationError
 
 from firmware_profiles import Plate, Printer, load, shipped
 from printctl.errors import RecipeError
-from printctl.pipeline.plates import assigned, expand, points, route, scanned_wells, standing_plate
+from printctl.pipeline.plate_plan import (
+    assigned,
+    expand,
+    points,
+    route,
+    scanned_wells,
+    standing_plate,
+)
 from printctl.recipe.plate import PlatePart
 
 PLATE = load(Plate, "corning_24")

@@ -10,7 +10,7 @@ import yaml
 
 from firmware_profiles import Ink, load
 from printctl.recipe import Recipe, parse_recipe
-from printctl.recipe.starter import STARTER
+from printctl.recipe.load import STARTER
 from printctl.web.design import form as forms
 from printctl.web.design.checking import check_data, check_text
 from printctl.web.design.recipes import EXAMPLES

@@ -14,7 +14,7 @@ from PIL import Image, ImageChops, ImageStat
 from playwright.sync_api import expect
 
 from design.network_files.csv_format import write_network_csv
-from printctl.recipe.starter import STARTER
+from printctl.recipe.load import STARTER
 from printctl.run_folder.manifest import Manifest, StageRecord
 from printctl.web.design.run_views import views
 from printctl.web.design.yaml_text import read_text

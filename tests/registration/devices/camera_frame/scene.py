@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.checkers.dish_camera import Made, Optics, Scene, aimed, photograph
 from firmware_profiles import load
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from registration.devices.camera_frame import (
     CameraFrame,
     Insert,

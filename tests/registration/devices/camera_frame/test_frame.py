@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.checkers.dish_camera import Optics
 from firmware_profiles import load
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from registration.devices.camera_frame import (
     Bath,
     CameraFrame,

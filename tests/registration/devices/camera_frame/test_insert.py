@@ -8,12 +8,12 @@ import pytest
 
 from design.solids.topology import edge_faults
 from firmware_profiles import load, shipped
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from registration.devices.camera_frame import (
     design_insert,
     insert_solids,
 )
-from registration.devices.camera_frame.insert_drawing import drawn
+from registration.devices.camera_frame.insert import drawn
 from registration.errors import PictureError
 
 

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.checkers.dish_camera import Optics, Scene, aimed, developed
 from benchmarks.checkers.needle_camera import Needle, rough_ground, with_needle
 from registration.devices.camera_frame import CameraFrame, TipView, find_tip, grounds, locate_tip
-from registration.devices.camera_frame.rotations import turn_vector
+from registration.devices.camera_frame.frame import turn_vector
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 

@@ -11,14 +11,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from registration.devices.laser_sweep import (
-    fit_laser,
-    read_laser,
-    sweep_heights,
-    trace,
-    write_laser,
-)
+from registration.devices.laser_sweep import fit_laser, read_laser, sweep_heights, trace
 from registration.devices.laser_sweep.pictures import sweep_pictures
+from registration.devices.lens.lens import write_model as write_laser
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.registration.devices.laser_sweep import sweeps

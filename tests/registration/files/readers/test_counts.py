@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
-from registration.files.readers.intensity_checks import speckle_of
+from registration.files.readers.decibels import speckle_of
 
 KNOWN: dict[str, Any] = {
     "axes": "zyx", "voxel_mm": [0.01, 0.02, 0.03], "modality": "oct", "optical_depth": True,

@@ -16,7 +16,7 @@ from scipy.io import savemat
 
 from registration import ScanOverrides, read_scan
 from registration.errors import ScanFileError
-from registration.files.readers.extras import import_extra
+from registration.files.readers.common import import_extra
 from tests.registration.files.readers.crafted import MODALITY, counts
 
 h5py = pytest.importorskip("h5py")

@@ -13,7 +13,7 @@ from registration import RegistrationReport, Scan, register_scan, report_dict
 from registration.alignment import Fit
 from registration.errors import DatumError
 from registration.measuring.geometry import Scene, read_datums
-from registration.report.zones import frame_lines, zone_table
+from registration.report.measurement_tables import frame_lines, zone_table
 from tests.registration.measuring.geometry.shapes import (
     AS_DESIGNED,
     BLOCK,

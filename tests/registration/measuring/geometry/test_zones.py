@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from registration.measuring.geometry import Characteristic
-from registration.measuring.geometry.filters import closed_filtered, open_filter
+from registration.measuring.geometry.lumen import closed_filtered, open_filter
 from tests.registration.measuring.geometry.shapes import (
     Printed,
     measured,

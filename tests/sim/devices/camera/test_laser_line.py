@@ -12,9 +12,9 @@ import yaml
 from sim.__main__ import main
 from sim.devices.camera.laser_line import ProfilerField, measured_heights
 from sim.devices.recorded_ink import InkSource
-from sim.gcode.deposit.laid import Laid
-from sim.gcode.deposit.levels import Layering
+from sim.gcode.deposit.lay import Laid
 from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Layering
 from tests.sim.devices.camera.test_command import CAMERA, record
 
 SOURCE = {"printer": "generic_marlin", "syringe": "hamilton_1ml", "layer_mm": 0.1}

@@ -20,7 +20,7 @@ from sim.devices.camera.scene import (
     Sensor,
 )
 from sim.errors import CameraError
-from sim.gcode.deposit.laid import Laid, laid_as_is, nothing_laid
+from sim.gcode.deposit.lay import Laid, laid_as_is, nothing_laid
 from sim.gcode.deposit.strands import Strands
 
 CAMERA = Camera(

@@ -11,7 +11,7 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import FileController, Plunger, Printer, Syringe, load
 from sim.errors import GcodeError
 from sim.gcode.dry_run.run import dry_run
-from sim.gcode.heads.valve import CLOSED, OPEN
+from sim.gcode.heads import CLOSED, OPEN
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block

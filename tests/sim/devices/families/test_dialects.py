@@ -11,7 +11,7 @@ from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
 from sim.devices.families.registry import simulated_printer
-from sim.devices.families.reprapfirmware.numbering import crc16
+from sim.devices.families.reprapfirmware.printer import crc16
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import checksum
 from tests.printctl.machine.link.jobs import parse_job

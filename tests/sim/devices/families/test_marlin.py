@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.marlin.codes import CODES
+from firmware_profiles.families.marlin.facts import CODES
 from sim.devices.families.marlin.commands import HANDLERS
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import parse_fault
+from sim.devices.faults import parse_fault
 from sim.gcode.program.gcode import checksum
 from tests.slower import examples
 

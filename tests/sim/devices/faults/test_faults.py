@@ -7,8 +7,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.cable import FaultyCable
-from sim.devices.faults.fault_file import Fault, FaultFile, PermanentFaults, load_faults
+from sim.devices.faults import Fault, FaultFile, FaultyCable, PermanentFaults, load_faults
 from sim.errors import ServeError
 from sim.gcode.program.gcode import checksum
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.devices.faults.fault_file import load_faults
+from sim.devices.faults import load_faults
 from sim.errors import ServeError
-from sim.gcode.deposit.ink_faults import InkFaults
-from sim.gcode.deposit.ink_timeline import Timeline
-from sim.gcode.deposit.laid import laid
-from sim.gcode.deposit.lay import deposit
+from sim.gcode.deposit.ink_faults import InkFaults, Timeline
+from sim.gcode.deposit.lay import deposit, laid
 from sim.gcode.motion.executed import ExecutedMotion
 
 AREA, WIDTH, HEIGHT, LENGTH = 10.0, 0.2, 0.1, 5.0

@@ -19,11 +19,9 @@ from sim.devices.scanner import (
     simulate_oct,
     with_defects,
 )
-from sim.devices.scanner.live_oct import OctField, live_scan
-from sim.devices.scanner.oct import NOISE_COUNTS
+from sim.devices.scanner.oct import NOISE_COUNTS, OctField, live_scan
 from sim.errors import ScannerError
-from sim.gcode.deposit.laid import Laid
-from sim.gcode.deposit.lay import Deposit
+from sim.gcode.deposit.lay import Deposit, Laid
 from sim.gcode.deposit.strands import Strands
 
 STILL = Placing(tilt_deg=0, rotation_deg=0, shift_mm=0, margin_mm=0.4, shrink=(1, 1, 1))

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.gcode.clearance import NeedleBody
-from sim.gcode.clearance.pair_kernels import ERROR_SHARE
-from sim.gcode.clearance.shaft_kernels import shaft_distance
+from sim.gcode.clearance.kernels import ERROR_SHARE, shaft_distance
 from tests.sim.gcode.clearance.naive import STEP, nearest, signed
 from tests.sim.gcode.clearance.small_jobs import HIGH, RADIUS, START, Job, approach_of, network
 from tests.slower import examples

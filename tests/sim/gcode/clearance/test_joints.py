@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from sim.gcode.clearance import ClearanceError, LineSources, NeedleBody, check_clearance
-from sim.gcode.clearance.heads import heads_of
-from sim.gcode.clearance.ink import ink_of
-from sim.gcode.clearance.pieces import Pieces
+from sim.gcode.clearance.motion import Pieces, heads_of, ink_of
 from tests.sim.gcode.clearance.small_jobs import NEEDLE, RADIUS, Job, network
 
 CLEAN = {

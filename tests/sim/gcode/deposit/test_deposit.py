@@ -11,8 +11,8 @@ import pytest
 from sim.errors import DepositError
 from sim.gcode.deposit.kernels import SUPERSAMPLE, paint_filaments, paint_layers
 from sim.gcode.deposit.lay import deposit
-from sim.gcode.deposit.rewritten import united
 from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import united
 from sim.gcode.motion.executed import ExecutedMotion
 
 AREA = 16.69

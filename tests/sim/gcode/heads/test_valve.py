@@ -12,15 +12,15 @@ from firmware_profiles import Printer, load
 from sim.errors import DepositError
 from sim.gcode.deposit.pneumatic import pneumatic_deposit
 from sim.gcode.dry_run.run import DryRun, dry_run
-from sim.gcode.heads.valve import (
+from sim.gcode.heads import (
     BETWEEN,
     CLOSED,
     OPEN,
     as_plunger,
     flowing,
     read_with_valve,
+    with_commands,
 )
-from sim.gcode.heads.valve_blocks import with_commands
 from sim.gcode.motion.executed import ExecutedMotion
 
 PRINTER = load(Printer, "pneumatic_marlin")

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from firmware_profiles import Printer, load, shipped
 from sim.errors import LineError
 from sim.gcode.reading import read_line, read_sent
-from sim.gcode.reading.faults import SORTS
-from sim.gcode.reading.plain import PLAIN_MOVE
-from sim.gcode.reading.read import read_words
+from sim.gcode.reading.line import SORTS
+from sim.gcode.reading.read import PLAIN_MOVE, read_words
 
 MARLIN, KLIPPER = load(Printer, "marlin_avr"), load(Printer, "klipper_bioprinter")
 DUET = load(Printer, "makergear_m2_duet2")

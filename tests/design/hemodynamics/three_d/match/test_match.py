@@ -14,11 +14,12 @@ from design.hemodynamics.three_d import FlowOptions, probe_steady, solve_steady,
 from design.hemodynamics.three_d.effective import effective_network
 from design.hemodynamics.three_d.match import (
     MatchOptions,
+    free_radii,
     ideal_target,
     match_split,
+    next_scales,
     outlet_target,
 )
-from design.hemodynamics.three_d.match.radii import free_radii, next_scales
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.network import VesselNetwork
 from design.vasculature import planar_four_vessel
