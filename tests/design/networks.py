@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from design.network import VesselKind, VesselNetwork
 
-TREE_KINDS = tuple(int(kind) for kind in VesselKind)
 TOWARDS_ROOT = (int(VesselKind.VEIN), int(VesselKind.LYMPH))
 
 

@@ -7,7 +7,6 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 
 from design.tissue import biventricle
@@ -18,9 +17,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 FLOW = {"flow": {"vessel_count": 7, "pressure_drop_mmhg": 2.5}}
 
 
-def test_a_print_that_is_refused_is_shown_as_designed_with_the_reason(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_print_that_is_refused_is_shown_as_designed_with_the_reason(monkeypatch, tmp_path):
     """The gallery ended at a heart of 60 mm, deeper than its needle is long."""
     called: list[tuple[Any, ...]] = []
 

@@ -52,40 +52,6 @@ def test_what_doesnt_fit_is_refused(tmp_path: Path, old: str, new: str, message:
         loaded(tmp_path, TEXT.replace(old, new))
 
 
-def test_a_section_called_by_a_firmwares_name_is_refused_with_the_key_in_its_place(
-    tmp_path: Path,
-) -> None:
-    with pytest.raises(ProfileError, match="write file_controller in place of aerotech"):
-        loaded(tmp_path, TEXT.replace("file_controller", "aerotech"))
-
-
-def test_a_section_in_capitals_is_told_its_key_too(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="write file_controller in place of Aerotech"):
-        loaded(tmp_path, TEXT.replace("file_controller", "Aerotech"))
-
-
-def test_an_old_section_beside_the_new_one_is_to_be_taken_out(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="there already: take aerotech out"):
-        loaded(tmp_path, TEXT + "aerotech:\n  controller: a3200\n")
-
-
-def test_commands_that_nobody_would_send_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="nothing is sent to a controller"):
-        loaded(tmp_path, TEXT + "safe_state_off: ['$DO[1].X=0']\n")
-
-
-@pytest.mark.parametrize("letter", ["X", "F", "G", "AB", "a"])
-def test_letters_that_mean_something_else_are_refused(tmp_path: Path, letter: str) -> None:
-    text = PLUNGER.replace("a3200}", f"a3200, plunger_axis: {letter}}}")
-    with pytest.raises(ProfileError, match="plunger_axis"):
-        loaded(tmp_path, text)
-
-
-def test_a_plunger_without_a_letter_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="plunger_axis is the letter"):
-        loaded(tmp_path, PLUNGER.replace("dispenser, file_controller", "file_controller"))
-
-
 def test_an_output_is_no_marlins() -> None:
     printer = load(Printer, "pneumatic_marlin")
     head = {**printer.dispenser.model_dump(), "opens": "$DO[0].X=1", "closes": "$DO[0].X=0"}
@@ -106,6 +72,18 @@ def test_an_outputs_words_are_which_it_is_and_its_value(command: str, name: str)
     assert switch_words(command) == [name, "1"]
 
 
-@pytest.mark.parametrize("command", ["$DO[0].X=2", "$AO[0].X=1", "MoveAbsolute(X, 1, 1)", "$DO=1"])
-def test_anything_else_is_no_output(command: str) -> None:
-    assert not is_output(command)
+def test_commands_that_nobody_would_send_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError, match="nothing is sent to a controller"):
+        loaded(tmp_path, TEXT + "safe_state_off: ['$DO[1].X=0']\n")
+
+
+@pytest.mark.parametrize("letter", ["X", "F", "G", "AB", "a"])
+def test_letters_that_mean_something_else_are_refused(tmp_path: Path, letter: str) -> None:
+    text = PLUNGER.replace("a3200}", f"a3200, plunger_axis: {letter}}}")
+    with pytest.raises(ProfileError, match="plunger_axis"):
+        loaded(tmp_path, text)
+
+
+def test_a_plunger_without_a_letter_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError, match="plunger_axis is the letter"):
+        loaded(tmp_path, PLUNGER.replace("dispenser, file_controller", "file_controller"))

@@ -53,9 +53,7 @@ def _run(tree: Path, store: Path) -> list[float]:
     return [float(word) for word in done.stdout.split()]
 
 
-def test_a_second_process_and_a_copy_of_the_sources_load_what_the_first_compiled(
-    tree, tmp_path
-) -> None:
+def test_a_second_process_and_a_copy_of_the_sources_load_what_the_first_compiled(tree, tmp_path):
     assert _run(tree, tmp_path / "store") == [6.0, 0.0]
     assert _run(tree, tmp_path / "store") == [6.0, 1.0]
     assert _run(_tree(tmp_path / "two", 3.0), tmp_path / "store") == [6.0, 1.0]

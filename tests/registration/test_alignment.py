@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import manifold3d
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels.arrays import FloatArray
-from registration.alignment import AlignmentOptions, align
-from registration.alignment.choice import deviation_where_different
-from registration.alignment.distance import ModelSurface
-from registration.alignment.uncertainty import ScanErrors
+from registration.alignment import Alignment, AlignmentOptions, align
+from registration.alignment.distance import ModelSurface, distance_grid
 from registration.errors import AlignmentError
-from tests.registration.parts import corners, planar_construct, rod, solid
-from tests.slower import first_of
+from registration.measuring.topology import agreement
+from tests.registration.parts import corners, lumens, planar_construct, planar_distance, rod, solid
+from tests.registration.phantom import BLOCK, IDENTITY, block, ladder, ladder_construct
+from tests.slower import examples, first_of
 
 FAST = AlignmentOptions(coarse_points=700, fine_points=5000, contest_points=40_000)
 SIZE = (16.0, 8.0, 3.0)
@@ -71,21 +72,6 @@ def test_mirrored_points_are_refused_though_one_dimple_alone_tells(construct: So
         align(ModelSurface.of(construct), points, True, FAST)
 
 
-def test_a_pose_is_off_by_its_residuals_where_two_poses_differ() -> None:
-    mine, other = np.full(1000, 0.01), np.full(1000, 0.01)
-    mine[:100], other[:100] = -0.12, 0.4
-    assert deviation_where_different(mine, other) == pytest.approx(0.12)
-    assert deviation_where_different(mine, mine) == 0.0
-
-
-@pytest.mark.slow
-def test_walls_of_unknown_errors_prove_no_mirror_image(construct: Solid) -> None:
-    points, _ = placed(surface_points(construct, 60_000, 1) * [-1, 1, 1], 7, np.ones(3))
-    unknown = replace(ScanErrors.of_blur(0.03), level_mm=float("nan"))
-    found = align(ModelSurface.of(construct), points, True, FAST, errors=unknown)
-    assert any("mirrored" in doubt for doubt in found.doubts)
-
-
 def test_a_surface_that_little_light_reached_proves_no_mirror_image(construct: Solid) -> None:
     points, _ = placed(surface_points(construct, 60_000, 1) * [-1, 1, 1], 7, np.ones(3))
     found = align(ModelSurface.of(construct), points, True, FAST, lit=0.3)
@@ -120,26 +106,6 @@ def test_another_part_is_refused(construct: Solid) -> None:
         align(ModelSurface.of(construct), points, True, FAST)
 
 
-def test_too_few_points_are_refused(construct: Solid) -> None:
-    with pytest.raises(AlignmentError, match="too few"):
-        align(ModelSurface.of(construct), np.zeros((10, 3)), True, FAST)
-
-
-@pytest.mark.slow
-def test_edges_that_a_blur_has_rounded_dont_count_as_shrinkage(construct: Solid) -> None:
-    model, blur = ModelSurface.of(construct), 0.04
-    points = surface_points(construct, 60_000, 2)
-    near = model.query(points)
-    points += model.blurred(near.face, blur)[:, None] * near.direction
-    inset = np.sort(np.minimum(points, np.array(SIZE) - points), axis=1)[:, 1]
-    inward = np.clip(1 - inset / (3 * blur), 0, 1)[:, None]
-    points += 0.08 * inward * np.sign(0.5 * np.array(SIZE) - points)
-    seen, truth = placed(points, 5, np.ones(3))
-    found = align(model, seen, True, replace(FAST, fine_points=20_000), blur_mm=blur).scaled
-    np.testing.assert_allclose(found.scale, 1, atol=1e-4)
-    assert np.linalg.norm(found.apply(truth) - corners(SIZE), axis=1).max() < 0.002
-
-
 def test_a_vessel_wider_all_along_leaves_scale_and_offset_alone() -> None:
     """Where the block may stretch along all axes lumens' walls alone tell scale from offset."""
     designed, printed = (
@@ -158,3 +124,187 @@ def test_a_vessel_wider_all_along_leaves_scale_and_offset_alone() -> None:
     found = align(ModelSurface.of(solid(designed)), seen, True, FAST).scaled
     np.testing.assert_allclose(found.scale[:2], 1, atol=1.5e-3)
     assert abs(found.offset_mm) < 0.006
+
+
+# Alignment from any pose: inverted, mirrored, partial, symmetric or nearly so.
+
+FEW = AlignmentOptions(fine_points=5000, contest_points=20_000)
+UPRIGHT = np.diag([1.0, -1.0, -1.0])
+TURNED_OVER = np.eye(3)
+
+
+def block_any_pose(dimple: tuple[float, float] | None = None) -> Solid:
+    """A block with two equal channels, which half turns leave as it is; and a mark."""
+    shape = manifold3d.Manifold.cube((10, 6, 3))
+    for y in (1.5, 4.5):
+        shape -= rod(np.array([-1, y, 1.5]), np.array([11, y, 1.5]), 0.4)
+    if dimple:
+        shape -= manifold3d.Manifold.sphere(0.5, 32).translate((*dimple, 3.0))
+    return solid(shape)
+
+
+def aligned(part: Solid, points: FloatArray, rotation: FloatArray) -> tuple[Alignment, float]:
+    """The alignment of points that lie so under light from above, and its largest error, mm."""
+    size = part.vertices.max(axis=0)
+    where = corners((size[0], size[1], size[2])) @ rotation.T + [1.0, -2.0, 3.0]
+    found = align(ModelSurface.of(part), points @ rotation.T + [1.0, -2.0, 3.0], True, FEW)
+    off = found.scaled.apply(where) - corners((size[0], size[1], size[2]))
+    return found, float(np.linalg.norm(off, axis=1).max())
+
+
+def tilted(rotation: FloatArray, seed: int) -> FloatArray:
+    turn = np.random.default_rng(seed).uniform(-9, 9, 3)
+    return np.asarray(Rotation.from_euler("xyz", turn, degrees=True).as_matrix() @ rotation)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "lay"),
+    [
+        (TURNED_OVER, "turned over"),
+        pytest.param(
+            Rotation.from_euler("y", 90, degrees=True).as_matrix(),
+            "on its side",
+            marks=pytest.mark.slow,
+        ),
+        (Rotation.from_euler("xz", [-90, 40], degrees=True).as_matrix(), "on its side"),
+        (Rotation.from_rotvec([1.1, 0.7, -0.9]).as_matrix(), ""),
+    ],
+)
+def test_a_part_lands_however_it_lies(construct: Solid, rotation: FloatArray, lay: str) -> None:
+    found, error = aligned(construct, surface_points(construct, 20_000, 1), tilted(rotation, 1))
+    assert error < 0.02
+    assert not found.ambiguous, found.doubts
+    assert found.lay.startswith(lay)
+
+
+@pytest.mark.slow
+def test_a_mirrored_part_is_refused_however_it_lies(construct: Solid) -> None:
+    points = surface_points(construct, 20_000, 2) * [-1, 1, 1]
+    with pytest.raises(AlignmentError, match="mirror image"):
+        aligned(construct, points, tilted(TURNED_OVER, 2))
+
+
+def test_a_piece_that_may_be_slid_says_along_which_axis() -> None:
+    part = block_any_pose((1.0, 1.0))
+    points = surface_points(part, 60_000, 4)
+    points = points[(points[:, 0] > 3.5) & (points[:, 0] < 7.0)]
+    found, _ = aligned(part, points, tilted(UPRIGHT, 4))
+    assert found.ambiguous
+    assert any("its place along x" in doubt for doubt in found.doubts)
+
+
+@pytest.mark.slow
+def test_a_symmetric_design_names_the_turns_that_nothing_tells() -> None:
+    part = block_any_pose()
+    found, _ = aligned(part, surface_points(part, 20_000, 5), tilted(UPRIGHT, 5))
+    said = " ".join(found.doubts)
+    for axis in "xyz":
+        assert f"the same after a half turn about {axis}" in said
+
+
+def test_one_mark_tells_where_it_is_seen_and_is_asked_for_where_it_is_not() -> None:
+    part = block_any_pose((1.0, 1.0))
+    points = surface_points(part, 60_000, 6)
+    found, error = aligned(part, points, tilted(TURNED_OVER, 6))
+    assert error < 0.02
+    assert not found.ambiguous, found.doubts
+    hidden = points[points[:, 0] > 1.8]
+    found, _ = aligned(part, hidden, tilted(UPRIGHT, 6))
+    assert any("x 1." in doubt and "wasn't seen" in doubt for doubt in found.doubts), found.doubts
+
+
+@pytest.mark.slow
+def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
+    points = surface_points(construct, 20_000, 7)
+    points[points[:, 2] < 0.05, 2] -= 0.29
+    found, error = aligned(construct, points, UPRIGHT)
+    assert error < 0.02
+    assert "flat faces that face low z are off the design by +29" in found.doubts[0]
+
+
+# Scans of a part with defects and of other parts, by where their hollows are.
+
+OTHER = VesselNetwork.from_segments(
+    np.array([(0.0, 0.7, 0.6), (9.0, 3.7, 1.9), (0.0, 3.8, 1.3), (9.0, 0.7, 1.3)]),
+    np.array([[0, 1], [2, 3]]), np.array([0.3, 0.35]), np.full(2, 4), np.arange(2),
+)  # fmt: skip
+
+
+def half(points: np.ndarray) -> np.ndarray:
+    """Gel all over the half with the channels' ends: five of eight vessels aren't there."""
+    return points[..., 0] * -1.0 + 3.0
+
+
+def bubbles(points: np.ndarray) -> np.ndarray:
+    """Six bubbles of 0.5 mm in the gel."""
+    middles = [(x, y, 0.5) for x in (2.0, 4.5, 7.0) for y in (0.5, 3.9)]
+    return np.min([np.linalg.norm(points - one, axis=-1) - 0.25 for one in middles], axis=0)
+
+
+@pytest.mark.parametrize("filled", [None, half])
+@pytest.mark.parametrize("extra", [None, bubbles])
+def test_a_part_with_missing_vessels_and_bubbles_is_that_part(filled, extra):
+    segmentation = block(extra=extra, filled=filled)
+    surface = ModelSurface.of(ladder_construct())
+    found = agreement(surface, ladder(), segmentation, IDENTITY, False)
+    assert not found.other_part
+    assert found.foreign_share < 0.1
+
+
+def test_a_part_with_other_channels_in_the_same_block_is_another() -> None:
+    model = solid(manifold3d.Manifold.cube(tuple(BLOCK)) - lumens(OTHER))
+    found = agreement(ModelSurface.of(model), OTHER, block(), IDENTITY, False)
+    assert found.other_part
+    assert found.foreign_share > 0.5
+    assert found.designed_open < 0.4
+
+
+# Signed distances to surfaces, against plain NumPy and analytic shapes.
+
+
+def naive_distance(point: FloatArray, triangle: FloatArray) -> float:
+    """Distance to a triangle: inside its prism the plane's, else the nearest edge's."""
+    a, b, c = triangle
+    normal = np.cross(b - a, c - a)
+    normal = normal / np.linalg.norm(normal)
+    sides = [np.cross(normal, q - p) @ (point - p) for p, q in ((a, b), (b, c), (c, a))]
+    if min(sides) >= 0:
+        return abs(float(normal @ (point - a)))
+    best = np.inf
+    for p, q in ((a, b), (b, c), (c, a)):
+        t = np.clip((point - p) @ (q - p) / ((q - p) @ (q - p)), 0, 1)
+        best = min(best, float(np.linalg.norm(point - p - t * (q - p))))
+    return best
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=examples(25), deadline=None)
+def test_distance_equals_the_smallest_over_all_triangles(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape = solid(manifold3d.Manifold.hull_points(rng.uniform(-1, 1, (12, 3))))
+    points = rng.uniform(-2, 2, (20, 3))
+    found = ModelSurface.of(shape).query(points)
+    triangles = shape.vertices[shape.faces]
+    naive = [min(naive_distance(p, t) for t in triangles) for p in points]
+    np.testing.assert_allclose(np.abs(found.distance), naive, atol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.norm(points - found.foot, axis=1), np.abs(found.distance), atol=1e-9
+    )
+
+
+def test_sign_is_right_all_over_a_part_with_lumens_and_sharp_edges() -> None:
+    points = np.random.default_rng(1).uniform([-1, -1, -1], [17, 9, 4], (20_000, 3))
+    truth = planar_distance(points)
+    clear = np.abs(truth) > 0.01  # the model's cylinders have 32 sides
+    found = ModelSurface.of(planar_construct()).query(points).distance
+    np.testing.assert_array_equal(found[clear] < 0, truth[clear] < 0)
+
+
+def test_grid_holds_the_exact_distances_at_its_points() -> None:
+    surface = ModelSurface.of(solid(manifold3d.Manifold.cube((2, 1, 1))))
+    grid = distance_grid(surface, margin_mm=1.0, finest_mm=0.25)
+    nz, ny, nx = grid.values.shape
+    corner = grid.origin_mm + grid.step_mm * np.array([nx - 1, ny - 1, nz - 1])
+    assert (corner >= surface.bounds[1] + 1.0 - 1e-9).all()
+    point = grid.origin_mm + grid.step_mm * np.array([3, 5, 2])
+    assert grid.values[2, 5, 3] == pytest.approx(surface.query(point[None]).distance[0], abs=1e-6)

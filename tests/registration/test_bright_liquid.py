@@ -11,7 +11,6 @@ import pytest
 from registration.scan import Scan
 from registration.segmentation import segment
 from registration.segmentation.bright_liquid import first_light
-from registration.segmentation.levels import split_classes
 from registration.segmentation.working import Working
 from tests.slower import first_of
 
@@ -56,20 +55,6 @@ def test_a_lumen_of_bright_liquid_has_its_diameter(liquid: float) -> None:
     assert np.abs(aside[wall] - np.median(aside[wall])).max() < 0.15
 
 
-def test_the_liquid_is_as_bright_as_it_is() -> None:
-    found = segment(scan(0.4)).strength
-    assert found is not None
-    assert found.dark == pytest.approx(0.4, abs=0.05)
-
-
-def test_one_class_of_values_is_not_split_into_two() -> None:
-    rng = np.random.default_rng(0)
-    one, other = rng.normal(1.0, 0.1, 10_000), rng.normal(0.4, 0.1, 10_000)
-    assert not split_classes(one).two
-    assert split_classes(np.concatenate([one, other])).two
-    assert split_classes(np.concatenate([one, other])).middle == pytest.approx(0.7, abs=0.01)
-
-
 @pytest.mark.slow
 def test_a_scan_from_below_is_the_same_turned_round() -> None:
     down = scan(0.4)
@@ -97,11 +82,3 @@ def test_deep_gel_darker_than_the_liquid_beside_it_is_gel() -> None:
     beside = deep & aside
     assert signal[within].mean() < signal[beside].mean()
     assert share[beside].mean() / share[within].mean() == pytest.approx(liquid, abs=0.15)
-
-
-def test_bright_lines_that_grow_with_depth_arent_light_from_below() -> None:
-    """Two of 0.3 mm apart outshine the gel, the lower one the upper; the gel fades."""
-    shining = scan(0.02)
-    for row, bright in ((42, 20.0), (57, 40.0)):
-        shining.volume[row, 14:56, 14:56] *= bright
-    assert segment(shining).strength is not None

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import manifold3d
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from design.geometry.surface import Surface
 from design.solids.solid import Solid
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
@@ -14,13 +18,14 @@ from registration.measuring.gauging import (
     ScannedSurface,
     deviations,
     hausdorff_p95_um,
-    share_within,
     summarise,
     surface_points,
 )
+from registration.measuring.gauging.face_places import FacePlace, ScannedFaces
+from registration.report.sections import place_rows
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
-from tests.registration.parts import solid
+from tests.registration.parts import planar_construct, solid
 
 HERE = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
 VOXEL = 0.04
@@ -77,42 +82,6 @@ def test_what_isnt_in_the_field_of_view_isnt_measured_back() -> None:
     assert len(deviations_back(points, part, HERE)) == pytest.approx(2000, rel=0.08)
 
 
-def test_missing_hole_shows_only_on_the_way_back() -> None:
-    bored = manifold3d.Manifold.sphere(1.0, 96) - manifold3d.Manifold.cylinder(
-        4, 0.3, 0.3, 64, center=True
-    )
-    model, scan = ModelSurface.of(solid(bored)), ball_scan(1.0)
-    there = summarise(deviations(model, scan.surface.vertices, False))
-    back = summarise(deviations_back(surface_points(model), scan, HERE))
-    assert there.max_um < 320
-    # The middle of the bore lies a whole radius from the nearest scanned surface.
-    assert back.max_um == pytest.approx(1e3 * (1 - 0.3), abs=60)
-    assert back.mean_um < -50
-
-
-def test_points_are_spread_by_area() -> None:
-    box = ModelSurface.of(solid(manifold3d.Manifold.cube((4.0, 1.0, 1.0))))
-    points = surface_points(box, 9000)
-    on_end = np.isclose(points[:, 0], 0).mean()
-    assert on_end == pytest.approx(1 / 18, abs=0.003)
-    top = points[np.isclose(points[:, 2], 1)]
-    counts, _, _ = np.histogram2d(top[:, 0], top[:, 1], bins=(8, 2))
-    assert counts.min() > 0.8 * counts.mean()
-    np.testing.assert_array_equal(points, surface_points(box, 9000))
-
-
-def test_share_within_any_tolerance() -> None:
-    deviation = np.array([-0.03, 0.01, 0.02, 0.06])
-    assert share_within(deviation, 15) == 0.25
-    assert summarise(deviation, (15.0, 60.0)).within == {15.0: 0.25, 60.0: 1.0}
-
-
-def test_nothing_measured_is_nan_not_zero() -> None:
-    empty = np.empty(0)
-    assert np.isnan(summarise(empty).rms_um)
-    assert np.isnan(hausdorff_p95_um(empty, np.ones(3)))
-
-
 def test_way_back_is_exact_in_any_frame() -> None:
     scan = ball_scan(1.0)
     turn = Rotation.from_euler("xyz", (4, -3, 8), degrees=True).as_matrix()
@@ -123,3 +92,54 @@ def test_way_back_is_exact_in_any_frame() -> None:
     # The facets' side, and the field's, of the few points that lie on the surface may differ.
     np.testing.assert_allclose(np.abs(found), np.abs(surface.query(points).distance), atol=1e-12)
     assert (np.sign(found) == np.sign(surface.query(points).distance)).mean() > 0.99
+
+
+# Chips and bumps on a scanned face are listed where they are; noise and rounded rims aren't.
+
+SIDE, STEP = 200, 0.025
+
+
+def face() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A face of 5 × 5 mm with speckle of 12 µm, correlated over 60 µm: vertices, triangles, µm."""
+    x, y = np.meshgrid(STEP * np.arange(SIDE), STEP * np.arange(SIDE), indexing="ij")
+    corner = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
+    a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
+    triangles = [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    noise = gaussian_filter(np.random.default_rng(5).normal(size=x.shape), 2.4, mode="wrap")
+    vertices = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    return vertices, np.concatenate(triangles).astype(np.int32), 12 * noise.ravel() / noise.std()
+
+
+def listed(off: np.ndarray, rims: np.ndarray | None = None) -> tuple[FacePlace, ...]:
+    vertices, triangles, _ = face()
+    none = np.zeros(len(off), dtype=bool)
+    known = off[np.isfinite(off)]
+    spread = 1.4826 * np.median(np.abs(known - np.median(known))) if len(known) else 0.0
+    rims = none if rims is None else rims
+    return ScannedFaces(Surface(vertices, triangles), off, rims, 50, float(spread)).places_off()
+
+
+def away(x: float, y: float) -> np.ndarray:
+    vertices = face()[0]
+    return np.hypot(vertices[:, 0] - x, vertices[:, 1] - y)
+
+
+def test_a_pit_and_a_bump_are_listed_with_sign_size_and_place() -> None:
+    off = face()[2] + 300 * (away(3.0, 1.5) < 0.4) - 200 * (away(1.0, 4.0) < 0.3)
+    pit, bump = listed(off)
+    assert pit.deviation_um == pytest.approx(300, abs=30)
+    assert bump.deviation_um == pytest.approx(-200, abs=30)
+    assert pit.area_mm2 == pytest.approx(np.pi * 0.4**2, rel=0.1)
+    np.testing.assert_allclose(pit.at_mm, [3.0, 1.5, 0], atol=0.4)
+    np.testing.assert_allclose(bump.at_mm, [1.0, 4.0, 0], atol=0.3)
+    rows = place_rows({"by_surface": {"outer_faces": {"places": [asdict(pit), asdict(bump)]}}})
+    assert [float(row[1]) for row in rows] == pytest.approx([0.5, 0.28], abs=0.05)
+
+
+def test_direction_is_the_gradient_of_the_distance() -> None:
+    surface = ModelSurface.of(planar_construct())
+    points = np.random.default_rng(2).uniform([0, 0, 0], [16, 8, 3], (300, 3))
+    here = surface.query(points)
+    ahead = surface.query(points + 1e-5 * here.direction).distance
+    back = surface.query(points - 1e-5 * here.direction).distance
+    np.testing.assert_allclose((ahead - back) / 2e-5, 1.0, atol=0.02)

@@ -38,9 +38,7 @@ def registered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scan, Registra
     return as_scan(scanned), replace(found, defects=(OCCLUSION,))
 
 
-def test_tables_hold_every_vessel_section_and_defect(
-    tmp_path: Path, registered: tuple[Scan, RegistrationReport]
-) -> None:
+def test_tables_hold_every_vessel_section_and_defect(tmp_path, registered):
     _, report = registered
     names = write_tables(tmp_path, report)
     assert names == ("vessels.csv", "sections.csv", "defects.csv", "characteristics.csv")
@@ -58,11 +56,6 @@ def test_tables_hold_every_vessel_section_and_defect(
     assert defects[0]["other"] == defects[0]["percent"] == defects[0]["significance"] == ""
 
 
-def test_an_empty_table_has_its_heading() -> None:
-    assert as_csv([], ("a", "b")) == "a,b\n"
-    assert as_csv([{"a": None, "b": 2.5}]) == "a,b\n,2.5\n"
-
-
 def vtp(path: Path) -> dict[str, np.ndarray]:
     types = {"Float32": "<f4", "Float64": "<f8", "Int32": "<i4", "Int64": "<i8", "UInt8": "u1"}
     found = {}
@@ -75,9 +68,7 @@ def vtp(path: Path) -> dict[str, np.ndarray]:
     return found
 
 
-def test_surface_carries_its_deviation(
-    tmp_path: Path, registered: tuple[Scan, RegistrationReport]
-) -> None:
+def test_surface_carries_its_deviation(tmp_path, registered):
     _, report = registered
     write_surface_vtp(tmp_path / "a.vtp", report)
     found = vtp(tmp_path / "a.vtp")
@@ -90,9 +81,7 @@ def test_surface_carries_its_deviation(
     assert (found["Points"].min(axis=0) < NETWORK.polyline(WIDE)[0].min(axis=0)).all()
 
 
-def test_axes_carry_the_sections(
-    tmp_path: Path, registered: tuple[Scan, RegistrationReport]
-) -> None:
+def test_axes_carry_the_sections(tmp_path, registered):
     _, report = registered
     write_axes_vtp(tmp_path / "a.vtp", NETWORK, report)
     found = vtp(tmp_path / "a.vtp")
@@ -106,9 +95,7 @@ def test_axes_carry_the_sections(
 
 
 @pytest.mark.parametrize("voxel", [None, 0.1])
-def test_nrrd_stands_in_the_parts_frame(
-    tmp_path: Path, registered: tuple[Scan, RegistrationReport], voxel: float | None
-) -> None:
+def test_nrrd_stands_in_the_parts_frame(tmp_path, registered, voxel):
     scan, report = registered
     write_scan_nrrd(tmp_path / "a.nrrd", scan, report, voxel)
     values, header = nrrd.read(str(tmp_path / "a.nrrd"))

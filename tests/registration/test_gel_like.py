@@ -54,11 +54,6 @@ def test_a_film_below_the_level_is_neither_open_nor_closed(slope: float) -> None
     assert not (trace.seen | trace.counted)[trace.gel_like].any()
 
 
-def test_a_film_at_the_very_end_is_found() -> None:
-    trace = found(with_film(0.4, at=1.75))[CHANNEL]
-    assert trace.gel_like[0]
-
-
 def test_sound_lumens_and_a_half_covered_one_are_open() -> None:
     assert not any(trace.gel_like.any() for trace in found(block(noise=0.004)))
     assert not found(with_film(0.4, half=True))[CHANNEL].gel_like.any()
@@ -79,15 +74,38 @@ def test_weak_gel_over_a_stretch_is_found_over_all_of_it(share: float) -> None:
     assert trace.gel_like.sum() == pytest.approx(15, abs=2)
 
 
-def test_weak_gel_all_along_is_found_by_the_other_lumens() -> None:
-    trace = found(holding(lambda x, y, z: 0.4 + 0 * (x + y + z)))[CHANNEL]
-    assert trace.gel_like.mean() > 0.9
-
-
 def test_sediment_in_half_of_a_lumen_is_found() -> None:
     trace = found(holding(lambda x, y, z: 0.4 * ((z < 0) & (x > 3) & (x < 6)) + 0 * y))[CHANNEL]
     marked = trace.along[trace.gel_like] + 1.7
     assert marked[[0, -1]] == pytest.approx([3, 6], abs=0.25)
+
+
+def test_cells_that_thicken_along_a_lumen_leave_it_open() -> None:
+    clouded = holding(lambda x, y, z: 0.02 + 0.018 * (x - 1.7) + 0 * (y + z))
+    assert not any(trace.gel_like.any() for trace in found(clouded))
+
+
+def at_the_mouth(content: Callable[[FloatArray], FloatArray]) -> VesselTrace:
+    """The inlet, whose mouth is at x = 0, with something by x there."""
+    scan = block(noise=0.004)
+    x = scan.field.origin_mm[0] + VOXEL * np.arange(scan.field.values.shape[2])
+    values = np.maximum(scan.field.values, content(x)).astype(np.float32)
+    return found(replace(scan, field=replace(scan.field, values=values)))[0]
+
+
+def test_a_film_across_the_mouth_is_found() -> None:
+    trace = at_the_mouth(lambda x: 0.4 * np.exp(-0.5 * ((x - 0.05) / 0.04) ** 2))
+    assert np.flatnonzero(trace.gel_like).tolist() == [0]
+
+
+def test_a_film_at_the_very_end_is_found() -> None:
+    trace = found(with_film(0.4, at=1.75))[CHANNEL]
+    assert trace.gel_like[0]
+
+
+def test_weak_gel_all_along_is_found_by_the_other_lumens() -> None:
+    trace = found(holding(lambda x, y, z: 0.4 + 0 * (x + y + z)))[CHANNEL]
+    assert trace.gel_like.mean() > 0.9
 
 
 def test_faint_debris_in_the_lower_half_all_along_is_found() -> None:
@@ -102,11 +120,6 @@ def test_light_that_gel_above_scatters_on_is_no_debris() -> None:
     assert not any(trace.gel_like.any() for trace in found(lit))
 
 
-def test_cells_that_thicken_along_a_lumen_leave_it_open() -> None:
-    clouded = holding(lambda x, y, z: 0.02 + 0.018 * (x - 1.7) + 0 * (y + z))
-    assert not any(trace.gel_like.any() for trace in found(clouded))
-
-
 def test_a_parents_own_liquid_isnt_a_plug_of_its_branch() -> None:
     """The channel is brighter all along; the headers that meet it reach into its lumen."""
     traces_ = found(holding(lambda x, y, z: 0.16 + 0 * (x + y + z)))
@@ -118,18 +131,5 @@ def test_a_narrowed_section_stays_a_stenosis() -> None:
     assert not found(scan)[CHANNEL].gel_like.any()
 
 
-def at_the_mouth(content: Callable[[FloatArray], FloatArray]) -> VesselTrace:
-    """The inlet, whose mouth is at x = 0, with something by x there."""
-    scan = block(noise=0.004)
-    x = scan.field.origin_mm[0] + VOXEL * np.arange(scan.field.values.shape[2])
-    values = np.maximum(scan.field.values, content(x)).astype(np.float32)
-    return found(replace(scan, field=replace(scan.field, values=values)))[0]
-
-
 def test_a_bright_bath_isnt_a_film_across_the_mouth() -> None:
     assert not at_the_mouth(lambda x: 0.45 * np.clip(0.5 - x / 0.1, 0, 1)).gel_like.any()
-
-
-def test_a_film_across_the_mouth_is_found() -> None:
-    trace = at_the_mouth(lambda x: 0.4 * np.exp(-0.5 * ((x - 0.05) / 0.04) ** 2))
-    assert np.flatnonzero(trace.gel_like).tolist() == [0]

@@ -6,9 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-import trimesh
 
-from design.solids import Solid, block_solid
+from design.solids import block_solid
 from registration.alignment.distance import ModelSurface
 from registration.alignment.fit import Fit, FitFreedom, refine
 from registration.alignment.intervals import (
@@ -25,7 +24,6 @@ START = Fit(np.eye(3), np.zeros(3), np.ones(3), SIZE / 2)
 # With z stretching too a block's scales and the offset can't be told apart.
 FREE = FitFreedom((0, 1), offset=True)
 NOISE_MM = 0.004
-BEAM = np.array([0.0, 0.0, 1.0])
 SURE = ScanErrors.of_blur(0.0)
 
 
@@ -93,61 +91,3 @@ def test_intervals_cover_what_whole_blocks_share() -> None:
         half = np.array([*sure.shift_mm, *sure.scale[:2], sure.offset_mm])
         covered.append(np.abs(errors(fit)) <= half)
     assert 0.88 < np.mean(covered) < 0.99
-
-
-def test_levels_reflections_and_index_widen_them() -> None:
-    points, _ = faces(np.random.default_rng(1), 3000)
-    sharp = sure_of(points, START, SURE)
-    level = ScanErrors(0.002, 0.002, 0.0, np.inf, 0.0, 0.0, 0.0, BEAM)
-    lines = ScanErrors(0.0, 0.0, 0.002, np.inf, 0.0, 0.0, 0.0, BEAM)
-    tilted = ScanErrors(0.0, 0.0, 0.0, np.inf, 0.01, 0.0, 0.0, np.array([0.6, 0.0, 0.8]))
-    assert sharp.shift_mm.max() < 1e-6
-    # Two opposite faces, each off by its own.
-    own = 1.96 * 0.002 / np.sqrt(2)
-    found = sure_of(points, START, level)
-    np.testing.assert_allclose(found.shift_mm, own, rtol=0.1)
-    found = sure_of(points, START, lines)
-    np.testing.assert_allclose(found.shift_mm, [0, 0, own], rtol=0.1, atol=1e-5)
-    found = sure_of(points, START, tilted)
-    np.testing.assert_allclose(found.scale[:2], [1.96 * 0.01 * 0.36, 0], rtol=0.1, atol=1e-5)
-
-
-def test_a_round_outer_face_errs_like_an_outer_face_and_a_lumen_like_a_lumen() -> None:
-    mesh = trimesh.creation.cylinder(radius=4.0, height=3.0, sections=720)
-    disc = ModelSurface.of(Solid(mesh.vertices, mesh.faces))
-    rng = np.random.default_rng(5)
-    turn, rise = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(-1.3, 1.3, 4000)
-    wall = np.column_stack([4 * np.cos(turn), 4 * np.sin(turn), rise])
-    shared = ScanErrors(0.0, 0.004, 0.0, np.inf, 0.0, 0.0, 0.0, BEAM)
-    start = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
-    scale = [
-        uncertainty(
-            fit_errors(disc, wall, start, FitFreedom((0, 1)), shared, lumens=lumens),
-            start, FitFreedom((0, 1)), shared,
-        ).scale[:2]
-        for lumens in (False, True)
-    ]  # fmt: skip
-    # Quarters that face one way each, off by their own.
-    assert (scale[0] > 0.5 * 1.96 * 0.004 / np.sqrt(2) / 4.0).all()
-    assert (scale[1] < 1e-4).all()
-
-
-def test_what_was_not_fitted_has_no_interval() -> None:
-    points, _ = faces(np.random.default_rng(1), 1000)
-    sure = sure_of(points, START, ScanErrors.of_blur(0.02), FitFreedom((0, 1)))
-    assert np.isnan(sure.scale).tolist() == [False, False, True]
-    assert np.isnan(sure.offset_mm)
-
-
-def test_a_place_far_from_the_middle_is_known_less_well() -> None:
-    sure = Uncertainty(
-        rotation_deg=np.rad2deg([0.0, 0.0, 0.001]),
-        shift_mm=np.array([0.003, 0.004, 0.0]),
-        scale=np.array([0.002, np.nan, 0.0]),
-        offset_mm=0.001,
-    )
-    assert sure.of_place(np.zeros(3)) == pytest.approx(0.005)
-    # Along x by 5 mm: 10 µm of scale along x, 5 µm of the turn about z along y.
-    assert sure.of_place(np.array([5.0, 0.0, 0.0])) == pytest.approx(
-        np.sqrt(0.003**2 + 0.010**2 + 0.004**2 + 0.005**2)
-    )

@@ -183,69 +183,6 @@ def test_a_layer_under_way_is_told_by_where_its_gel_ends() -> None:
     assert reached(numbers[1]) is None
 
 
-def test_a_gap_in_the_middle_isn_t_taken_for_a_layer_under_way() -> None:
-    def gel(x: FloatArray, y: FloatArray, z: FloatArray) -> NDArray[np.bool_]:
-        return np.asarray(block(x, y, z) & ((y < 0.4) | (y > 1.0)))
-
-    assert reached(measured(scanned(gel))[4]) is None
-
-
-def test_a_layer_that_others_lie_on_is_missing() -> None:
-    gone = measured(scanned(lambda x, y, z: np.asarray(block(x, y, z) & ((z < 0.2) | (z > 0.3)))))
-    found = statuses(gone)
-    assert found[2] == LayerStatus.MISSING
-    said = overlay_dict(gone[2], found[2])
-    assert said["gap_mm2"] == pytest.approx(LONG * (WIDE - 0.6), rel=0.15)
-    assert said["gaps"][0]["line_count"] in (5, 7)
-
-
-def test_what_is_out_of_view_is_not_seen() -> None:
-    # The part's 0 lies 0.21 mm above the first plane: 28 planes reach to 0.33 mm.
-    numbers = measured(scanned(block, slice(0, 28)))
-    assert statuses(numbers) == [LayerStatus.PRINTED] * 3 + [LayerStatus.NOT_SEEN] * 2
-    assert numbers[4].in_view == 0
-    assert numbers[4].gel_in_written is None
-    row = overlay_csv([overlay_dict(numbers[4], LayerStatus.NOT_SEEN)]).splitlines()[1]
-    assert row.startswith("5,0.4,0.5,0.45,not seen,")
-    assert row.endswith("," * 9)
-
-
-def test_what_no_light_reached_is_not_seen() -> None:
-    numbers = measured(scanned(block, lit=0.24))
-    assert statuses(numbers)[3:] == [LayerStatus.NOT_SEEN] * 2
-    assert statuses(numbers)[0] == LayerStatus.PRINTED
-    assert numbers[4].in_view == 1
-
-
-def test_a_joint_is_round_and_an_end_is_flat() -> None:
-    one = layers()[0]
-    corner = replace(
-        one,
-        start=np.array([[0.0, 0.0], [2.0, 0.0]]),
-        end=np.array([[2.0, 0.0], [2.0, 1.0]]),
-        width_mm=np.array([0.4, 0.4]),
-        line=np.array([7, 8]),
-        joined=np.array([False, True]),
-    )
-    raster = Raster((-0.505, -0.505), 0.01, (200, 320))
-    owner = raster.owners(corner)
-    # Two rectangles less the quarter square they share, and a quarter disc outside the corner.
-    area = 2 * 0.4 + 1 * 0.4 - 0.2**2 + np.pi * 0.2**2 / 4
-    assert (owner >= 0).sum() * 0.01**2 == pytest.approx(area, rel=0.01)
-    assert set(np.unique(owner).tolist()) == {-1, 0, 1}
-
-
-def test_rings_are_filled_by_the_even_odd_rule() -> None:
-    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    raster = Raster((-1.2, -1.2), 0.01, (240, 240))
-    inside = raster.inside([circle, 0.5 * circle[::-1]])
-    assert inside.sum() * 1e-4 == pytest.approx(np.pi * 0.75, rel=0.005)
-    assert not inside[120, 120]
-    crossed = 0.0031 + np.array([[-1, -1], [1, 1], [1, -1], [-1, 1]])  # at its middle
-    assert raster.inside([crossed]).sum() * 1e-4 == pytest.approx(2.0, rel=0.01)
-
-
 GOOD = [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1.01, 3], [0, 0, 0, 1]]
 
 
@@ -274,9 +211,7 @@ def test_a_pose_is_read_from_a_run_and_from_register(tmp_path: Path) -> None:
         (json.dumps({"scaled_scan_to_part": np.diag([1.0, 1, -1, 1]).tolist()}), "mirrors"),
     ],
 )
-def test_a_wrong_pose_file_ends_with_the_reason(
-    text: str | None, words: str, tmp_path: Path
-) -> None:
+def test_a_wrong_pose_file_ends_with_the_reason(text, words, tmp_path):
     path = tmp_path / "pose.json"
     if text is not None:
         path.write_text(text)
@@ -297,3 +232,30 @@ def test_a_scan_that_can_t_be_aligned_asks_for_a_pose() -> None:
     bare = Segmentation(field, nothing, none, np.zeros(0, bool), 10.0, None)
     with pytest.raises(AlignmentError, match=r"0 surface points .* give --pose registration\.json"):
         align_pose(scan, bare, solid(manifold3d.Manifold.cube((4.0, 3.0, 0.5))))
+
+
+def test_what_no_light_reached_is_not_seen() -> None:
+    numbers = measured(scanned(block, lit=0.24))
+    assert statuses(numbers)[3:] == [LayerStatus.NOT_SEEN] * 2
+    assert statuses(numbers)[0] == LayerStatus.PRINTED
+    assert numbers[4].in_view == 1
+
+
+def test_what_is_out_of_view_is_not_seen() -> None:
+    # The part's 0 lies 0.21 mm above the first plane: 28 planes reach to 0.33 mm.
+    numbers = measured(scanned(block, slice(0, 28)))
+    assert statuses(numbers) == [LayerStatus.PRINTED] * 3 + [LayerStatus.NOT_SEEN] * 2
+    assert numbers[4].in_view == 0
+    assert numbers[4].gel_in_written is None
+    row = overlay_csv([overlay_dict(numbers[4], LayerStatus.NOT_SEEN)]).splitlines()[1]
+    assert row.startswith("5,0.4,0.5,0.45,not seen,")
+    assert row.endswith("," * 9)
+
+
+def test_a_layer_that_others_lie_on_is_missing() -> None:
+    gone = measured(scanned(lambda x, y, z: np.asarray(block(x, y, z) & ((z < 0.2) | (z > 0.3)))))
+    found = statuses(gone)
+    assert found[2] == LayerStatus.MISSING
+    said = overlay_dict(gone[2], found[2])
+    assert said["gap_mm2"] == pytest.approx(LONG * (WIDE - 0.6), rel=0.15)
+    assert said["gaps"][0]["line_count"] in (5, 7)

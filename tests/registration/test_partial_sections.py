@@ -1,5 +1,7 @@
 """Sections of which only part of the wall is a vessel's own: diameters and their intervals."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -14,7 +16,6 @@ from registration.measuring.gauging.sections import (
 from registration.segmentation.volume import GelField
 
 RADIUS, BLUR = 0.15, 0.02
-VOXEL = 0.005
 
 
 def sections(met: float, scatter: float, seed: int, count: int = 400) -> Sections:
@@ -29,6 +30,20 @@ def sections(met: float, scatter: float, seed: int, count: int = 400) -> Section
     return Sections(
         yes, no, nothing, median, share, nothing, np.zeros((count, 2)), rays, nothing, nothing
     )
+
+
+@pytest.mark.parametrize("met", [0.6, 0.75, 0.9])
+@pytest.mark.parametrize("scatter", [0.002, 0.004])
+def test_the_interval_holds_the_diameter(met, scatter):
+    found = sections(met, scatter, seed=3)
+    noise = partial_noise(found, BLUR)
+    inside = np.abs(found.median - 2 * RADIUS) < 1.96 * noise
+    assert inside.mean() > 0.95
+    # It isn't so wide that it says nothing.
+    assert np.median(noise) < 4 * scatter + 0.6 * BLUR
+
+
+VOXEL = 0.005
 
 
 def beside(ways: list[float], gap: float, blur: float) -> tuple[Sections, float]:
@@ -52,17 +67,6 @@ def beside(ways: list[float], gap: float, blur: float) -> tuple[Sections, float]
     return found, float(partial_noise(found, blur)[0])
 
 
-@pytest.mark.parametrize("met", [0.6, 0.75, 0.9])
-@pytest.mark.parametrize("scatter", [0.002, 0.004])
-def test_the_interval_holds_the_diameter(met, scatter):
-    found = sections(met, scatter, seed=3)
-    noise = partial_noise(found, BLUR)
-    inside = np.abs(found.median - 2 * RADIUS) < 1.96 * noise
-    assert inside.mean() > 0.95
-    # It isn't so wide that it says nothing.
-    assert np.median(noise) < 4 * scatter + 0.6 * BLUR
-
-
 @pytest.mark.parametrize(
     "ways", [[0.0], [0.0, np.pi], [0.3, 1.5], [0.0, np.pi / 3, 2 * np.pi / 3, np.pi]]
 )
@@ -75,35 +79,3 @@ def test_gel_thinner_than_the_blur_is_in_the_interval(ways, gap, blur):
     if found.closed_outline[0] or np.isnan(noise):
         return
     assert abs(found.median[0] - 2 * RADIUS) < 1.96 * noise
-
-
-def test_a_wall_beside_thin_gel_has_a_diameter_all_the_same():
-    for blur in (0.2, 0.35):
-        found, noise = beside([0.0], 0.2 * blur * RADIUS, blur * RADIUS)
-        assert not found.closed_outline[0]
-        assert 0.0 < noise < 0.6 * blur * RADIUS
-
-
-def test_the_median_is_of_the_rays_that_met_the_wall():
-    found, _ = beside([0.0, np.pi], 0.1 * 0.3 * RADIUS, 0.3 * RADIUS)
-    met = found.rays[np.isfinite(found.rays)]
-    undone = found.median[0] / 2 - np.median(met)
-    assert found.met[0] < 0.9
-    # Curvature alone lies between: σ²/(2 r).
-    assert undone == pytest.approx((0.3 * RADIUS) ** 2 / (2 * RADIUS), rel=0.1)
-
-
-def test_rays_that_disagree_tell_hardly_a_diameter():
-    """Where most meet other lumens' walls none of them says how wide this one is."""
-    noise = partial_noise(sections(0.8, 0.2 * RADIUS, seed=4), BLUR)
-    assert np.median(1.96 * noise) > RADIUS
-
-
-def test_under_half_of_the_wall_tells_nothing():
-    assert np.isnan(partial_noise(sections(0.4, 0.01, seed=1), BLUR)).all()
-
-
-def test_less_of_the_wall_is_less_sure():
-    found = [sections(met, 0.004, seed=2) for met in (0.6, 0.8, 1.0)]
-    noise = [np.median(partial_noise(each, BLUR)) for each in found]
-    assert noise[0] > noise[1] > noise[2] > 0.0

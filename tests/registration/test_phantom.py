@@ -52,9 +52,7 @@ def test_its_shrinkage_is_found(found: tuple[Scan, Truth, RegistrationReport]) -
     np.testing.assert_allclose(report.scale[2], truth.stretch[2], rtol=3e-3)
 
 
-def test_its_lumens_are_as_wide_as_they_were_made(
-    found: tuple[Scan, Truth, RegistrationReport],
-) -> None:
+def test_its_lumens_are_as_wide_as_they_were_made(found):
     _, _, report = found
     shrunken = 2000 * DESIGN.radius * np.mean(SETTING.stretch)
     error = [

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from registration import RegistrationReport, register_scan, report_dict
+from registration import register_scan, report_dict
 from registration.errors import AlignmentError, RegistrationError, SegmentationError
 from registration.scan import Scan
-from sim.devices.scanner import ScannerOutput
+from registration.segmentation import segment
 from tests.registration.parts import (
     BLOCK,
     as_scan,
@@ -24,27 +25,22 @@ from tests.registration.parts import (
     solid,
     target_error,
 )
+from tests.registration.phantom import ladder, ladder_construct
 from tests.registration.registered import FAST, microct_of, planar_part
 
 
 @pytest.fixture(scope="module")
-def planar(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> tuple[ScannerOutput, RegistrationReport]:
+def planar(tmp_path_factory):
     return planar_part(tmp_path_factory)
 
 
-def test_planar_pose_is_recovered_within_30_um(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_planar_pose_is_recovered_within_30_um(planar):
     scanned, report = planar
     assert target_error(corners(BLOCK), report.scaled_scan_to_part, scanned.pose_truth) < 0.030
     assert not report.ambiguous
 
 
-def test_planar_diameters_are_those_of_the_shrunken_print(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_planar_diameters_are_those_of_the_shrunken_print(planar):
     _, report = planar
     for vessel in report.vessels[5:9]:
         assert vessel.sections > 50
@@ -54,9 +50,7 @@ def test_planar_diameters_are_those_of_the_shrunken_print(
     assert report.all_open
 
 
-def test_rigid_fit_reads_shrinkage_as_deviation_and_the_scaled_fit_does_not(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_rigid_fit_reads_shrinkage_as_deviation_and_the_scaled_fit_does_not(planar):
     _, report = planar
     assert report.rigid.rms_um > 40
     assert report.scaled.rms_um < 20
@@ -64,86 +58,29 @@ def test_rigid_fit_reads_shrinkage_as_deviation_and_the_scaled_fit_does_not(
     np.testing.assert_allclose(report.scale, 0.985, atol=0.006)
 
 
-def test_shrunken_outer_faces_deviate_positively(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_shrunken_outer_faces_deviate_positively(planar):
     _, report = planar
     x, _, z = report.surface.vertices.T
     end = (x < 0.3) & report.seen & (z < 2.7)
     assert np.median(report.deviation_um[end]) > 30
 
 
-@pytest.mark.slow
-def test_only_a_seen_surface_has_a_deviation(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
-    scan = as_scan(planar[0])
-    cropped = replace(scan, volume=scan.volume[:, :, : scan.volume.shape[2] * 3 // 4].copy())
-    report = register_scan(cropped, planar_construct(), planar_network(), FAST)
-    assert 0 < (~report.seen).sum() < 0.5 * len(report.seen)
-    np.testing.assert_array_equal(np.isfinite(report.deviation_um), report.seen)
-    np.testing.assert_array_equal(np.isfinite(report.scaled_deviation_um), report.seen)
-
-
-def test_places_in_gel_and_lumens_are_told_apart(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_places_in_gel_and_lumens_are_told_apart(planar):
     told = planar[1].gel_at
     assert told is not None
     np.testing.assert_array_equal(told, [1.0] * 15 + [0.0] * 4 + [np.nan])
 
 
-def test_report_is_json_with_the_promised_keys(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
-    found = json.loads(json.dumps(report_dict(planar[1]), allow_nan=False))
-    assert set(found) >= {
-        "rigid", "scaled", "transform_scan_to_part", "scale", "ambiguity", "histogram", "vessels",
-        "notes",
-    }  # fmt: skip
-    assert set(found["rigid"]["within"]) == {"25", "50", "100"}
-    assert len(found["histogram"]["counts"]) == len(found["histogram"]["edges_um"]) - 1
-    assert sum(found["histogram"]["counts"]) == planar[1].seen.sum()
-    assert set(found["vessels"][0]) >= {
-        "vessel", "kind", "designed_um", "measured_um", "error_percent", "narrowest_um", "open",
-        "offset_um", "rms_um", "length_mm", "seen_fraction",
-    }  # fmt: skip
-
-
 @pytest.mark.slow
-def test_decibels_give_the_same_surface_as_linear_values(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
-    scanned, linear = planar
-    volume = 10 * np.log10(np.maximum(scanned.volume, 0.1)).astype(np.float32)
-    scan = replace(as_scan(scanned), volume=volume, scale="db")
-    report = register_scan(scan, planar_construct(), planar_network(), FAST)
-    assert report.scaled.rms_um == pytest.approx(linear.scaled.rms_um, abs=1)
-
-
-@pytest.mark.slow
-def test_mirrored_scan_is_refused_as_mirrored(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_mirrored_scan_is_refused_as_mirrored(planar):
     scan = as_scan(planar[0])
     turned = replace(scan, volume=scan.volume[:, ::-1].copy())
     with pytest.raises(AlignmentError, match="mirror image"):
         register_scan(turned, planar_construct(), planar_network(), FAST)
 
 
-def test_upside_down_scan_ends_with_a_reason(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
-    scan = as_scan(planar[0])
-    turned = replace(scan, volume=scan.volume[::-1].copy())
-    with pytest.raises(RegistrationError):
-        register_scan(turned, planar_construct(), planar_network(), FAST)
-
-
 @pytest.mark.slow
-def test_network_of_another_frame_is_refused(
-    planar: tuple[ScannerOutput, RegistrationReport],
-) -> None:
+def test_network_of_another_frame_is_refused(planar):
     moved = planar_network().moved(np.array([0.0, 0.65, 0.0]))
     with pytest.raises(RegistrationError, match="same"):
         register_scan(as_scan(planar[0]), planar_construct(), moved)
@@ -191,25 +128,36 @@ def test_occluded_vessel_is_found_closed_and_its_neighbours_open() -> None:
     assert any("Closed vessels: 1" in note for note in report.notes)
 
 
-def scan_like(volume: np.ndarray) -> Scan:
-    scanned = microct_of(bent_network(), bent_network(), seed=1)
-    return replace(as_scan(scanned), volume=volume)
+# Scans that can't show the part, by a wrong unit, and scans of noise alone are refused plainly.
 
 
-BRIGHT = np.pad(np.ones((30, 40, 40), np.uint16), ((10, 0), (0, 0), (0, 0)))
+def scan(voxel_mm: float) -> Scan:
+    values = np.random.default_rng(0).exponential(100, (60, 60, 60)).astype(np.float32)
+    return Scan(values, (voxel_mm,) * 3, 1.34, False, "linear", "oct", True, Path("noise"))
 
 
-@pytest.mark.parametrize(
-    ("volume", "reason"),
-    [
-        (np.zeros((40, 40, 40), np.uint16), "empty"),
-        (np.full((40, 40, 40), np.nan, np.float32), "NaN"),
-        (np.arange(40, dtype=np.uint16).clip(9, 30) * BRIGHT, "saturated"),
-        (BRIGHT * np.uint16(65535), "two values only, 0 and 65535: it is a segmented image"),
-        (np.random.default_rng(0).integers(900, 1100, (60, 60, 60)).astype(np.uint16), "stands"),
-        (np.zeros((40, 40), np.uint16), "stack"),
-    ],
-)
-def test_useless_volumes_end_with_a_reason(volume: np.ndarray, reason: str) -> None:
-    with pytest.raises(SegmentationError, match=reason):
-        register_scan(scan_like(volume), solid(lumens(bent_network())), bent_network())
+@pytest.mark.parametrize(("voxel_mm", "extent"), [(2e-5, "0.0012"), (4.0, "240")])
+def test_a_scan_in_a_wrong_unit_is_refused_with_both_sizes(voxel_mm: float, extent: str) -> None:
+    with pytest.raises(RegistrationError, match=f"the scan is {extent} × .*check --voxel-um"):
+        register_scan(scan(voxel_mm), ladder_construct(), ladder())
+
+
+@pytest.mark.filterwarnings("error")
+def test_noise_alone_is_refused_without_a_warning() -> None:
+    with pytest.raises(SegmentationError, match="can't be told apart"):
+        segment(scan(0.03))
+
+
+def test_report_is_json_with_the_promised_keys(planar):
+    found = json.loads(json.dumps(report_dict(planar[1]), allow_nan=False))
+    assert set(found) >= {
+        "rigid", "scaled", "transform_scan_to_part", "scale", "ambiguity", "histogram", "vessels",
+        "notes",
+    }  # fmt: skip
+    assert set(found["rigid"]["within"]) == {"25", "50", "100"}
+    assert len(found["histogram"]["counts"]) == len(found["histogram"]["edges_um"]) - 1
+    assert sum(found["histogram"]["counts"]) == planar[1].seen.sum()
+    assert set(found["vessels"][0]) >= {
+        "vessel", "kind", "designed_um", "measured_um", "error_percent", "narrowest_um", "open",
+        "offset_um", "rms_um", "length_mm", "seen_fraction",
+    }  # fmt: skip

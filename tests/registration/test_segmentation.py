@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.ndimage import gaussian_filter
 
+from design.geometry.surface import Surface
 from kernels.arrays import FloatArray
+from registration.alignment.uncertainty import LEVEL_PART, ScanErrors, scan_errors
+from registration.scan import Scan
+from registration.segmentation import GelField, Segmentation, Strength
+from registration.segmentation.even_light import even_signal, running_median
 from registration.segmentation.filters import (
     bin_mean,
     gaussian_weights,
-    near_in_depth,
-    normalise,
     smooth,
 )
-from registration.segmentation.levels import part_levels, sparse_levels
+from registration.segmentation.levels import part_levels
 from registration.segmentation.light import remaining_light
 from registration.segmentation.mesh import surface
-from registration.segmentation.walls import local_level
+from registration.segmentation.oct_field import unevenness, without_lines
+from registration.segmentation.response import depth_response
+from registration.segmentation.working import Working
 
 
 def ball(radius: float, centre: FloatArray, n: int = 40) -> NDArray[np.float32]:
@@ -54,40 +63,12 @@ def test_surface_in_the_middle_is_closed_and_manifold() -> None:
     assert all((b, a) in forward for a, b in forward)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_whole_numbers_equal_to_the_level_leave_no_holes(sign: float) -> None:
-    volume = (ball(8.0, np.array([20.0, 20.0, 20.0])) * 8).astype(np.uint16)
-    vertices, _, _ = surface(volume, sign * 4.0, sign)
-    assert len(vertices) > 0
-    assert np.isfinite(vertices).all()
-
-
 def test_binning_averages_linear_intensity_of_decibels() -> None:
     linear = np.random.default_rng(0).uniform(1, 100, (4, 6, 9)).astype(np.float32)
     expected = linear[:, :6, :9].reshape(2, 2, 3, 2, 3, 3).mean(axis=(1, 3, 5))
     decibel = (10 * np.log10(linear)).astype(np.float32)
-    np.testing.assert_allclose(bin_mean(linear, (2, 2, 3), False), expected, rtol=1e-5)
-    np.testing.assert_allclose(bin_mean(decibel, (2, 2, 3), True), expected, rtol=1e-4)
-
-
-@pytest.mark.slow
-def test_smoothing_equals_the_plain_convolution() -> None:
-    values = np.random.default_rng(0).normal(size=(30, 11, 9)).astype(np.float32)
-    weights = (gaussian_weights(1.3), gaussian_weights(0.8), gaussian_weights(0.5))
-    out = np.empty_like(values)
-    smooth(values, out, weights, 0.0)
-    naive = values.astype(float)
-    for axis, w in enumerate(weights):
-        reach = len(w) // 2
-        padded = np.pad(naive, [(reach, reach) if a == axis else (0, 0) for a in range(3)], "edge")
-        naive = np.apply_along_axis(lambda v, w=w: np.convolve(v, w, "valid"), axis, padded)
-    np.testing.assert_allclose(out, naive, atol=1e-5)
-
-
-def test_sparse_lumens_of_one_percent_are_found() -> None:
-    rng = np.random.default_rng(0)
-    values = np.concatenate([rng.normal(100, 2, 99_000), rng.normal(40, 2, 1000)])
-    assert sparse_levels(values).half == pytest.approx(70, abs=1)
+    np.testing.assert_allclose(bin_mean(linear, (2, 2, 3), False, 0.0), expected, rtol=1e-5)
+    np.testing.assert_allclose(bin_mean(decibel, (2, 2, 3), True, 0.0), expected, rtol=1e-4)
 
 
 @pytest.mark.parametrize("gel", [0.05, 0.5, 0.95])
@@ -98,12 +79,6 @@ def test_a_whole_part_is_told_from_liquid_whichever_fills_more(gel: float) -> No
     found = part_levels(values)
     assert found.half == pytest.approx(70, abs=1)
     assert found.gel == pytest.approx(100, abs=1)
-
-
-def test_few_lumens_in_a_part_that_fills_the_field_are_found() -> None:
-    rng = np.random.default_rng(0)
-    values = np.concatenate([rng.normal(100, 4, 99_700), rng.normal(40, 4, 300)])
-    assert part_levels(values).half == pytest.approx(70, abs=1)
 
 
 def gel_block(tilt: float, attenuation: float, step: float) -> NDArray[np.float32]:
@@ -120,9 +95,7 @@ def gel_block(tilt: float, attenuation: float, step: float) -> NDArray[np.float3
 @pytest.mark.parametrize("tilt", [-0.1, 0.0, 0.1])
 @pytest.mark.parametrize("depth_down", [True, False])
 @pytest.mark.slow
-def test_light_compensation_gives_the_filled_share_times_the_attenuation(
-    tilt: float, depth_down: bool
-) -> None:
+def test_light_compensation_gives_the_filled_share_times_the_attenuation(tilt, depth_down):
     signal = gel_block(tilt, 0.8, 0.045)
     turned = signal if depth_down else signal[::-1].copy()
     light, typical = remaining_light(turned, 0.045, 1.0, np.array([0.06, 0.06]), depth_down)
@@ -139,44 +112,197 @@ def test_light_compensation_gives_the_filled_share_times_the_attenuation(
         assert edge == pytest.approx(12 + tilt * z, abs=0.5)
 
 
-def test_voxels_near_a_mask_in_depth_are_found() -> None:
-    mask = np.random.default_rng(0).random((40, 3, 5)) < 0.04
-    for reach in (1, 4):
-        expected = np.zeros_like(mask)
-        for z in range(len(mask)):
-            expected[z] = mask[max(0, z - reach) : z + reach + 1].any(axis=0)
-        np.testing.assert_array_equal(near_in_depth(mask, reach), expected)
+# Gel in layers is measured as uneven, speckle and lumens aren't; walls' errors grow with it.
+
+VOXEL = 0.025
+WORKING = Working((1, 1, 1), np.ones(3), np.full(3, VOXEL), np.zeros(3), 0.03)
 
 
-def test_levels_are_mapped_to_nothing_and_one() -> None:
-    shape, factor = (12, 9, 15), (3, 3, 5)
-    low = np.full((4, 3, 3), 2.0, np.float32)
-    high = np.full((4, 3, 3), 5.0, np.float32)
-    # Trilinear between block centres: exact on a ramp, away from the ends.
-    high += np.arange(4, dtype=np.float32)[:, None, None]
-    values = np.full(shape, 2.0, np.float32)
-    normalise(values, low, high, factor)
-    assert np.abs(values).max() == 0
-    ramp = (5.0 + (np.arange(12) + 0.5) / 3 - 0.5)[:, None, None] * np.ones(shape)
-    values = ramp.astype(np.float32)
-    normalise(values, low, high, factor)
-    np.testing.assert_allclose(values[2:-2], 1.0, atol=1e-5)
+def gel(layers: float, period_mm: float = 0.5, lean: float = 0.0, speckle: float = 0.1):
+    """Gel of 3 × 4 × 4 mm with a lumen in it and layers across the light, or leaning."""
+    z, y, x = np.meshgrid(*(VOXEL * np.arange(n) for n in (120, 160, 160)), indexing="ij")
+    noise = gaussian_filter(np.random.default_rng(1).normal(size=z.shape), 1.5)
+    values = 1 - layers * np.sin(np.pi * (z + lean * x) / period_mm) ** 2
+    values *= 1 + speckle * noise / noise.std()
+    values[np.hypot(z - 1.5, y - 2.0) < 0.3] = 0.0
+    return (values / np.median(values[values > 0])).astype(np.float32)
 
 
-@pytest.mark.slow
-def test_a_level_with_a_trend_is_right_at_the_end_of_what_it_is_known_from() -> None:
-    shape, ramp = (60, 12, 12), 0.01
-    z = np.arange(60, dtype=np.float32)[:, None, None]
-    values = np.broadcast_to(1.0 + ramp * z, shape).astype(np.float32)
-    where = np.broadcast_to((z >= 20) & (z < 40), shape).copy()
-    plain, straight = (
-        local_level(values, where, (2, 2, 2), np.full(3, 4.0), 1.0, trend)[:, 3, 3]
-        for trend in (False, True)
+@pytest.mark.parametrize(("layers", "period_mm", "lean"), [(0.35, 0.6, 0), (0.2, 0.4, 0.05)])
+def test_layers_are_measured(layers: float, period_mm: float, lean: float) -> None:
+    """Of V sin² half of the values lie farther off their median than V / (2 √2)."""
+    expected = 1.4826 * layers / (2 * np.sqrt(2)) / (1 - layers / 2)
+    found = unevenness(gel(layers, period_mm, lean), WORKING)
+    assert found == pytest.approx(expected, rel=0.2)
+
+
+def errors(uneven: float) -> ScanErrors:
+    values = np.zeros((8, 8, 8), np.float32)
+    scan = Scan(values, (0.02, 0.05, 0.05), 1.34, False, "linear", "oct", True, Path("a"))
+    field = GelField(values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, uneven=uneven)
+    none, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+    strength, seen = Strength(values, 0.01, values.astype(np.float16), 0.0), np.zeros(0, np.bool_)
+    return scan_errors(scan, Segmentation(field, Surface(none, faces), none, seen, 5.0, strength))
+
+
+def test_walls_are_less_sure_in_uneven_gel_and_unknown_in_very_uneven_gel() -> None:
+    assert errors(0.05).level_mm == pytest.approx(np.hypot(LEVEL_PART, 0.025) * 2.5066 * 0.04)
+    assert errors(0.05).outer_mm > errors(0.0).outer_mm
+    assert np.isnan(errors(0.12).level_mm)
+    assert np.isnan(errors(0.12).outer_mm)
+
+
+DEPTH, WALL = 60, 30
+
+
+def deep(values: np.ndarray) -> np.ndarray:
+    """Gel six voxels from the wall and more."""
+    below = np.arange(DEPTH) >= WALL + 6
+    return np.broadcast_to(below[:, None, None], values.shape).copy()
+
+
+def held(values: np.ndarray, gel: np.ndarray) -> float:
+    """Mean voxels of gel in a column, reflections taken out."""
+    clean = np.minimum(without_lines(values.copy(), gel, 1.5), 1.5)
+    return float(clean.sum(axis=0).mean() / clean[gel].mean())
+
+
+def speckled(seed: int) -> np.ndarray:
+    """A wall of gel under fully developed speckle, one look."""
+    rng = np.random.default_rng(seed)
+    mean = np.where(np.arange(DEPTH) < WALL, 0.02, 1.0)[:, None, None]
+    return (mean * rng.exponential(size=(DEPTH, 80, 80))).astype(np.float32)
+
+
+FAINT = pytest.param(
+    1.0,
+    marks=pytest.mark.xfail(
+        strict=True, reason="a line as bright as gel passes for its speckle: 2 voxels into liquid"
+    ),
+)
+
+
+@pytest.mark.parametrize("down", [True, False])
+@pytest.mark.parametrize("line", [FAINT, 4.0, 30.0])
+def test_a_line_doesnt_move_the_wall(line: float, down: bool):
+    values = speckled(4)
+    values[WALL] *= 0.5
+    gel = deep(values)
+    values[WALL] += line
+    values, gel = (values, gel) if down else (values[::-1].copy(), gel[::-1].copy())
+    assert held(values, gel) == pytest.approx(DEPTH - WALL - 0.5, abs=0.3)
+
+
+STEP_MM, PIXEL_MM = 0.025, 0.04
+
+
+def working() -> Working:
+    size = np.array([PIXEL_MM, PIXEL_MM, STEP_MM])
+    return Working((1, 1, 1), np.ones(3), size, np.zeros(3), 0.03)
+
+
+TOP_MM, FOOT_MM = 0.3, 2.6
+
+
+SHAPE = (120, 80, 80)
+
+
+def gel_share(lumens: bool) -> FloatArray:
+    """Return a block with liquid around it, and with wide lumens along y in it."""
+    z, _, x = np.meshgrid(
+        STEP_MM * np.arange(SHAPE[0]),
+        PIXEL_MM * np.arange(SHAPE[1]),
+        PIXEL_MM * np.arange(SHAPE[2]),
+        indexing="ij",
     )
-    top, bottom = (1.0 + ramp * (2 * k + 0.5) for k in (10, 19))
-    assert straight[10] == pytest.approx(top, abs=0.01)
-    assert straight[19] == pytest.approx(bottom, abs=0.01)
-    # A mean knows only what lies further in.
-    assert plain[10] - top > 0.03
-    assert bottom - plain[19] > 0.03
-    assert straight[15] == pytest.approx(1.0 + ramp * 30.5, abs=0.01)
+    share = np.clip(0.5 + np.minimum(z - TOP_MM, FOOT_MM - z) / STEP_MM, 0, 1)
+    share[:, :8], share[:, -8:] = 0, 0
+    share[:, :, :8], share[:, :, -8:] = 0, 0
+    if lumens:
+        for x0, z0 in ((0.9, 0.9), (1.6, 1.9), (2.3, 1.2)):
+            share *= np.clip(0.5 + (np.hypot(x - x0, z - z0) - 0.35) / STEP_MM, 0, 1)
+    return share
+
+
+def falls_to(least: float) -> FloatArray:
+    """Return a response that falls to so much at the foot, (nz,)."""
+    depth = np.clip((STEP_MM * np.arange(SHAPE[0]) - TOP_MM) / (FOOT_MM - TOP_MM), 0, None)
+    return np.asarray(least ** (depth**1.5))
+
+
+NOISE = 1e-3
+
+
+FADES = 0.8  # 1/mm, there and back
+
+
+def scanned(share: FloatArray, response: FloatArray) -> NDArray[np.float32]:
+    """Return speckle of two looks with its noise floor."""
+    rng = np.random.default_rng(3)
+    above = (np.cumsum(share, axis=0) - 0.5 * share) * STEP_MM
+    mean = (share + 0.02 * (1 - share)) * np.exp(-FADES * above) * response[:, None, None]
+    return ((mean + NOISE) * rng.gamma(2.0, 0.5, SHAPE)).astype(np.float32)
+
+
+@pytest.mark.parametrize("depth_down", [True, False])
+def test_response_is_told_from_what_the_gel_takes(depth_down: bool) -> None:
+    truth = falls_to(0.2)
+    way = slice(None, None, 1 if depth_down else -1)
+    signal = scanned(gel_share(True), truth)[way] - np.float32(NOISE)
+    found = depth_response(np.ascontiguousarray(signal), NOISE, working(), depth_down)[way]
+    rows = np.s_[round(TOP_MM / STEP_MM) + 4 : round(FOOT_MM / STEP_MM) - 4]
+    off = np.log(found[rows] / truth[rows])
+    assert np.ptp(off) < 0.35  # of 1.6 that the instrument takes, beside 1.8 that the gel does
+
+
+FloatVolume = NDArray[np.float32]
+
+
+def focused() -> FloatVolume:
+    """Return a level that falls off from a focus in the middle, to a quarter each way."""
+    depth = np.arange(100)[:, None, None]
+    level = 4.0 ** (-(((depth - 50) / 40) ** 2)) * np.ones((1, 70, 70))
+    return level.astype(np.float32)
+
+
+GEL = np.s_[15:85, 10:60, 10:60]
+
+
+def speckle(level: FloatVolume, seed: int = 1) -> FloatVolume:
+    """Return gel of a level, with the speckle of two looks, in liquid of 3 %."""
+    rng = np.random.default_rng(seed)
+    field = np.full((100, 70, 70), 0.03)
+    field[GEL] = level[GEL]
+    return (field * rng.gamma(2.0, 0.5, field.shape)).astype(np.float32)
+
+
+def test_a_focus_in_the_gel_is_evened_out_from_top_to_foot() -> None:
+    level = focused()
+    even = Working((1, 1, 1), np.ones(3), np.full(3, 0.03), np.zeros(3), 0.03)
+    light = even_signal(speckle(level), np.ones_like(level), even)
+    inside = np.s_[18:82, 14:56, 14:56]
+    ratio = level[inside] / light[inside]
+    assert np.abs(ratio.mean(axis=(1, 2)) - 1).max() < 0.25
+    assert np.abs(ratio - 1).mean() < 0.08
+    # By the model alone a part of it lies below half of the level, where liquid is.
+    assert (level[inside] < 0.5).mean() > 0.1
+
+
+@pytest.mark.parametrize(("depth", "half"), [(30, 3), (6, 9), (50, 1)])
+def test_running_median_is_numpys_also_of_equal_values_and_short_volumes(depth, half) -> None:
+    values = np.random.default_rng(0).random((depth, 5, 7)).round(1).astype(np.float32)
+    around = np.arange(-half, half + 1)
+    naive = [np.median(values[np.clip(z + around, 0, depth - 1)], axis=0) for z in range(depth)]
+    np.testing.assert_array_equal(running_median(values, half), naive)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.8, 3.0])
+def test_smoothing_is_the_gaussian_with_the_nearest_value_beyond_the_edge(sigma: float) -> None:
+    values = np.random.default_rng(0).random((40, 21, 13), dtype=np.float32)
+    weights = gaussian_weights(sigma)
+    out = np.empty_like(values)
+    smooth(values, out, (weights, weights, weights), 0.0)
+    expected = values.astype(np.float64)
+    for axis in range(3):
+        expected = ndimage.correlate1d(expected, weights, axis, mode="nearest")
+    np.testing.assert_allclose(out, expected, atol=1e-6)

@@ -43,13 +43,7 @@ def by_slabs(item: Scan, bins: tuple[int, int, int], slab_bytes: int) -> np.ndar
     kind=st.sampled_from(["<u2", ">u2", "f4"]),
 )
 @settings(max_examples=examples(60), deadline=None)
-def test_slabs_bin_as_the_whole_does(
-    shape: tuple[int, int, int],
-    bins: tuple[int, int, int],
-    order: tuple[int, int, int],
-    slab_bytes: int,
-    kind: str,
-) -> None:
+def test_slabs_bin_as_the_whole_does(shape, bins, order, slab_bytes, kind):
     volume = counts(*shape).astype(kind).transpose(order)
     item = scan(volume=volume)
     expected = binned(volume, bins)
@@ -57,13 +51,6 @@ def test_slabs_bin_as_the_whole_does(
         np.testing.assert_allclose(by_slabs(item, bins, slab_bytes), expected)
     else:
         assert list(item.slabs(bins, slab_bytes)) == []
-
-
-def test_depth_fastest_files_are_cut_along_their_b_scans() -> None:
-    item = scan(volume=np.zeros((20, 21, 22), np.uint16).transpose(0, 1, 2))
-    deep = scan(volume=np.zeros((21, 22, 20), np.uint16).transpose(2, 0, 1))
-    assert [s.voxels.shape for s in item.slabs((1, 1, 1), 9240)][:1] == [(10, 21, 22)]
-    assert [s.voxels.shape for s in deep.slabs((1, 1, 1), 8800)][:1] == [(20, 10, 22)]
 
 
 @pytest.fixture

@@ -77,9 +77,7 @@ def test_a_plug_at_the_mouth_is_told() -> None:
 
 
 @pytest.mark.parametrize("network", [SLANTED, STEEP])
-def test_a_neck_in_a_mouth_is_measured_by_the_wall_that_lies_in_the_gel(
-    network: VesselNetwork,
-) -> None:
+def test_a_neck_in_a_mouth_is_measured_by_the_wall_that_lies_in_the_gel(network):
     found = traced(-0.3, 5.3, neck=0.15, network=network)
     whole = found.counted & found.sections.closed_outline
     cut = found.counted & ~found.sections.closed_outline

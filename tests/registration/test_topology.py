@@ -11,15 +11,13 @@ from skimage.measure import euler_number as peer_euler
 from design.network import VesselNetwork
 from registration.measuring.topology import (
     Betti,
-    Faults,
     betti_numbers,
-    graph_betti,
     lay_grid,
     overlap,
     scanned_with,
 )
-from registration.measuring.topology.compare import euler_number, without_specks
-from tests.registration.phantom import BLOCK, IDENTITY, block, ladder
+from registration.measuring.topology.compare import euler_number
+from tests.registration.phantom import BLOCK, IDENTITY, block
 from tests.slower import examples
 
 
@@ -48,26 +46,6 @@ def test_euler_number_agrees_with_scikit_image(seed: int, share: float) -> None:
     voxels = np.random.default_rng(seed).random((6, 7, 5)) < share
     padded = np.pad(voxels, 1)
     assert euler_number(padded) == peer_euler(padded, connectivity=3)
-
-
-def test_specks_go_and_the_rest_stays() -> None:
-    voxels = torus()
-    voxels[0, 0, 0] = True
-    voxels[16, 16, 26] = False  # within the tube
-    cleaned = without_specks(voxels, 8)
-    np.testing.assert_array_equal(cleaned, torus())
-
-
-def test_graph_of_the_ladder() -> None:
-    network = ladder()
-    assert graph_betti(network) == Betti(1, 1, 0)
-    assert graph_betti(network, Faults(occluded=[3])) == Betti(1, 0, 0)
-    assert graph_betti(network, Faults(occluded=[3, 4])) == Betti(2, 0, 0)
-    assert graph_betti(network, Faults(occluded=[3, 3])) == Betti(2, 0, 0)
-    assert graph_betti(network, Faults(missing={3})) == Betti(1, 0, 0)
-    assert graph_betti(network, Faults(missing={7})) == Betti(1, 1, 0)
-    assert graph_betti(network, Faults(occluded=[7])) == Betti(2, 1, 0)
-    assert graph_betti(network, Faults(bridges=[(3, 4)])) == Betti(1, 2, 0)
 
 
 def tube(radius: float, offset: float = 0.0) -> VesselNetwork:
@@ -102,19 +80,3 @@ def test_dice_of_offset_cylinders() -> None:
     lens = 2 * r**2 * np.arccos(offset / (2 * r)) - offset / 2 * np.sqrt(4 * r**2 - offset**2)
     assert overlap(grid, 0.4).dice == pytest.approx(lens / (np.pi * r**2), abs=0.015)
     assert scanned_with(grid, full.field, IDENTITY).free.sum() == grid.free.sum()
-
-
-def test_walls_of_the_grid_are_the_vessels() -> None:
-    grid = lay_grid(ladder(), block().field, IDENTITY, bounds(), 0.1, 0.4)
-    index = np.argwhere(grid.wall_mm < grid.reach_mm)
-    places = grid.places(index)
-    best = np.full(len(places), np.inf)
-    for start, end, r0, _, _ in zip(*ladder().pieces(), strict=True):
-        t = np.clip((places - start) @ (end - start) / ((end - start) @ (end - start)), 0, 1)
-        best = np.minimum(
-            best, np.linalg.norm(places - start - t[:, None] * (end - start), axis=1) - r0
-        )
-    np.testing.assert_allclose(grid.wall_mm[tuple(index.T)], best, atol=1e-5)
-    far = grid.wall_mm >= grid.reach_mm
-    assert (grid.owner[far] == -1).all()
-    assert (grid.owner[~far] >= 0).all()

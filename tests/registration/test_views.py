@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from design.solids import Solid
-from kernels.arrays import FloatArray
 from registration import RegistrationReport, Scan, report_dict
 from registration.measuring.judging import Tolerances, VesselLimits, judge
 from registration.measuring.judging.tolerance import symmetric
 from registration.overlay.cut import Shades
 from registration.report.views import Views, add_scan_places, load_views, save_views, take_views
-from registration.report.views.mesh_cut import cut_mesh, join_lines
-from registration.report.views.stack import PIXELS, chosen_sections
+from registration.report.views.stack import PIXELS
 from tests.registration.parts import as_scan, planar_construct
 from tests.registration.registered import planar_part
 
@@ -41,21 +38,6 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     return Case(scan, found, model, numbers, take_views(scan, model, found, numbers))
 
 
-def test_a_plane_cuts_a_cube_in_one_closed_square() -> None:
-    cube = planar_construct()
-    rings = [
-        ring for ring in join_lines(cut_mesh(cube.vertices, cube.faces, 0, 1.0)) if len(ring) > 3
-    ]
-    outer = max(rings, key=lambda ring: float(np.ptp(ring[:, 0])))
-    np.testing.assert_allclose(outer[0], outer[-1], atol=1e-6)
-    np.testing.assert_allclose(np.ptp(outer, axis=0), [8.0, 3.0], atol=1e-6)
-
-
-def test_a_plane_beside_a_mesh_cuts_nothing() -> None:
-    cube = planar_construct()
-    assert cut_mesh(cube.vertices, cube.faces, 2, 99.0).shape == (0, 2, 2)
-
-
 def test_every_finding_has_its_own_b_scan_voxel_by_voxel(case: Case) -> None:
     assert len(case.views.findings) == len(case.numbers["findings"]) > 0
     shades = Shades.of(case.scan)
@@ -69,27 +51,7 @@ def test_every_finding_has_its_own_b_scan_voxel_by_voxel(case: Case) -> None:
         np.testing.assert_array_equal(view.b_scan.grey, shades.grey(raw))
 
 
-def test_both_contours_run_through_the_finding_and_agree_where_the_print_is_good(
-    case: Case,
-) -> None:
-    view = case.views.findings[0]
-    for lines in (view.b_scan.design, view.b_scan.measured):
-        assert len(lines) > 4
-    apart = _to_lines(view.b_scan.measured.mean(axis=1), view.b_scan.design)
-    assert np.median(apart) < 0.05
-
-
-def _to_lines(points: FloatArray, lines: FloatArray) -> FloatArray:
-    """Distance of each point (n, 2) from the nearest of the lines (k, 2, 2), mm."""
-    start, way = lines[:, 0], lines[:, 1] - lines[:, 0]
-    off = points[:, None] - start
-    share = (off * way).sum(axis=2) / np.maximum((way**2).sum(axis=1), 1e-12)
-    return np.linalg.norm(off - np.clip(share, 0, 1)[..., None] * way, axis=2).min(axis=1)
-
-
-def test_a_sections_outline_has_the_reported_diameter_and_parts_dark_from_bright(
-    case: Case,
-) -> None:
+def test_a_sections_outline_has_the_reported_diameter_and_parts_dark_from_bright(case):
     stack = case.views.sections
     side = (np.arange(PIXELS) + 0.5) / PIXELS * 2 - 1
     for k in range(0, len(stack.vessel), 40):
@@ -104,20 +66,10 @@ def test_a_sections_outline_has_the_reported_diameter_and_parts_dark_from_bright
         assert picture[away < 0.7 * reported].mean() < 0.6 * picture[away > 1.3 * reported].mean()
 
 
-def test_pictures_come_back_from_their_file_and_the_same_ones_give_the_same_bytes(
-    case: Case, tmp_path: Path
-) -> None:
+def test_pictures_come_back_from_their_file_and_the_same_ones_give_the_same_bytes(case, tmp_path):
     save_views(tmp_path / "a.npz", case.views)
     again = load_views(tmp_path / "a.npz")
     save_views(tmp_path / "b.npz", again)
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
     assert again.findings[0].b_scan.title == case.views.findings[0].b_scan.title
     np.testing.assert_array_equal(again.sections.grey, case.views.sections.grey)
-
-
-def test_too_many_sections_are_thinned_but_never_those_that_are_not_a_pass() -> None:
-    rows = [["pass"] * 50 + ["fail"] * 5 + ["pass"] * 50, ["pass"] * 100]
-    chosen = chosen_sections(rows, most=60)
-    assert set(range(50, 55)) <= set(chosen[0].tolist())
-    assert 30 < sum(map(len, chosen)) <= 60
-    assert sum(map(len, chosen_sections(rows, most=1000))) == 205

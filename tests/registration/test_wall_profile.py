@@ -10,15 +10,12 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from registration.alignment.uncertainty import ScanErrors
-from registration.measuring.gauging.wall_profile import wall_profile, with_told_walls
+from registration.measuring.gauging.wall_profile import wall_profile
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import Strength
-from registration.wall_reference import WallCalibration
 from tests.registration.phantom import as_designed, block, traces
 
 SPREAD, PLACE = 0.015, 0.008
-"""Of the point spread, and how much further walls lie in the gel than the field has them, mm."""
 
 
 @cache
@@ -47,51 +44,3 @@ def test_walls_are_found_whatever_the_law_of_speckle(speckle: Literal["one look"
     assert found.place_mm == pytest.approx(PLACE, abs=0.002)
     assert found.error_mm < 0.002
     assert found.line_mm[0] < 0.002
-
-
-@pytest.mark.parametrize("level", [True, False])
-def test_walls_that_shine_lie_further_out(level: bool):
-    shining = scan(0.03, level=level)
-    found = wall_profile(traces(shining), shining)
-    assert found is not None
-    line, unknown = found.line_mm
-    assert found.place_mm < PLACE - 0.004
-    assert line > 2 * unknown
-    if level:  # as in scans: all over there would be no gel's light to tell a wall by
-        assert found.place_mm + line == pytest.approx(PLACE, abs=2 * unknown)
-
-
-def test_sections_move_and_a_reference_moves_them_on_and_leaves_the_profiles_own_error():
-    dull = scan(0.0)
-    before = traces(dull)
-    errors = replace(ScanErrors.of_blur(0.04), faint_mm=0.0045, facing_mm=0.004)
-    moved, left, wall = with_told_walls(before, dull, errors)
-    assert (left.faint_mm, left.facing_mm) == (0.0, 0.0)
-    assert wall - dull.field.wall_mm == pytest.approx(PLACE, abs=0.003)
-    for one, other in zip(moved, before, strict=True):
-        known = other.sections.diameter > 0
-        change = one.sections.diameter[known] - other.sections.diameter[known]
-        np.testing.assert_allclose(change, 2 * (wall - dull.field.wall_mm))
-        np.testing.assert_array_equal(
-            one.sections.diameter[~known], other.sections.diameter[~known]
-        )
-    profile = wall_profile(before, dull)
-    assert profile is not None
-    for scans, chance in ((3, profile.error_mm), (1, np.sqrt(2) * profile.error_mm)):
-        reference = replace(errors, reference=WallCalibration(10.0, 1.0, 400.0, 600.0, scans))
-        field = replace(dull.field, wall_mm=dull.field.wall_mm + 0.010)  # as `segment` does
-        offset = replace(dull, field=field)
-        further, known, place = with_told_walls(traces(offset), offset, reference)
-        assert place == pytest.approx(wall + 0.010, abs=5e-4)
-        assert known.line_mm == pytest.approx(chance, rel=0.1)
-        assert known.line_mm < left.line_mm
-        for one, other in zip(further, moved, strict=True):
-            known_mm = other.sections.diameter > 0
-            change = one.sections.diameter[known_mm] - other.sections.diameter[known_mm]
-            np.testing.assert_allclose(change, 0.020, atol=1e-3)
-
-
-def test_without_light_nothing_moves():
-    dark = replace(scan(0.0), strength=None)
-    found, errors = traces(dark), ScanErrors.of_blur(0.04)
-    assert with_told_walls(found, dark, errors) == (found, errors, dark.field.wall_mm)

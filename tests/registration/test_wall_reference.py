@@ -12,24 +12,16 @@ import pytest
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
-from registration import ScanOverrides, register_scan
+from registration import register_scan
 from registration.alignment import Fit
-from registration.corrected import corrected_scan
-from registration.devices.optics import OctCalibration, write_calibration
 from registration.errors import RegistrationError
-from registration.files.writers import write_scan
 from registration.measuring.gauging import ScannedSurface
-from registration.measuring.gauging.sections import cut_sections
-from registration.overlay import Cutter, Raster
 from registration.scan import Scan
 from registration.segmentation import Segmentation, SegmentationOptions, segment
-from registration.segmentation.volume import GelField
 from registration.wall_reference import ReferenceScan, WallCalibration, measured_walls
 from sim.devices.scanner import OctOptions, simulate_oct
 from tests.registration import parts
-from tests.registration.files.readers import crafted
 from tests.registration.registered import FAST
-from tests.registration.test_gauging import bore, planes
 
 OCT: dict[str, Any] = {"modality": "oct", "voxel_um": (25.0, 25.0, 15.0)}
 
@@ -68,28 +60,6 @@ def test_one_lumen_scanned_once_and_another_part_and_scans_of_two_kinds_are_refu
             measured_walls([scan([400.0], 8.0, material="A"), scan([400.0], 8.0, **kind)])
 
 
-def test_a_scan_of_other_voxels_is_left_and_one_of_another_kind_refused(tmp_path: Path) -> None:
-    made = measured_walls([scan([400.0, 600.0], 8.0), scan([400.0, 600.0], 9.0)])
-    write_calibration(tmp_path / "device.yaml", OctCalibration(walls=made))
-
-    def read(**change: Any) -> Scan:
-        part = crafted.scan(volume=crafted.counts(20, 20, 20))
-        write_scan(tmp_path / "s.tif", replace(part, optical_depth=False, **change))
-        return corrected_scan(tmp_path / "s.tif", ScanOverrides(), tmp_path / "device.yaml")
-
-    same = read(voxel_mm=(0.0155, 0.025, 0.025))
-    assert same.walls == made
-    assert not any("not moved" in note for note in same.notes)
-    other = read(voxel_mm=(0.010, 0.025, 0.025))
-    assert other.walls is None
-    assert "25 × 25 × 15 µm, and this part in 25 × 25 × 10 µm (limit 10 %" in other.notes[-1]
-    write_calibration(tmp_path / "beam.yaml", OctCalibration())
-    with pytest.raises(RegistrationError, match="holds no walls"):
-        corrected_scan(tmp_path / "s.tif", ScanOverrides(), walls=tmp_path / "beam.yaml")
-    with pytest.raises(RegistrationError, match="microct"):
-        read(voxel_mm=(0.015, 0.025, 0.025), modality="microct")
-
-
 def test_a_capillarys_diameter_moves_by_twice_the_offset_and_says_what_it_rests_on() -> None:
     size, width = np.array([6.0, 2.4, 2.0]), 0.6
     ends = np.array([[0.0, 1.2, 1.0], [6.0, 1.2, 1.0]])
@@ -120,13 +90,6 @@ def test_a_capillarys_diameter_moves_by_twice_the_offset_and_says_what_it_rests_
     assert any("+10.0 µm into the gel, the offset of a reference" in note for note in moved.notes)
 
 
-def test_sections_are_wider_by_twice_the_offset() -> None:
-    field = bore(0.4)
-    moved = GelField(*(getattr(field, name) for name in FIELD), wall_mm=0.005)
-    plain, found = (cut_sections(each, planes(0.4, [1.0, 2.0])).diameter for each in (field, moved))
-    np.testing.assert_allclose(found - plain, 0.010, atol=1e-9)
-
-
 def bright_ball(wall_mm: float) -> Segmentation:
     """A ball of 0.6 mm full of contrast agent, in gel."""
     index = np.indices((40, 40, 40)) - 19.5
@@ -138,11 +101,6 @@ def bright_ball(wall_mm: float) -> Segmentation:
 
 def radii(ball: Segmentation) -> np.ndarray:
     return np.linalg.norm(ball.surface.vertices - MIDDLE, axis=1)
-
-
-def test_a_bright_ball_in_gel_is_wider_by_it() -> None:
-    plain, moved = (radii(bright_ball(wall)).mean() for wall in (0.0, 0.01))
-    assert moved - plain == pytest.approx(0.01, rel=0.05)
 
 
 @pytest.mark.parametrize("wall", [0.01, -0.01])
@@ -158,18 +116,5 @@ def test_the_way_back_ends_at_the_moved_wall(wall: float) -> None:
         assert np.median(found) == pytest.approx(level + wall - radius, abs=0.001)
 
 
-@pytest.mark.parametrize("wall", [0.01, 0.0, -0.01])
-def test_a_cut_through_a_bright_ball_is_wider_by_it(wall: float) -> None:
-    """As the overlay holds it against the lines: by the area of what isn't gel."""
-    ball = bright_ball(wall)
-    scan = Scan(np.zeros((40, 40, 40)), (0.05,) * 3, 1.0, False, "linear", "microct", False, Path())
-    raster = Raster((0.2, 0.2), 0.004, (390, 390))
-    found = Cutter(scan, ball, np.eye(4)).cut(raster, float(MIDDLE[2]))
-    across = 2e3 * np.sqrt((~found.gel).sum() * raster.pixel_mm**2 / np.pi)
-    level = 2e3 * radii(bright_ball(0.0)).mean()
-    assert across == pytest.approx(level + 2e3 * wall, abs=2)
-
-
 MIDDLE = np.full(3, 19.5 * 0.05)
 STILL = (np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
-FIELD = ("values", "level", "sign", "voxel_mm", "origin_mm", "blur_mm")

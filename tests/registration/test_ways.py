@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kernels.arrays import FloatArray
 from registration.measuring.topology import leaks
-from registration.measuring.topology.gel_paths import _scores, find_gel_paths
-from registration.segmentation import GelField, Segmentation, are_separable, gel_evidence
+from registration.measuring.topology.gel_paths import find_gel_paths
+from registration.segmentation import GelField, Segmentation, gel_evidence
 from registration.segmentation.volume import Strength
 from tests.registration.phantom import CHANNEL, VOXEL, WIDE, block
 from tests.registration.test_defects import findings, hole
@@ -53,16 +52,6 @@ def with_bubble(scan: Segmentation, x: float, y: float, z: float, radius: float)
     return replace(scan, strength=Strength(signal, 0.0, signal.astype(np.float16)))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("place", first_of([1.05, 1.3]))
-def test_what_a_bubble_shades_may_be_gel(place: float) -> None:
-    """A bubble afloat in a lumen, and one that rests at its ceiling."""
-    shaded = with_bubble(speckled(block(), 0.15), 5.0, 1.2, place, 0.13)
-    found = findings(shaded).defects
-    ways = [(d.kind, d.vessel, d.other, d.doubt) for d in found if d.kind in ("leak", "bridge")]
-    assert ways == [("leak", CHANNEL, None, "shade")]
-
-
 def test_a_way_that_nothing_shades_is_a_leak() -> None:
     down = hole((5.0, 1.2, 1.3), (5.0, 1.2, 2.8), 0.10)
     scan = with_bubble(speckled(block(extra=down), 0.15), 6.0, 1.2, 1.3, 0.05)
@@ -90,38 +79,6 @@ def test_sound_speckled_gel_has_no_way(seed: int) -> None:
     assert [d for d in found if d.kind in ("leak", "bridge")] == []
 
 
-def test_lumens_as_bright_as_gel_are_neither_open_nor_closed() -> None:
-    found = findings(speckled(block(), 0.95))
-    assert [vessel.open for vessel in found.vessels] == [None] * len(found.vessels)
-    assert [d for d in found.defects if d.kind in ("missing", "occlusion", "leak", "bridge")] == []
-    assert found.contrast.untold == 1.0
-
-
-def test_evidence_is_one_in_gel_whatever_the_depth() -> None:
-    scan = speckled(block(), 0.15)
-    assert isinstance(scan.field, GelField)
-    evidence = gel_evidence(scan.field, scan.strength)
-    gel = np.asarray(scan.field.values) > 0.9
-    depths = [z for z in range(len(gel)) if gel[z].mean() > 0.1]
-    means = np.array([evidence.fine[z][gel[z]].mean() for z in depths])
-    assert means == pytest.approx(np.ones(len(depths)), abs=0.05)
-
-
-def test_levels_nearer_than_four_deviations_arent_told_apart() -> None:
-    assert are_separable(1.0, 0.15, 0.06)
-    assert not are_separable(1.0, 0.86, 0.06)
-    assert not are_separable(1.0, 0.15, np.nan)
-
-
-def test_longest_ways_that_are_all_real_stand_out_still() -> None:
-    rng = np.random.default_rng(1)
-    length = np.concatenate([rng.uniform(0.2, 1.4, 7000), rng.uniform(1.45, 3.0, 1000)])
-    share = np.concatenate([rng.normal(0.97, 0.02, 7000), rng.normal(0.4, 0.1, 1000)])
-    score = _scores(length, share)
-    assert np.median(score[7000:]) > 10
-    assert score[:7000].max() < 6
-
-
 @pytest.mark.slow
 def test_a_wide_way_is_gauged_about_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
     """Though the cheapest path runs along a side of it."""
@@ -138,11 +95,8 @@ def test_a_wide_way_is_gauged_about_its_middle(monkeypatch: pytest.MonkeyPatch) 
     assert abs(bridge.size_um - 360) < bridge.error_um < 80
 
 
-def test_a_crack_thinner_than_the_averages_is_a_way_that_nothing_proves() -> None:
-    def crack(points: FloatArray) -> FloatArray:
-        x, y, z = np.moveaxis(points, -1, 0)
-        return np.maximum.reduce([abs(x - 5.0) - VOXEL / 2.5, abs(y - 1.2) - 0.4, 1.3 - z])
-
-    found = findings(speckled(block(extra=crack), 0.15, looks=4)).defects
-    ways = {(d.kind, d.vessel, d.doubt) for d in found if d.kind in ("leak", "bridge")}
-    assert ways == {("leak", CHANNEL, "faint")}
+def test_lumens_as_bright_as_gel_are_neither_open_nor_closed() -> None:
+    found = findings(speckled(block(), 0.95))
+    assert [vessel.open for vessel in found.vessels] == [None] * len(found.vessels)
+    assert [d for d in found.defects if d.kind in ("missing", "occlusion", "leak", "bridge")] == []
+    assert found.contrast.untold == 1.0

@@ -1,8 +1,7 @@
 """Simulated Marlin, against answers of a real one, line by line.
 
 Source: measured 2026-11-22 on Marlin bugfix-2.1.x of 2024-10-11 (ATmega2560 under simavr), the same
-bytes to both over pseudo-terminals: some 700 lines, with and without emergency parser.
-"""
+bytes to both over pseudo-terminals: some 700 lines, with and without emergency parser."""
 
 from __future__ import annotations
 
@@ -11,6 +10,7 @@ import pytest
 from firmware_profiles import Printer, load
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import Fault
+from tests.sim.transcripts import differences, numbered, ping_pong, printer_of, rows_of
 
 PROFILE = load(Printer, "marlin_avr")
 
@@ -30,9 +30,6 @@ def said(printer: MarlinPrinter, *lines: str) -> str:
 def x_steps(printer: MarlinPrinter) -> int:
     """Steps of X since power-up."""
     return round(printer.executed().end[-1, 0] * 80)
-
-
-# --- words and codes
 
 
 @pytest.mark.parametrize(
@@ -82,9 +79,6 @@ def test_text_of_m0_begins_behind_its_words_with_numbers() -> None:
     assert "//action:prompt_begin Move it\n" in said(printer, "M0 P10 Move it")
 
 
-# --- settings that last
-
-
 @pytest.mark.parametrize(
     ("line", "question", "answer"),
     [
@@ -106,16 +100,8 @@ def test_text_of_m0_begins_behind_its_words_with_numbers() -> None:
          "Max:  X200.00 Y200.00 Z200.00\n"),
     ],
 )  # fmt: skip
-def test_setting_is_kept_and_told_as_the_real_one_does(
-    line: str, question: str, answer: str
-) -> None:
+def test_setting_is_kept_and_told_as_the_real_one_does(line, question, answer):
     assert said(marlin(), *line.split("\n"), question) == answer
-
-
-def test_speed_factor_is_kept_aside_and_taken_back() -> None:
-    printer = marlin()
-    said(printer, "M220 S50", "M220 B", "M220 S10")
-    assert said(printer, "M220 R", "M220") == "FR:50%\n"
 
 
 def test_stored_settings_outlast_a_reset_and_others_do_not() -> None:
@@ -128,14 +114,6 @@ def test_stored_settings_outlast_a_reset_and_others_do_not() -> None:
     assert said(printer, "M220") == "FR:100%\n"
     assert said(printer, "M502", "M92") == "  M92 X80.00 Y80.00 Z400.00 E500.00\n"
     assert "M92 X81.00" in said(printer, "M501")
-
-
-def test_place_is_counted_in_the_new_steps_when_they_change() -> None:
-    printer = marlin()
-    said(printer, "G1 X5 F600", "M400", "M92 X160")
-    assert "Count X:800" in said(printer, "M114")
-    said(printer, "G1 X6", "M400")
-    assert x_steps(printer) == 400 + 160
 
 
 def test_volume_of_m200_shortens_the_plungers_way() -> None:
@@ -159,27 +137,6 @@ def test_dry_run_flag_of_m111_keeps_plunger_and_heaters_off() -> None:
     assert printer.machine.heat.hotend.target_c == 0
 
 
-# --- the kill's run-on
-
-
-@pytest.mark.parametrize("parser", [True, False])
-@pytest.mark.parametrize(
-    ("feed", "real_s"), [(600, 0.638), (3000, 0.715), (6000, 0.843), (12000, 1.27)]
-)
-def test_motors_run_on_after_a_kill_for_as_long_as_the_real_ones(
-    feed: int, real_s: float, parser: bool
-) -> None:
-    printer = marlin(emergency_parser=parser)
-    said(printer, f"G1 X150 Y150 F{feed}", "G1 X0 Y0")
-    printer.advance(0.6)
-    begin = printer.now
-    assert "halted" in said(printer, "M112")
-    printer.advance(3.0)
-    assert printer.halted
-    executed = printer.executed()
-    assert executed.time_end[-1] - begin == pytest.approx(real_s, rel=0.05)
-
-
 def test_quickstop_before_the_kill_leaves_no_step_behind_it() -> None:
     printer = marlin()
     said(printer, "G1 X100 F3000")
@@ -196,3 +153,36 @@ def test_firmware_that_stops_itself_runs_on_like_any_kill() -> None:
     said(printer, "M302 P1", "G1 X100 F3000")
     printer.advance(4.0)
     assert printer.executed().end[-1, 0] > 50 + 30
+
+
+# Recorded Marlin transcripts, replayed to the simulated printer byte for byte.
+
+
+@pytest.mark.parametrize(("name", "count"), [("conf_avr.txt", 88), ("conf_avr2.txt", 58)])
+def test_every_recorded_row_is_reproduced(name, count):
+    rows = rows_of(name)
+    assert len([row for row in rows if row.sent]) == count
+    assert differences(printer_of(second_build=False), rows) == []
+
+
+def test_second_build_is_reproduced_up_to_its_kill():
+    rows = rows_of("conf_avr3_stock_noEP_advok.txt")
+    killed = next(i for i, row in enumerate(rows) if b"kill()" in row.expected)
+    assert killed == 10
+    assert differences(printer_of(second_build=True), rows[: killed + 1]) == []
+
+
+@pytest.mark.parametrize("second_build", [True, False])
+def test_m112_behind_full_queues_waits_without_emergency_parser_only(second_build):
+    rows = rows_of("conf_avr4_m112_window.txt")
+    first, second = (i for i, row in enumerate(rows) if row.title.startswith("==="))
+    mine = rows[first + 1 : second] if second_build else rows[second + 1 :]
+    assert [row.sent for row in mine] == [b"M302 P1\nG92 X0\n", b"N0 M110 N0*125\n", b"M112\n"]
+    printer = printer_of(second_build)
+    assert differences(printer, mine[:2]) == []
+    ping_pong(printer, 18)
+    printer.receive(b"".join(numbered(n) for n in range(19, 23)))
+    printer.advance(0.4)
+    assert printer.take_output() == b""
+    assert differences(printer, mine[2:]) == []
+    assert printer.dead

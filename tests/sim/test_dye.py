@@ -42,12 +42,6 @@ def test_dye_in_a_tube_follows_taylor() -> None:
         assert np.interp(0.5, seen[:, cell], times) == pytest.approx(way, rel=0.04)
 
 
-def test_flow_agrees_with_the_designs_solver() -> None:
-    network = planar_four_vessel()
-    solved = solve_flow(network, FlowConditions(1e-3, inlet_flow_ul_s=INFLOW))
-    assert dye_flow(network, INFLOW).flow_ul_s == pytest.approx(np.abs(solved.flow), rel=1e-9)
-
-
 def test_an_occlusion_stops_its_branch_and_keeps_the_inflow() -> None:
     flow = dye_flow(planar_four_vessel(), INFLOW, [Occlusion(6, 0.5)])
     rates = flow.flow_ul_s
@@ -79,3 +73,9 @@ def test_a_written_film_reads_back_with_its_clock(tmp_path: Path) -> None:
     assert np.diff(times) == pytest.approx(np.full(29, 1.0 / 15.0), abs=1e-3)
     with pytest.raises(SimError, match="written as"):
         write_film(tmp_path / "film.gif", flow, film, np.random.default_rng(0))
+
+
+def test_flow_agrees_with_the_designs_solver() -> None:
+    network = planar_four_vessel()
+    solved = solve_flow(network, FlowConditions(1e-3, inlet_flow_ul_s=INFLOW))
+    assert dye_flow(network, INFLOW).flow_ul_s == pytest.approx(np.abs(solved.flow), rel=1e-9)

@@ -39,11 +39,6 @@ def test_empty_mesh(tmp_path: Path) -> None:
     _refused(recipe_file(tmp_path, "cortex_embedded", tissue=tissue), tmp_path, 1, "tissue.stl")
 
 
-def test_missing_mesh(tmp_path: Path) -> None:
-    tissue = {"=": "replace", "mesh": "none.stl", "unit": "mm"}
-    _refused(recipe_file(tmp_path, "cortex_embedded", tissue=tissue), tmp_path, 2, "none.stl")
-
-
 def test_mesh_in_inches_labelled_mm(tmp_path: Path) -> None:
     inches = trimesh.creation.box((3.0, 2.0, 1.0))
     _refused(_mesh_recipe(tmp_path, inches), tmp_path, 1, "3", "mm", "in")
@@ -127,11 +122,6 @@ def test_print_on_a_real_port_asks_first(tmp_path: Path) -> None:
     assert "--yes" in done.stderr
 
 
-@pytest.mark.parametrize("command", ["design", "run"])
-def test_missing_recipe(tmp_path: Path, command: str) -> None:
-    _refused(tmp_path / "none.yaml", tmp_path, 2, "printctl init", command=(command,))
-
-
 def test_full_disk_leaves_the_good_file(tmp_path: Path) -> None:
     """A write that fails half-way (here by a file size limit) leaves what was there."""
     coarse = {"=": "replace", "method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400}
@@ -148,3 +138,13 @@ def test_full_disk_leaves_the_good_file(tmp_path: Path) -> None:
     assert "too large" in done.stderr
     assert (tmp_path / "part.gcode").read_text() == "a good file"
     assert {path.name for path in tmp_path.iterdir()} == {"recipe.yaml", "part.gcode"}
+
+
+def test_missing_mesh(tmp_path: Path) -> None:
+    tissue = {"=": "replace", "mesh": "none.stl", "unit": "mm"}
+    _refused(recipe_file(tmp_path, "cortex_embedded", tissue=tissue), tmp_path, 2, "none.stl")
+
+
+@pytest.mark.parametrize("command", ["design", "run"])
+def test_missing_recipe(tmp_path: Path, command: str) -> None:
+    _refused(tmp_path / "none.yaml", tmp_path, 2, "printctl init", command=(command,))

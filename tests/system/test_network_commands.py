@@ -39,15 +39,6 @@ def lattice(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
-    """One message without a traceback, and nothing on stdout."""
-    assert done.returncode == code, done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
-    for word in words:
-        assert word in done.stderr
-
-
 @pytest.mark.slow
 def test_lattice_and_tree_are_measured_alike_in_one_tissue(lattice: Path) -> None:
     grid = printctl("measure", "run", "--json", "--samples", "20000", cwd=lattice)
@@ -89,6 +80,15 @@ def test_a_file_becomes_a_picture(lattice: Path) -> None:
     assert "page" not in told
     with Image.open(lattice / "fork.png") as picture:
         assert picture.size[0] == 500
+
+
+def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    """One message without a traceback, and nothing on stdout."""
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    for word in words:
+        assert word in done.stderr
 
 
 def test_wrong_input_is_told_in_one_message_and_leaves_nothing(tmp_path: Path) -> None:

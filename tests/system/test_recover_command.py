@@ -50,9 +50,7 @@ def called(told: str, **by: float) -> bytes:
         ),
     ],
 )
-def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(
-    tmp_path: Path, data: bytes
-) -> None:
+def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(tmp_path, data):
     job = tmp_path / "job.gcode"
     job.write_bytes(data)
     given = ("--printer", "generic_marlin", "--start", TIP, "--yes")

@@ -35,22 +35,10 @@ def test_viscosity_must_be_above_zero(viscosity: float) -> None:
         FlowConditions(viscosity, inlet_flow_ul_s=1.0)
 
 
-def test_a_network_that_only_runs_round_has_no_inlet() -> None:
-    ring = network_of([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [(0, 1), (1, 2), (2, 0)], 0.2)
-    with pytest.raises(FlowError, match="no inlet"):
-        solve_flow(ring, FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0))
-
-
 def test_a_part_without_outlet_is_named() -> None:
     nodes = [[0, 0, 0], [1, 0, 0], [0, 5, 0], [1, 5, 0], [0.5, 6, 0]]
     network = network_of(nodes, [(0, 1), (2, 3), (3, 4), (4, 3)], 0.2)
     with pytest.raises(FlowError, match=r"vessel 1 .*isolated part without outlet \(3 such"):
-        solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0))
-
-
-def test_a_node_without_vessel_is_named() -> None:
-    network = network_of([[0, 0, 0], [1, 0, 0], [9, 9, 9]], [(0, 1)], 0.2)
-    with pytest.raises(FlowError, match="node 2 is isolated"):
         solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0))
 
 
@@ -74,11 +62,6 @@ def test_ends_must_be_nodes_of_the_network(conditions: FlowConditions, message: 
         solve_flow(LINE, conditions)
 
 
-def test_named_ends_take_the_place_of_the_designed_ones() -> None:
-    conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0, inlets=(2,), outlets=(0,))
-    assert solve_flow(LINE, conditions).flow.tolist() == pytest.approx([-1.0, -1.0], rel=1e-14)
-
-
 def test_a_resistance_behind_an_outlet_is_as_a_vessel_more() -> None:
     """Two outlets behind 1:2; and pressures beyond, one of them the lowest."""
     fork = network_of([[0, 0, 0], [1, 0, 0], [2, 1, 0], [2, -1, 0]], [(0, 1), (1, 2), (1, 3)], 0.3)
@@ -95,8 +78,6 @@ def test_a_resistance_behind_an_outlet_is_as_a_vessel_more() -> None:
         assert found.pressure[2] == pytest.approx(30.0 + 5.0 * flow[1], rel=1e-5)
 
 
-def test_a_pressure_behind_nothing_is_the_outlets_own() -> None:
-    found = solve_flow(
-        LINE, FlowConditions(VISCOSITY, inlet_pressure_pa=9.0, behind={2: OutletLoad(0.0, 4.0)})
-    )
-    assert found.pressure.tolist() == pytest.approx([9.0, 6.5, 4.0])
+def test_named_ends_take_the_place_of_the_designed_ones() -> None:
+    conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0, inlets=(2,), outlets=(0,))
+    assert solve_flow(LINE, conditions).flow.tolist() == pytest.approx([-1.0, -1.0], rel=1e-14)

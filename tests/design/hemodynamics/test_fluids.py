@@ -43,15 +43,6 @@ def test_carreau_in_a_tube_is_its_velocity_profile_integrated(gradient: float) -
     assert solution.wall_shear[0] == pytest.approx(gradient * radius / 2, rel=1e-7)
 
 
-def test_carreau_goes_from_rest_to_infinite_shear() -> None:
-    rate = np.array([1e-3, 1e7])
-    viscosity, index = BLOOD.apparent(rate, np.ones(2))
-    assert viscosity == pytest.approx([0.056, 0.00345], rel=1e-3)
-    assert index == pytest.approx([1.0, 1.0], rel=1e-3)
-    with pytest.raises(FlowError, match="leaves the range"):
-        BLOOD.apparent(np.array([1e12]), np.ones(1))
-
-
 @pytest.mark.parametrize("index", [0.3, 0.7, 1.0, 1.6])
 def test_a_power_law_fluid_follows_its_closed_form_in_a_taper(index: float) -> None:
     """−dp/ds = 2 K/r ((3n+1)/(nπ) Q/r³)ⁿ with r = a + cs, integrated by hand."""
@@ -82,9 +73,7 @@ def test_power_law_branches_divide_by_their_closed_form() -> None:
 
 
 @pytest.mark.parametrize("fluid", [BLOOD, PowerLaw(0.02, 0.4), PowerLaw(0.001, 1.7)])
-def test_mass_and_energy_are_conserved_in_trees_of_any_fluid(
-    fluid: Carreau | PowerLaw,
-) -> None:
+def test_mass_and_energy_are_conserved_in_trees_of_any_fluid(fluid):
     network = random_tree(3, 60, 0.4)
     conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=20.0, fluid=fluid)
     told = flow_summary(network, solve_flow(network, conditions), conditions)
@@ -103,16 +92,6 @@ def test_blood_flows_thinner_where_vessels_are_narrow() -> None:
     at_45 = 6 * np.exp(-0.085 * d) + 3.2 - 2.44 * np.exp(-0.06 * d**0.645)
     viscosity = 1.25e-3 * (1 + (at_45 - 1) * s) * s
     assert found.flow == pytest.approx(10 * np.pi * radius**4 / (8 * viscosity), rel=1e-12)
-
-
-def test_a_newtonian_fluid_is_the_viscosity_alone() -> None:
-    network = random_tree(1, 20)
-    by_number = solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0))
-    by_fluid = solve_flow(
-        network, FlowConditions(1.0, inlet_flow_ul_s=1.0, fluid=Newtonian(VISCOSITY))
-    )
-    assert by_fluid.pressure == pytest.approx(by_number.pressure, rel=1e-12)
-    assert by_fluid.wall_shear == pytest.approx(by_number.wall_shear, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import pytest
 
 from design.errors import FlowError
 from design.hemodynamics import (
-    FlowConditions,
     GelWall,
     PressureOutlet,
     PulsatileConditions,
@@ -20,7 +19,6 @@ from design.hemodynamics import (
     end_waves,
     pulsatile_summary,
     pulsatile_table,
-    solve_flow,
     solve_pulsatile,
     vessel_resistance,
 )
@@ -137,19 +135,6 @@ def test_a_wave_that_stops_does_not_swing_below_0(steps: int) -> None:
     touching = PulsatileConditions(VISCOSITY, Sine(4.0, 4.0, 1.0))
     whole = solve_pulsatile(TUBE, touching, steps).flow_in[:, 0]
     assert np.abs(whole) == pytest.approx([4.0, 4.0])
-
-
-def test_flow_that_never_changes_is_the_steady_one() -> None:
-    network = _ladder()
-    still = PulsatileConditions(VISCOSITY, Constant(3.0), wall=GelWall(10e3))
-    found = solve_pulsatile(network, still)
-    steady = solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=3.0))
-    assert found.flow_in[0].real == pytest.approx(steady.flow, rel=1e-12)
-    assert found.pressure[0].real == pytest.approx(steady.pressure, rel=1e-12)
-    table = pulsatile_table(network, found, still)
-    assert table["wall_shear_mean_pa"] == pytest.approx(steady.wall_shear, rel=1e-12)
-    assert (table["womersley"] == 0).all()
-    assert (table["pressure_damping"] == 1).all()
 
 
 def test_slow_womersley_flow_is_poiseuilles_and_fast_flow_isnt() -> None:

@@ -53,18 +53,6 @@ def test_derivatives_are_those_of_central_differences(conditions: FlowConditions
         assert slope[:, column] == pytest.approx((up - down) / (2.0 * step), abs=1e-7)
 
 
-def test_given_resistances_take_the_place_of_poiseuilles() -> None:
-    network = _mesh_of_two_loops()
-    conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=3.0)
-    resistance = solve_flow(network, conditions).resistance
-    resistance[3] *= 16.0
-    thin = network.radius.copy()
-    thin[6:8] *= 0.5
-    found, _ = flow_and_sensitivity(network, conditions, np.array([0]), resistance)
-    halved = solve_flow(replace(network, radius=thin), conditions)
-    assert found == pytest.approx(halved.flow, rel=1e-12)
-
-
 def test_nonlinear_problems_are_refused() -> None:
     network = _mesh_of_two_loops()
     for more in ({"fluid": PowerLaw(0.01, 0.6)}, {"losses": Losses(junction=1.0)}):

@@ -8,15 +8,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import quad
 
+from design.errors import FlowError
 from design.hemodynamics import (
     FlowConditions,
     FlowSolution,
+    PulsatileConditions,
+    Supply,
     node_inflow,
+    same_shear_conditions,
     solve_flow,
+    solve_pulsatile,
     vessel_resistance,
 )
+from design.hemodynamics.waveforms import Sine
 from design.network import VesselNetwork
+from design.units import WATER_DENSITY
 from tests.design.hemodynamics.networks import VISCOSITY, network_of, random_tree
 from tests.slower import examples
 
@@ -32,22 +40,6 @@ def _imbalance(network: VesselNetwork, solution: FlowSolution, ends: set[int]) -
         ]
         worst = max(worst, abs(sum(signed)) / sum(map(abs, signed)))
     return worst
-
-
-def test_vessels_in_series_add_their_resistances() -> None:
-    network = network_of([[0, 0, 0], [1, 0, 0], [3, 0, 0]], [(0, 1), (1, 2)], [0.2, 0.1])
-    first, last = vessel_resistance(network, VISCOSITY)
-    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_pressure_pa=100.0))
-    assert solution.flow == pytest.approx([100.0 / (first + last)] * 2, rel=1e-13)
-    assert solution.pressure[1] == pytest.approx(100.0 * last / (first + last), rel=1e-13)
-
-
-def test_vessels_in_parallel_add_their_conductances() -> None:
-    network = network_of([[0, 0, 0], [1, 0, 0]], [(0, 1)] * 3, [0.2, 0.1, 0.3])
-    conductance = 1 / vessel_resistance(network, VISCOSITY)
-    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=2.0))
-    assert solution.pressure[0] == pytest.approx(2.0 / conductance.sum(), rel=1e-13)
-    assert solution.flow == pytest.approx(2.0 * conductance / conductance.sum(), rel=1e-13)
 
 
 def test_a_wheatstone_bridge_is_as_by_hand() -> None:
@@ -74,13 +66,6 @@ def test_a_wheatstone_bridge_is_as_by_hand() -> None:
     assert solution.flow == pytest.approx(by_hand, rel=1e-12)
 
 
-def test_a_balanced_bridge_carries_nothing_across() -> None:
-    nodes = [[0, 0, 0], [1, 1, 0], [1, -1, 0], [2, 0, 0]]
-    network = network_of(nodes, [(0, 1), (0, 2), (1, 3), (2, 3), (1, 2)], 0.3)
-    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0))
-    assert abs(solution.flow[4]) < 1e-15
-
-
 def test_shear_and_velocity_are_those_of_the_flow() -> None:
     network = network_of([[0, 0, 0], [5, 0, 0]], [(0, 1)], 0.2)
     solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=3.0))
@@ -92,9 +77,7 @@ def test_shear_and_velocity_are_those_of_the_flow() -> None:
 
 @settings(max_examples=examples(60), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), vessels=st.integers(1, 60), spread=st.floats(0.0, 2.0))
-def test_random_trees_conserve_mass_and_divide_by_what_lies_below(
-    seed: int, vessels: int, spread: float
-) -> None:
+def test_random_trees_conserve_mass_and_divide_by_what_lies_below(seed, vessels, spread):
     network = random_tree(seed, vessels, spread)
     conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=2.0, outlet_pressure_pa=500.0)
     solution = solve_flow(network, conditions)
@@ -202,13 +185,6 @@ def test_outlets_take_the_flows_they_are_given() -> None:
     assert solve_flow(network, one).pressure[3] == 0.0
 
 
-def test_parts_that_are_not_joined_are_solved_together() -> None:
-    nodes = [[0, 0, 0], [1, 0, 0], [0, 5, 0], [2, 5, 0]]
-    network = network_of(nodes, [(0, 1), (2, 3)], 0.2)
-    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_pressure_pa=10.0))
-    assert solution.flow[0] == pytest.approx(2 * solution.flow[1], rel=1e-13)
-
-
 def test_the_numbering_of_vessels_and_nodes_changes_nothing() -> None:
     network = random_tree(3, 40)
     rng = np.random.default_rng(0)
@@ -226,3 +202,107 @@ def test_the_numbering_of_vessels_and_nodes_changes_nothing() -> None:
     before, after = solve_flow(network, conditions), solve_flow(other, conditions)
     assert after.flow == pytest.approx(before.flow[vessel], rel=1e-10)
     assert after.pressure[node] == pytest.approx(before.pressure, rel=1e-10, abs=1e-12)
+
+
+# Resistance against Poiseuille's law, and the taper's closed form against quadrature.
+
+
+def test_a_straight_vessel_has_poiseuilles_resistance() -> None:
+    network = network_of([[0, 0, 0], [0, 3, 4]], [(0, 1)], 0.25)
+    expected = 8 * VISCOSITY * 5.0 / (np.pi * 0.25**4)
+    assert vessel_resistance(network, VISCOSITY) == pytest.approx([expected], rel=1e-14)
+
+
+@pytest.mark.parametrize(("first", "last"), [(0.5, 0.1), (0.1, 0.5), (0.3, 0.29999)])
+def test_a_taper_has_the_integral_of_one_over_r4(first: float, last: float) -> None:
+    network = VesselNetwork(
+        nodes=np.array([[0.0, 0, 0], [7, 0, 0]]),
+        vessel_nodes=np.array([[0, 1]]),
+        kind=np.array([0]),
+        tree=np.array([0]),
+        offset=np.array([0, 2]),
+        points=np.array([[0.0, 0, 0], [7, 0, 0]]),
+        radius=np.array([first, last]),
+    )
+    integral = quad(lambda s: (first + (last - first) * s / 7) ** -4, 0, 7, epsrel=1e-12)[0]
+    expected = 8 * VISCOSITY / np.pi * integral
+    assert vessel_resistance(network, VISCOSITY)[0] == pytest.approx(expected, rel=1e-10)
+
+
+def test_pieces_of_a_polyline_add_up() -> None:
+    network = VesselNetwork(
+        nodes=np.array([[0.0, 0, 0], [1, 2, 0]]),
+        vessel_nodes=np.array([[0, 1]]),
+        kind=np.array([0]),
+        tree=np.array([0]),
+        offset=np.array([0, 3]),
+        points=np.array([[0.0, 0, 0], [1, 0, 0], [1, 2, 0]]),
+        radius=np.full(3, 0.2),
+    )
+    expected = 8 * VISCOSITY * 3.0 / (np.pi * 0.2**4)
+    assert vessel_resistance(network, VISCOSITY)[0] == pytest.approx(expected, rel=1e-14)
+
+
+def test_a_vessel_of_zero_length_is_refused() -> None:
+    network = network_of([[0, 0, 0], [1, 0, 0], [1, 0, 0]], [(0, 1), (1, 2)], 0.2)
+    with pytest.raises(FlowError, match="vessel 1 has zero length"):
+        vessel_resistance(network, VISCOSITY)
+
+
+# Inlets on supplies of their own: flows by hand, and what can't be.
+
+
+def tubes() -> VesselNetwork:
+    """Two unconnected parts: a tube, and two that join into one."""
+    nodes = np.array([[0, 0, 0], [9, 0, 0], [0, 5, 0], [0, 8, 0], [5, 6, 0], [9, 6, 0]], float)
+    ends = np.array([[0, 1], [2, 4], [3, 4], [4, 5]])
+    none = np.zeros(4, dtype=np.int64)
+    return VesselNetwork.from_segments(nodes, ends, np.full(4, 0.3), none, none)
+
+
+OWN = (Supply((2, 3), 6.0),)
+
+
+def test_each_supply_gives_its_own_flow() -> None:
+    net = tubes()
+    found = solve_flow(net, FlowConditions(1e-3, inlet_flow_ul_s=4.0, supplies=OWN))
+    np.testing.assert_allclose(found.flow[[0, 3]], [4.0, 6.0])
+    assert found.pressure[2] == pytest.approx(found.pressure[3])
+    assert found.pressure[0] != pytest.approx(found.pressure[2])
+    wider = same_shear_conditions(FlowConditions(1e-3, inlet_flow_ul_s=4.0, supplies=OWN), 2.0)
+    assert wider.supplies[0].flow_ul_s == 48.0
+
+
+def test_a_pulse_leaves_other_supplies_steady() -> None:
+    net = tubes()
+    driven = PulsatileConditions(1e-3, Sine(4.0, 1.0, 1.0), supplies=OWN)
+    flow = solve_pulsatile(net, driven).flow_in
+    np.testing.assert_allclose(flow[0].real[[0, 3]], [4.0, 6.0])
+    assert abs(flow[1, 0]) == pytest.approx(1.0)
+    np.testing.assert_allclose(flow[1, 1:], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("supplies", "said"),
+    [
+        ((Supply((1,), 1.0),), "node 1 has a supply of its own and isn't an inlet"),
+        ((Supply((2,), 1.0), Supply((2, 3), 1.0)), "inlet 2 hangs on two supplies"),
+        ((Supply((0, 2, 3), 1.0),), "nothing is left for the common one"),
+    ],
+)
+def test_impossible_supplies_are_refused(supplies: tuple[Supply, ...], said: str) -> None:
+    with pytest.raises(FlowError, match=said):
+        solve_flow(tubes(), FlowConditions(1e-3, inlet_flow_ul_s=1.0, supplies=supplies))
+
+
+def test_inertia_follows_the_density() -> None:
+    net = tubes()
+    waves = [
+        solve_pulsatile(
+            net, PulsatileConditions(1e-3, Sine(4.0, 1.0, 1.0), supplies=OWN, density=density)
+        ).pressure[1, 0]
+        for density in (WATER_DENSITY, 2 * WATER_DENSITY)
+    ]
+    # A sine's phasor is imaginary, and so is what friction takes of it.
+    assert waves[0].imag == pytest.approx(waves[1].imag)
+    assert waves[1].real == pytest.approx(2 * waves[0].real)

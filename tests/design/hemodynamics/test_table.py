@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,13 @@ from design.hemodynamics import (
     flow_summary,
     flow_table,
     read_flow_csv,
+    same_shear_conditions,
+    scaled_flow,
+    scaled_network,
     solve_flow,
     write_flow_csv,
 )
+from design.vasculature import planar_four_vessel
 from tests.design.hemodynamics.networks import VISCOSITY, network_of, random_tree
 
 CONDITIONS = FlowConditions(1e-3, inlet_flow_ul_s=0.25 * 1000 / 60)
@@ -69,9 +74,32 @@ def test_the_summary_balances_mass_and_energy() -> None:
     json.dumps(summary)
 
 
-def test_the_summary_sees_flow_that_gets_lost() -> None:
-    network = network_of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [(0, 1), (1, 2)], 0.2)
-    solution = solve_flow(network, CONDITIONS)
-    solution.flow[1] *= 0.99
-    summary = flow_summary(network, solution)
-    assert summary["mass_imbalance"] == pytest.approx(0.01 / 1.99)
+# Flow of a print scaled up or down from its design.
+
+WATER = FlowConditions(viscosity_pa_s=1e-3, inlet_flow_ul_s=4.0, outlet_pressure_pa=200.0)
+
+
+@pytest.mark.parametrize("factor", [0.3, 4.0])
+def test_same_shear_and_pressure_in_the_scaled_network(factor):
+    network = planar_four_vessel()
+    design = solve_flow(network, WATER)
+    large = scaled_network(network, factor)
+    print_ = solve_flow(large, same_shear_conditions(WATER, factor))
+    assert print_.wall_shear == pytest.approx(design.wall_shear, rel=1e-9)
+    assert print_.pressure == pytest.approx(design.pressure, rel=1e-9)
+    assert np.allclose(large.radius, factor * network.radius)
+
+
+def test_both_ways_of_scaling_are_solutions_of_the_scaled_network():
+    network, factor = planar_four_vessel(), 2.5
+    summary = flow_summary(network, solve_flow(network, WATER), WATER)
+    large = scaled_network(network, factor)
+    for name, said in scaled_flow(summary, factor).items():
+        if name == "design":
+            continue
+        driven = replace(WATER, inlet_flow_ul_s=said["inflow_ml_min"] * 1e3 / 60)
+        found = flow_summary(large, solve_flow(large, driven), driven)
+        assert found["pressure_drop_mmhg"] == pytest.approx(said["pressure_drop_mmhg"], rel=1e-9)
+        if name == "same_reynolds":
+            key = next(key for key in summary if key.startswith("reynolds"))
+            assert found[key] == pytest.approx(summary[key], rel=1e-9)

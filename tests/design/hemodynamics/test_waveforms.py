@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from design.errors import FlowError
-from design.hemodynamics.waveforms import SHAPES, Sine, Tabulated, read_waveform, shape
+from design.hemodynamics.waveforms import SHAPES, Tabulated, read_waveform, shape
 
 NAN = float("nan")
 
@@ -52,19 +52,9 @@ def test_shapes_have_the_mean_they_are_asked_for() -> None:
         ([0], [1], None, "1 samples"),
     ],
 )
-def test_what_is_no_waveform_is_refused(
-    time: list[float], value: list[float], period: float | None, words: str
-) -> None:
+def test_what_is_no_waveform_is_refused(time, value, period, words):
     with pytest.raises(FlowError, match=words):
         Tabulated(np.array(time, float), np.array(value, float), period)
-
-
-def test_sines_and_shapes_need_a_period() -> None:
-    for period in (0.0, -1.0, NAN):
-        with pytest.raises(FlowError, match="period is"):
-            Sine(1.0, 1.0, period)
-    with pytest.raises(FlowError, match="no waveform 'heart'; choose one of ejection"):
-        shape("heart", 1.0, 1.0)
 
 
 def test_files_say_which_line_is_wrong(tmp_path: Path) -> None:

@@ -46,8 +46,3 @@ def strahler(parents: list[int], i: int) -> int:
         return 1
     top = max(children)
     return top + (children.count(top) > 1)
-
-
-def depth(parents: list[int], i: int) -> int:
-    """Vessels from the root to the end of vessel ``i``."""
-    return 1 if parents[i] < 0 else 1 + depth(parents, parents[i])

@@ -15,7 +15,6 @@ from design.measures import MeasureOptions, OxygenModel, Supply, measure_network
 from design.measures.supply import build_lumens, krogh_erlang, nearest_walls, sample_tissue
 from design.network import VesselNetwork
 from design.tissue import Tissue, block, cylinder
-from design.vasculature import GrowthOptions, grow_tree, tree_to_network
 from tests.design.measures.oracles import random_tree, tree_network, wall_distances
 from tests.design.tissue.kept import kept_tissue
 from tests.slower import examples
@@ -58,13 +57,6 @@ def test_a_straight_vessel_in_a_rod_has_the_distances_of_its_annulus(rod: Tissue
     assert found.lumen_fraction == pytest.approx(LUMEN**2 / RADIUS**2, abs=2e-3)
 
 
-def test_sections_count_the_vessels_that_cross_them(rod: Tissue) -> None:
-    found = supply(straight(over=0.0), rod, samples=1000)
-    area = rod.volume_mm3 / LENGTH
-    np.testing.assert_allclose(found.sections_per_mm2, [0, 0, 1 / area], rtol=1e-9)
-    assert found.vessels_per_mm2 == pytest.approx(0.5 / area)
-
-
 def test_sections_agree_with_planes_cut_at_random() -> None:
     surface = block((10.0, 10.0, 10.0))
     cube = kept_tissue(surface)
@@ -97,38 +89,12 @@ def test_nearest_wall_is_that_of_the_nearest_of_all_spheres(seed: int, vessels: 
     assert radius.max() <= network.radius.max() + 1e-12
 
 
-def test_a_piece_without_length_is_a_sphere() -> None:
-    place = np.array([[1.0, 2.0, 3.0]])
-    lumens = build_lumens(place, place, np.array([0.5]), np.array([0.25]))
-    distance, radius = nearest_walls(lumens, np.array([[1.0, 2.0, 5.0], [1.0, 2.0, 3.0]]))
-    np.testing.assert_allclose(distance, [1.5, -0.5])
-    np.testing.assert_allclose(radius, 0.5)
-
-
-def test_a_sphere_within_its_neighbour_takes_no_part() -> None:
-    lumens = build_lumens(
-        np.array([[0.0, 0, 0]]), np.array([[0.1, 0, 0]]), np.array([1.0]), np.array([0.2])
-    )
-    distance, radius = nearest_walls(lumens, np.array([[3.0, 0, 0]]))
-    np.testing.assert_allclose(distance, 2.0)
-    np.testing.assert_allclose(radius, 1.0)
-
-
 def test_samples_are_uniform_and_repeatable(rod: Tissue) -> None:
     points = sample_tissue(rod, 20_000, 7)
     np.testing.assert_array_equal(points, sample_tissue(rod, 20_000, 7))
     assert rod.contains(points).all()
     np.testing.assert_allclose(points.mean(axis=0), [0, 0, LENGTH / 2], atol=0.15)
     assert np.hypot(*points[:, :2].T).mean() == pytest.approx(2.0 / 3.0 * RADIUS, rel=1e-2)
-
-
-def test_samples_arent_the_points_that_a_tree_of_the_same_seed_grew_to() -> None:
-    surface = block((10.0, 10.0, 10.0))
-    cube = kept_tissue(surface)
-    tree = grow_tree(cube, GrowthOptions(terminals=200, seed=1))
-    found = supply(tree_to_network(tree), cube, samples=20_000, seed=1)
-    lumens = measure_network(tree_to_network(tree), cube, MeasureOptions(samples=10)).volume_mm3
-    assert found.lumen_fraction == pytest.approx(lumens / cube.volume_mm3, rel=0.25)
 
 
 def test_printable_lumens_alone_are_those_at_least_as_wide(rod: Tissue) -> None:
@@ -169,34 +135,12 @@ def test_krogh_erlang_solves_its_equation() -> None:
     np.testing.assert_allclose(left[5:-5], model.uptake_millimolar_s, rtol=1e-3)
 
 
-def test_more_cells_leave_less_oxygen(rod: Tissue) -> None:
-    found = [
-        supply(straight(), rod, samples=2000, oxygen=OxygenModel(cells_per_ml=n)).oxygen
-        for n in (1e5, 1e6, 1e7, 1e8)
-    ]
-    means = [each.mean_millimolar for each in found]
-    assert means == sorted(means, reverse=True)
-    assert found[-1].anoxic > 0.5
-
-
-@pytest.mark.parametrize("name", ["lumen_millimolar", "cells_per_ml", "diffusivity_mm2_s"])
-def test_impossible_oxygen_is_refused(name: str) -> None:
-    with pytest.raises(DesignError, match=name):
-        OxygenModel(**{name: -1.0})
-
-
 @pytest.mark.parametrize(
     "options", [{"samples": 0}, {"murray_exponent": 0.0}, {"printable_diameter_mm": -1.0}]
 )
 def test_impossible_options_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(DesignError, match="measures"):
         MeasureOptions(**options)  # type: ignore[arg-type]
-
-
-def test_a_tissue_that_is_all_lumen_has_no_supply(rod: Tissue) -> None:
-    measured = measure_network(straight(radius=50.0), rod, MeasureOptions(samples=100))
-    assert measured.supply is None
-    json.dumps(measures_dict(measured), allow_nan=False)
 
 
 def test_the_dictionary_is_plain_json(rod: Tissue) -> None:
@@ -208,3 +152,10 @@ def test_the_dictionary_is_plain_json(rod: Tissue) -> None:
     assert table["morphometry"]["artery"]["strahler"]["segments"] == [1]
     assert table["volume_mm3"] == pytest.approx(np.pi * LUMEN**2 * (LENGTH + 2))
     assert table["surface_mm2"] == pytest.approx(2 * np.pi * LUMEN * (LENGTH + 2))
+
+
+def test_sections_count_the_vessels_that_cross_them(rod: Tissue) -> None:
+    found = supply(straight(over=0.0), rod, samples=1000)
+    area = rod.volume_mm3 / LENGTH
+    np.testing.assert_allclose(found.sections_per_mm2, [0, 0, 1 / area], rtol=1e-9)
+    assert found.vessels_per_mm2 == pytest.approx(0.5 / area)

@@ -68,20 +68,6 @@ def test_points_lie_on_the_path_with_unit_tangents_and_normals(tmp_path: Path) -
         assert length.sum() == pytest.approx(total)
 
 
-def test_the_normal_is_that_of_a_path_written_by_simvascular() -> None:
-    from design.network_files.simvascular import _normals
-
-    tangent = np.array(
-        [
-            [0.459604696925632, 0.399318918662815, -0.793289306471389],
-            [0.6, 0.8, 0.0],
-            [1.0, 0.0, 0.0],
-        ]
-    )
-    wanted = [[0, 0.89321949067228, 0.449620886395586], [0.8, -0.6, 0.0], [0, 0, 1]]
-    np.testing.assert_allclose(_normals(tangent), wanted, atol=1e-9)
-
-
 @settings(deadline=None, max_examples=examples(40))
 @given(network=networks)
 def test_every_vessel_is_in_one_run_that_follows_the_flow(network: VesselNetwork) -> None:
@@ -96,3 +82,17 @@ def test_a_spacing_of_nought_is_refused(tmp_path: Path) -> None:
     with pytest.raises(NetworkError, match="spacing_mm"):
         write_simvascular_paths(tmp_path, fork(), spacing_mm=0.0)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_normal_is_that_of_a_path_written_by_simvascular() -> None:
+    from design.network_files.simvascular import _normals
+
+    tangent = np.array(
+        [
+            [0.459604696925632, 0.399318918662815, -0.793289306471389],
+            [0.6, 0.8, 0.0],
+            [1.0, 0.0, 0.0],
+        ]
+    )
+    wanted = [[0, 0.89321949067228, 0.449620886395586], [0.8, -0.6, 0.0], [0, 0, 1]]
+    np.testing.assert_allclose(_normals(tangent), wanted, atol=1e-9)

@@ -50,17 +50,9 @@ def test_a_branch_is_put_on_the_trunks_axis(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("off_cm", "joined"), [(0.104, True), (0.106, False)])
-def test_the_reach_is_the_trunks_radius_and_5_percent(
-    tmp_path: Path, off_cm: float, joined: bool
-) -> None:
+def test_the_reach_is_the_trunks_radius_and_5_percent(tmp_path, off_cm, joined):
     text = TRUNK + BRANCH.replace("1, 0.05", f"1, {off_cm}")
     assert len(read_network_xcavate(_written(tmp_path, text)).snaps) == joined
-
-
-def test_points_that_the_branch_would_turn_back_to_are_left_out(tmp_path: Path) -> None:
-    branch = "Vessel: 1, Number of Points: 3\n1, 0.05, 0, 0.04\n1, 0.02, 0, 0.04\n1, 2, 0, 0.03"
-    network = read_network_xcavate(_written(tmp_path, TRUNK + branch)).network
-    assert sorted(network.lengths().tolist()) == [10.0, 20.0, 30.0]
 
 
 def test_ends_that_meet_end_to_end_share_a_node_and_loops_close(tmp_path: Path) -> None:
@@ -75,13 +67,6 @@ def test_ends_that_meet_end_to_end_share_a_node_and_loops_close(tmp_path: Path) 
     network = read_network_xcavate(_written(tmp_path, text)).network
     assert network.vessel_count == 4
     assert network.degree().tolist() == [2, 2, 2, 2]
-
-
-def test_two_branches_at_one_place_make_a_crossing(tmp_path: Path) -> None:
-    other = BRANCH.replace("Vessel: 1", "Vessel: 2").replace("1, 1,", "1, -1,")
-    other = other.replace("1, 2,", "1, -2,").replace("0.05", "-0.05")
-    network = read_network_xcavate(_written(tmp_path, TRUNK + BRANCH + "\n" + other)).network
-    assert sorted(network.degree().tolist()) == [1, 1, 1, 1, 4]
 
 
 def test_a_fifth_column_says_artery_or_vein(tmp_path: Path) -> None:
@@ -108,9 +93,7 @@ def test_inlets_and_outlets_turn_vessels_round(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shift", [-0.02, 0.0, 0.02])
 @pytest.mark.parametrize("aside", [0.005, 0.015, 0.025])
-def test_lines_through_one_trunk_are_merged_before_ends_are_moved(
-    tmp_path: Path, shift: float, aside: float
-) -> None:
+def test_lines_through_one_trunk_are_merged_before_ends_are_moved(tmp_path, shift, aside):
     lines = [
         [*((x / 10, 0, 0) for x in range(11)), (1.6, 0.6, 0)],
         [*((x / 10 + shift, aside, 0) for x in range(11)), (1.6, -0.6, 0)],
@@ -155,9 +138,7 @@ def test_what_cant_be_read_is_named_with_its_line(tmp_path: Path, text: str, sai
     ("name", "lines", "inlet"),
     [("4", 4, (-20, -10, 10)), ("14", 14, (-20, -10, 10)), ("cnet_100", 101, (18.8, 10, 10))],
 )
-def test_the_fields_own_networks_are_whole(
-    name: str, lines: int, inlet: tuple[float, float, float]
-) -> None:
+def test_the_fields_own_networks_are_whole(name, lines, inlet):
     path = SHARED / f"xcavate_network_{name}_vessels.txt"
     if not path.exists():
         pytest.skip("shared data isn't there")

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from design.errors import SolidError
+from design.geometry.crossings import find_crossings
 from design.solids import (
     Solid,
     block_solid,
@@ -19,6 +20,8 @@ from design.solids import (
     solid_from_surface,
     surface_genus,
 )
+from design.solids.check import check_made
+from design.solids.local_subtract import subtract_near
 from design.solids.ports import depths
 from tests.design.solids.networks import channels, ladder
 
@@ -50,13 +53,6 @@ def test_the_ladder_opens_at_both_faces_and_has_the_graphs_handles() -> None:
         assert depths(construct, np.array([axis_point]))[0][0] == pytest.approx(0.5, abs=2e-3)
 
 
-def test_dimples_are_half_balls() -> None:
-    plain, marked = construct_solid(block(), None), construct_solid(block(), None, DIMPLES)
-    half_balls = 3 * 2 / 3 * np.pi * 0.3**3
-    assert plain.volume_mm3 - marked.volume_mm3 == pytest.approx(half_balls, rel=0.02)
-    assert marked.volume_mm3 < plain.volume_mm3
-
-
 def test_a_lumen_without_port_is_a_cavity() -> None:
     network = channels([[3, 4, 1.5], [9, 4, 1.5]], [(0, 1)], 0.4)
     assert open_ends(network, block(), 1.0).tolist() == []
@@ -77,24 +73,6 @@ def test_an_end_that_stops_short_of_the_face_by_less_than_its_radius_is_opened()
     assert ports.tolist() == [0]
     lumen = lumen_solid(network, extend_ends_mm=1.0, extend_nodes=ports)
     assert surface_genus(construct_solid(block(), lumen).faces) == (0, 1)
-
-
-def test_inside_and_distance_agree_with_a_ball() -> None:
-    ball = trimesh.creation.icosphere(4, 2.0)
-    solid = solid_from_surface(ball.vertices, ball.faces)
-    points = np.random.default_rng(0).uniform(-3, 3, (200, 3))
-    radius = np.linalg.norm(points, axis=1)
-    clear = np.abs(radius - 2) > 0.02
-    distance, inside = depths(solid, points)
-    assert np.array_equal(inside[clear], radius[clear] < 2)
-    assert distance == pytest.approx(np.abs(radius - 2), abs=0.01)
-
-
-def test_a_surface_of_loose_triangles_becomes_a_solid() -> None:
-    box = trimesh.creation.box((2, 3, 4))
-    soup = box.triangles.reshape(-1, 3)
-    solid = solid_from_surface(soup, np.arange(len(soup)).reshape(-1, 3))
-    assert (len(solid.vertices), solid.volume_mm3) == (8, pytest.approx(24))
 
 
 def test_open_and_inverted_surfaces_are_refused() -> None:
@@ -118,6 +96,33 @@ def test_nothing_left_is_refused() -> None:
         construct_solid(block(), None, [((0, 0, 0), 0.0)])
 
 
-def test_a_block_stands_where_it_is_put() -> None:
-    solid: Solid = block_solid((1, 2, 3), (4, 5, 6))
-    assert solid.bounds.tolist() == [[4, 5, 6], [5, 7, 9]]
+# Large lumens subtracted near the surface alone: as by the whole boolean.
+
+
+def _lumen(fillet: float = 0.5) -> Solid:
+    return lumen_solid(ladder(), extend_ends_mm=1.0, fillet_ratio=fillet)
+
+
+@pytest.mark.parametrize("fillet", [0.0, 0.5])
+def test_a_ladder_open_at_both_faces_is_cut_as_by_the_whole_boolean(fillet: float) -> None:
+    lumen = _lumen(fillet)
+    near, whole = subtract_near(block(), lumen, "it"), construct_solid(block(), lumen)
+    assert near is not None
+    assert near.volume_mm3 == pytest.approx(whole.volume_mm3, rel=1e-8)
+    assert surface_genus(near.faces) == surface_genus(whole.faces)
+    assert len(find_crossings(near.vertices, near.faces).pairs) == 0
+    assert np.array_equal(near.vertices, near.vertices.astype(np.float32))
+    assert check_made(near) is not None
+
+
+def test_a_lumen_that_meets_no_face_and_a_body_of_two_shells_are_left_to_it() -> None:
+    inner = lumen_solid(channels([[3, 4, 1.5], [9, 4, 1.5]], [(0, 1)], 0.4))
+    assert subtract_near(block(), inner, "it") is None
+    assert subtract_near(construct_solid(block(), inner), _lumen(), "it") is None
+
+
+def test_dimples_are_half_balls() -> None:
+    plain, marked = construct_solid(block(), None), construct_solid(block(), None, DIMPLES)
+    half_balls = 3 * 2 / 3 * np.pi * 0.3**3
+    assert plain.volume_mm3 - marked.volume_mm3 == pytest.approx(half_balls, rel=0.02)
+    assert marked.volume_mm3 < plain.volume_mm3

@@ -80,18 +80,6 @@ def test_axes_go_on_to_slanted_faces_and_the_joints_of_acute_forks() -> None:
     assert steep == pytest.approx(np.array([(1.3, 4.2, 0.0), (3.24, 4.2, 2.6)]), abs=0.03)
 
 
-def test_a_step_is_followed_and_unsure_where_it_is() -> None:
-    wide = lumens(channel((4.5, 2.5, 1.3), (9.5, 2.5, 1.3), 0.45))
-    part = BLOCK - lumens(channel((-0.5, 2.5, 1.3), (5.0, 2.5, 1.3), 0.25)) - wide
-    found = found_lumens(solid(part))
-    line, radius = found.network.polyline(0)
-    at = np.argsort(line[:, 0])[[0, -1]]
-    assert line[at, 0] == pytest.approx([0.0, 9.0], abs=0.01)
-    assert radius[at] == pytest.approx([0.25, 0.45], rel=0.02)
-    ((first, last),) = found.stretches[0]
-    assert last - first < 1.5
-
-
 def test_what_no_vessel_follows_is_told_and_a_bubble_is_no_lumen() -> None:
     bubble = manifold3d.Manifold.sphere(0.6, 64).translate((4.5, 1.2, 1.3))
     with pytest.raises(SolidError, match="no lumen"):
@@ -133,11 +121,3 @@ def test_a_closed_ring_and_lumens_a_wall_apart_are_found() -> None:
     assert sorted(found.network.lengths()) == pytest.approx([5.0, 5.0, 2.4 * np.pi], abs=0.1)
     assert (found.left, found.stretches) == (0.0, ((),) * 3)
     assert network_genus(found.network) == 1
-
-
-def test_lumens_that_a_plenum_joins_are_unsure() -> None:
-    shape = BLOCK - lumens(channel((-0.5, 2.5, 1.3), (9.5, 2.5, 1.3), 0.3))
-    found = found_lumens(solid(shape - manifold3d.Manifold.cube((3, 3, 1)).translate((3, 1, 0.8))))
-    assert found.left > 0.1
-    unsure = [sum(b - a for a, b in one) for one in found.stretches]
-    assert sum(unsure) == pytest.approx(found.network.lengths().sum())

@@ -8,7 +8,6 @@ import pytest
 from design.solids import Solid, block_solid, find_crossings, lumen_solid, surface_genus
 from design.solids import lumen as lumen_module
 from design.solids.mend import mend_surface
-from design.solids.snap import solid_from_mesh
 from design.solids.topology import corner_fans, is_closed
 from tests.design.solids.networks import channels
 
@@ -85,14 +84,3 @@ def test_bodies_that_touch_in_a_vertex_are_drawn_apart() -> None:
     assert corner_fans(kept).max() + 1 == len(np.unique(kept))
     assert len(np.unique(apart[np.unique(kept)], axis=0)) == 16
     assert np.array_equal(apart, apart.astype(np.float32))
-
-
-def test_only_vertices_that_touch_after_rounding_move() -> None:
-    one, two = block_solid((1.0, 1.0, 1.0)), block_solid((1.0, 1.0, 1.0))
-    beside = two.vertices + np.array([1.0, 1.0 + 1e-9, 0.0]) * np.ptp(one.vertices, axis=0)
-    points = np.concatenate([one.vertices, beside])
-    faces = np.concatenate([one.faces, two.faces + len(one.vertices)]).astype(np.int64)
-    solid = solid_from_mesh(points, faces, "two blocks that touch in an edge", mend=False)
-    assert is_closed(solid.faces)
-    moved = [not (np.abs(solid.vertices - point).max(axis=1) < 1e-7).any() for point in points]
-    assert sum(moved) == 4

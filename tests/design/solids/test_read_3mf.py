@@ -76,9 +76,7 @@ def prusa(*roles: str, old: bool = False) -> dict[str, str]:
         ("SupportBlocker", 320, "left out: support blocker v1"),
     ],
 )
-def test_prusas_ranges_of_triangles_have_roles(
-    tmp_path: Path, role: str, volume: float, note: str
-) -> None:
+def test_prusas_ranges_of_triangles_have_roles(tmp_path, role, volume, note):
     text = model(thing(1, mesh(BODY, ASIDE)), '<item objectid="1"/>')
     found = read_solid(package(tmp_path / "a.3mf", {MODEL: text, **prusa("ModelPart", role)}), None)
     assert found.volume_mm3 == pytest.approx(volume)
@@ -97,21 +95,6 @@ def test_a_negative_volume_is_cut_out_of_its_own_object_alone(tmp_path: Path) ->
         assert read_solid(path, None).volume_mm3 == pytest.approx(320 - 64 + 320)
 
 
-def test_triangles_that_no_range_names_are_the_part(tmp_path: Path) -> None:
-    text = model(thing(1, mesh(HOLE, BODY)), '<item objectid="1"/>')
-    path = package(tmp_path / "a.3mf", {MODEL: text, **prusa("NegativeVolume")})
-    assert read_solid(path, None).volume_mm3 == pytest.approx(320 - 64)
-    path = package(path, {MODEL: text, **prusa("NegativeVolume", "ModelPart", "ModelPart")})
-    with pytest.raises(SolidError, match="triangles 24 to 35, of 24"):
-        read_solid(path, None)
-
-
-def test_an_old_modifier_is_left_out(tmp_path: Path) -> None:
-    text = model(thing(1, mesh(BODY, HOLE)), '<item objectid="1"/>')
-    path = package(tmp_path / "a.3mf", {MODEL: text, **prusa("0", "1", old=True)})
-    assert read_solid(path, None).volume_mm3 == pytest.approx(320)
-
-
 @pytest.mark.parametrize(
     ("subtype", "volume"),
     [
@@ -122,9 +105,7 @@ def test_an_old_modifier_is_left_out(tmp_path: Path) -> None:
         ("support_blocker", 320),
     ],
 )
-def test_bambus_components_in_other_parts_have_roles(
-    tmp_path: Path, subtype: str, volume: float
-) -> None:
+def test_bambus_components_in_other_parts_have_roles(tmp_path, subtype, volume):
     """Their own type is "other" where a slicer calls them negative."""
     second = ASIDE if subtype == "normal_part" else HOLE
     parts = thing(1, mesh(BODY), 'type="model"') + thing(2, mesh(second), 'type="other"')
@@ -170,14 +151,6 @@ def test_what_isnt_printable_is_left_out_of_a_tissue_too(tmp_path: Path) -> None
     assert any("aside" in note for note in tissue.notes)
     with pytest.raises(TissueError, match="declares its unit as mm, not in"):
         load_tissue(path, "in")
-
-
-def test_curas_support_mesh_is_left_out(tmp_path: Path) -> None:
-    said = '<metadatagroup><metadata name="cura:support_mesh">True</metadata></metadatagroup>'
-    text = model(thing(1, mesh(BODY)) + thing(2, said + mesh(ASIDE)),
-                 '<item objectid="1"/><item objectid="2"/>')  # fmt: skip
-    path = package(tmp_path / "a.3mf", {MODEL: text})
-    assert read_solid(path, None).volume_mm3 == pytest.approx(320)
 
 
 def test_a_model_is_found_by_the_packages_relationships(tmp_path: Path) -> None:
@@ -235,9 +208,7 @@ def test_numbers_are_read_however_they_are_written(tmp_path: Path, old: str, new
         ("/3D/3dmodel", "/3D/other", "holds no 3D/other.model"),
     ],
 )
-def test_what_isnt_read_is_refused_with_the_reason(
-    tmp_path: Path, old: str, new: str, why: str
-) -> None:
+def test_what_isnt_read_is_refused_with_the_reason(tmp_path, old, new, why):
     path = tmp_path / "one.3mf"
     write_3mf(path, block_solid((1, 1, 1)))
     with zipfile.ZipFile(path) as archive:
@@ -256,6 +227,20 @@ def test_components_that_hold_themselves_are_refused(tmp_path: Path) -> None:
     text = model(thing(1, inside), '<item objectid="1"/>')
     with pytest.raises(SolidError, match="made of itself"):
         read_solid(package(tmp_path / "a.3mf", {MODEL: text}), None)
+
+
+def test_an_old_modifier_is_left_out(tmp_path: Path) -> None:
+    text = model(thing(1, mesh(BODY, HOLE)), '<item objectid="1"/>')
+    path = package(tmp_path / "a.3mf", {MODEL: text, **prusa("0", "1", old=True)})
+    assert read_solid(path, None).volume_mm3 == pytest.approx(320)
+
+
+def test_curas_support_mesh_is_left_out(tmp_path: Path) -> None:
+    said = '<metadatagroup><metadata name="cura:support_mesh">True</metadata></metadatagroup>'
+    text = model(thing(1, mesh(BODY)) + thing(2, said + mesh(ASIDE)),
+                 '<item objectid="1"/><item objectid="2"/>')  # fmt: skip
+    path = package(tmp_path / "a.3mf", {MODEL: text})
+    assert read_solid(path, None).volume_mm3 == pytest.approx(320)
 
 
 def test_a_model_in_feet_is_read(tmp_path: Path) -> None:

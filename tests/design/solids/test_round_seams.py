@@ -7,10 +7,8 @@ import pytest
 
 from design.solids import Solid, find_crossings, lumen_solid, network_genus, surface_genus
 from design.solids.smooth.layout import lay_out
-from design.solids.smooth.round_seams import part_faces
 from design.solids.topology import edge_faults
 from design.solids.tube import Facets
-from design.tissue.closed import edges_of
 from tests.design.solids.networks import channels, ladder, lattice
 
 TURN, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
@@ -88,17 +86,3 @@ def test_the_same_crowd_gives_the_same_bytes() -> None:
     one, two = (lumen_solid(CROWD, fillet_ratio=0.5, tolerance_mm=0.004) for _ in range(2))
     assert one.vertices.tobytes() == two.vertices.tobytes()
     assert one.faces.tobytes() == two.faces.tobytes()
-
-
-def test_faces_parted_at_any_edges_stay_closed_and_oriented() -> None:
-    solid = lumen_solid(CROWD, tolerance_mm=0.02)
-    faces = solid.faces.astype(np.int64)
-    edges = edges_of(faces)
-    for share in (0.0, 0.2, 0.7, 1.0):
-        chosen = np.random.default_rng(3).random(len(edges.ends)) < share
-        middle = solid.vertices[edges.ends[chosen]].mean(axis=1)
-        parted = part_faces(faces, edges, chosen, len(solid.vertices))
-        assert len(parted) == len(faces) + 2 * int(chosen.sum())
-        assert not edge_faults(parted)
-        made = Solid(np.concatenate([solid.vertices, middle]), parted.astype(np.int32))
-        assert made.volume_mm3 == pytest.approx(solid.volume_mm3, rel=1e-12)

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
 from design.errors import SolidError
-from design.solids import Solid, block_solid, lumen_solid, network_genus, surface_genus
-from design.solids.smooth import assemble
-from design.solids.smooth.assemble import sew_parts
-from design.solids.smooth.fillet import rounded_distance, shoot, wall_rows
-from design.solids.smooth.layout import lay_out, reaches
-from design.solids.smooth.sphere import insert, start
-from design.solids.topology import edge_faults, is_closed
-from design.solids.tube import EndShape, Facets
-from tests.design.solids.networks import channels, ladder, lattice, vessel
+from design.solids import Solid, lumen_solid, network_genus, surface_genus
+from design.solids.smooth.fillet import rounded_distance, wall_rows
+from design.solids.smooth.layout import lay_out
+from design.solids.topology import edge_faults
+from design.solids.tube import Facets
+from tests.design.solids.networks import channels, ladder, lattice
 from tests.slower import first_of
 
 TURN, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
@@ -23,118 +19,10 @@ TURN *= np.sign(np.linalg.det(TURN))
 FORK = channels([[0, 0, 0], [5, 0, 0], [9, 3, 0], [9, -3, 1]], [(0, 1), (1, 2), (1, 3)], 0.4)
 
 
-def _walls(axes: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    axes = axes / np.linalg.norm(axes, axis=1)[:, None]
-    count = len(axes)
-    return wall_rows(np.zeros((count, 3)), axes, np.full(count, np.inf), radius, np.zeros(count))
-
-
-def _distances(walls: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Distance of points (m, 3) from each half-infinite tube, (m, n): plain NumPy."""
-    along = np.maximum(points @ walls[:, 3:6].T, 0.0)
-    gap = points[:, None] - along[..., None] * walls[None, :, 3:6]
-    return np.linalg.norm(gap, axis=2) - walls[:, 7]
-
-
 def _assert_solid(solid: Solid) -> None:
     assert not edge_faults(solid.faces)
     assert solid.volume_mm3 > 0
     assert np.array_equal(solid.vertices.astype(np.float32).astype(float), solid.vertices)
-
-
-@pytest.mark.slow
-def test_a_vessel_in_pieces_is_filled_like_a_whole_one() -> None:
-    """Ends of two pieces that face each other seem to leave a ball no room between them."""
-    ends = np.array([[-4.0, 3.0, 0.0], [-4.0, -3.0, 0.0], [4.0, 0.0, 0.0]])
-    axes = ends / np.linalg.norm(ends, axis=1)[:, None]
-    radius, rho, pieces = 0.225, 0.1125, 9
-
-    def rows(start: np.ndarray, axis: np.ndarray, length: np.ndarray) -> np.ndarray:
-        same = np.full(len(start), radius)
-        return wall_rows(start, axis, length, same, np.zeros(len(start)))
-
-    lengths = np.linalg.norm(ends, axis=1)
-    whole = rows(np.zeros((3, 3)), axes, lengths)
-    begins = [k / pieces * end for k in range(pieces) for end in ends]
-    parts = rows(np.array(begins), np.tile(axes, (pieces, 1)), np.tile(lengths / pieces, pieces))
-    at = np.array([-0.379666, 0.00746671563, -0.00579005108])
-    for point in at + np.random.default_rng(5).uniform(-0.04, 0.04, (400, 3)) * (2.0, 1.0, 1.0):
-        near = np.argsort(_capsules(parts, point))[:12]
-        found, wanted = (
-            rounded_distance(parts[near], rho, *point),
-            rounded_distance(whole, rho, *point),
-        )
-        assert found == pytest.approx(wanted, rel=0.1, abs=1e-3)
-
-
-def _capsules(walls: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Distance of a point from each piece, (n,): plain NumPy."""
-    along = np.clip(np.sum((point - walls[:, :3]) * walls[:, 3:6], axis=1), 0.0, walls[:, 6])
-    on_axis = walls[:, :3] + along[:, None] * walls[:, 3:6]
-    return np.linalg.norm(point - on_axis, axis=1) - walls[:, 7]
-
-
-def test_a_point_is_filled_where_no_ball_outside_the_vessels_reaches_it() -> None:
-    rng = np.random.default_rng(3)
-    walls = _walls(
-        np.array([[1.0, 0, 0], [-0.6, 0.8, 0.1], [-0.7, -0.7, 0.3]]), np.array([1, 0.8, 0.6])
-    )
-    rho = 0.4
-    points = rng.uniform(-2.0, 2.0, (4000, 3))
-    near = np.abs(_distances(walls, points).min(axis=1)) < rho
-    balls = rng.normal(size=(4000, 3))
-    balls *= rho * rng.random((4000, 1)) ** (1 / 3) / np.linalg.norm(balls, axis=1)[:, None]
-    tried = 0
-    for point in points[near][:250]:
-        off = rounded_distance(walls, rho, *point)
-        if abs(off) < 0.1 * rho:
-            continue
-        tried += 1
-        reached = np.any(_distances(walls, point + balls).min(axis=1) >= rho)
-        assert reached == (off > 0.0)
-    assert tried > 100
-
-
-def test_between_plane_walls_the_fillet_is_the_balls_arc() -> None:
-    """Two tubes so wide that their walls are planes at a right angle, ball in the corner."""
-    wide, rho = 1e4, 0.5
-    walls = wall_rows(
-        np.array([[0, -wide, 0], [-wide, 0, 0]]), np.array([[0, 0, 1.0], [0, 0, 1.0]]),
-        np.full(2, np.inf), np.full(2, wide), np.zeros(2),
-    )  # fmt: skip
-    angle = np.linspace(0.1, 1.4, 7)
-    arc = rho - rho * np.stack([np.cos(angle), np.sin(angle), 0 * angle - 2.0], axis=1)
-    found = np.array([rounded_distance(walls, rho, *point) for point in arc])
-    assert found == pytest.approx(0.0, abs=2e-5)
-
-
-def test_vessels_in_one_line_dont_bulge() -> None:
-    walls = _walls(np.array([[1.0, 0, 0], [-1.0, 0, 0]]), np.array([0.5, 0.5]))
-    directions = np.stack([np.zeros(9), np.cos(np.arange(9)), np.sin(np.arange(9))], axis=1)
-    away = np.empty(9)
-    shoot(walls, 0.25, directions, away)
-    assert away == pytest.approx(0.5, rel=1e-6)
-
-
-def test_triangles_of_directions_are_the_convex_hull() -> None:
-    points = np.random.default_rng(5).normal(size=(300, 3))
-    points /= np.linalg.norm(points, axis=1)[:, None]
-    tri, beside = np.zeros((700, 3), np.int64), np.zeros((700, 3), np.int64)
-    chosen = np.zeros(4, np.int64)
-    assert start(points, 20, tri, beside, chosen)
-    used = 4
-    for p in np.setdiff1d(np.arange(300), chosen).tolist():
-        used = insert(points, p, tri, beside, used, np.zeros(4000, np.int64))
-    hull = {tuple(sorted(face)) for face in ConvexHull(points).simplices.tolist()}
-    assert {tuple(sorted(face)) for face in tri[:used].tolist()} == hull
-
-
-def test_a_thin_branch_at_a_small_angle_is_clear_only_where_it_has_left_the_wide_wall() -> None:
-    walls = _walls(np.array([[1.0, 0, 0], [-1, 0, 0], [1.0, 0.2, 0]]), np.array([1, 1, 0.1]))
-    found = reaches(walls, 0.0, np.full(3, 50.0))
-    assert found[0] > (1.0 - 0.1) / 0.2
-    assert found[1] < 1.0
-    assert np.isinf(reaches(walls, 0.0, np.full(3, 3.0))[0])
 
 
 @pytest.mark.parametrize("turn", [TURN, pytest.param(np.eye(3), marks=pytest.mark.slow)])
@@ -148,37 +36,6 @@ def test_a_cross_of_six_is_closed_and_grows_with_its_fillet(turn: np.ndarray, ra
     sharp = lumen_solid(network)
     if ratio:
         assert solid.volume_mm3 > sharp.volume_mm3 * (1.0 + 0.015 * ratio**2)
-
-
-def _sharpest(solid: Solid, middle: np.ndarray, reach: float) -> float:
-    """Least cosine between neighbouring faces with all corners within ``reach``."""
-    faces = solid.faces
-    a, b, c = (solid.vertices[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    area = np.linalg.norm(normal, axis=1)
-    normal /= area[:, None]
-    tail, head = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel()
-    size = len(solid.vertices)
-    one, two = np.argsort(tail * size + head), np.argsort(head * size + tail)
-    near = np.linalg.norm(solid.vertices - middle, axis=1) < reach
-    inner = near[faces].all(axis=1) & (area > 1e-6)
-    pair = inner[one // 3] & inner[two // 3]
-    return float(np.sum(normal[one // 3] * normal[two // 3], axis=1)[pair].min())
-
-
-def test_seams_are_sharp_without_and_gone_with_a_fillet() -> None:
-    middle = np.array([5.0, 0, 0])
-    assert _sharpest(lumen_solid(FORK), middle, 1.5) < 0.7
-    assert _sharpest(lumen_solid(FORK, fillet_mm=0.2), middle, 1.5) > 0.85
-
-
-def test_vertices_of_a_rounded_fork_lie_on_its_rounded_surface() -> None:
-    solid = lumen_solid(FORK, fillet_mm=0.2)
-    layout = lay_out(FORK, Facets(0.001), 0.0, 0.2)
-    near = np.linalg.norm(solid.vertices - [5, 0, 0], axis=1) < 0.8
-    found = [rounded_distance(layout.walls[0], 0.2, *point) for point in solid.vertices[near]]
-    # Polygons of the circle's area stand a little over it.
-    assert np.abs(found).max() < 2.5e-3
 
 
 @pytest.mark.parametrize("ratio", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
@@ -200,68 +57,6 @@ def test_junctions_closer_than_their_width_are_united_in_a_crowd(ratio: float) -
     solid = lumen_solid(network, fillet_ratio=ratio)
     _assert_solid(solid)
     assert surface_genus(solid.faces) == (0, 1)
-
-
-@pytest.mark.parametrize("length", [0.95, 1.05, 1.3])
-def test_a_crowd_is_sewn_to_the_plain_tubes_around_it(length: float) -> None:
-    nodes = [[-4, 0, 0], [0, 0, 0], [length, 0, 0], [5, 0, 0], [3, 3, 0], [-1.5, -3, 0]]
-    ends = [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5)]
-    network = channels(nodes, ends, [0.5, 0.5, 0.5, 0.1, 0.1])
-    layout = lay_out(network, Facets(0.001), 0.0, None)
-    joined = layout.joint_of()
-    shapes: list[tuple[EndShape, EndShape]] = [
-        ("flat" if (run, 0) in joined else "round", "flat" if (run, 1) in joined else "round")
-        for run in range(5)
-    ]
-    _, faces = sew_parts(layout, shapes).surface()
-    assert sum(layout.swallowed) < 5
-    assert is_closed(faces)
-    assert surface_genus(lumen_solid(network).faces) == (0, 1)
-
-
-def test_a_surface_left_open_takes_in_only_the_vessels_around(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A gap at one group of junctions isn't a reason to unite the whole network."""
-    nodes = [[-4, 0, 0], [0, 0, 0], [0.4, 0, 0], [5, 0, 0], [3, 3, 0], [-1.5, -3, 0]]
-    nodes += [[9, 2, 0], [9, -2, 0], [14, 5, 0], [14, 0, 0]]
-    ends = [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5), (3, 6), (3, 7), (6, 8), (6, 9)]
-    network = channels(nodes, ends, [0.5] * 3 + [0.1, 0.1] + [0.4] * 4)
-    layout = lay_out(network, Facets(), 0.0, None)
-    joined = layout.joint_of()
-    shapes: list[tuple[EndShape, EndShape]] = [
-        ("flat" if (run, 0) in joined else "round", "flat" if (run, 1) in joined else "round")
-        for run in range(len(ends))
-    ]
-    real, gaps = assemble._open_places, [np.array([[-0.1, 0.5, 0.0]])]
-    monkeypatch.setattr(assemble, "_open_places", lambda done: gaps.pop() if gaps else real(done))
-    assert is_closed(sew_parts(layout, shapes).surface()[1])
-    assert layout.swallowed == [True] * 7 + [False] * 2
-
-
-def test_a_bend_within_a_facets_tolerance_is_mitred() -> None:
-    points = np.array([[0, 0, 0], [5, 0, 0], [9.5, 2, 0.0]])
-    bent = channels(points, [(0, 1), (1, 2)], [0.5, 0.5])
-    assert [
-        len(lay_out(bent, facets, 0.0, None).runs) for facets in (Facets(), Facets(ratio=0.05))
-    ] == [2, 1]
-
-
-def test_curved_and_tapered_vessels_meet() -> None:
-    turn = np.linspace(0, np.pi, 40)
-    arc = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0.1 * turn], axis=1)
-    one = vessel(arc, np.linspace(0.6, 0.3, 40))
-    _assert_solid(lumen_solid(one, fillet_ratio=0.5))
-
-
-@pytest.mark.parametrize("ratio", [0.0, 0.5])
-def test_far_from_the_origin_the_solid_is_the_same_up_to_float32(ratio: float) -> None:
-    here = lumen_solid(FORK, fillet_ratio=ratio)
-    for offset in (1e3, 1e5):
-        far = lumen_solid(FORK.moved(np.array([offset, -offset, 0.0])), fillet_ratio=ratio)
-        _assert_solid(far)
-        assert surface_genus(far.faces) == (0, 1)
-        assert far.volume_mm3 == pytest.approx(here.volume_mm3, rel=2e-3)
 
 
 def test_the_same_network_gives_the_same_bytes() -> None:
@@ -307,8 +102,48 @@ def test_no_triangle_crosses_another(ratio: float) -> None:
         assert _crossings(lumen_solid(network, fillet_ratio=ratio, tolerance_mm=0.02)) == 0
 
 
-def test_the_search_for_crossings_finds_them() -> None:
-    cube = block_solid((1, 1, 1)).vertices
-    faces = block_solid((1, 1, 1)).faces
-    both = np.concatenate([cube, cube @ TURN.T + 0.5])
-    assert _crossings(Solid(both, np.concatenate([faces, faces + 8]))) > 0
+def _distances(walls: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distance of points (m, 3) from each half-infinite tube, (m, n): plain NumPy."""
+    along = np.maximum(points @ walls[:, 3:6].T, 0.0)
+    gap = points[:, None] - along[..., None] * walls[None, :, 3:6]
+    return np.linalg.norm(gap, axis=2) - walls[:, 7]
+
+
+def _walls(axes: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    axes = axes / np.linalg.norm(axes, axis=1)[:, None]
+    count = len(axes)
+    return wall_rows(np.zeros((count, 3)), axes, np.full(count, np.inf), radius, np.zeros(count))
+
+
+def test_a_point_is_filled_where_no_ball_outside_the_vessels_reaches_it() -> None:
+    rng = np.random.default_rng(3)
+    walls = _walls(
+        np.array([[1.0, 0, 0], [-0.6, 0.8, 0.1], [-0.7, -0.7, 0.3]]), np.array([1, 0.8, 0.6])
+    )
+    rho = 0.4
+    points = rng.uniform(-2.0, 2.0, (4000, 3))
+    near = np.abs(_distances(walls, points).min(axis=1)) < rho
+    balls = rng.normal(size=(4000, 3))
+    balls *= rho * rng.random((4000, 1)) ** (1 / 3) / np.linalg.norm(balls, axis=1)[:, None]
+    tried = 0
+    for point in points[near][:250]:
+        off = rounded_distance(walls, rho, *point)
+        if abs(off) < 0.1 * rho:
+            continue
+        tried += 1
+        reached = np.any(_distances(walls, point + balls).min(axis=1) >= rho)
+        assert reached == (off > 0.0)
+    assert tried > 100
+
+
+def test_between_plane_walls_the_fillet_is_the_balls_arc() -> None:
+    """Two tubes so wide that their walls are planes at a right angle, ball in the corner."""
+    wide, rho = 1e4, 0.5
+    walls = wall_rows(
+        np.array([[0, -wide, 0], [-wide, 0, 0]]), np.array([[0, 0, 1.0], [0, 0, 1.0]]),
+        np.full(2, np.inf), np.full(2, wide), np.zeros(2),
+    )  # fmt: skip
+    angle = np.linspace(0.1, 1.4, 7)
+    arc = rho - rho * np.stack([np.cos(angle), np.sin(angle), 0 * angle - 2.0], axis=1)
+    found = np.array([rounded_distance(walls, rho, *point) for point in arc])
+    assert found == pytest.approx(0.0, abs=2e-5)

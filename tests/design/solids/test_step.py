@@ -10,8 +10,7 @@ import pytest
 
 from design.errors import SolidError
 from design.solids import lumen_solid, write_step
-from design.solids.step import MOST_PIECES, simpler, step_pieces
-from design.solids.tube import Chain
+from design.solids.step import MOST_PIECES, step_pieces
 from tests.design.solids.networks import channels, ladder, lattice, vessel
 
 FORK = channels([[0, 0, 0], [5, 0, 0], [9, 3, 0], [9, -3, 1]], [(0, 1), (1, 2), (1, 3)], 0.4)
@@ -30,22 +29,7 @@ def test_pieces_are_frusta_and_balls_each_touching_one_before_it() -> None:
         seen |= {piece.start.tobytes(), piece.end.tobytes()}
 
 
-def test_a_curve_keeps_the_points_it_needs() -> None:
-    turn = np.linspace(0, np.pi, 200)
-    points = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0 * turn], axis=1)
-    run = Chain(points, np.full(200, 0.5), np.full(200, -1))
-    fewer = simpler(run)
-    assert 15 < len(fewer.points) < 40
-    for a, b in zip(fewer.points[:-1], fewer.points[1:], strict=True):
-        sagitta = 3 - np.linalg.norm(0.5 * (a + b))
-        assert sagitta < 1.01 * 0.02 * 0.5
-    straight = Chain(np.linspace([0, 0, 0], [9, 0, 0], 50), np.linspace(1, 2, 50), run.node[:50])
-    assert len(simpler(straight).points) == 2
-
-
-def test_what_is_too_large_is_refused_with_numbers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_too_large_is_refused_with_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr("design.solids.step.load_occ", lambda: None)
     with pytest.raises(SolidError, match=f"more than the {MOST_PIECES}"):
         write_step(tmp_path / "a.step", lattice(6, 2.0, 0.3))
@@ -77,9 +61,7 @@ def test_forks_loops_and_curves_have_the_triangles_volume(tmp_path: Path) -> Non
         assert check.volume == pytest.approx(lumen_solid(network).volume_mm3, rel=2e-3)
 
 
-def test_a_union_that_lost_a_part_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_union_that_lost_a_part_is_refused(tmp_path, monkeypatch):
     _occ()
     monkeypatch.setattr("design.solids.step.step_pieces", lambda network: step_pieces(network)[:-2])
     with pytest.raises(SolidError, match="it lost a part"):

@@ -5,7 +5,6 @@ import pytest
 
 from design.errors import TissueError
 from design.tissue import (
-    UniformDemand,
     VolumeImage,
     block,
     depth_demand,
@@ -34,12 +33,6 @@ def inside(tissue, count, seed=0):
     return points[tissue.contains(points)]
 
 
-def test_demand_is_uniform_by_default(cube):
-    assert cube.demand == UniformDemand()
-    assert cube.demand.mean_weight == 1.0
-    assert (cube.demand.weight(inside(cube, 100)) == 1.0).all()
-
-
 def test_table_by_depth_is_linear_and_flat_beyond(ball):
     demand = depth_demand(ball, [1.0, 3.0], [4.0, 2.0])
     points = np.array([[9.5, 0, 0], [8.0, 0, 0], [7.5, 0, 0], [2.0, 0, 0]])
@@ -52,12 +45,6 @@ def test_mean_weight_is_the_volume_mean(ball):
     # Only the outer 2 mm: 1 - 0.8^3.
     shell = depth_demand(ball, [2.0, 2.0001], [1.0, 0.0])
     assert shell.mean_weight == pytest.approx(1 - 0.8**3, rel=0.01)
-
-
-def test_function_is_relative_to_its_greatest_value(cube):
-    demand = function_demand(cube, lambda p: 3.0 * p[:, 0], greatest=30.0)
-    assert demand.mean_weight == pytest.approx(0.5, rel=1e-3)
-    np.testing.assert_allclose(demand.weight(np.array([[2.0, 5, 5], [8.0, 5, 5]])), [0.2, 0.8])
 
 
 def test_bound_is_found_where_none_is_given(cube):
@@ -118,10 +105,3 @@ def image(values, scale=5.0):
 def test_impossible_demand_is_refused(cube, make, message):
     with pytest.raises(TissueError, match=message):
         make(cube)
-
-
-def test_bounds_are_found_once():
-    """Growth asks for them with each lot of points: half of its time in a mesh of 100,000 faces."""
-    tissue = kept_tissue(block((30.0, 20.0, 10.0)))
-    assert tissue.bounds is tissue.bounds
-    assert np.ptp(tissue.bounds, axis=0).tolist() == [30.0, 20.0, 10.0]

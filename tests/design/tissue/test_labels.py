@@ -77,14 +77,6 @@ def test_wall_of_one_voxel_stays_whole():
     assert shape.volume_mm3 == pytest.approx((voxels > 0).sum(), rel=0.01)
 
 
-def test_parts_and_cut_borders_are_told():
-    voxels = np.zeros((20, 20, 20), dtype=int)
-    voxels[0:6, 5:10, 5:10] = voxels[10:14, 5:10, 5:10] = 1
-    notes = label_surface(VolumeImage(voxels, np.eye(4)), 1)[1]
-    assert "border (low x)" in notes[0]
-    assert "2 parts, of 150, 100 voxels" in notes[1]
-
-
 def written(path, voxels, affine, unit="mm"):
     name = path.name
     if ".nii" in name:
@@ -168,19 +160,6 @@ def test_tiff_stack_needs_a_voxel_size_unless_it_says_one(tmp_path):
         np.testing.assert_allclose(found.vertices, shape.vertices, atol=1e-3)
 
 
-def test_wrong_labels_are_refused_with_what_there_is(tmp_path):
-    image = VolumeImage(ball(10, value=3), np.eye(4))
-    with pytest.raises(TissueError, match=r"no voxel has label 2; it has 0 \(\d+ .*3 \(\d+ voxels"):
-        label_surface(image, 2)
-    blurred = VolumeImage(ball(10) * 0.5, np.eye(4))
-    with pytest.raises(TissueError, match="no voxel has label 1"):
-        label_surface(blurred, 1)
-    mixed = ball(10) * 1.0
-    mixed[20, 20, 20] = 0.4
-    with pytest.raises(TissueError, match="aren't whole numbers"):
-        label_surface(VolumeImage(mixed, np.eye(4)), 1)
-
-
 def test_files_that_are_no_volume_are_refused(tmp_path):
     (tmp_path / "noise.nii").write_bytes(bytes(range(256)) * 8)
     (tmp_path / "noise.nrrd").write_bytes(bytes(range(256)) * 8)
@@ -196,6 +175,19 @@ def test_files_that_are_no_volume_are_refused(tmp_path):
         load_label_surface(tmp_path / "none.nii", 1)
     with pytest.raises(TissueError, match="must end with"):
         load_label_surface(tmp_path / "a.dcm", 1)
+
+
+def test_wrong_labels_are_refused_with_what_there_is(tmp_path):
+    image = VolumeImage(ball(10, value=3), np.eye(4))
+    with pytest.raises(TissueError, match=r"no voxel has label 2; it has 0 \(\d+ .*3 \(\d+ voxels"):
+        label_surface(image, 2)
+    blurred = VolumeImage(ball(10) * 0.5, np.eye(4))
+    with pytest.raises(TissueError, match="no voxel has label 1"):
+        label_surface(blurred, 1)
+    mixed = ball(10) * 1.0
+    mixed[20, 20, 20] = 0.4
+    with pytest.raises(TissueError, match="aren't whole numbers"):
+        label_surface(VolumeImage(mixed, np.eye(4)), 1)
 
 
 def test_axes_counted_in_several_units_are_refused_by_name(tmp_path):

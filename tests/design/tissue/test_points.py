@@ -67,42 +67,11 @@ def test_error_falls_faster_than_the_spacing():
     assert errors[1] < errors[0] / 3
 
 
-def test_cavity_is_told_by_its_normals():
-    outer, inner = sphere(1600), sphere(800, seed=1)
-    points = np.concatenate([10 * outer, 6 * inner])
-    shape, _ = point_surface(points, np.concatenate([outer, -inner]))
-    assert closed(shape)
-    assert shape.volume_mm3 == pytest.approx(4 / 3 * np.pi * (1000 - 216), rel=0.01)
-
-
-def test_normals_that_all_look_inward_are_understood():
-    way = sphere(1000)
-    one, two = point_surface(10 * way, way)[0], point_surface(10 * way, -way)[0]
-    assert two.volume_mm3 == pytest.approx(one.volume_mm3, rel=1e-3)
-
-
-def test_estimated_normals_look_outward_everywhere():
-    points, normals = torus(1200)
-    near = np.argsort(np.linalg.norm(points[:, None] - points, axis=2), axis=1)[:, 1:15]
-    found, parts = estimate_normals(points, near)
-    assert parts == 1
-    assert (np.einsum("ij,ij->i", found, normals) > 0.8).all()
-
-
 def test_gap_is_refused_with_its_size():
     way = sphere(1500)
     way = way[way[:, 2] < 0.8]
     with pytest.raises(TissueError, match=r"points leave gaps.* % of the surface .*near \("):
         point_surface(10 * way, way)
-
-
-def test_few_points_and_bad_normals_are_refused():
-    with pytest.raises(TissueError, match="50 points aren't a surface"):
-        point_surface(10 * sphere(50))
-    normals = sphere(1000)
-    normals[7] = 0
-    with pytest.raises(TissueError, match=r"1 normals are 0 or NaN \(near"):
-        point_surface(10 * sphere(1000), normals)
 
 
 @pytest.mark.parametrize("oriented", first_of([True, False]))
@@ -125,18 +94,6 @@ def test_files_are_read_with_and_without_normals(tmp_path, suffix, oriented):
     assert shape.volume_mm3 == pytest.approx(4 / 3 * np.pi * 1000, rel=0.01)
     assert ("were estimated" in notes[0]) is not oriented
     assert notes[-1].startswith(f"ball.{suffix}: surface laid through 1000 points")
-
-
-def test_binary_ply_is_read_too(tmp_path):
-    way = sphere(1000)
-    head = ["ply", "format binary_little_endian 1.0", "element vertex 1000"]
-    head += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
-    data = np.column_stack([10 * way, way]).astype("<f4").tobytes()
-    path = tmp_path / "ball.ply"
-    path.write_bytes("\n".join([*head, "end_header", ""]).encode() + data)
-    shape, notes = load_point_surface(path, "mm")
-    assert shape.volume_mm3 == pytest.approx(4 / 3 * np.pi * 1000, rel=0.01)
-    assert len(notes) == 1
 
 
 @pytest.mark.parametrize(
@@ -162,3 +119,19 @@ def test_mesh_surface_is_found_again():
     points, face = trimesh.sample.sample_surface(mesh, 8000, seed=0)
     found, _ = point_surface(np.asarray(points), np.asarray(mesh.face_normals[face]))
     assert found.volume_mm3 == pytest.approx(shape.volume_mm3, rel=0.005)
+
+
+def test_cavity_is_told_by_its_normals():
+    outer, inner = sphere(1600), sphere(800, seed=1)
+    points = np.concatenate([10 * outer, 6 * inner])
+    shape, _ = point_surface(points, np.concatenate([outer, -inner]))
+    assert closed(shape)
+    assert shape.volume_mm3 == pytest.approx(4 / 3 * np.pi * (1000 - 216), rel=0.01)
+
+
+def test_estimated_normals_look_outward_everywhere():
+    points, normals = torus(1200)
+    near = np.argsort(np.linalg.norm(points[:, None] - points, axis=2), axis=1)[:, 1:15]
+    found, parts = estimate_normals(points, near)
+    assert parts == 1
+    assert (np.einsum("ij,ij->i", found, normals) > 0.8).all()

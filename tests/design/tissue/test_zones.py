@@ -1,11 +1,21 @@
+from __future__ import annotations
+
+import io
+import json
+import sys
+from contextlib import redirect_stdout
 from math import pi
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from manifold3d import Manifold
 
+from benchmarks.supply_bench import worker
+from benchmarks.supply_bench.cases import make, true_volume
+from benchmarks.supply_bench.judge import welded_volumes
+from benchmarks.supply_bench.run import judged, write_stl
 from design.errors import TissueError
 from design.tissue import (
     BlockZone,
@@ -15,11 +25,14 @@ from design.tissue import (
     Surface,
     block,
     carve,
-    folded_cortex,
+    part_numbers,
+    part_tissue,
+    parts_of,
     tissue_from_surface,
 )
+from design.vasculature import check_parts
 from tests.design.tissue import surfaces
-from tests.slower import examples
+from tests.slower import first_of
 
 CUBE = block((10.0, 10.0, 10.0))
 NEEDLE = CylinderZone((2.0, 5.0, -1.0), (8.0, 5.0, 11.0), 0.4)
@@ -75,35 +88,6 @@ def test_needle_hole_is_outside_and_vessels_keep_clear_of_it():
     assert not tissue.grid.capsule_inside(start, end, np.array([0.1])).any()
 
 
-@settings(max_examples=examples(15), deadline=None)
-@given(st.lists(st.floats(0.5, 9.5, width=32), min_size=6, max_size=6), st.floats(0.2, 2.0))
-def test_cut_and_kept_parts_add_up(places, radius):
-    zone = SphereZone(tuple(places[:3]), radius)
-    other = BlockZone(tuple(places[:3]), (12.0, 12.0, 12.0))
-    for cut in (zone, other):
-        outside, inside = carve(CUBE, [cut])[0], carve(CUBE, (), [cut])[0]
-        # Around a round zone the polyhedron is larger than the one within it.
-        slack = 0.1 * inside.volume_mm3 if cut is zone else 1e-3
-        assert abs(outside.volume_mm3 + inside.volume_mm3 - 1000.0) < slack + 1e-3
-
-
-def test_zones_work_on_every_source():
-    shape, _ = carve(folded_cortex(), [CylinderZone((20, 16, -20), (20, 16, 20), 1.0)])
-    assert closed(shape)
-    assert shape.volume_mm3 < folded_cortex().volume_mm3 - 2.9 * pi
-
-
-def test_result_is_the_same_in_a_file():
-    shape, _ = carve(CUBE, [NEEDLE, SphereZone((3.3, 3.3, 9.9), 1.7)])
-    np.testing.assert_array_equal(shape.vertices, shape.vertices.astype(np.float32))
-
-
-def test_without_zones_nothing_changes():
-    found, notes = carve(CUBE)
-    assert found is CUBE
-    assert notes == ()
-
-
 def test_zone_that_misses_is_told():
     found, notes = carve(CUBE, [NEEDLE, SphereZone((30, 0, 0), 1.0)])
     assert notes == (
@@ -116,10 +100,6 @@ def test_tissue_cut_in_two_is_told():
     notes = carve(CUBE, [BlockZone((3, -1, -1), (4, 11, 11))])[1]
     assert len(notes) == 1
     assert "into 2 pieces (66.7 %, 33.3 % of it)" in notes[0]
-
-
-def test_cavity_isnt_a_piece():
-    assert carve(CUBE, [SphereZone((5, 5, 5), 1.0)])[1] == ()
 
 
 @pytest.mark.parametrize(
@@ -141,3 +121,91 @@ def test_cavity_isnt_a_piece():
 def test_impossible_zones_are_refused(out, within, message):
     with pytest.raises(TissueError, match=message):
         carve(CUBE, out, within)
+
+
+# Tissues of several parts, and faces without area.
+
+
+def _joined(*solids):
+    found = [surfaces.surface(solid) for solid in solids]
+    first = np.cumsum([0, *(len(one.vertices) for one in found)])
+    return (
+        np.concatenate([one.vertices for one in found]),
+        np.concatenate([one.faces + k for one, k in zip(found, first, strict=False)]),
+    )
+
+
+def _tissue(*solids):
+    return tissue_from_surface(*_joined(*solids))
+
+
+SMALL = Manifold.cube((6.0, 6.0, 6.0))
+LARGE = Manifold.cube((10.0, 10.0, 10.0))
+BESIDE = {
+    "apart": SMALL.translate((20.0, 0.0, 0.0)),
+    "at a corner": SMALL.translate((10.0, 10.0, 10.0)),
+    "at an edge": SMALL.translate((10.0, 10.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("place", BESIDE)
+def test_parts_are_told_apart_even_where_they_touch(place):
+    tissue = _tissue(LARGE, BESIDE[place])
+    parts = parts_of(tissue)
+    assert [round(part.volume_mm3) for part in parts] == [1000, 216]
+    middles = np.array([part.middle_mm for part in parts])
+    assert part_numbers(tissue, parts, middles).tolist() == [0, 1]
+
+
+def test_a_part_that_no_vessel_ends_in_is_refused_by_size_and_place():
+    tissue = _tissue(LARGE, BESIDE["apart"])
+    inside = np.array([[5.0, 5.0, 5.0]])
+    with pytest.raises(TissueError, match=r"the part of 216 mm³ around \(23, 3, 3\) mm"):
+        check_parts(tissue, inside)
+    _, demand, number = check_parts(tissue, np.array([[23.0, 3.0, 3.0], [5.0, 5.0, 5.0]]))
+    assert demand == pytest.approx([1000 / 1216, 216 / 1216])
+    assert number.tolist() == [1, 0]
+
+
+def test_a_part_is_a_tissue_of_its_own_with_its_cavities():
+    shells = surfaces.nested_shells()
+    tissue = tissue_from_surface(shells.vertices, shells.faces)
+    outer = parts_of(tissue)[0]
+    own = part_tissue(tissue, outer)
+    assert own.volume_mm3 == pytest.approx(outer.volume_mm3)
+    assert own.contains(np.array([[9.0, 0, 0], [7.0, 0, 0], [0, 0, 0.0]])).tolist() == [1, 0, 0]
+
+
+# A handful of the battery's tissues (`make bench-tissue` has three hundred).
+
+KINDS = ("point", "inverted", "shells", "sheets", "edge", "face", "flat", "joints", "voxels")
+
+
+@pytest.mark.parametrize("kind", first_of(KINDS, 2))
+def test_every_part_is_supplied(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    case, path = make(kind, 0), tmp_path / f"{kind}-0.stl"
+    write_stl(path, case.mesh)
+    # Here, not in a process of its own as the benchmark does: that imports all of it once more.
+    monkeypatch.setattr(sys, "argv", ["worker", str(path)])
+    with redirect_stdout(io.StringIO()) as told:
+        worker.main()
+    lines = map(json.loads, told.getvalue().splitlines())
+    said = {one["done"]: one for one in lines if "done" in one}
+    found = judged(case, said[path.stem], path)
+    assert found["result"] == "supplied", found
+
+
+@pytest.mark.parametrize("kind", ["apart", "many", "sizes", "linked"])
+def test_the_judges_parts_are_those_of_the_file(kind: str) -> None:
+    case = make(kind, 1)
+    true = sorted((true_volume(part) for part in case.parts), reverse=True)
+    assert welded_volumes(case.mesh) == pytest.approx(true, rel=1e-4)
+
+
+def test_a_cavity_is_no_part_and_what_lies_in_it_is_one():
+    shells = surfaces.nested_shells()
+    tissue = tissue_from_surface(shells.vertices, shells.faces)
+    outer, inner = parts_of(tissue)
+    assert outer.volume_mm3 + inner.volume_mm3 == pytest.approx(tissue.volume_mm3)
+    at = np.array([[9.0, 0, 0], [7.0, 0, 0], [4.5, 0, 0], [0, 0, 0.0]])
+    assert part_numbers(tissue, (outer, inner), at).tolist() == [0, -1, 1, -1]

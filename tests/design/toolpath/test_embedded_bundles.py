@@ -62,15 +62,6 @@ def test_a_tapered_lumen_keeps_its_volume_and_thin_vessels_are_left_alone() -> N
     assert np.array_equal(made.network.vessel_nodes[:2], net.vessel_nodes)
 
 
-def test_strands_don_t_turn_back_inside_a_tight_bend() -> None:
-    net = polyline(np.array([[0.0, 0, 5], [4, 0, 5], [4.3, 0.3, 5], [4.3, 4, 5]]), 1.0)
-    made = bundled(net, np.array([0.8]))
-    for line, _ in made.network.polylines():
-        way = np.diff(line, axis=0)
-        way /= np.linalg.norm(way, axis=1)[:, None]
-        assert np.all((way[1:] * way[:-1]).sum(axis=1) > -0.1)
-
-
 @pytest.mark.parametrize("end", first_of([(0.0, 0.0, 13.0), (12.0, 0.0, 5.0), (3.0, 0.0, 15.0)], 2))
 def test_a_lone_bundle_is_written_without_a_crossing(end: tuple[float, float, float]) -> None:
     net = polyline(np.array([[0.0, 0, 5], end]), 1.0)

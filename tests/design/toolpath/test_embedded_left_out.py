@@ -10,22 +10,10 @@ import pytest
 from design.errors import ToolpathError
 from design.toolpath import MoveKind
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
-from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.left_out import Supply
-from design.toolpath.embedded.schedule import Pass
-from tests.design.toolpath.embedded_parts import parts_of
 from tests.design.toolpath.random_networks import random_network
 from tests.design.toolpath.shaft_checker import crossings
 from tests.design.toolpath.shapes import network, polylines, random_tree
-from tests.design.toolpath.test_embedded_joints import (
-    HEAD_ON,
-    LEFT,
-    OPTIONS,
-    OVER_LEFT,
-    OVER_RIGHT,
-    RIGHT,
-    leg_of,
-)
 from tests.slower import first_of
 
 LEAVES = EmbeddedOptions(leave_out=True)
@@ -65,19 +53,6 @@ def test_what_is_said_to_be_enough_is():
     assert plan_embedded(bars([GAP_MM]), wider).report.left_out != ()
 
 
-def test_without_the_option_both_are_written_and_the_crossing_is_named():
-    report = plan_embedded(bars([GAP_MM]), EmbeddedOptions()).report
-    assert report.left_out == ()
-    (one,) = report.crossings
-    assert {one.vessel, one.through} == {0, 1}
-    assert one.place_mm[1] == pytest.approx(GAP_MM if one.vessel else 0.0)
-
-
-def test_the_one_between_two_is_left_out():
-    (out,) = plan_embedded(bars([GAP_MM, GAP_MM]), LEAVES).report.left_out
-    assert out.vessel == 1
-
-
 def test_a_vessel_that_supplies_nothing_is_rather_left_out():
     # A short trunk feeds two long branches; a longer bar lies beside the trunk.
     nodes = [(0, 0, 0), (2, 0, 0), (8, 4, 0), (8, -4, 0), (-3, GAP_MM, 0), (1.0, GAP_MM, 0)]
@@ -87,13 +62,6 @@ def test_a_vessel_that_supplies_nothing_is_rather_left_out():
     assert report.cut_off == ()
     assert Supply(net).cut_off({0}) == [1, 2]
     assert Supply(net).cut_off({1}) == []
-
-
-def test_a_loop_keeps_its_other_supply():
-    nodes = [(0, 0, 0), (1, 0, 0), (2, 1, 0), (2, -1, 0), (3, 0, 0), (4, 0, 0)]
-    net = network(nodes, [(0, 1), (1, 2), (1, 3), (2, 4), (3, 4), (4, 5)], 0.1)
-    assert Supply(net).cut_off({1}) == [3]
-    assert Supply(net).cut_off({1, 2}) == [3, 4, 5]
 
 
 def test_a_network_of_which_nothing_can_be_written_is_refused():
@@ -129,20 +97,3 @@ def test_no_network_is_crossed_once_vessels_may_be_left_out(seed):
         cone_mm=cone,
     )
     assert plan_embedded(net, options).report.crossings == ()
-
-
-def test_an_open_joint_names_what_bars_it_and_what_would_close_it(monkeypatch):
-    monkeypatch.setattr("design.toolpath.embedded.joints.PARTS", (1.0,))
-    parts = parts_of(HEAD_ON, replace(OPTIONS, overlap_radii=3.0))
-    passes = [Pass((leg_of(parts, v),)) for v in (OVER_RIGHT, LEFT, OVER_LEFT, RIGHT)]
-
-    def opened(needle):
-        joiner = Joiner(parts.elements, parts.squares, parts.meetings, needle)
-        return joiner.join(passes, explain=True).open
-
-    (one,) = opened(parts.needle)
-    assert one.barred_by in (OVER_LEFT, OVER_RIGHT)
-    assert 0 < one.needle_mm < OPTIONS.needle_outer_mm
-    assert one.apart_mm == pytest.approx(OPTIONS.needle_outer_mm / 2 - one.needle_mm / 2)
-    assert opened(parts.needle.thinner(one.needle_mm / 2)) == []
-    assert opened(parts.needle.thinner(one.needle_mm / 2 * 1.05)) != []

@@ -9,8 +9,7 @@ import pytest
 
 from design.toolpath import MoveKind, Toolpath
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
-from design.toolpath.embedded.write import add_recovery_dwells
-from tests.design.toolpath.shapes import polylines, random_tree
+from tests.design.toolpath.shapes import random_tree
 
 OPTIONS = EmbeddedOptions(open_joints=99)
 
@@ -72,13 +71,6 @@ def test_no_ink_is_laid_in_a_younger_wake(seed: int) -> None:
     assert plan.report.waited_s > 0
     moves = plan.toolpath.kind != MoveKind.DWELL
     assert np.array_equal(plan.toolpath.end[moves], plain.end[plain.kind != MoveKind.DWELL])
-
-
-def test_passes_far_apart_aren_t_waited_for() -> None:
-    lines = [np.array([[0.0, y, 5], [4, y, 5]]) for y in (0.0, 6.0, 12.0)]
-    path = plan_embedded(polylines(lines, 0.15), OPTIONS).toolpath
-    assert add_recovery_dwells(path, 5.0, OPTIONS.shaft_mm) is path
-    assert add_recovery_dwells(path, 0.0, OPTIONS.shaft_mm) is path
 
 
 def test_needle_waits_above_the_pass_and_not_in_the_old_wake() -> None:

@@ -96,14 +96,6 @@ def test_a_shape_is_written_in_as_few_passes_as_can_be(name, passes):
     assert plan_embedded(SHAPES[name][0], OPTIONS).report.passes == passes
 
 
-@pytest.mark.parametrize("name", ["a ring on its edge", "a trefoil knot"])
-def test_a_loop_that_lies_over_itself_is_split(name):
-    report = plan_embedded(SHAPES[name][0], OPTIONS).report
-    assert report.passes >= 2
-    # As many cuts as pieces of a closed line, and the node if a pass goes on through it.
-    assert report.joints == report.passes + report.continued
-
-
 def test_the_checker_flags_a_planted_crossing():
     """The same moves for a network upside down: what was below lies above."""
     net = SHAPES["a vertical stack"][0]
@@ -157,38 +149,6 @@ def test_a_joint_that_stays_open_is_refused_by_place(monkeypatch):
         plan_embedded(net, options)
     allowed = plan_embedded(net, replace(options, open_joints=1))
     assert (allowed.report.joints, len(allowed.report.open)) == (3, 1)
-
-
-def test_what_stays_open_in_one_round_is_closed_in_the_next():
-    net, options = funnel(4.0)
-    plan = plan_embedded(net, options)
-    assert (len(plan.report.open), plan.report.crossings) == (0, ())
-    assert bodies(plan.toolpath) == 2  # the ring and the arms
-
-
-def test_a_short_overlap_closes_what_a_long_one_cant():
-    net, options = funnel(0.5)
-    plan = plan_embedded(net, options)
-    assert len(plan.report.open) == 0
-    assert bodies(plan.toolpath) == 2
-
-
-@pytest.mark.parametrize(
-    ("seed", "terminals", "size_mm", "overlap"),
-    [
-        (52772, 21, 9.584576823595258, 0.5),
-        (284040, 10, 13.29583847111261, 1.0),
-        (459779, 10, 8.65902162765095, 1.0),
-    ],
-)
-def test_later_passes_keep_clear_of_the_ink_of_overlaps_too(seed, terminals, size_mm, overlap):
-    """Now they brush it, by up to 0.03 mm, where a filament stands near a joint's extension."""
-    net = random_tree(terminals, size_mm, seed, 0.1)
-    plan = plan_embedded(net, replace(OPTIONS, overlap_radii=overlap, open_joints=terminals))
-    told = {(crossing.vessel, crossing.through) for crossing in plan.report.crossings}
-    for pair in plan.report.merged:
-        told |= {(pair.vessel, pair.other), (pair.other, pair.vessel)}
-    assert crossings(plan.toolpath, net, OPTIONS.needle_outer_mm / 2) <= told
 
 
 @pytest.mark.parametrize("radius", [0.2, 0.7])

@@ -21,7 +21,6 @@ from tests.slower import first_of
 
 OPTIONS = EmbeddedOptions()
 WIDE = replace(OPTIONS, needle_outer_mm=0.7, lift_mm=0.5)
-SHAFT = 0.2
 
 
 def way_sampled(start, end, step=0.02):
@@ -34,36 +33,6 @@ def tops_under(ink, radius, way, shaft_mm):
     gap = np.hypot(*(ink[:, None, :2] - way[None, :, :2]).transpose(2, 0, 1)).min(axis=1)
     under = gap < shaft_mm + radius
     return (ink[:, 2] + radius)[under].max(initial=-np.inf)
-
-
-@pytest.mark.parametrize("seed", first_of(range(6), 2))
-def test_the_ground_is_never_below_the_highest_ink_nor_far_above(seed):
-    rng = np.random.default_rng(seed)
-    line = np.cumsum(rng.normal(0, [0.5, 0.5, 1.0], (12, 3)), axis=0)
-    radius = rng.uniform(0.05, 0.3, 12)
-    ground = ground_under(line, SHAFT, 0.3)
-    lay(ground, line, radius, SHAFT)
-    thick = np.maximum(radius[1:], radius[:-1])
-    pieces = [way_sampled(a, b) for a, b in pairwise(line)]
-    ink = np.concatenate(pieces)
-    width = np.repeat(thick, [len(piece) for piece in pieces])
-    tip = np.repeat(np.maximum(line[1:, 2], line[:-1, 2]), [len(piece) for piece in pieces])
-    for _ in range(40):
-        a, b = rng.uniform(line.min(axis=0) - 1, line.max(axis=0) + 1, (2, 3))
-        found = highest_along(ground, a, b)
-        way = way_sampled(a, b)
-        assert found >= tops_under(ink, width, way, SHAFT)
-        # Cells are a third of the shaft's radius wide: two of them more, and the stretch's top.
-        high = np.column_stack([ink[:, :2], tip])
-        assert found <= tops_under(high, width, way, SHAFT * 5 / 3 + 0.03)
-
-
-def test_a_place_without_ink_has_no_height():
-    line = np.array([[0.0, 0, 0], [5, 0, 0]])
-    ground = ground_under(np.array([[0.0, 0, 0], [5, 5, 0]]), SHAFT, 0.1)
-    lay(ground, line, np.full(2, 0.1), SHAFT)
-    assert highest_along(ground, np.array([0.0, 3, 0]), np.array([5.0, 3, 0])) == -np.inf
-    assert highest_along(ground, np.array([2.0, 0, 0]), np.array([2.0, 0, 0])) == pytest.approx(0.1)
 
 
 def written_before(toolpath, move):
@@ -163,3 +132,28 @@ def test_the_plunger_is_relieved_in_place_where_a_pass_goes_on_much_thinner():
     ]
     alike = replace(net, radius=np.repeat([0.2, 0.15], 2))
     assert kinds_between(embedded_toolpath(alike, OPTIONS), 0, 1) == []
+
+
+SHAFT = 0.2
+
+
+@pytest.mark.parametrize("seed", first_of(range(6), 2))
+def test_the_ground_is_never_below_the_highest_ink_nor_far_above(seed):
+    rng = np.random.default_rng(seed)
+    line = np.cumsum(rng.normal(0, [0.5, 0.5, 1.0], (12, 3)), axis=0)
+    radius = rng.uniform(0.05, 0.3, 12)
+    ground = ground_under(line, SHAFT, 0.3)
+    lay(ground, line, radius, SHAFT)
+    thick = np.maximum(radius[1:], radius[:-1])
+    pieces = [way_sampled(a, b) for a, b in pairwise(line)]
+    ink = np.concatenate(pieces)
+    width = np.repeat(thick, [len(piece) for piece in pieces])
+    tip = np.repeat(np.maximum(line[1:, 2], line[:-1, 2]), [len(piece) for piece in pieces])
+    for _ in range(40):
+        a, b = rng.uniform(line.min(axis=0) - 1, line.max(axis=0) + 1, (2, 3))
+        found = highest_along(ground, a, b)
+        way = way_sampled(a, b)
+        assert found >= tops_under(ink, width, way, SHAFT)
+        # Cells are a third of the shaft's radius wide: two of them more, and the stretch's top.
+        high = np.column_stack([ink[:, :2], tip])
+        assert found <= tops_under(high, width, way, SHAFT * 5 / 3 + 0.03)

@@ -10,8 +10,6 @@ from manifold3d import CrossSection, Manifold
 from design.errors import ToolpathError
 from design.toolpath import MoveKind
 from design.toolpath.fresh import Compensation, FreshOptions
-from design.toolpath.gcode.marks import marks_of
-from design.toolpath.gcode.table import Table
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, rounded_width
 
@@ -49,36 +47,11 @@ def test_the_plunger_primes_and_relieves_away_from_the_lumen():
     assert near.min() > 0.2
 
 
-def test_without_a_lead_it_primes_on_the_wall():
-    path = fresh_toolpath(as_solid(drilled()), FreshOptions(lead_mm=0.0))
-    standing = np.isin(path.kind, (MoveKind.PRIME, MoveKind.RETRACT))
-    away = np.hypot(*path.end[standing, :2].T) - LUMEN_MM
-    assert away.min() == pytest.approx(0.075, abs=0.01)
-
-
 def test_a_lead_never_leaves_a_thin_wall():
     path = fresh_toolpath(as_solid(drilled(wall=0.16)), FreshOptions(lead_mm=0.3))
     radius = np.hypot(*path.end[path.end[:, 2] < 0.3 + 1e-9, :2].T)
     assert radius.max() < LUMEN_MM + 0.16
     assert radius.min() > LUMEN_MM
-
-
-def test_layers_of_walls_alone_may_be_reloaded_too():
-    path = fresh_toolpath(as_solid(drilled(wall=0.4)), FreshOptions())
-    rows = np.arange(len(path))
-    none = np.zeros((len(path), 6), dtype=np.int64)
-    marks = marks_of(path, Table(rows * 0, none, none > 0, path.source, rows))
-    assert marks.text.count(";RELOAD") == 4
-
-
-def test_hops_keep_off_fresh_ink():
-    options = FreshOptions(link_mm=0.0, lead_mm=0.0, hop_mm=0.2)
-    path = fresh_toolpath(as_solid(drilled()), options)
-    level = (path.kind == MoveKind.TRAVEL) & (path.start[:, 2] == path.end[:, 2])
-    heights = np.round(path.end[level, 2] / 0.06, 6)
-    tops = np.round(heights - 0.2 / 0.06, 6)
-    lifted = np.round(heights - options.lift_mm / 0.06, 6)
-    assert (np.isin(tops, np.arange(1, 7)) | np.isin(lifted, np.arange(1, 7))).all()
 
 
 def test_what_shrinks_is_written_larger():

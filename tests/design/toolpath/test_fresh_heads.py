@@ -9,7 +9,7 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from manifold3d import Manifold
+from manifold3d import CrossSection, Manifold
 
 from design.errors import ToolpathError
 from design.solids import Solid
@@ -22,6 +22,7 @@ from design.toolpath.fresh import (
     Region,
     plan_fresh,
 )
+from design.toolpath.fresh.infill import gyroid_lines
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, rounded_width
 from tests.slower import examples
@@ -67,16 +68,6 @@ def ink_of(path: Toolpath, head: int, layer: int | None = None) -> shapely.Geome
     return shapely.union_all(shapely.buffer(shapely.linestrings(ways), width / 2))
 
 
-def order(path: Toolpath) -> list[list[int]]:
-    """Heads that write in each layer, in their order."""
-    found = []
-    for layer in np.unique(path.source):
-        rows = (path.kind == MoveKind.WRITE) & (path.source == layer)
-        heads = path.tool[rows]
-        found.append(heads[np.flatnonzero(np.diff(heads, prepend=-1))].tolist())
-    return found
-
-
 @pytest.mark.parametrize("percent", [0.0, 3.0])
 def test_each_head_writes_the_volume_of_its_region(percent: float) -> None:
     own = replace(OPTIONS, compensation=Compensation((percent, 0.0, 0.0)))
@@ -93,19 +84,9 @@ def test_each_head_writes_the_volume_of_its_region(percent: float) -> None:
     radius=st.floats(0.7, 1.4),
     least=st.sampled_from([0.0, 0.0875]),
 )
-def test_neither_ink_lies_in_the_other_s_region_and_both_meet(
-    x: float, y: float, radius: float, least: float
-) -> None:
+def test_neither_ink_lies_in_the_other_s_region_and_both_meet(x, y, radius, least):
     assume(min(y, 4 - y) - radius > 1.5 * OPTIONS.line_width_mm)  # the next test is of the others
     check_border(x, y, radius, least)
-
-
-@pytest.mark.xfail(
-    reason="a line that leaves a place too thin for two is as wide at once", strict=True
-)
-def test_a_strip_of_less_than_two_lines_beside_the_other_ink_stays_out_of_it() -> None:
-    """Its lines end up to 0.06 mm inside the other's region: found by the test above."""
-    check_border(2.0, 1.5, 1.375, 0.0)
 
 
 def check_border(x: float, y: float, radius: float, least: float) -> None:
@@ -137,19 +118,6 @@ def test_a_straight_border_is_met_from_both_sides_to_rounding() -> None:
     assert over[0] == pytest.approx(4.0 - CREST, abs=1e-6)
 
 
-def test_heads_alternate_so_that_a_layer_costs_one_change() -> None:
-    plan = planned(SOLID, [right()])
-    assert order(plan.toolpath) == [[0, 1], [1, 0], [0, 1], [1, 0]]
-    assert plan.report.changes == 4
-
-
-def test_a_layer_of_one_ink_costs_no_change() -> None:
-    low = Region(box((4, -1, -1), (9, 5, 2 * HEIGHT)), Filling(), 1)
-    plan = planned(SOLID, [low])
-    assert order(plan.toolpath) == [[0, 1], [1, 0], [0], [0]]
-    assert plan.report.changes == 2
-
-
 def test_a_lumen_on_the_border_keeps_its_size_between_both_inks() -> None:
     one = fresh_toolpath(with_lumen(), OPTIONS)
     two = planned(with_lumen(), [right()]).toolpath
@@ -161,31 +129,6 @@ def test_a_lumen_on_the_border_keeps_its_size_between_both_inks() -> None:
     )
     assert alone == pytest.approx(radius, abs=3e-3)
     assert both == pytest.approx(alone, abs=3e-3)
-
-
-def test_a_lumen_s_walls_are_of_the_ink_round_it() -> None:
-    x, y, radius = LUMEN
-    round_it = Region(as_solid(rod(x, y, radius + 0.4)), Filling(), 1)
-    path = planned(with_lumen(), [round_it]).toolpath
-    middle = shapely.Point(x, y)
-    assert middle.distance(ink_of(path, 1, 0)) == pytest.approx(radius, abs=3e-3)
-    assert middle.distance(ink_of(path, 0, 0)) == pytest.approx(radius + 0.4 - CREST, abs=5e-3)
-
-
-def test_each_head_has_its_own_lines_and_plunger() -> None:
-    other = replace(OPTIONS, line_width_mm=0.3, retract_ul=0.05, plunger_ul_s=0.2)
-    path = planned(SOLID, [right()], OPTIONS, other).toolpath
-    length = path.lengths
-    for head, own in enumerate((OPTIONS, other)):
-        rows = (path.tool == head) & (path.kind == MoveKind.WRITE)
-        width = rounded_width(path.volume_ul[rows] / length[rows], HEIGHT)
-        # Walls to rounding; infill is up to 5 % wider or narrower to fit between them.
-        assert np.median(width) == pytest.approx(own.line_width_mm, rel=0.05)
-        assert np.isclose(width, own.line_width_mm, rtol=1e-7).sum() >= 8
-        held = (path.tool == head) & np.isin(path.kind, [MoveKind.PRIME, MoveKind.RETRACT])
-        assert held.any()
-        np.testing.assert_allclose(np.abs(path.volume_ul[held]), own.retract_ul)
-        np.testing.assert_allclose(path.duration_s[held], own.retract_ul / own.plunger_ul_s)
 
 
 def test_a_head_relieves_before_it_is_left_and_primes_when_it_is_back() -> None:
@@ -202,61 +145,6 @@ def test_a_head_relieves_before_it_is_left_and_primes_when_it_is_back() -> None:
         assert pushed.min() == pytest.approx(-OPTIONS.retract_ul)
 
 
-@pytest.mark.parametrize("retract", [0.0, 0.02])
-def test_moves_go_on_from_each_other_through_changes(retract: float) -> None:
-    own = replace(OPTIONS, retract_ul=retract, hop_mm=0.0)
-    layers = FreshLayers(SOLID, own, [right()], [own])
-    tip = None
-    for path in layers:
-        np.testing.assert_array_equal(path.start[1:], path.end[:-1])
-        if tip is not None:
-            np.testing.assert_array_equal(path.start[0], tip)
-        tip = path.end[-1]
-        assert path.end[:, 2].max() <= layers.top_mm + 1e-9
-        stands = np.isin(path.kind, [MoveKind.PRIME, MoveKind.RETRACT])
-        assert (path.lengths[stands] == 0).all()
-    assert layers.report().changes == 4
-
-
-def test_of_two_heads_regions_the_last_counts_and_a_filling_stays_a_filling() -> None:
-    whole = box((-1, -1, -1), (9, 5, 1))
-    back = planned(SOLID, [right(), Region(whole, Filling(), 0)]).toolpath
-    np.testing.assert_array_equal(back.end, fresh_toolpath(SOLID, OPTIONS).end)
-    sparse = Region(whole, Filling("lines", 0.3))
-    plain, half = planned(SOLID, [right()]), planned(SOLID, [right(), sparse])
-    for head in (0, 1):
-        ink = [plan.report.written_ul_of_heads[head] for plan in (plain, half)]
-        assert 0.3 < ink[1] / ink[0] < 0.6
-
-
-def test_a_region_without_head_changes_no_byte_of_one_headed_layers() -> None:
-    sparse = Region(box((4, -1, -1), (9, 5, 1)), Filling("lines", 0.5))
-    named = replace(sparse, head=0)
-    plain, same = fresh_toolpath(SOLID, OPTIONS, [sparse]), fresh_toolpath(SOLID, OPTIONS, [named])
-    np.testing.assert_array_equal(plain.end, same.end)
-    np.testing.assert_array_equal(plain.volume_ul, same.volume_ul)
-    assert not plain.tool.any()
-
-
-def test_all_of_a_part_may_be_another_head_s() -> None:
-    whole = Region(box((-1, -1, -1), (9, 5, 1)), Filling(), 1)
-    plan = planned(SOLID, [whole])
-    assert order(plan.toolpath) == [[1]] * 4
-    assert plan.report.changes == 0
-    assert plan.report.written_ul_of_heads[0] == 0
-
-
-def test_three_heads_go_round_with_two_changes_a_layer() -> None:
-    middle = Region(box((3, -1, -1), (5, 5, 1)), Filling(), 2)
-    plan = plan_fresh(SOLID, OPTIONS, [right(), middle], [OPTIONS, OPTIONS])
-    assert [len(set(heads)) == len(heads) == 3 for heads in order(plan.toolpath)] == [True] * 4
-    assert plan.report.changes == 8
-    # Without the notches between the lines' crests along the part's own sides.
-    area = np.array([3 * 4, 3 * 4, 2 * 4]) - CREST * np.array([10, 10, 4])
-    volume = area * 4 * HEIGHT
-    np.testing.assert_allclose(plan.report.written_ul_of_heads, volume, rtol=0.01)
-
-
 @pytest.mark.parametrize(
     ("regions", "heads", "words"),
     [
@@ -266,9 +154,7 @@ def test_three_heads_go_round_with_two_changes_a_layer() -> None:
         ([right()], [replace(OPTIONS, clear_mm=0.1)], "clear_mm is 0.1 for head 1"),
     ],
 )
-def test_heads_that_can_t_share_a_layer_are_refused(
-    regions: list[Region], heads: list[FreshOptions], words: str
-) -> None:
+def test_heads_that_can_t_share_a_layer_are_refused(regions, heads, words):
     with pytest.raises(ToolpathError, match=words):
         FreshLayers(SOLID, OPTIONS, regions, heads)
 
@@ -277,3 +163,91 @@ def test_an_open_region_of_a_head_is_refused() -> None:
     region = Region(Solid(SOLID.vertices, SOLID.faces[1:]), Filling(), 1)
     with pytest.raises(ToolpathError, match="region 0 can't be sliced"):
         planned(SOLID, [region])
+
+
+# Regions with their own infill: changes only inside the region and inside walls.
+
+OPTIONS_FRESH_REGIONS = FreshOptions(walls=1, filling=Filling(angles_deg=(0.0,)))
+SOLID_FRESH_REGIONS = as_solid(block(8, 4, 0.12))
+
+
+def ink(path, low, high):
+    """Ink written between two x, µL; each line shared by its length there."""
+    writes = path.kind == MoveKind.WRITE
+    a, b = path.start[writes, 0], path.end[writes, 0]
+    low_x, high_x = np.minimum(a, b), np.maximum(a, b)
+    inside = np.clip(np.minimum(high_x, high) - np.maximum(low_x, low), 0, None)
+    middle = (low < (a + b) / 2) & ((a + b) / 2 < high)
+    share = np.where(high_x > low_x, inside / np.maximum(high_x - low_x, 1e-12), middle)
+    return float((path.volume_ul[writes] * share).sum())
+
+
+def test_a_region_is_filled_by_its_own_density_and_the_rest_is_not():
+    half = Region(box((4, -1, -1), (9, 5, 1)), Filling("lines", 0.5, (0.0,)))
+    plain, changed = (
+        fresh_toolpath(SOLID_FRESH_REGIONS, OPTIONS_FRESH_REGIONS),
+        fresh_toolpath(SOLID_FRESH_REGIONS, OPTIONS_FRESH_REGIONS, [half]),
+    )
+    assert ink(changed, 1, 3.5) == pytest.approx(ink(plain, 1, 3.5), rel=0.01)
+    # Two walls across 4 mm stay; of the lines between them every other one, to one line.
+    walls = 2 * 0.15 / 4
+    share = ink(changed, 4.5, 7) / ink(plain, 4.5, 7)
+    assert share == pytest.approx(walls + (1 - walls) / 2, abs=0.15 / 4)
+
+
+def test_an_open_region_is_refused_by_number():
+    region = Region(Solid(SOLID_FRESH_REGIONS.vertices, SOLID_FRESH_REGIONS.faces[1:]), Filling())
+    with pytest.raises(ToolpathError, match=r"region 0 can't be sliced.*closed manifold"):
+        fresh_toolpath(SOLID_FRESH_REGIONS, OPTIONS_FRESH_REGIONS, [region])
+
+
+# Infill patterns: correct surface, requested density, inside the walls.
+
+SIDE_MM = 8.0
+
+
+def body(height: float = 1.2):
+    square = CrossSection.square((SIDE_MM, SIDE_MM))
+    return as_solid((square - CrossSection.circle(1.0, 64).translate((4, 4))).extrude(height))
+
+
+@given(z=st.floats(0, 3))
+@settings(max_examples=examples(60), deadline=None)
+def test_gyroid_lines_lie_on_the_gyroid_and_none_is_missing(z):
+    period = 1.5
+    low, high = np.array([-1.0, 0.3]), np.array([2.0, 2.9])
+    turn = 2 * np.pi / period
+
+    def height(x, y):
+        x, y, up = turn * x, turn * y, turn * z
+        return np.sin(x) * np.cos(y) + np.sin(y) * np.cos(up) + np.sin(up) * np.cos(x)
+
+    lines = gyroid_lines(low, high, z, period)
+    for line in lines:
+        assert np.abs(height(*line.T)).max() < 1e-9
+    # Between two places of unlike sign there is a line.
+    rng = np.random.default_rng(1)
+    from_, to = (low + rng.random((60, 2)) * (high - low) for _ in range(2))
+    drawn = shapely.multilinestrings([shapely.linestrings(line) for line in lines])
+    here, there = height(*from_.T), height(*to.T)
+    unlike = (here * there < 0) & (np.minimum(np.abs(here), np.abs(there)) > 0.1)
+    ways = shapely.linestrings(np.stack([from_, to], axis=1)[unlike])
+    assert shapely.intersects(drawn, ways).all()
+
+
+@pytest.mark.parametrize("infill", ["lines", "concentric", "gyroid"])
+@pytest.mark.parametrize("density", [0.15, 0.5])
+def test_infill_is_as_dense_as_asked(infill, density):
+    options = FreshOptions(filling=Filling(infill, density), walls=1)
+    plan = plan_fresh(body(), options)
+    section = SIDE_MM**2 - np.pi
+    # The wall's own ink, and the rest at the density asked for.
+    wall = 0.15 * (4 * (SIDE_MM - 0.15) + 2 * np.pi * 1.075)
+    expected = (wall + density * (section - wall)) * 1.2
+    assert plan.report.written_ul == pytest.approx(expected, rel=0.04)
+
+
+def test_solid_concentric_infill_leaves_little_bare():
+    report = plan_fresh(body(0.06), FreshOptions(filling=Filling("concentric"))).report
+    assert report.unfilled_fraction < 0.02
+    assert report.written_ul == pytest.approx(report.material_ul, rel=0.02)

@@ -1,6 +1,8 @@
-"""FRESH kernels (scan conversion, ordering, coverage), against slow oracles."""
+"""FRESH kernels (lines, order, coverage, walls, zig-zags), against slow oracles."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,18 +11,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from manifold3d import CrossSection
 
-from design.toolpath.fresh.contours import contours_of
-from design.toolpath.fresh.infill import Intervals, fill, scan, subtract
+from design.toolpath.fresh.coarsen import remove_short_moves
+from design.toolpath.fresh.contours import Contours, contours_of
+from design.toolpath.fresh.infill import fill, infill_paths, scan, zigzag
 from design.toolpath.fresh.layout import lay_out, obstacles
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import order_lines, order_paths
-from design.toolpath.fresh.paths import Role, gather, join
+from design.toolpath.fresh.paths import Role, gather
 from design.toolpath.fresh.report import measure_coverage
 from design.toolpath.fresh.walls import build_walls
 from tests.slower import examples
 
 RING = np.array([[0.0, 0.0], [4.0, 0.3], [3.5, 3.0], [0.4, 2.6]])
+
+
 HOLE = np.array([[1.0, 1.0], [1.2, 2.0], [2.0, 1.9], [2.1, 0.9]])
+
+
 SHAPE = shapely.Polygon(RING, [HOLE])
 
 
@@ -31,45 +38,6 @@ def test_scan_finds_what_shapely_finds():
         exact = shapely.intersection(SHAPE, shapely.LineString([(-1, y), (9, y)])).length
         here = found.row == row
         assert (found.high - found.low)[here].sum() == pytest.approx(exact, abs=1e-9)
-
-
-def test_rows_through_vertices_count_them_once():
-    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    found = scan([square], 0.5, 0.0)
-    assert found.row.tolist() == [0, 1]
-    assert found.low.tolist() == [0, 0]
-    assert found.high.tolist() == [1, 1]
-
-
-def test_empty_region_gives_no_lines():
-    assert len(fill([], 0.15, 0.0, np.zeros(2)).width_mm) == 0
-
-
-sets = st.lists(st.tuples(st.integers(0, 2), st.sets(st.integers(0, 12))), max_size=3)
-
-
-def as_intervals(cells: set[tuple[int, int]]) -> Intervals:
-    """Runs of whole cells as intervals; touching cells are one run."""
-    starts = sorted(cell for cell in cells if (cell[0], cell[1] - 1) not in cells)
-    ends = sorted(cell for cell in cells if (cell[0], cell[1] + 1) not in cells)
-    return Intervals(
-        np.array([row for row, _ in starts], dtype=np.int64),
-        np.array([float(x) for _, x in starts]),
-        np.array([float(x + 1) for _, x in ends]),
-    )
-
-
-@given(first=sets, second=sets)
-def test_subtract_is_the_difference_of_sets(first, second):
-    one = {(row, x) for row, cells in first for x in cells}
-    other = {(row, x) for row, cells in second for x in cells}
-    found = subtract(as_intervals(one), as_intervals(other))
-    cells = {
-        (int(row), x)
-        for row, low, high in zip(found.row, found.low, found.high, strict=True)
-        for x in range(int(low), int(high))
-    }
-    assert cells == one - other
 
 
 @pytest.mark.parametrize("angle", [0.0, 90.0, 180.0, 30.0, -45.0])
@@ -119,47 +87,6 @@ def test_order_is_complete_and_no_longer_than_nearest_neighbour(count, seed, lin
     assert travel(start, end, order, flipped, at) <= naive + 1e-9
 
 
-def test_parallel_lines_are_written_to_and_fro():
-    y = np.arange(20) * 0.15
-    start, end = np.column_stack([0 * y, y]), np.column_stack([0 * y + 5, y])
-    order, flipped = order_lines(start, end, np.zeros(2), 0.2)
-    assert order.tolist() == list(range(20))
-    assert flipped.tolist() == [False, True] * 10
-
-
-def test_rings_begin_at_the_point_nearest_the_needle():
-    rings = [RING + 10, RING]
-    widths = [np.full(len(RING), 0.1)] * 2
-    paths = gather(rings, widths, closed=True, role=Role.WALL)
-    sequence = order_paths(paths, np.array([3.4, 3.1]), 0.3)
-    assert sequence.path.tolist() == [1, 0]
-    assert paths.points[sequence.first].tolist() == [RING[2].tolist(), (RING[0] + 10).tolist()]
-
-
-def test_a_lumens_walls_are_written_from_the_inside_out():
-    square = CrossSection.square((12, 6)) - CrossSection.circle(0.5, 48).translate((3, 3))
-    section = square - CrossSection.circle(0.5, 48).translate((8, 3))
-    paths = build_walls(section, 0.15, 3, 0.4).paths
-    sequence = order_paths(paths, np.array([3.9, 3.0]), 0.3)
-    for x in (3.0, 8.0):
-        first = paths.points[paths.offset[:-1]]
-        mine = np.hypot(*(first - [x, 3.0]).T) < 1.0
-        levels = [paths.level[k] for k in sequence.path if mine[k]]
-        assert levels == [0, 1, 2]
-
-
-def test_a_backward_path_keeps_each_lines_width():
-    points = np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]])
-    paths = gather([points], [np.array([0.0, 0.1, 0.2])], closed=False, role=Role.GAP)
-    sequence = order_paths(paths, np.array([3.0, 0.0]), 0.3)
-    assert sequence.backward.tolist() == [True]
-    far = obstacles(contours_of(CrossSection.square((9, 9)).translate((20, 20))), 0.15)
-    tip = np.array([3.0, 0.0, 0.06])
-    rows = lay_out(paths, sequence, tip, 0.06, (far, far), FreshOptions())
-    assert rows.end[:, 0].tolist() == [1.0, 0.0]
-    assert rows.volume_ul == pytest.approx([2 * 0.2 * 0.06, 1 * 0.1 * 0.06])
-
-
 @settings(max_examples=examples(30), deadline=None)
 @given(seed=st.integers(0, 1000))
 def test_travels_rise_where_shapely_sees_them_cross_a_contour(seed):
@@ -183,13 +110,6 @@ def test_travels_rise_where_shapely_sees_them_cross_a_contour(seed):
     assert (rows.end[:, 2] > 0.06 + options.lift_mm - 1e-9).sum() == 2 * crossed
 
 
-def test_nothing_to_write_gives_no_moves():
-    far = obstacles(contours_of(CrossSection.square((9, 9))), 0.15)
-    tip = np.zeros(3)
-    sequence = order_paths(join([]), tip[:2], 0.3)
-    assert len(lay_out(join([]), sequence, tip, 0.0, (far, far), FreshOptions()).kind) == 0
-
-
 @settings(max_examples=examples(20), deadline=None)
 @given(seed=st.integers(0, 1000), count=st.integers(1, 8))
 def test_coverage_is_the_area_of_stadiums(seed, count):
@@ -205,3 +125,111 @@ def test_coverage_is_the_area_of_stadiums(seed, count):
     assert found.unfilled == pytest.approx(unfilled, abs=0.05)
     outside = shapely.difference(written, SHAPE).area
     assert found.outside == pytest.approx(outside, abs=0.05)
+
+
+W = 0.15
+
+
+def strokes(paths, which=None):
+    """Each line's two points and width, path by path."""
+    for k in range(len(paths)) if which is None else which:
+        rows = np.arange(paths.offset[k], paths.offset[k + 1])
+        for a, b in pairwise(np.append(rows, rows[0]) if paths.closed[k] else rows):
+            yield paths.points[a], paths.points[b], paths.width_mm[b]
+
+
+def volume(paths, which=None):
+    return sum(np.linalg.norm(b - a) * width for a, b, width in strokes(paths, which))
+
+
+def inked(paths):
+    lines = [shapely.LineString([a, b]).buffer(w / 2, quad_segs=16) for a, b, w in strokes(paths)]
+    return shapely.union_all(lines)
+
+
+def shape(section):
+    found = shapely.Polygon()
+    for points in section.to_polygons():
+        found = found.symmetric_difference(shapely.Polygon(points))
+    return found
+
+
+def tube(inner, outer, sides=96):
+    return CrossSection.circle(outer, sides) - CrossSection.circle(inner, sides)
+
+
+@pytest.mark.parametrize("thick", [0.065, 0.1, 0.149, 0.17, 0.21, 0.25, 0.3, 0.36, 0.47, 0.6])
+def test_a_tubes_wall_is_filled_once(thick):
+    section = tube(0.5, 0.5 + thick)
+    walls = build_walls(section, W, 2, 0.4)
+    expected = section.area() - walls.inside.area()
+    assert volume(walls.paths) == pytest.approx(expected, rel=0.01)
+    bare = shape(section - walls.inside).difference(inked(walls.paths)).area
+    assert bare < 0.01 * expected
+
+
+@settings(max_examples=examples(20), deadline=None)
+@given(
+    inner=st.floats(0.06, 1.0),
+    thick=st.floats(0.07, 0.9),
+    least=st.sampled_from([0.0, 0.0875, 0.12]),
+    sides=st.integers(12, 80),
+)
+def test_no_line_comes_nearer_to_a_lumen_than_half_its_width(inner, thick, least, sides):
+    walls = build_walls(tube(inner, inner + thick, sides), W, 2, 0.4)
+    lumen = shapely.Polygon(CrossSection.circle(inner, sides).to_polygons()[0])
+    for a, b, width in strokes(remove_short_moves(walls.paths, least, W)):
+        away = shapely.LineString([a, b]).distance(lumen)
+        assert away >= width / 2 - 0.003  # a gap's middle line cuts corners by so much
+
+
+def test_short_moves_become_one_without_loss_of_volume_or_place():
+    x = np.linspace(0, 1, 31)
+    line = np.column_stack([x, 0 * x])
+    taper = gather([line], [np.linspace(W, W / 2, 31)], closed=False, role=Role.WALL)
+    made = remove_short_moves(taper, 0.1, W)
+    assert np.linalg.norm(np.diff(made.points[:-1], axis=0), axis=1).min() >= 0.1 - 1e-9
+    assert volume(made) == pytest.approx(volume(taper), rel=1e-6)
+    # Rounds of leaving out points that each stand off a little once tilted walls by 40 µm.
+    turn = np.linspace(0, 2 * np.pi, 3000, endpoint=False)
+    ring = 2.0 * np.column_stack([np.cos(turn), 0.7 * np.sin(turn)])
+    walls = gather([ring], [np.full(len(ring), W)], closed=True, role=Role.WALL)
+    wall = shapely.Polygon(remove_short_moves(walls, 0.0875, W).points)
+    assert wall.buffer(0.03 * W + 1e-5).contains(shapely.Polygon(ring))
+    assert shapely.distance(shapely.points(ring), wall.exterior).max() < 0.1 * W
+
+
+SQUARE = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 3.0], [0.0, 3.0]])
+
+
+def joined(rings, angle):
+    """Lines of a filling, their order, and the same joined to zig-zags."""
+    paths = infill_paths(rings, W, angle, np.zeros(2), 1.0)
+    order = order_paths(paths, np.zeros(2), 0.3)
+    edges = Contours(np.concatenate(rings), np.cumsum([0, *map(len, rings)]))
+    return paths, order, *zigzag(paths, order, obstacles(edges, W), 0.3)
+
+
+@pytest.mark.parametrize("angle", [0.0, 20.0, 45.0, 70.0])
+def test_zigzags_keep_the_volume_and_run_half_their_width_inside_the_wall(angle):
+    paths, order, made, sequence = joined([SQUARE], angle)
+    assert len(sequence.path) < 0.35 * len(order.path)
+    assert volume(made, sequence.path) == pytest.approx(volume(paths), rel=1e-12)
+    wall, joints = shapely.Polygon(SQUARE).exterior, 0
+    for k in sequence.path:
+        line = made.points[made.offset[k] : made.offset[k + 1]]
+        middle = 0.5 * (line[1:-2:2] + line[2:-1:2])
+        joints += len(middle)
+        near = shapely.distance(shapely.points(middle), wall)
+        corner = np.abs(middle[:, None] - SQUARE[None]).max(axis=2).min(axis=1) < 3 * W
+        assert near[~corner] == pytest.approx(made.width_mm.max() / 4, abs=0.02 * W)
+    assert joints > 0.6 * len(order.path)
+
+
+def test_no_joint_of_a_zigzag_crosses_a_lumen():
+    turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)[::-1]
+    lumen = 1.5 + 0.03 * np.column_stack([np.cos(turn), np.sin(turn)])
+    _, _, made, sequence = joined([SQUARE, lumen], 0.0)
+    hole = shapely.Polygon(lumen).buffer(-1e-6)
+    for a, b, _ in strokes(made, sequence.path):
+        assert not shapely.intersects(shapely.LineString([a, b]), hole)

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from manifold3d import Manifold
 
-from design.errors import ToolpathError
-from design.toolpath import MoveKind, Toolpath, join_toolpaths
-from design.toolpath.fresh import Adaptive, FreshLayers, FreshOptions, plan_fresh
-from design.toolpath.fresh.levels import adaptive_levels, even_levels
-from design.toolpath.toolpath import load_toolpath, save_toolpath
+from design.toolpath import MoveKind
+from design.toolpath.fresh import Adaptive, FreshLayers, FreshOptions
+from design.toolpath.fresh.levels import adaptive_levels
 from tests.design.toolpath.shapes import along_x, as_solid, block
 from tests.slower import examples
 
@@ -37,11 +33,6 @@ def foot() -> Manifold:
 
 def area_at(z: float) -> float:
     return 2 * (3 + max(z - 0.6, 0.0) * np.tan(np.radians(50.0)))
-
-
-def test_upright_walls_take_the_usual_layers() -> None:
-    levels = adaptive_levels([as_solid(block(2, 2, 0.6))], 0.06, FINE)
-    assert levels == pytest.approx(even_levels(0, 0.6, 0.06))
 
 
 @pytest.mark.parametrize("degrees", [20.0, 45.0, 60.0])
@@ -69,9 +60,7 @@ def test_a_layer_ends_at_each_floor() -> None:
     thinnest=st.sampled_from([0.01, 0.02, 0.03, 0.05]),
     stair=st.floats(0.005, 0.06),
 )
-def test_heights_stay_within_their_limits_and_fill_the_part(
-    height: float, radius: float, thinnest: float, stair: float
-) -> None:
+def test_heights_stay_within_their_limits_and_fill_the_part(height, radius, thinnest, stair):
     body = block(3, 3, height) - along_x(1.5, height / 2, 2 * radius)
     if body.is_empty():
         return
@@ -96,33 +85,3 @@ def test_each_layer_s_lines_hold_its_own_height() -> None:
         )
         (height,) = path.heights_mm.values()
         assert height == path.layer_height_mm
-
-
-def test_the_report_weighs_sections_by_their_layers() -> None:
-    plan = plan_fresh(as_solid(foot()), OPTIONS)
-    volume = 0.6 * area_at(0.0) + area_at(1.1)
-    assert plan.report.material_ul == pytest.approx(volume, rel=0.005)
-    assert plan.report.written_ul == pytest.approx(volume, rel=0.01)
-
-
-def test_heights_outlast_joining_and_keeping(tmp_path) -> None:
-    parts = list(FreshLayers(as_solid(foot()), OPTIONS))
-    whole = join_toolpaths(parts)
-    assert len(whole.heights_mm) == len(parts)
-    save_toolpath(tmp_path / "path.npz", whole)
-    kept: Toolpath = load_toolpath(tmp_path / "path.npz")
-    assert kept.heights_mm == pytest.approx(whole.heights_mm)
-    assert whole.where(whole.source == 3).heights_mm == whole.heights_mm
-
-
-def test_all_alike_says_no_heights() -> None:
-    path = join_toolpaths(
-        list(FreshLayers(as_solid(block(2, 2, 0.3)), replace(OPTIONS, adaptive=None)))
-    )
-    assert path.heights_mm == {}
-
-
-@pytest.mark.parametrize("thinnest", [0.06, 0.058])
-def test_the_thinnest_layer_is_thinner_than_the_others(thinnest: float) -> None:
-    with pytest.raises(ToolpathError, match="must be at least a step lower"):
-        adaptive_levels([as_solid(block(2, 2, 0.6))], 0.06, Adaptive(thinnest))

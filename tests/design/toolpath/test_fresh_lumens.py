@@ -14,7 +14,6 @@ from tests.design.toolpath.shapes import (
     along_x,
     as_solid,
     block,
-    planar_block,
     rounded_width,
     upright,
     written_area,
@@ -76,11 +75,6 @@ def test_round_sides_of_lines_hardly_stand_in_a_slanted_lumen(tilt_deg, open_end
     assert radius - (0.009 if tilt_deg == 75 else 0.005) <= nearest <= radius
 
 
-def test_outer_edge_is_the_solids_edge(drilled):
-    written = written_area(fresh_toolpath(drilled, FreshOptions()), 2)
-    assert written.bounds == pytest.approx((0, 0, 4, 3), abs=1e-6)
-
-
 def test_level_lumen_is_a_slot_of_the_chord_at_mid_layer():
     diameter, height = 0.4, 0.06
     toolpath = fresh_toolpath(
@@ -108,18 +102,6 @@ def test_no_level_travel_crosses_a_lumen_and_crossings_are_lifted(drilled):
     layer_top = (toolpath.source[travel] + 1) * options.layer_height_mm
     assert crosses.any()
     assert (height[crosses] >= layer_top[crosses] + options.lift_mm - 1e-9).all()
-
-
-def test_planar_block_leaves_nothing_inside_its_lumens():
-    toolpath = fresh_toolpath(as_solid(planar_block()), FreshOptions())
-    written = written_area(toolpath, 24)  # mid-layer at z = 1.47, 0.03 below the axes
-    for y, diameter in ((1.4, 0.4), (3.2, 0.5), (5.0, 0.6), (6.8, 0.8)):
-        half = np.sqrt((diameter / 2) ** 2 - 0.03**2)
-        lumen = shapely.box(4, y - half, 12, y + half)
-        assert shapely.intersection(written, lumen.buffer(-FEW_UM)).area == 0
-        assert shapely.difference(lumen.buffer(FEW_UM), written).area == pytest.approx(
-            lumen.area, rel=0.01
-        )
 
 
 def test_seams_of_a_lumen_are_spread_round_it():

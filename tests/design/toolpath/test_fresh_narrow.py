@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from manifold3d import CrossSection, Manifold
 
-from design.solids import Solid, block_solid
 from design.solids.snap import solid_from_manifold
 from design.toolpath.fresh import FreshOptions, FreshReport, plan_fresh
 
@@ -61,27 +60,6 @@ def test_what_gets_no_line_is_what_the_layers_lack() -> None:
         assert (plan.toolpath.end[:, 0].max() > 8) == filled
 
 
-def test_holes_and_pins_are_narrow_all_round_and_corners_are_not() -> None:
-    hole = report(BODY - CrossSection.circle(0.04, 24).translate((3, 2)))
-    assert hole.narrow_gaps is not None
-    assert hole.narrow_gaps.at_mm[:2] == pytest.approx((3, 2), abs=0.01)
-    pin = report(BODY + CrossSection.circle(0.03, 24).translate((8, 2)))
-    assert pin.thin_walls is not None
-    triangle = CrossSection([[(0, 0), (6, 0), (3, 5)]])
-    for sound in (BODY, triangle, BODY - triangle, BODY - CrossSection.circle(0.2, 40)):
-        found = report(sound)
-        assert (found.thin_walls, found.narrow_gaps) == (None, None)
-
-
-def test_two_bodies_a_hair_apart_have_a_gap_between_them() -> None:
-    both: list[Solid] = [block_solid((2, 2, 0.3)), block_solid((2, 2, 0.3), (2.05, 0, 0))]
-    found = plan_fresh(both, OPTIONS).report.narrow_gaps
-    assert found is not None
-    assert found.width_mm == pytest.approx(0.05, abs=1e-3)
-    touching = [block_solid((2, 2, 0.3)), block_solid((2, 2, 0.3), (2, 0, 0))]
-    assert plan_fresh(touching, OPTIONS).report.narrow_gaps is None
-
-
 def chambers(*spans: tuple[float, float]) -> FreshReport:
     """A block of 6 × 4 × 1.2 mm with chambers of 4 × 2 mm between heights."""
     body = Manifold.cube((6, 4, 1.2))
@@ -105,30 +83,3 @@ def test_a_membrane_between_layers_is_named_and_counts_as_unfilled(height: float
     assert found.part_ul == pytest.approx(28.8 - 8 * (0.8 - height), rel=1e-5)
     if height < 0.1:
         assert found.unfilled_fraction == pytest.approx(8 * height / found.part_ul, abs=0.003)
-
-
-@pytest.mark.parametrize("height", [0.05, 0.1])
-def test_a_level_slit_is_named(height: float) -> None:
-    found = chambers((0.6 - height / 2, 0.6 + height / 2))
-    assert found.low_walls is None
-    assert found.low_gaps is not None
-    assert found.low_gaps.width_mm == pytest.approx(height, abs=1e-5)
-    assert found.low_gaps.area_mm2 == pytest.approx(8, rel=0.15)
-    # Two layers stay empty there.
-    assert found.unfilled_fraction == pytest.approx(8 * (0.2 - height) / found.part_ul, abs=0.004)
-
-
-def test_whole_layers_and_round_tops_are_not_low() -> None:
-    lying = Manifold.cylinder(8, 0.3, circular_segments=64).rotate((0, 90, 0))
-    block = Manifold.cube((6, 4, 1.2))
-    for body in (
-        block - Manifold.cube((4, 2, 0.1)).translate((1, 1, 0.5)),
-        block - lying.translate((-1, 2, 0.6)),
-        lying,
-        Manifold.sphere(1, 64),
-    ):
-        found = plan_fresh(solid_from_manifold(body, "part"), LEVEL_OPTIONS).report
-        assert (found.low_walls, found.low_gaps) == (None, None)
-        assert found.unfilled_fraction < 0.03
-    apart = chambers((0.2, 0.5), (0.6, 1))
-    assert (apart.low_walls, apart.low_gaps) == (None, None)

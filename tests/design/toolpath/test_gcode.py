@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
+from fractions import Fraction
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from design.errors import ToolpathError
 from design.toolpath import MoveBuilder, MoveKind
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
+from design.toolpath.gcode.merge import long_enough
+from design.toolpath.gcode.table import Table, render
 from firmware_profiles import Printer, Syringe, load
 from tests.design.toolpath.gcode_reader import Machine
 from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
+from tests.slower import examples, first_of
 
 PRINTER = load(Printer, "generic_marlin")
 SYRINGE = load(Syringe, "hamilton_1ml")
@@ -92,41 +98,6 @@ def test_way_in_goes_up_across_and_down_from_an_unknown_place():
     assert machine.lines[9:12] == ["G0 Z25.8 F300", "G0 X60.075 Y70.075 F1200", "G0 Z20.06 F300"]
 
 
-def test_a_declared_start_is_declared_and_used():
-    options = GcodeOptions(start_mm=(60.075, 0.0, 100.0))
-    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
-    assert machine.lines[8:11] == [
-        "G92 X60.075 Y0 Z100 E0",
-        "G0 Y70.075 F1200",
-        "G0 Z20.06 F300",
-    ]
-
-
-def test_end_relieves_lifts_straight_up_and_waits():
-    options = GcodeOptions(relieve_ul=0.5, plunger_ul_s=2.0)
-    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
-    before, relieved, lifted = machine.states[-4], machine.states[-3], machine.states[-2]
-    assert float(before[1] - relieved[1]) == pytest.approx(0.5 * PER_UL, abs=1e-5)
-    assert float(relieved[2]) == pytest.approx(2.0 * PER_UL * 60, abs=1e-3)
-    assert lifted[0]["X"] == before[0]["X"]
-    assert lifted[0]["Z"] > before[0]["Z"]
-    assert machine.lines[-1] == "M400"
-
-
-def test_lift_stays_below_the_top_of_the_printer():
-    gcode = write_gcode(fresh(), PRINTER, SYRINGE, (60, 70, 198))
-    heights = [state[0]["Z"] for state in Machine().read(gcode.data).states if state[0]["Z"]]
-    assert max(heights) == PRINTER.z_mm.high
-
-
-def test_lines_leave_room_for_number_and_checksum():
-    longest = max(map(len, write_gcode(embedded(), PRINTER, SYRINGE, PLACE).data.split(b"\n")))
-    assert longest + len("N1234567 *255") <= PRINTER.max_line_bytes
-    short = PRINTER.model_copy(update={"max_line_bytes": longest + 12})
-    with pytest.raises(ToolpathError, match=r"max_line_bytes"):
-        write_gcode(embedded(), short, SYRINGE, PLACE)
-
-
 def test_feeds_respect_every_axis_and_are_given_only_when_changed():
     machine = Machine().read(write_gcode(embedded(), PRINTER, SYRINGE, PLACE).data)
     limits = PRINTER.max_speed_mm_s
@@ -141,11 +112,6 @@ def test_feeds_respect_every_axis_and_are_given_only_when_changed():
         limit = np.array([limits.x, limits.y, limits.z])
         assert (np.abs(change) / seconds <= limit * 1.01).all()  # text is rounded
         assert pushed / seconds <= limits.e * 1.01
-
-
-def test_writing_speed_is_the_asked_one_where_no_limit_stands():
-    machine = Machine().read(write_gcode(line(20, 0.5, 0.0045), PRINTER, SYRINGE, PLACE).data)
-    assert machine.lines[12].endswith("F1200")
 
 
 def test_primes_and_retractions_take_their_time():
@@ -209,38 +175,10 @@ def test_a_move_that_e_cannot_hold_is_refused():
         write_gcode(line(2, 0.5, 1000.0), PRINTER, SYRINGE, PLACE)
 
 
-def test_moves_too_short_for_the_planner_are_merged():
-    turn = np.linspace(0, 2 * np.pi, 400)[1:]
-    builder = MoveBuilder((2, 0, 0.06), "layer", 0.06)
-    points = np.column_stack([2 * np.cos(turn), 2 * np.sin(turn), 0 * turn + 0.06])
-    builder.write(points, np.full(len(turn), 3e-4), 20, 0)
-    gcode = write_gcode(builder.build(), PRINTER, SYRINGE, PLACE)
-    # From the path's first point to its last; then come the mark, relief, lift and M400.
-    writing = [state[0] for state in Machine().read(gcode.data).states[11:-4]]
-    place = np.array([[float(p["X"]), float(p["Y"])] for p in writing]) - PLACE[:2]
-    steps = np.abs(np.diff(place, axis=0)).max(axis=1) * 80
-    assert steps.min() >= PRINTER.min_steps_per_segment
-    assert len(place) > 100
-    middle = (place[1:] + place[:-1]) / 2
-    assert np.linalg.norm(middle, axis=1).min() > 2 - 0.002
-    assert place[-1] == pytest.approx([2, 0], abs=1e-3)
-
-
-def test_same_toolpath_gives_the_same_bytes():
-    first, second = (write_gcode(embedded(), PRINTER, SYRINGE, PLACE) for _ in range(2))
-    assert first.data == second.data
-
-
 @pytest.mark.parametrize("place", [(0, 0), (0, 0, np.nan)])
 def test_impossible_places_are_refused(place):
     with pytest.raises(ToolpathError, match="place_mm"):
         write_gcode(fresh(), PRINTER, SYRINGE, place)
-
-
-def test_second_heads_are_refused():
-    toolpath = line(3, 0.5, 0.001)
-    with pytest.raises(ToolpathError, match=r"heads \[0, 1\]"):
-        write_gcode(replace(toolpath, tool=np.array([0, 1, 0])), PRINTER, SYRINGE, PLACE)
 
 
 def test_impossible_options_are_refused():
@@ -258,3 +196,151 @@ def test_flow_factor_drives_the_plunger_farther_and_changes_no_path():
     assert driven.position == plain.position
     with pytest.raises(ToolpathError, match="flow_factor"):
         GcodeOptions(flow_factor=0)
+
+
+# G-code text, digits and merging of moves, against slow oracles.
+
+DECIMALS = (3, 3, 4, 5, 3, 0)
+
+
+@settings(max_examples=examples(200))
+@given(st.lists(st.integers(-(10**12), 10**12), min_size=6, max_size=6), st.integers(0, 63))
+def test_text_is_the_exact_value_without_idle_digits(values, mask):
+    given_words = np.array([[bool(mask >> k & 1) for k in range(6)]])
+    none = np.array([-1])
+    table = Table(np.array([1]), np.array([values]), given_words, none, none)
+    text, longest = render(table, DECIMALS)
+    assert longest == len(text) - 1
+    words = text.decode().rstrip("\n").split(" ")
+    assert words[0] == "G1"
+    expected = {
+        letter: Fraction(value, 10**digits)
+        for letter, value, digits, there in zip(
+            "XYZEFP", values, DECIMALS, given_words[0], strict=True
+        )
+        if there
+    }
+    assert {word[0]: Fraction(word[1:]) for word in words[1:]} == expected
+    for word in words[1:]:
+        assert not ("." in word and word[-1] in "0.")
+        assert not word[1:].startswith(("00", "-00", ".", "-."))
+
+
+# Start and end G-code of a job, for each firmware family.
+
+MARLIN = load(Printer, "generic_marlin")
+MODES = ["G21", "G90", "M82", "M220 S100", "M221 S100"]
+LINEAR = [*MODES, "M200 D0"]
+HEADERS = {
+    "marlin": ["M85 S600", *LINEAR, "M302 P1", "G92 X50 Y60 Z30 E0"],
+    "prusa": ["M85 S600", *LINEAR, "M302 S0", "G92 X50 Y60 Z30 E0"],
+    "reprapfirmware": [*LINEAR, "M302 P1", "G92 X50 Y60 Z30 E0"],
+    "klipper": [
+        "SET_IDLE_TIMEOUT TIMEOUT=600",
+        *MODES,
+        "SET_GCODE_OFFSET X=0 Y=0 Z=0",
+        "SET_KINEMATIC_POSITION X=50.000 Y=60.000 Z=30.0000",
+        "G92 E0",
+    ],
+}
+
+
+def of(firmware: str, **more: object) -> Printer:
+    return MARLIN.model_copy(update={"firmware": firmware, **more})
+
+
+def lines_of(printer: Printer, options: GcodeOptions) -> list[str]:
+    toolpath = fresh_toolpath(as_solid(block(2, 2, 0.12)), FreshOptions())
+    gcode = write_gcode(toolpath, printer, load(Syringe, "hamilton_1ml"), (60, 70, 20), options)
+    lines = gcode.data.decode().split("\n")[:-1]
+    assert len(lines) == len(gcode.line_source) == len(gcode.line_move)
+    return lines
+
+
+@pytest.mark.parametrize("firmware", sorted(HEADERS))
+def test_header_and_footer_are_the_family_s_own(firmware: str) -> None:
+    lines = lines_of(of(firmware), GcodeOptions(start_mm=(50.0, 60.0, 30.0)))
+    header = HEADERS[firmware]
+    assert lines[: len(header)] == header
+    assert lines[len(header)].startswith("G0")
+    assert lines[-1] == "M400"
+
+
+@pytest.mark.parametrize("firmware", sorted(HEADERS))
+def test_between_header_and_footer_all_families_read_the_same(firmware: str) -> None:
+    options = GcodeOptions(start_mm=(50.0, 60.0, 30.0))
+    body = lines_of(of(firmware), options)[len(HEADERS[firmware]) : -1]
+    assert body == lines_of(MARLIN, options)[len(HEADERS["marlin"]) : -1]
+
+
+def test_an_unknown_start_isn_t_declared_to_klipper() -> None:
+    lines = lines_of(of("klipper"), GcodeOptions())
+    assert not any(line.startswith("SET_KINEMATIC") for line in lines)
+    assert lines[7] == "G92 E0"
+
+
+def test_end_relieves_lifts_straight_up_and_waits():
+    options = GcodeOptions(relieve_ul=0.5, plunger_ul_s=2.0)
+    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
+    before, relieved, lifted = machine.states[-4], machine.states[-3], machine.states[-2]
+    assert float(before[1] - relieved[1]) == pytest.approx(0.5 * PER_UL, abs=1e-5)
+    assert float(relieved[2]) == pytest.approx(2.0 * PER_UL * 60, abs=1e-3)
+    assert lifted[0]["X"] == before[0]["X"]
+    assert lifted[0]["Z"] > before[0]["Z"]
+    assert machine.lines[-1] == "M400"
+
+
+def test_lift_stays_below_the_top_of_the_printer():
+    gcode = write_gcode(fresh(), PRINTER, SYRINGE, (60, 70, 198))
+    heights = [state[0]["Z"] for state in Machine().read(gcode.data).states if state[0]["Z"]]
+    assert max(heights) == PRINTER.z_mm.high
+
+
+def test_writing_speed_is_the_asked_one_where_no_limit_stands():
+    machine = Machine().read(write_gcode(line(20, 0.5, 0.0045), PRINTER, SYRINGE, PLACE).data)
+    assert machine.lines[12].endswith("F1200")
+
+
+def test_moves_too_short_for_the_planner_are_merged():
+    turn = np.linspace(0, 2 * np.pi, 400)[1:]
+    builder = MoveBuilder((2, 0, 0.06), "layer", 0.06)
+    points = np.column_stack([2 * np.cos(turn), 2 * np.sin(turn), 0 * turn + 0.06])
+    builder.write(points, np.full(len(turn), 3e-4), 20, 0)
+    gcode = write_gcode(builder.build(), PRINTER, SYRINGE, PLACE)
+    # From the path's first point to its last; then come the mark, relief, lift and M400.
+    writing = [state[0] for state in Machine().read(gcode.data).states[11:-4]]
+    place = np.array([[float(p["X"]), float(p["Y"])] for p in writing]) - PLACE[:2]
+    steps = np.abs(np.diff(place, axis=0)).max(axis=1) * 80
+    assert steps.min() >= PRINTER.min_steps_per_segment
+    assert len(place) > 100
+    middle = (place[1:] + place[:-1]) / 2
+    assert np.linalg.norm(middle, axis=1).min() > 2 - 0.002
+    assert place[-1] == pytest.approx([2, 0], abs=1e-3)
+
+
+def _cut(way, chosen):
+    """Squared distances of the left out vertices from the chosen way, by half the way beside."""
+    total = 0.0
+    for begin, end in pairwise(chosen):
+        a, c = way[begin, :3], way[end, :3]
+        for v in range(begin + 1, end):
+            share = np.clip((way[v, :3] - a) @ (c - a) / ((c - a) @ (c - a)), 0.0, 1.0)
+            away = way[v, :3] - a - share * (c - a)
+            beside = np.abs(np.diff(way[v - 1 : v + 2, :3], axis=0)).sum()
+            total += 0.5 * beside * float(away @ away)
+    return total
+
+
+@pytest.mark.parametrize("seed", first_of(range(40), 10))
+def test_no_other_choice_of_vertices_cuts_off_less(seed):
+    rng = np.random.default_rng(seed)
+    turn = np.cumsum(rng.normal(0.0, 0.6, 9))
+    step = rng.uniform(1.0, 9.0, 9)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+    way = np.zeros((10, 4))
+    way[1:, :2] = np.cumsum(step, axis=0)
+    choices = [(0, *inner, 9) for count in range(9) for inner in combinations(range(1, 9), count)]
+    fit = [c for c in choices if (np.abs(np.diff(way[list(c)], axis=0)).max(axis=1) >= 7).all()]
+    chosen = (0, *(np.flatnonzero(long_enough(way, np.zeros(9, dtype=np.int64), 7.0)) + 1).tolist())
+    assert chosen in (fit or [(0, 9)])  # a run ends where it ended
+    if fit:
+        assert _cut(way, chosen) == pytest.approx(min(_cut(way, c) for c in fit))

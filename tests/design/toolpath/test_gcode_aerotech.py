@@ -101,9 +101,7 @@ def test_units_and_modes_are_stated(printer: Printer, header: list[str], footer:
 
 @pytest.mark.parametrize("make", [fresh, embedded])
 @pytest.mark.parametrize("printer", [A3200, automation1()])
-def test_the_valve_switches_standing_and_each_path_lays_its_volume(
-    make: Any, printer: Printer
-) -> None:
+def test_the_valve_switches_standing_and_each_path_lays_its_volume(make, printer):
     toolpath, head = make(), printer.pneumatic
     assert isinstance(head, Pneumatic)
     at, feed, seconds, is_open = dict(zip("XYZ", START, strict=True)), 0.0, 0.0, False

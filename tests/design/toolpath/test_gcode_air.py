@@ -108,32 +108,6 @@ def test_valve_is_closed_for_travels_and_switched_only_while_the_head_stands(mak
     assert sum(line == "M106 P0 S255" for line in found.lines) > 2
 
 
-def test_there_is_no_word_of_a_plunger() -> None:
-    options = GcodeOptions(start_mm=START, flow_ul_s=FLOW)
-    found = Reader().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
-    assert not any(" E" in line for line in found.lines)
-    head_lines = ["M85 S600", "M106 P0 S0", "G21", "G90", "M220 S100", "G92 X60 Y70 Z40"]
-    assert found.lines[:6] == head_lines
-    unknown = Reader().read(
-        write_gcode(fresh(), PRINTER, SYRINGE, PLACE, GcodeOptions(flow_ul_s=FLOW)).data
-    )
-    assert not any(line.startswith("G92") for line in unknown.lines)
-
-
-def test_valve_waits_its_delays() -> None:
-    slow = head(opening_delay_s=0.1234, closing_delay_s=0.0)
-    lines = (
-        Reader()
-        .read(write_gcode(fresh(), slow, SYRINGE, PLACE, GcodeOptions(flow_ul_s=FLOW)).data)
-        .lines
-    )
-    at = lines.index("M106 P0 S255")
-    assert lines[at - 1 : at + 2] == ["M400", "M106 P0 S255", "G4 P124"]
-    shut = lines.index("M106 P0 S0", at)
-    assert lines[shut - 1] == "M400"
-    assert not lines[shut + 1].startswith("G4")
-
-
 def test_valve_is_closed_where_a_job_may_be_interrupted() -> None:
     lines = (
         Reader()
@@ -174,25 +148,9 @@ def test_every_family_takes_its_own_valve_s_words(firmware: str) -> None:
         (None, {}, "nobody said its flow"),
     ],
 )
-def test_a_speed_that_nothing_bears_is_refused(
-    flow: float | None, changes: dict[str, Any], says: str
-) -> None:
+def test_a_speed_that_nothing_bears_is_refused(flow, changes, says):
     with pytest.raises(ToolpathError, match=says):
         write_gcode(fresh(), PRINTER, SYRINGE, PLACE, GcodeOptions(flow_ul_s=flow, **changes))
-
-
-def test_a_vessel_too_steep_for_its_flow_is_named() -> None:
-    builder = MoveBuilder((0, 0, 0), "vessel")
-    builder.write(np.array([[0, 0, 1.0], [5.0, 0, 1.0]]), np.array([0.01, 0.05]), 5.0, 7)
-    with pytest.raises(ToolpathError, match=r"vessel 7, to \(0\.000, .*max_speed_mm_s\.z"):
-        write_gcode(builder.build(), PRINTER, SYRINGE, PLACE, GcodeOptions(flow_ul_s=FLOW))
-
-
-def test_writing_without_ink_is_refused() -> None:
-    builder = MoveBuilder((0, 0, 0), "vessel")
-    builder.write(np.array([[1.0, 0, 0], [5.0, 0, 0]]), np.array([0.01, 0.0]), 5.0, 3)
-    with pytest.raises(ToolpathError, match=r"vessel 3, to \(5\.000, .* writes without ink"):
-        write_gcode(builder.build(), PRINTER, SYRINGE, PLACE, GcodeOptions(flow_ul_s=FLOW))
 
 
 def test_standing_doses_open_the_valve_each_for_its_time() -> None:
@@ -208,3 +166,17 @@ def test_standing_doses_open_the_valve_each_for_its_time() -> None:
         ["G4 P30", "G4 P5000"],
         ["G4 P30", "G4 P10000"],
     ]
+
+
+def test_valve_waits_its_delays() -> None:
+    slow = head(opening_delay_s=0.1234, closing_delay_s=0.0)
+    lines = (
+        Reader()
+        .read(write_gcode(fresh(), slow, SYRINGE, PLACE, GcodeOptions(flow_ul_s=FLOW)).data)
+        .lines
+    )
+    at = lines.index("M106 P0 S255")
+    assert lines[at - 1 : at + 2] == ["M400", "M106 P0 S255", "G4 P124"]
+    shut = lines.index("M106 P0 S0", at)
+    assert lines[shut - 1] == "M400"
+    assert not lines[shut + 1].startswith("G4")

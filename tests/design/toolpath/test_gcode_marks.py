@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from design.toolpath import MoveBuilder, MoveKind, Toolpath
+from design.toolpath import MoveBuilder, Toolpath
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
@@ -70,38 +70,6 @@ def test_marks_change_no_command():
     one_layer = replace(toolpath, source=np.zeros_like(toolpath.source))
     assert read(toolpath).commands == read(one_layer).commands
     assert read(one_layer).lines[-4:-3] == [";LAYER_END:0"]
-
-
-def test_layer_end_without_relief_is_no_reload_point():
-    machine = read(fresh(retract_ul=0.0))
-    assert ";LAYER_END:1" in machine.lines
-    assert ";RELOAD" not in machine.lines
-
-
-def test_maps_leave_marks_out():
-    toolpath = fresh()
-    gcode = write_gcode(toolpath, PRINTER, SYRINGE, PLACE)
-    lines = gcode.data.decode().split("\n")[:-1]
-    assert len(lines) == len(gcode.line_move) == len(gcode.line_source)
-    marks = np.array([text.startswith(";") for text in lines])
-    assert gcode.line_count == np.count_nonzero(~marks)
-    assert (gcode.line_move[marks] == -1).all()
-    known = gcode.line_move >= 0
-    assert np.array_equal(gcode.line_source[known], toolpath.source[gcode.line_move[known]])
-
-
-def test_reload_points_of_the_toolpath_are_marked():
-    builder = MoveBuilder((0, 0, 0.06), "layer", 0.06)
-    for k in range(1, 5):
-        builder.write(np.array([[k, 0, 0.06]]), np.array([0.01]), 20, 0)
-        builder.dwell(0.1, 0)
-    toolpath = builder.build()
-    kind = toolpath.kind.copy()
-    kind[3] = MoveKind.RELOAD
-    machine = read(replace(toolpath, kind=kind))
-    at = machine.lines.index(";RELOAD")
-    assert float(machine.states[at][0]["X"]) == 62.0
-    assert machine.lines.count(";RELOAD") == 1
 
 
 def test_e_counted_anew_comes_after_the_mark():

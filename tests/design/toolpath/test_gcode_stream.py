@@ -92,19 +92,6 @@ def test_layers_say_their_top_before_they_are_made_and_their_numbers_after():
     assert len(list(layers)) == len(list(layers))
 
 
-def test_a_part_above_the_top_is_refused():
-    parts = list(FreshLayers(drilled(), FreshOptions()))
-    top = float(parts[-1].end[:, 2].max()) - 0.01
-    said = rf"layer {len(parts) - 1} goes up to .* mm, above the {20 + top:g} mm"
-    with pytest.raises(ToolpathError, match=said):
-        streamed(parts, top, load(Printer, "generic_marlin"), None)
-
-
-def test_no_parts_are_refused():
-    with pytest.raises(ToolpathError, match="nothing to write"):
-        streamed([], 1.0, load(Printer, "generic_marlin"), None)
-
-
 def test_a_job_that_fails_on_the_way_leaves_no_file(tmp_path):
     out, lines = tmp_path / "job.gcode", tmp_path / "job.map.npz"
     parts = list(FreshLayers(drilled(), FreshOptions()))

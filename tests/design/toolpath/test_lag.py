@@ -81,18 +81,6 @@ def test_the_path_stays_and_the_plunger_never_goes_back_while_writing() -> None:
     assert (path.source == 0).all()
 
 
-def test_an_even_filament_is_only_pressed_before_and_relieved_after() -> None:
-    plain = tapered(0.5, 0.5)
-    path = compensate_lag(plain, LAG, RATE).toolpath
-    assert len(path) == len(plain) + 2
-    flow = np.pi / 4 * 0.25 * 4.0
-    primed, relieved = path.volume_ul[1], path.volume_ul[-2]
-    assert primed == pytest.approx(-LAG * np.log(1 - flow / RATE) * RATE)
-    assert relieved == pytest.approx(-LAG * np.log(1 + flow / RATE) * RATE)
-    assert path.kind[1] == MoveKind.PRIME
-    assert path.kind[-2] == MoveKind.RETRACT
-
-
 def test_a_step_of_thickness_is_made_in_place() -> None:
     builder = MoveBuilder([0.0, 0, 0], "vessel")
     builder.write(np.array([[5.0, 0, 0]]), np.array([5 * 0.5]), 4.0, 0)

@@ -9,7 +9,6 @@ import pytest
 
 from design.errors import ToolpathError
 from design.toolpath import MoveBuilder, MoveKind, Toolpath, join_toolpaths
-from design.toolpath.gcode import write_gcode
 from design.toolpath.priming import (
     HeadPriming,
     PrimeLine,
@@ -18,8 +17,6 @@ from design.toolpath.priming import (
     line_beside_bounds,
     priming,
 )
-from firmware_profiles import Printer, Syringe, load
-from tests.design.toolpath.gcode_reader import Machine
 
 BOUNDS = np.array([[0.0, 0.0, 0.0], [10.0, 6.0, 4.0]])
 AROUND = Surroundings(BOUNDS, 20.0, 30.0, 5.0)
@@ -81,39 +78,16 @@ def test_needle_crosses_at_the_safe_height_alone():
                      MoveKind.RETRACT, MoveKind.PRIME]  # fmt: skip
 
 
-def test_purge_alone_is_taken_back_once_and_given_again():
-    path = part()
-    one = HeadPriming(0.02, 0.4, purge=Purge(CUP, 5.0))
-    volumes = priming(path.start[0], 0, [one], AROUND, path).volume_ul
-    assert volumes[volumes != 0].tolist() == pytest.approx([5.0, -0.02, 0.02])
-
-
-def test_each_head_writes_a_line_of_its_own_and_the_part_s_comes_last():
-    path = part(tool=0)
-    before = priming(path.start[0], 0, [head(), head()], AROUND, path)
-    written = np.flatnonzero(before.kind == MoveKind.WRITE)
-    assert before.tool[written].tolist() == [1, 0]
-    assert before.end[written, 0].tolist() == [12.0, 14.0]
-    machine = load(Printer, "two_syringe_marlin")
-    gcode = write_gcode(
-        join_toolpaths([before, path]), machine, load(Syringe, "hamilton_1ml"), [50, 50, 5]
-    )
-    assert gcode.data.count(b"\nT") >= 2
-
-
-def test_a_line_is_no_layer_or_pass_of_the_part():
-    machine, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
-    for layers in (False, True):
-        path = part(layers=layers)
-        whole = join_toolpaths([priming(path.start[0], 0, [head()], AROUND, path), path])
-        lines = Machine().read(write_gcode(whole, machine, syringe, [50, 50, 5]).data).lines
-        marks = [line for line in lines if line.startswith(";")]
-        assert marks == [";LAYER_END:0" if layers else ";PASS_END:0"]
-
-
 def test_nothing_to_do_and_a_part_above_the_travels_are_refused():
     path = part()
     with pytest.raises(ToolpathError, match="no head purges or writes"):
         priming(path.start[0], 0, [HeadPriming(0.02, 0.4)], AROUND, path)
     with pytest.raises(ToolpathError, match=r"above the 0\.5 mm"):
         priming(path.start[0], 0, [head()], replace(AROUND, safe_mm=0.5), path)
+
+
+def test_purge_alone_is_taken_back_once_and_given_again():
+    path = part()
+    one = HeadPriming(0.02, 0.4, purge=Purge(CUP, 5.0))
+    volumes = priming(path.start[0], 0, [one], AROUND, path).volume_ul
+    assert volumes[volumes != 0].tolist() == pytest.approx([5.0, -0.02, 0.02])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
-from design.vasculature import check_network, collisions, planar_four_vessel
+from design.vasculature import check_network, collisions
 from tests.design.vasculature import oracles
 from tests.slower import examples
 
@@ -37,38 +37,11 @@ def test_crossing_vessels_are_refused_by_name_place_and_gap():
     assert "overlaps: tell" in str(told.value)
 
 
-def test_a_vessel_that_is_given_twice_is_refused():
-    """Its flow was that of two channels, its lumen that of one."""
-    way = ((0, 0, 0), (10, 0, 0))
-    for twice in (way, way[::-1]):
-        network = straight(way, ((10, 0, 0), (20, 0, 0)), twice)
-        with pytest.raises(NetworkError, match=r"vessels 0 and 2 join the same .*\(5, 0, 0\) mm"):
-            check_network(network)
-
-
 def test_vessels_nearer_than_the_clearance_are_refused():
     network = straight(((0, 0, 0), (10, 0, 0)), ((0, 2, 0), (10, 2, 0)))
     check_network(network, clearance_mm=0.99)
     with pytest.raises(NetworkError, match="are only 1 mm apart"):
         check_network(network, clearance_mm=1.01)
-
-
-def test_vessels_that_share_a_node_do_not_collide():
-    check_network(straight(((0, 0, 0), (5, 0, 0)), ((5, 0, 0), (5, 5, 0)), ((5, 0, 0), (9, 0, 0))))
-
-
-def test_what_is_near_along_the_vessels_belongs_to_one_joint():
-    zigzag = [(0, 0, 0), (3, 0, 0), (3, 0.8, 0), (0, 0.8, 0)]
-    found = collisions(straight(*itertools.pairwise(zigzag)))
-    assert found.count == 0
-    assert found.joint_pieces.tolist() == [[0, 2]]
-    assert found.joint_gap_mm == pytest.approx([-0.2])
-
-
-def test_a_hairpin_with_a_long_way_around_collides():
-    hairpin = [(0, 0, 0), (9, 0, 0), (9, 3, 0), (5, 3, 0), (5, 0.8, 0)]
-    found = collisions(straight(*itertools.pairwise(hairpin)))
-    assert found.vessels.tolist() == [[0, 3]]
 
 
 def test_a_bent_vessel_is_checked_against_itself():
@@ -117,18 +90,7 @@ def test_collisions_agree_with_all_pairs(seed, count, clearance):
     assert set(map(tuple, found.joint_pieces.tolist())) == joints
 
 
-@settings(deadline=None, max_examples=examples(25))
-@given(st.integers(0, 10_000))
-def test_collisions_do_not_depend_on_the_order_of_vessels(seed):
-    rng = np.random.default_rng(seed)
-    ends = rng.uniform(0, 6, (20, 2, 3))
-    radius = rng.uniform(0.1, 0.6, 20)
-    order = rng.permutation(20)
-    one = collisions(straight(*ends.tolist(), radius=radius))
-    two = collisions(straight(*ends[order].tolist(), radius=radius[order]))
-    there = {frozenset(order[list(pair)].tolist()) for pair in two.pieces}
-    assert {frozenset(pair) for pair in one.pieces.tolist()} == there
-
-
-def test_planar_network_is_free_of_collisions():
-    check_network(planar_four_vessel(), clearance_mm=0.09)
+def test_a_hairpin_with_a_long_way_around_collides():
+    hairpin = [(0, 0, 0), (9, 0, 0), (9, 3, 0), (5, 3, 0), (5, 0.8, 0)]
+    found = collisions(straight(*itertools.pairwise(hairpin)))
+    assert found.vessels.tolist() == [[0, 3]]

@@ -60,25 +60,6 @@ def test_given_flows_are_what_an_independent_solver_finds(box):
     np.testing.assert_allclose(found, expected * total / expected.sum(), rtol=1e-9)
 
 
-def test_one_given_point_is_reached_by_a_straight_vessel(box):
-    tree = grow_tree(box, GrowthOptions(terminal_points_mm=[[14.0, 3.0, 2.0]]))
-    assert tree.distal.tolist() == [[14.0, 3.0, 2.0]]
-    with pytest.raises(GrowthError, match="no straight vessel"):
-        grow_tree(box, GrowthOptions(terminal_points_mm=[[14.0, 3.0, 0.01]]), attempts=1)
-
-
-def test_points_outside_are_told_with_number_and_place(box):
-    points = [[5, 5, 5], [10, 8, 30], [9, 8, 6]]
-    with pytest.raises(GrowthError, match=r"1 of 3 given.*outside.*number 1 at \(10, 8, 30\)"):
-        grow_tree(box, GrowthOptions(terminal_points_mm=points))
-
-
-def test_a_point_that_no_vessel_fits_at_is_named(box):
-    points = np.concatenate([WELLS, [[10.0, 8.0, 0.02]]])
-    with pytest.raises(GrowthError, match=r"1 of 49 given.*can't be joined.*10, 8, 0\.02.*0\.02"):
-        grow_tree(box, GrowthOptions(terminal_points_mm=points, smallest_radius_mm=0.1), attempts=1)
-
-
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
@@ -110,3 +91,15 @@ def test_forests_keep_given_flows(box):
     assert supply_balance(box, drain.distal[tips], drain.flow_ul_s[tips]).spread < 0.05
     both = forest_to_network([artery, drain])
     assert collisions(both, 0.02, options.clearance_ratio).count == 0
+
+
+def test_points_outside_are_told_with_number_and_place(box):
+    points = [[5, 5, 5], [10, 8, 30], [9, 8, 6]]
+    with pytest.raises(GrowthError, match=r"1 of 3 given.*outside.*number 1 at \(10, 8, 30\)"):
+        grow_tree(box, GrowthOptions(terminal_points_mm=points))
+
+
+def test_a_point_that_no_vessel_fits_at_is_named(box):
+    points = np.concatenate([WELLS, [[10.0, 8.0, 0.02]]])
+    with pytest.raises(GrowthError, match=r"1 of 49 given.*can't be joined.*10, 8, 0\.02.*0\.02"):
+        grow_tree(box, GrowthOptions(terminal_points_mm=points, smallest_radius_mm=0.1), attempts=1)

@@ -9,9 +9,10 @@ import pytest
 from manifold3d import Manifold
 
 from design.errors import GrowthError, TissueError
-from design.tissue import depth_demand, function_demand, part_demands, parts_of
+from design.tissue import block, depth_demand, function_demand, part_demands, parts_of
 from design.tissue.zones import surface_of
 from design.vasculature import (
+    DepthPenalty,
     GrowthOptions,
     Inlet,
     check_supply,
@@ -19,10 +20,11 @@ from design.vasculature import (
     grow_tree,
     parts_to_network,
     terminals_of,
+    tree_radii,
 )
-from design.vasculature.growth.points import share_terminals
-from design.vasculature.growth.supply import unreached
+from design.vasculature.growth.supply import demand_points, territory_demand, unreached
 from tests.design.tissue.kept import kept_tissue
+from tests.design.vasculature import oracles
 
 OPTIONS = GrowthOptions(terminals=60)
 LARGE = Manifold.cube((10.0, 10.0, 10.0))
@@ -71,13 +73,6 @@ def test_a_part_without_an_inlet_is_refused_by_size_and_place(two):
         grow_parts(two, OPTIONS, [Inlet((5.0, 5.0, 10.0))])
 
 
-def test_several_inlets_share_the_part_they_enter(two):
-    places = [(2.0, 2.0, 10.0), (8.0, 8.0, 10.0), (23.0, 3.0, 6.0)]
-    grown = grow_parts(two, OPTIONS, [Inlet(place, (0.0, 0.0, -1.0)) for place in places])
-    assert [tree.proximal[0].tolist() for tree in grown.trees] == [list(p) for p in places]
-    assert [one.terminals for one in grown.supply] == [49, 11]
-
-
 def test_a_lobe_behind_a_neck_gets_an_inlet_of_its_own(dumbbell):
     grown = grow_parts(dumbbell, OPTIONS)
     ends, _ = terminals_of(grown.trees)
@@ -95,26 +90,6 @@ def test_a_lobe_that_one_tree_misses_is_told_by_size_and_place(dumbbell):
     assert "mm³ around (" in notes[0]
 
 
-def test_a_whole_tissue_is_said_nothing_of():
-    tissue = _tissue(LARGE)
-    supply, notes = check_supply(tissue, *terminals_of([grow_tree(tissue, OPTIONS)]))
-    assert (supply[0].terminals, notes) == (60, ())
-
-
-def test_terminals_are_shared_by_largest_remainders():
-    count = share_terminals(np.array([0.5, 0.3, 0.199, 0.001]), np.array([1, 1, 1, 1]), 10)
-    assert count.tolist() == [5, 3, 1, 1]
-    assert share_terminals(np.array([0.7, 0.3, 0.0]), np.array([1, 1, 0]), 3).tolist() == [2, 1, 0]
-    with pytest.raises(GrowthError, match=r"1 terminals are fewer than the 2 inlets"):
-        share_terminals(np.array([0.5, 0.5]), np.array([1, 1]), 1)
-
-
-def test_what_one_tree_alone_takes_is_refused(two):
-    points = [(1.0, 1.0, 1.0), (5.0, 5.0, 5.0)]
-    with pytest.raises(GrowthError, match="stages and given terminals go with a single tree"):
-        grow_parts(two, GrowthOptions(terminal_points_mm=points))
-
-
 def _box(low, high, apart):
     """Points of a lattice between two corners."""
     ends = [np.arange(a + apart / 2, b, apart) for a, b in zip(low, high, strict=True)]
@@ -129,3 +104,106 @@ def test_terminals_as_far_apart_as_demand_asks_for_reach_all(by_demand):
         uneven = function_demand(tissue, lambda points: np.where(points[:, 0] < 32, 1.0, 1 / 64))
         tissue = replace(tissue, demand=uneven)
     assert (unreached(tissue, ends) == ()) == by_demand
+
+
+# Terminals and flows distributed by the tissue's demand.
+
+SIZE = (20.0, 16.0, 12.0)
+
+
+@pytest.fixture(scope="module")
+def even():
+    shape = block(SIZE)
+    return kept_tissue(shape)
+
+
+@pytest.fixture(scope="module")
+def uneven(even):
+    """The half of small x asks for four times as much."""
+    return replace(even, demand=function_demand(even, lambda p: np.where(p[:, 0] < 10, 4.0, 1.0)))
+
+
+def tips_of(tree):
+    return tree.distal[tree.children[:, 0] < 0]
+
+
+def tip_flows(tree):
+    return tree.flow_ul_s[tree.children[:, 0] < 0]
+
+
+def test_terminals_are_denser_where_demand_is_higher(even, uneven):
+    options = GrowthOptions(terminals=500)
+    rich = (tips_of(grow_tree(uneven, options))[:, 0] < 10).mean()
+    plain = (tips_of(grow_tree(even, options))[:, 0] < 10).mean()
+    assert rich == pytest.approx(0.8, abs=0.05)
+    assert plain == pytest.approx(0.5, abs=0.05)
+
+
+def test_demand_is_ignored_where_the_user_says_so(even, uneven):
+    options = GrowthOptions(terminals=200, follow_demand=False)
+    one, two = grow_tree(even, options), grow_tree(uneven, options)
+    np.testing.assert_array_equal(one.distal, two.distal)
+
+
+def test_flows_by_demand_are_what_an_independent_solver_finds(uneven):
+    options = GrowthOptions(terminals=300, terminal_flow="demand", clearance_mm=0.02)
+    tree = grow_tree(uneven, options)
+    flows = oracles.terminal_flows(tree, tree_radii(tree))
+    np.testing.assert_allclose(flows, tip_flows(tree), rtol=1e-9)
+    assert flows.sum() == pytest.approx(options.flow_ul_s(uneven.volume_mm3))
+    assert np.ptp(flows) > 2 * flows.mean()
+
+
+# Position penalty on branch points.
+
+
+@pytest.fixture(scope="module")
+def box():
+    shape = block((20.0, 16.0, 12.0))
+    return kept_tissue(shape)
+
+
+def joints_of(tree):
+    inner = tree.children[:, 0] >= 0
+    # The stem's end is where the root's place puts it.
+    inner[0] = False
+    return tree.distal[inner]
+
+
+def test_branch_points_keep_away_from_the_surface(box):
+    depth = [
+        -box.grid.distance(joints_of(grow_tree(box, GrowthOptions(terminals=200, penalty=penalty))))
+        for penalty in (None, DepthPenalty((0.0, 2.0), (5.0, 1.0)))
+    ]
+    assert np.percentile(depth[0], 20) < 1.6
+    assert np.percentile(depth[1], 5) > 1.8
+
+
+@pytest.mark.parametrize(
+    ("depth", "factor", "message"),
+    [
+        ((0.0, 1.0), (1.0,), "2 depths and 1 factors"),
+        ((1.0, 0.5), (1.0, 2.0), "doesn't ascend"),
+        ((0.0, 1.0), (1.0, 0.0), "factor of 0"),
+    ],
+)
+def test_impossible_tables_are_refused(depth, factor, message):
+    with pytest.raises(GrowthError, match=message):
+        DepthPenalty(depth, factor)
+
+
+def test_impossible_functions_are_refused(box):
+    with pytest.raises(GrowthError, match="factor of -1"):
+        grow_tree(box, GrowthOptions(terminals=5, penalty=lambda p: np.full(len(p), -1.0)))
+    with pytest.raises(GrowthError, match="shape"):
+        grow_tree(box, GrowthOptions(terminals=5, penalty=lambda p: p))
+
+
+def test_territories_are_those_of_a_grid_of_terminals(even):
+    """On a regular grid every territory is a box; its demand is an integral done by hand."""
+    axes = [np.arange(s / 8, s, s / 4) for s in SIZE]
+    tips = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    linear = replace(even, demand=function_demand(even, lambda p: 1.0 + p[:, 0]))
+    points, weight = demand_points(linear, 200_000, 3)
+    expected = (1 + tips[:, 0]) / (1 + tips[:, 0]).sum()
+    np.testing.assert_allclose(territory_demand(points, weight, tips), expected, rtol=0.02)

@@ -63,12 +63,6 @@ def test_every_node_mixes_all_trees_in_equal_shares(tissue, kinds):
         np.testing.assert_allclose(of_one, of_one.mean(), rtol=1e-9)
 
 
-def test_same_trees_give_the_same_bytes(tissue):
-    trees = grown(tissue, [A, A, V])
-    one, two = (mix_trees(tissue, trees, [A, A, V]).network for _ in range(2))
-    assert one.points.tobytes() == two.points.tobytes()
-
-
 @pytest.mark.parametrize(
     ("kinds", "counts", "message"),
     [

@@ -1,16 +1,32 @@
 """Pruning of trees with too-wide vessels."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
 from design.tissue import block
 from design.vasculature import GrowthOptions
-from design.vasculature.growth.prune import move_tip, prune, tip_near
+from design.vasculature.growth.prune import prune
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.tree_growth import TreeGrowth
 from tests.design.tissue.kept import kept_tissue
 
 TERMINALS = 3000
+
+
+def whole(segments):
+    """Whether parents, children, ends and numbers of terminals agree."""
+    inner = np.flatnonzero(segments["left"] >= 0)
+    for side in ("left", "right"):
+        child = segments[side][inner]
+        assert (segments["parent"][child] == inner).all()
+        for axis in "xyz":
+            assert (segments[f"p{axis}"][child] == segments[f"d{axis}"][inner]).all()
+    below = sum(segments["terminals"][segments[side][inner]] for side in ("left", "right"))
+    assert (segments["terminals"][inner] == below).all()
+    assert (segments["terminals"][segments["left"] < 0] == 1).all()
+    return len(segments) == 2 * segments["terminals"][0] - 1
 
 
 @pytest.fixture
@@ -28,20 +44,6 @@ def pruned(growth, smallest):
     args = growth.segments, growth.count, growth.index, growth.room, growth.options.law
     growth.progress["count"] = prune(*args, smallest)
     return growth.segments[: growth.count]
-
-
-def whole(segments):
-    """Whether parents, children, ends and numbers of terminals agree."""
-    inner = np.flatnonzero(segments["left"] >= 0)
-    for side in ("left", "right"):
-        child = segments[side][inner]
-        assert (segments["parent"][child] == inner).all()
-        for axis in "xyz":
-            assert (segments[f"p{axis}"][child] == segments[f"d{axis}"][inner]).all()
-    below = sum(segments["terminals"][segments[side][inner]] for side in ("left", "right"))
-    assert (segments["terminals"][inner] == below).all()
-    assert (segments["terminals"][segments["left"] < 0] == 1).all()
-    return len(segments) == 2 * segments["terminals"][0] - 1
 
 
 @pytest.mark.parametrize("smallest", [0.0, np.inf], ids=["tips may move", "tips stay"])
@@ -68,41 +70,3 @@ def test_terminals_in_the_way_cost_few_others(growth):
     left = pruned(growth, 0.0)
     assert whole(left)
     assert TERMINALS - left["terminals"][0] <= 1.05 * len(tips)
-
-
-def test_new_tips_are_clear_of_their_neighbours_and_wide_enough(growth):
-    s = growth.segments[: growth.count]
-    tips = np.flatnonzero(s["left"] < 0)[::10]
-    rest = growth.index, growth.room, growth.options.law, 1.0
-    least = float(np.median(s["radius"][tips]))
-    found = 0
-    for i in tips:
-        good, at = tip_near(growth.segments, int(i), *rest, least)
-        assert not tip_near(growth.segments, int(i), *rest, np.inf)[0]
-        if not good:
-            continue
-        found += 1
-        move_tip(growth.segments, int(i), *rest[:-1], at)
-        assert s["radius"][i] >= least
-        parent = s["parent"][i]
-        sibling = s["left"][parent] + s["right"][parent] - i
-        for other in (parent, sibling):
-            p, d = (np.array([s[f"{end}{x}"][other] for x in "xyz"]) for end in "pd")
-            along = np.clip((at - p) @ (d - p) / ((d - p) @ (d - p)), 0.0, 1.0)
-            away = np.linalg.norm(at - p - along * (d - p))
-            assert away >= s["radius"][i] + s["radius"][other]
-    assert found > 0.2 * len(tips)
-
-
-def test_repair_of_what_is_pruned_ends_with_every_terminal(growth):
-    s = growth.segments[: growth.count]
-    rng = np.random.default_rng(5)
-    s["allowed"][rng.choice(np.arange(1, growth.count), 60, replace=False)] = 0.0
-    growth.repair()
-    for _ in range(10):
-        growth.grow()
-        if growth.audit() == 0:
-            break
-        growth.repair()
-    assert growth.terminals == TERMINALS
-    assert growth.audit() == 0

@@ -6,15 +6,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from design.tissue import block, function_demand
-from design.vasculature import ClusterPool, GrowthOptions, grow_tree, tree_radii
+from design.tissue import block
+from design.vasculature import ClusterPool, GrowthOptions, grow_tree
 from design.vasculature.growth import large_growth, region_growth
-from design.vasculature.growth.growth_state import just_below
-from design.vasculature.growth.large_growth import LargeGrowth, measure_again, measure_in_parallel
-from design.vasculature.growth.points import depth_first
-from design.vasculature.growth.prune import measure_allowed_radii
-from design.vasculature.growth.region_split import SHARED, split_tree
-from design.vasculature.growth.surroundings import Surroundings
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature.test_grow import check
 
@@ -48,29 +42,6 @@ def test_tree_grown_by_regions_is_exact_on_any_number_of_threads(small, tissue):
         assert same(tree, grow_tree(tissue, OPTIONS, pool=pool))
 
 
-def test_smallest_radius_and_limits_hold_in_regions(small, tissue):
-    options = replace(
-        OPTIONS,
-        terminals=1000,
-        smallest_radius_mm=0.04,
-        clearance_mm=0.02,
-        branch_angle_degrees=(15.0, 150.0),
-    )
-    tree = grow_tree(tissue, options)
-    check(tree, tissue, options)
-    assert tree_radii(tree).min() == pytest.approx(0.04)
-
-
-def test_terminals_follow_the_demand_in_regions(small, tissue):
-    middle = tissue.bounds[:, 0].mean()
-    demand = function_demand(tissue, lambda at: np.where(at[:, 0] < middle, 4.0, 1.0))
-    uneven = replace(tissue, demand=demand)
-    tree = grow_tree(uneven, OPTIONS)
-    check(tree, uneven, OPTIONS)
-    tips = tree.distal[tree.children[:, 0] < 0]
-    assert np.mean(tips[:, 0] < middle) == pytest.approx(0.8, abs=0.03)
-
-
 def test_what_a_region_falls_short_of_grows_elsewhere(small, tissue, monkeypatch):
     grow = region_growth.RegionGrowth.grow_to
     monkeypatch.setattr(
@@ -79,41 +50,6 @@ def test_what_a_region_falls_short_of_grows_elsewhere(small, tissue, monkeypatch
         lambda self, goal: grow(self, goal if self.job.number else (2 * goal) // 3),
     )
     check(grow_tree(tissue, OPTIONS), tissue, OPTIONS)
-
-
-def grown(tissue, terminals):
-    growth = LargeGrowth.open(tissue, replace(OPTIONS, terminals=terminals), Surroundings(), 1.5, 0)
-    growth.start()
-    growth.grow()
-    return growth
-
-
-def test_regions_part_all_branches_and_terminals(small, tissue):
-    growth = grown(tissue, 200)
-    early = depth_first(growth.segments, growth.count)[: growth.count]
-    split = split_tree(early, tissue, 3000, 400, False, 1)
-    assert split.goal.sum() == 3000
-    shared = np.flatnonzero(split.region == SHARED)
-    assert (split.region[early["parent"][shared[1:]]] == SHARED).all()
-    own = np.flatnonzero(split.region != SHARED)
-    above = split.region[early["parent"][own]]
-    assert ((above == split.region[own]) | (above == SHARED)).all()
-    assert split.wanted[0] == pytest.approx(3000)
-    for region, others in enumerate(split.after):
-        assert region not in others
-
-
-def test_audit_on_threads_finds_what_the_serial_one_finds(small, tissue):
-    growth = grown(tissue, 1500)
-    growth.audit()
-    s, count, index, room = growth.segments, growth.count, growth.index, growth.room
-    again = s.copy()
-    bad = measure_allowed_radii(s, count, index, room, just_below(0.0), True)
-    assert measure_in_parallel(again, count, index, room, just_below(0.0), 3) == bad
-    np.testing.assert_allclose(again["allowed"][:count], s["allowed"][:count], rtol=1e-9)
-    wide = s[:count]["radius"] > s[:count]["allowed"]
-    assert measure_again(again, count, index, room, just_below(0.0)) == bad
-    assert (wide == (again[:count]["radius"] > again[:count]["allowed"])).all()
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from design.errors import DesignError, GrowthError
 from design.tissue import block
 from design.vasculature import GrowthOptions, grow_forest, grow_tree
 from design.vasculature.growth.grow import PROBES
-from design.vasculature.growth.root import search_root, spread_over_surface
+from design.vasculature.growth.root import search_root
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 
@@ -43,23 +43,8 @@ def test_the_cheapest_candidate_wins_and_the_note_says_so(slab):
     assert again.notes == tree.notes
 
 
-def test_candidates_lie_on_the_surface_far_from_each_other(slab):
-    points, ways = spread_over_surface(slab, 12, 1)
-    np.testing.assert_allclose(slab.grid.distance(points), 0.0, atol=1e-4)
-    assert (slab.grid.distance(points + 0.5 * ways) < 0).all()
-    apart = np.linalg.norm(points[:, None] - points[None], axis=2)
-    np.fill_diagonal(apart, np.inf)
-    assert apart.min() > 5.0
-
-
 def test_a_search_goes_with_nothing_that_places_the_root(slab):
     with pytest.raises(GrowthError, match="either root_point_mm or root_candidates"):
         GrowthOptions(root_candidates=3, root_point_mm=(0.0, 0.0, 0.0))
     with pytest.raises(GrowthError, match="give each of several trees its"):
         grow_forest(slab, [GrowthOptions(terminals=5, root_candidates=3)])
-
-
-def test_where_no_candidate_grows_the_reason_is_told(slab):
-    options = GrowthOptions(terminals=20, root_candidates=3, smallest_radius_mm=2.0)
-    with pytest.raises(GrowthError, match=r"none of 3 places.*too thin"):
-        grow_tree(slab, options)

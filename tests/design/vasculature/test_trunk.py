@@ -18,7 +18,7 @@ from design.vasculature import (
     tree_to_network,
 )
 from design.vasculature.growth.forest import RootSpec, grow_forest
-from design.vasculature.growth.trunk import straighten_line, trunk_of
+from design.vasculature.growth.trunk import trunk_of
 from tests.design.geometry.oracles import segment_segment
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
@@ -103,24 +103,6 @@ def test_a_trunks_branches_are_narrower_where_early_ones_are_kept_so(box, bent):
     assert widest[1] < 0.5
 
 
-def test_a_grown_tree_is_a_trunk_too(box):
-    first = grow_tree(box, GrowthOptions(terminals=10))
-    options = GrowthOptions(terminals=150)
-    tree = grow_tree(box, options, trunk=first)
-    assert (tree.children[:, 0] < 0).sum() == 150
-    check_flows(tree, options, box)
-    own = tree.distal[tree.given]
-    for point in first.distal:
-        assert np.abs(own - point).sum(axis=1).min() == 0.0
-
-
-def test_given_terminals_are_reached_from_a_trunk(box, bent):
-    wells = np.array([(x, y, 3.0) for x in (3.0, 9.0, 15.0) for y in (4.0, 12.0)])
-    tree = grow_tree(box, GrowthOptions(terminal_points_mm=wells), trunk=bent)
-    tips = tree.distal[(tree.children[:, 0] < 0) & ~tree.given]
-    np.testing.assert_array_equal(np.unique(tips, axis=0), np.unique(wells, axis=0))
-
-
 def test_an_artery_segmented_and_published_is_a_trunk():
     """One of X-CAVATE's arteries (SOURCES.md) in a box about it."""
     path = SHARED / "xcavate_network_14_vessels.txt"
@@ -154,15 +136,6 @@ def test_an_artery_segmented_and_published_is_a_trunk():
     check_flows(tree, options, tissue)
 
 
-def test_straightening_keeps_within_its_tolerance():
-    t = np.linspace(0, 3, 200)
-    line = np.column_stack([t, np.sin(t), 0 * t])
-    kept, moved = straighten_line(line, 0.01)
-    assert 3 < len(kept) < 40
-    corners = line[kept]
-    assert off_axes(line, corners[:-1], corners[1:]).max() <= moved + 1e-12 <= 0.01
-
-
 def network_of(ends):
     nodes = np.array([[0.0, 0, 0], [4, 0, 0], [8, 2, 0], [8, -2, 0], [8, 0, 2]])
     ends = np.array(ends)
@@ -182,13 +155,6 @@ def network_of(ends):
 def test_what_is_no_tree_is_refused(ends, message):
     with pytest.raises(GrowthError, match=message):
         trunk_of(network_of(ends))
-
-
-def test_a_trunk_with_too_many_ends_or_another_root_is_refused(box, bent):
-    with pytest.raises(GrowthError, match="2 ends and 1 terminals"):
-        grow_tree(box, GrowthOptions(terminals=1), trunk=bent)
-    with pytest.raises(GrowthError, match="root of its own"):
-        grow_tree(box, GrowthOptions(terminals=9, root_candidates=3), trunk=bent)
 
 
 def test_a_trunk_with_an_end_outside_the_tissue_is_refused_with_its_place(box):
@@ -232,25 +198,6 @@ def test_a_stricter_stage_grows_on_what_a_milder_one_grew(box, strict):
     tree = grow_tree(box, options, attempts=1)
     assert (tree.children[:, 0] < 0).sum() == 400
     assert collisions(tree_to_network(tree), 0.02, options.clearance_ratio).count == 0
-
-
-def test_a_stage_alone_is_the_whole(box):
-    stage = GrowthStage(100, clearance_mm=0.05, length_to_radius=2.0)
-    one = grow_tree(box, GrowthOptions(terminals=100, stages=(stage,)))
-    two = grow_tree(box, GrowthOptions(terminals=100, clearance_mm=0.05, length_to_radius=2.0))
-    assert one.distal.tobytes() == two.distal.tobytes()
-
-
-def test_a_stage_s_penalty_holds_for_what_it_grows(box):
-    """Branch points of the first stage keep to one half, those of the second needn't."""
-    half = GrowthStage(60, penalty=lambda p: np.where(p[:, 0] > 10.0, 2.0, 1.0))
-    tree = grow_tree(box, GrowthOptions(terminals=60, stages=(half,)))
-    inner = tree.children[:, 0] >= 0
-    inner[0] = False
-    assert (tree.distal[inner, 0] > 10.5).mean() < 0.05
-    both = grow_tree(box, GrowthOptions(terminals=300, stages=(half, GrowthStage(300))))
-    inner = both.children[:, 0] >= 0
-    assert (both.distal[inner, 0] > 10.5).mean() > 0.25
 
 
 def test_stages_must_ascend_to_all():

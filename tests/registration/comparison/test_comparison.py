@@ -9,7 +9,6 @@ import pytest
 from scipy import stats
 
 from registration.comparison import ComparisonError, Origin, compare, comparison_dict, gauged_scan
-from registration.comparison.findings import sentences
 from registration.comparison.scans import GaugedScan
 from registration.comparison.statistics import components, holm, mean_interval, sd_interval, trend
 
@@ -77,14 +76,6 @@ def test_prints_that_differ_are_told_from_the_scanners_noise() -> None:
     assert found.distinct == int(1.41 * found.print_sd.value / found.scan_sd.value)
 
 
-def test_several_prints_without_a_vessel_in_common_arent_called_one() -> None:
-    nan = float("nan")
-    found = compare([scan([1.0, nan], "a"), scan([nan, 2.0], "b"), scan([1.0, 2.0], "c")])
-    text = " ".join(sentences(found))
-    assert "One print alone" not in text
-    assert "No vessel was measured in every scan" in text
-
-
 def test_intervals_are_those_of_the_tables() -> None:
     # t(0.975, 2) = 4.303; chi-squared with 2: 7.378 and 0.05064.
     mean = mean_interval(np.array([1.0, 2.0, 3.0]))
@@ -118,12 +109,6 @@ def test_a_vessel_that_is_always_off_and_one_that_varies_are_named() -> None:
     assert able is not None
     assert able.cp.value == pytest.approx(50 / (3 * errors[:, 2].std(ddof=1)))
     assert comparison_dict(found)["vessels"][2]["off"] is True
-
-
-def test_prints_stand_in_the_order_of_time() -> None:
-    found = compare([scan([1.0], "b", started=200.0), scan([2.0], "a", started=100.0)])
-    assert [p.print_id for p in found.prints] == ["a", "b"]
-    assert found.by_time
 
 
 def test_defects_at_one_place_are_common() -> None:

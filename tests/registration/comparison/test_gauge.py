@@ -93,21 +93,6 @@ def test_intervals_cover_the_true_components(rounds: int) -> None:
         assert 0.91 <= count / kept <= 1.0, name
 
 
-def test_one_operator_tells_repeatability_and_parts() -> None:
-    values = np.array([1.0, 1.2, 3.0, 3.1, 5.2, 5.0])
-    found = shares(mean_squares(values, [0] * 6, [0, 0, 1, 1, 2, 2]), np.nan).sources
-    assert found["EV"].sd.value == found["GRR"].sd.value == pytest.approx(np.sqrt(0.015))
-    assert not np.isfinite(found["AV"].sd.value)
-    assert found["PV"].sd.value == pytest.approx(np.sqrt(4.0 - 0.0075 + 0.003333), rel=0.01)
-
-
-def test_one_part_and_one_operator_tell_repeatability_alone() -> None:
-    found = shares(mean_squares(np.array([1.0, 2.0, 3.0]), [0] * 3, [0] * 3), np.nan)
-    assert found.sources["EV"].sd.value == pytest.approx(1.0)
-    assert not np.isfinite(found.sources["TV"].sd.value)
-    assert found.ndc is None
-
-
 def test_without_repeats_interaction_counts_as_repeatability() -> None:
     values = np.array([1.0, 3.0, 5.0, 1.3, 3.2, 5.6])
     squares = mean_squares(values, [0, 0, 0, 1, 1, 1], [0, 1, 2] * 2)

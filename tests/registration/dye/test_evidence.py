@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from design.network import VesselNetwork
-from registration.dye import DyeOptions, DyeReport, Marks, dye_verdict, measure_dye, read_marks
-from registration.dye.arrivals import find_arrivals
+from registration.dye import DyeOptions, DyeReport, dye_verdict, measure_dye, read_marks
 from registration.dye.flow import carrying_flow
-from registration.dye.patency import _Seen, _series, _stop
-from registration.dye.traces import Traces
-from registration.dye.view import find_view
+from registration.dye.patency import _Seen, _stop
 from registration.errors import DyeError
 from sim.devices.dye import Disturbance, Dye, DyeFilm
 from tests.registration.dye.films import TUBE_CAMERA, filmed, tube
@@ -73,24 +68,6 @@ def test_marks_turned_round_are_told(film: Path) -> None:
         measure_dye(film, turned, tube())
 
 
-def test_a_step_of_compression_in_a_still_film_is_no_dye(report: DyeReport) -> None:
-    step = np.where(report.traces.times > 3.0, 0.002, 0.0)
-    still: Traces = dataclasses.replace(
-        report.traces, dye=np.tile(step, (len(report.stations.radius), 1))
-    )
-    assert not find_arrivals(still, report.stations.radius).dyed.any()
-
-
-def test_marks_in_line_would_fit_a_mirror_and_say_so() -> None:
-    def marks(third: tuple[float, float, float], pixel: tuple[float, float]) -> Marks:
-        places: list[Any] = [((0, 0, 0), (10.0, 50.0)), ((10, 0, 0), (110.0, 50.0))]
-        places.append((third, pixel))
-        return Marks.model_validate({"marks": [{"at_mm": p, "pixel": q} for p, q in places]})
-
-    assert find_view(marks((5, 0, 0), (60.0, 50.0)), tube()).either_way
-    assert not find_view(marks((5, 3, 0), (60.0, 20.0)), tube()).either_way
-
-
 def seen(dyed: list[bool]) -> _Seen:
     share = (np.arange(len(dyed)) + 0.5) / len(dyed)
     return _Seen(share, np.array(dyed), 1.0, float(np.mean(dyed)))
@@ -104,21 +81,3 @@ def test_a_closure_is_where_dye_stops_whatever_blurs_in_at_the_far_end() -> None
     assert low == pytest.approx(9.5 / 30 * length)
     assert high == pytest.approx(10.5 / 30 * length)
     assert _stop(network, flow, 0, seen([False] * 29 + [True])) is None
-
-
-def test_dye_up_to_a_third_is_not_dye_at_the_far_end() -> None:
-    shares = np.linspace(0.02, 0.3, 9)
-    assert _Seen(shares, np.ones(9, bool), 0.3, 1.0).leaves is None
-    shares = np.linspace(0.02, 0.98, 9)
-    assert _Seen(shares, np.ones(9, bool), 0.98, 1.0).leaves is True
-
-
-def test_a_vessel_that_flows_into_the_same_outlet_isnt_behind_a_closed_one() -> None:
-    corners = np.array([[0, 0, 0], [4, 3, 0], [4, -3, 0], [8, 0, 0]], dtype=float)
-    sides = np.array([[0, 1], [0, 2], [1, 3], [2, 3]])
-    none = np.zeros(4, dtype=int)
-    network = VesselNetwork.from_segments(corners, sides, np.full(4, 0.3), none, none)
-    flow = carrying_flow(network, None)
-    states: Any = {0: "open", 1: "blocked", 2: "blocked", 3: "not reached"}
-    assert _series(network, flow, states, 2) == ()
-    assert _series(network, flow, states, 1) == (3,)

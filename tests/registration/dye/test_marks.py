@@ -1,10 +1,7 @@
 """Dye marks and files: errors reported."""
 
-import dataclasses
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 
 from design.network_files.csv_format import write_network_csv
@@ -12,32 +9,11 @@ from design.vasculature.named import planar_four_vessel
 from registration.dye import Marks, measure_dye, read_marks
 from registration.dye.view import find_view
 from registration.errors import DyeError
-from sim.devices.dye import DyeCamera, DyeFilm
+from sim.devices.dye import DyeFilm
 from tests.printctl.cli.shell import Shell
 from tests.registration.dye.films import PLANAR_CAMERA, PLANAR_MARKS, filmed, marks_of
 
 NETWORK = planar_four_vessel()
-
-
-@pytest.mark.parametrize("side", ["z", "-z", "x", "-x", "y", "-y"])
-@pytest.mark.parametrize("mirrored", [False, True])
-def test_the_view_is_the_camera_of_the_simulator(side: Any, mirrored: bool) -> None:
-    camera = DyeCamera(side=side, mirrored=mirrored, turn_deg=33.0)
-    points = np.random.default_rng(0).uniform(0.0, 10.0, (4, 3))
-    pixels = camera.pixels(points).tolist()
-    marks = [{"at_mm": a, "pixel": p} for a, p in zip(points.tolist(), pixels, strict=True)]
-    said = {"marks": marks, "side": side, "mirrored": mirrored}
-    view = find_view(Marks.model_validate(said), NETWORK)
-    assert view.px_per_mm == pytest.approx(camera.px_per_mm)
-    assert view.residual_mm == pytest.approx(0.0, abs=1e-9)
-    elsewhere = np.array([[1.0, 2.0, 3.0], [-4.0, 0.0, 1.0]])
-    assert view.pixels(elsewhere) == pytest.approx(camera.pixels(elsewhere))
-
-
-def test_mirrored_marks_are_recognised() -> None:
-    said = marks_of(NETWORK, dataclasses.replace(PLANAR_CAMERA, mirrored=True), PLANAR_MARKS)
-    with pytest.raises(DyeError, match=r"fit a mirrored picture to .* mm: put mirrored: true"):
-        find_view(Marks.model_validate({**said, "mirrored": False}), NETWORK)
 
 
 def test_a_wrong_mark_is_told_in_mm() -> None:
@@ -77,17 +53,13 @@ def test_a_broken_marks_file_is_one_message(tmp_path: Path, text: str, words: st
         ({"marks": [{"node": 0, "pixel": [1, 2]}] * 2}, "on one point"),
     ],
 )
-def test_marks_of_another_design_are_told(
-    tmp_path: Path, change: dict[str, Any], words: str
-) -> None:
+def test_marks_of_another_design_are_told(tmp_path, change, words):
     said = {**marks_of(NETWORK, PLANAR_CAMERA, PLANAR_MARKS), **change}
     with pytest.raises(DyeError, match=words):
         measure_dye(tmp_path / "film.avi", Marks.model_validate(said), NETWORK)
 
 
-def test_the_command_writes_numbers_and_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_numbers_and_page(tmp_path, monkeypatch, capsys):
     shell = Shell(monkeypatch, capsys, "dye")
     film = filmed(
         tmp_path, NETWORK, 4.0, PLANAR_MARKS, DyeFilm(fps=5.0, seconds=26.0, camera=PLANAR_CAMERA)

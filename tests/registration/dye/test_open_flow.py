@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from design.vasculature.named import planar_four_vessel
-from registration.dye import DyeOptions, DyeReport, dye_dict, dye_verdict, place_rows
-from registration.dye.flow import carrying_flow, solve_without_closed
-from registration.report.dye_page import write_dye_html
+from registration.dye import DyeOptions, DyeReport, dye_verdict
+from registration.dye.flow import solve_without_closed
 from sim.devices.dye import Occlusion, dye_flow
 from tests.registration.dye.films import PLANAR_FLOW, planar_report
 
@@ -33,57 +31,6 @@ def test_flow_beside_a_closed_vessel_is_the_simulators() -> None:
     assert np.abs(flow.solution.flow) == pytest.approx(known, abs=1e-9)
     assert not flow.moves()[7]
     assert flow.moves().sum() == 13
-
-
-def test_what_a_closed_vessel_cuts_off_stands_still() -> None:
-    flow = solve_without_closed(NETWORK, None, (4,))
-    assert flow is not None
-    assert set(np.flatnonzero(~flow.moves())) == {4, 8, 12}
-    assert solve_without_closed(NETWORK, None, (0,)) is None
-    whole, same = carrying_flow(NETWORK, None), solve_without_closed(NETWORK, None, ())
-    assert same is not None
-    assert same.solution.flow == pytest.approx(whole.solution.flow, rel=1e-12)
-
-
-def test_dye_let_in_at_the_outlet_finds_its_way_beside_a_closed_vessel() -> None:
-    flow = solve_without_closed(NETWORK, 3, (7,))
-    assert flow is not None
-    assert flow.solution.flow[13] == pytest.approx(-1.0)
-    assert flow.solution.flow[7] == 0.0
-
-
-def test_others_are_in_time_by_the_flow_that_a_closed_vessel_leaves(closed: DyeReport) -> None:
-    states = {v.vessel: v.patency for v in closed.vessels if v.patency != "open"}
-    assert states.pop(4) == "blocked"
-    assert set(states.values()) == {"not reached"}
-    assert set(states) == {8, 12}
-    assert closed.beside is not None
-    assert closed.beside.closed == (4, 8, 12)
-    by_design, by_rest = closed.late_s(), closed.late_held_s()
-    assert np.nanmedian(np.abs(by_rest)) < 0.1
-    # Twice as much flows through the others: by the design they are early.
-    assert np.nanmedian(by_design) < -0.3
-    ways = [(v.leaves_s, v.predicted_leaves_s) for v in closed.vessels if v.vessel in (5, 6, 7)]
-    assert all(seen - 1.5 < 0.6 * (due - 1.5) for seen, due in ways if seen and due)
-    found = dye_verdict(closed, 40.0)
-    assert found["outcome"] == "fail"
-    assert not any("too late" in reason or "too early" in reason for reason in found["reasons"])
-    assert any("dye leaves 11 of 11 others within 40 %" in reason for reason in found["reasons"])
-
-
-def test_both_are_reported(closed: DyeReport, tmp_path: Path) -> None:
-    data = dye_dict(closed, 40.0)
-    assert data["beside_closed"]["closed"] == [4, 8, 12]
-    assert data["beside_closed"]["flow_ml_min"] == pytest.approx(0.25)
-    assert data["beside_closed"]["median_error_s"] < 0.1 < data["arrivals"]["median_error_s"]
-    channel = data["vessels"][7]
-    assert abs(channel["beside"]["late_s"]) < 0.15 < abs(channel["late_s"])
-    rows = [row for row in place_rows(closed) if row["vessel"] == 7 and row["share"] > 0.2]
-    assert len(rows) > 20
-    assert all(row["predicted_held_s"] < row["predicted_s"] for row in rows)
-    write_dye_html(tmp_path / "dye.html", "film", data, closed, NETWORK)
-    page = (tmp_path / "dye.html").read_text(encoding="utf-8")
-    assert "Late, beside closed" in page
 
 
 def test_a_vessel_that_is_late_beside_a_closed_one_is_still_told(closed: DyeReport) -> None:

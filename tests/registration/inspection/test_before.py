@@ -2,46 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import cv2
 import numpy as np
 import pytest
 
-from registration.errors import PictureError
-from registration.inspection import ExpectedLines, LayerFindings, Unseen, see_layer
-from registration.inspection.pictures.earlier_view import camera_move
-from tests.registration.inspection.stacked_layers import Layer, Stack, stack
+from benchmarks.checkers.stacked_layers import Stack, stack
+from benchmarks.observe_before import expected, look
+from registration.inspection import see_layer
 from tests.slower import first_of
 
 SEEN = 4
 """A translucent stack whose layers add enough density."""
-
-
-_SHOWN = 3
-"""Older layers that the product is told of."""
-
-
-def expected(found: Stack) -> ExpectedLines:
-    """The layer and those below, as the product takes them."""
-    layers = [*found.older[-_SHOWN:], found.layer]
-    return ExpectedLines(
-        np.vstack([_places(one, 0) for one in layers]),
-        np.vstack([_places(one, 1) for one in layers]),
-        np.concatenate([np.full(len(one.at), one.width) for one in layers]),
-        np.arange(sum(len(one.at) for one in layers)),
-        np.concatenate([np.arange(len(one.at)) + 1000 * k for k, one in enumerate(layers)]),
-        np.repeat(np.arange(len(layers)) == len(layers) - 1, [len(one.at) for one in layers]),
-    )
-
-
-def _places(layer: Layer, which: int) -> np.ndarray:
-    return np.hstack([layer.ends()[which], np.full((len(layer.at), 1), 0.3)])
-
-
-def look(found: Stack) -> LayerFindings:
-    """See one painted layer."""
-    return see_layer(found.picture, found, expected(found), before=found.before)
 
 
 @pytest.fixture(scope="module")
@@ -75,12 +45,6 @@ def test_ink_that_adds_no_density_is_not_seen_over_itself(kind: str) -> None:
     assert not findings.gaps
 
 
-def test_a_layer_that_is_missing_altogether_is_not_seen(painted: Stack) -> None:
-    findings = see_layer(painted.before, painted, expected(painted), before=painted.before)
-    assert findings.seen_share == 0.0
-    assert not findings.gaps
-
-
 @pytest.mark.parametrize("kind", first_of(["opaque", "translucent"]))
 def test_ink_that_came_is_told_by_the_change_though_its_gaps_are_not(kind: str) -> None:
     """Ten looks at a dark print said the same of ink that came and of a clog: nothing was seen."""
@@ -109,75 +73,9 @@ def test_a_camera_whose_marks_stand_still_has_not_moved(painted: Stack) -> None:
     assert np.isfinite(findings.older_step)  # by the picture before
 
 
-def test_a_camera_that_moved_by_pixels_is_told_and_the_picture_before_left_out(
-    painted: Stack,
-) -> None:
+def test_a_camera_that_moved_by_pixels_is_told_and_the_picture_before_left_out(painted):
     moved = np.roll(painted.before, (4, -3), axis=(0, 1))
     findings = see_layer(painted.picture, painted, expected(painted), before=moved)
     assert findings.moved_px > 3.0
     assert findings.seen_share == 0.0
     assert not findings.gaps
-
-
-def test_what_was_mended_since_the_picture_before_is_not_judged(painted: Stack) -> None:
-    lines = expected(painted)
-    below = np.flatnonzero(~lines.fresh)[-len(painted.layer.at) // 2]
-    since = np.arange(len(lines)) == below
-    plain = look(painted)
-    findings = see_layer(
-        painted.picture, painted, lines, before=painted.before, since=since | lines.fresh
-    )
-    dark = (findings.stations.why == Unseen.OLD_INK) & plain.stations.seen
-    assert 0.0 < dark.mean() < 0.3
-    assert findings.seen_share < plain.seen_share
-
-
-def test_a_needle_or_speck_in_both_pictures_is_no_gap() -> None:
-    sound = stack(SEEN, "translucent")
-    middle = tuple(int(v) for v in sound.to_pixels(np.zeros((1, 3)))[0])
-    pictures = []
-    for one in (sound.before, sound.picture):
-        speck = cv2.circle(one.copy(), middle, 14, (40, 60, 50) if one.ndim == 3 else 40, -1)
-        pictures.append(speck)
-    findings = see_layer(pictures[1], sound, expected(sound), before=pictures[0])
-    assert not findings.gaps
-
-
-@pytest.mark.parametrize("move", [(0.4, -0.7), (-1.3, 0.6)])
-def test_a_move_is_found_to_a_small_part_of_a_pixel(move: tuple[float, float]) -> None:
-    rng = np.random.default_rng(3)
-    ground = cv2.GaussianBlur(rng.normal(0, 1, (200, 240)).astype(np.float32), (0, 0), 2.0)
-    shift = np.array([[1, 0, move[0]], [0, 1, move[1]]], dtype=np.float64)
-    earlier = cv2.warpAffine(ground, shift, (240, 200), flags=cv2.INTER_CUBIC)
-    light = 0.3 + 0.1 * np.linspace(0, 1, 240, dtype=np.float32)[None, :]
-    noisy = [v + rng.normal(0, 0.02, v.shape).astype(np.float32) for v in (ground + light, earlier)]
-    mask = np.zeros((200, 240), np.uint8)
-    mask[8:-8, 8:-8] = 1
-    mask[60:140, 70:170] = 0
-    found = camera_move(noisy[0][..., None], noisy[1][..., None], mask)
-    middle = np.array([119.5, 99.5, 1.0])
-    assert found.matrix @ middle - middle[:2] == pytest.approx(move, abs=0.05)
-
-
-@pytest.mark.parametrize("seed", first_of(range(4)))
-def test_an_even_ground_tells_no_move(seed: int) -> None:
-    """Noise alone was fitted, by up to 27 px, and the picture of the empty dish not used."""
-    rng = np.random.default_rng(seed)
-    noisy = [rng.normal(0.0, 0.02, (300, 300, 3)).astype(np.float32) for _ in range(2)]
-    mask = np.ones((300, 300), np.uint8)
-    mask[60:240:40, 50:250] = 0
-    assert camera_move(*noisy, mask).most_px <= 2.0
-
-
-def test_pictures_of_different_shapes_are_refused(painted: Stack) -> None:
-    with pytest.raises(PictureError, match="same camera"):
-        see_layer(painted.picture, painted, expected(painted), before=painted.before[1:])
-
-
-def test_fewer_lines_told_as_since_change_nothing(painted: Stack) -> None:
-    lines = expected(painted)
-    none = see_layer(painted.picture, painted, lines, before=painted.before)
-    own = see_layer(
-        painted.picture, painted, replace(lines), before=painted.before, since=lines.fresh
-    )
-    assert none.gaps == own.gaps

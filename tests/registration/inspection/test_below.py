@@ -7,7 +7,6 @@ import pytest
 
 from registration.inspection import (
     ExpectedLines,
-    HeightFrame,
     LayerFindings,
     ShownLines,
     filament_map,
@@ -61,11 +60,3 @@ def test_sound_ink_above_older_ink_is_seen(lower: float) -> None:
     found = _look(lower, None)
     assert found.gaps == ()
     assert found.seen_share > (0.95 if lower > 0.5 else 0.8)
-
-
-@pytest.mark.parametrize("lower", [-0.8, -0.3, 0.0, 0.3])
-def test_older_ink_that_touches_or_lies_above_is_kept(lower: float) -> None:
-    lines, to_voxels = _lines(lower), np.diag([1 / 0.03, 1 / 0.03, -1 / 0.015, 1.0])
-    shown = ShownLines.of(lines, HeightFrame(to_voxels), depth_down=True)
-    old = shown.lines.end[shown.row == 0] - shown.lines.start[shown.row == 0]
-    assert np.linalg.norm(old, axis=1).sum() == pytest.approx(2.4)

@@ -5,7 +5,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from registration.inspection import (
     better_turned,
     filament_map,
     height_map,
-    see_layer,
 )
 from registration.inspection.values import FloatImage
 from registration.scan import Scan
@@ -26,7 +24,6 @@ SHAPE = (90, 150, 240)
 WIDE = 0.45
 Turn = Callable[[NDArray[Any]], NDArray[Any]]
 BENT = np.array([[1.2, 1.0, 0.9], [3.2, 1.2, 0.9], [4.6, 2.8, 0.9]])
-SHORT = np.array([[1.2, 1.0, 0.9], [3.0, 1.1, 0.9], [4.1, 1.5, 0.9]])
 
 
 def _scanned(
@@ -72,78 +69,3 @@ def test_ink_darker_than_the_bath_is_told_when_turned(turn: Turn, said: str | No
     """It correlates with its lines below zero, and any turn was as good as any other."""
     picture, _, frame, lines = _scanned(BENT, turn)
     assert better_turned(picture, frame, lines) == said
-
-
-@pytest.mark.parametrize("by_mm", [0.0, 0.3])
-def test_the_place_of_a_short_filament_is_known(by_mm: float) -> None:
-    """It has some ten stations; twelve were needed, and a move of 0.3 mm stayed in doubt."""
-    _, picture, frame, lines = _scanned(SHORT, lambda v: v, by_mm)
-    found = see_layer(picture, frame, lines)
-    told = int(np.isfinite(found.stations.offset_mm).sum())
-    assert 8 <= told < 12
-    assert (found.shift.dx_mm, found.shift.dy_mm) == pytest.approx((by_mm, 0.0), abs=0.05)
-    assert found.shift.u_mm[0] < 0.06  # so that 0.3 mm is surely more than 0.1
-
-
-THIN = (
-    np.array([[1.0, 0.9, 0.4], [3.4, 1.2, 0.6], [4.8, 2.6, 0.9]]),
-    np.array([[1.2, 3.6, 1.5], [3.0, 2.8, 1.3], [4.4, 3.6, 1.1]]),
-)
-
-
-@pytest.mark.parametrize(
-    ("turn", "said"),
-    [
-        (lambda v: v, None),
-        (lambda v: v[:, ::-1, ::-1], "turned by 180°"),
-        (lambda v: v[:, :, ::-1], "mirrored along x"),
-        (lambda v: v[:, ::-1], "mirrored along y"),
-    ],
-)
-def test_thin_clear_filaments_of_several_depths_are_told_when_turned(
-    turn: Turn, said: str | None
-) -> None:
-    """In one slab over all depths they hardly show: they were told as missing."""
-    rng, wide = np.random.default_rng(9), 0.2
-    z, y, x = np.meshgrid(*(d * np.arange(n) for d, n in zip(VOXEL, SHAPE, strict=True)),
-                          indexing="ij", sparse=True)  # fmt: skip
-    light = np.exp(-0.5 * z) + 0.0 * y + 0.0 * x
-    for points in THIN:
-        for start, end in pairwise(points):
-            way, off = end - start, (x - start[0], y - start[1], 1.8 - z - start[2])
-            share = sum(a * b for a, b in zip(off, way, strict=True)) / float(way @ way)
-            share = np.clip(share, 0.0, 1.0)
-            apart = sum((a - share * b) ** 2 for a, b in zip(off, way, strict=True))
-            light[apart < (wide / 2) ** 2] *= 0.1
-    voxels = np.asarray(4000.0 * light * rng.gamma(1.0, 1.0, SHAPE), dtype=np.uint16)
-    voxels = np.ascontiguousarray(turn(voxels))
-    scan = Scan(voxels, VOXEL, 1.0, False, "linear", "oct", True, Path("painted"))
-    to_scan = np.diag([1.0, 1.0, -1.0, 1.0])
-    to_scan[2, 3] = 1.8
-    start, end = (np.concatenate([one[part] for one in THIN]) for part in (np.s_[:-1], np.s_[1:]))
-    number, stroke = np.arange(4), np.repeat([0, 1], 2)
-    lines = ExpectedLines(start, end, np.full(4, wide), number, stroke, np.ones(4, dtype=np.bool_))
-    picture, frame = height_map(scan, to_scan, 0.95, 1.3, lines)
-    assert better_turned(picture, frame, lines, scan) == said
-    assert better_turned(picture, frame, lines) is None
-
-
-def test_ink_with_a_bright_rim_is_not_told_as_moved_by_nothing() -> None:
-    """Its rim shows in one slab better than at its own depth: it "fits better moved by +0.0 mm"."""
-    rng = np.random.default_rng(8)
-    z, y, x = np.meshgrid(*(d * np.arange(n) for d, n in zip(VOXEL, SHAPE, strict=True)),
-                          indexing="ij", sparse=True)  # fmt: skip
-    far = np.hypot(y - 2.2, 1.8 - z - 0.9) + 0.0 * x
-    inside = (x > 1.2) & (x < 5.2)
-    rim = inside & (far < WIDE / 2) & (far > WIDE / 2 - 0.05)
-    texture = cv2.GaussianBlur(rng.standard_normal(SHAPE[1:]), (0, 0), 3.0)
-    bath = np.exp(0.12 * texture / texture.std())
-    light = np.where(rim, 4.0, 1.0) * bath * np.exp(-0.5 * z)
-    voxels = np.asarray(4000.0 * light * rng.gamma(3.0, 1 / 3.0, SHAPE), dtype=np.uint16)
-    scan = Scan(voxels, VOXEL, 1.0, False, "linear", "oct", True, Path("painted"))
-    to_scan = np.diag([1.0, 1.0, -1.0, 1.0])
-    to_scan[2, 3] = 1.8
-    ends, one = np.array([[[1.2, 2.2, 0.9]], [[5.2, 2.2, 0.9]]]), np.zeros(1, dtype=np.int64)
-    lines = ExpectedLines(*ends, np.full(1, WIDE), one, one, np.ones(1, dtype=np.bool_))
-    picture, frame = height_map(scan, to_scan, 0.9, WIDE, lines)
-    assert better_turned(picture, frame, lines, scan, in_parts=False) is None

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import cast
-
 import cv2
 import numpy as np
 import pytest
 
 from registration.inspection import ExpectedLines, LayerFindings, SeeingOptions, see_layer
-from registration.inspection.ink.told import Ground, strange_in
 
 PX_MM = 0.025
 MIDDLE = 3.0
@@ -84,23 +80,3 @@ def test_what_a_glint_hides_beside_a_gap_is_asked_about() -> None:
     assert gap.to_mm == pytest.approx(MIDDLE + 1.0, abs=0.1)
     (hidden,) = found.unseen
     assert hidden.from_mm < MIDDLE < hidden.to_mm <= gap.from_mm + 0.3
-
-
-def test_bright_ink_that_saturates_in_part_is_not_asked_about() -> None:
-    found = seen(-0.62, None, (9.0, 0.1), unseen_mm=1.0, light=138.0)
-    assert not found.gaps
-    assert found.unseen == ()
-
-
-@pytest.mark.parametrize("is_bright", [False, True])
-def test_only_ink_brighter_than_the_bath_may_be_what_saturates(is_bright: bool) -> None:
-    """Glints that lay on dark lines alone were taken for the ink's look, and one for a gap."""
-    fresh, bad = np.zeros((2, 120, 160), np.uint8)
-    fresh[40:60] = 1
-    cv2.circle(bad, (50, 50), 12, 1, cv2.FILLED)
-    ground = SimpleNamespace(
-        work=SimpleNamespace(bad=bad > 0), fresh=fresh, free=(fresh == 0).astype(np.uint8)
-    )
-    away = np.zeros(fresh.shape, np.float32)
-    strange = strange_in(cast(Ground, ground), away, 20.0, is_bright)
-    assert strange[50, 50] == (not is_bright)

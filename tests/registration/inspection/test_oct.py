@@ -1,14 +1,15 @@
 """Layers seen in OCT volumes: single lines, touching ones, lattices; cropped and turned volumes."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
-from registration.inspection import ExpectedLines, Unseen, better_turned, see_layer
-from registration.inspection.heights.height import HeightFrame
-from tests.registration.inspection.oct_volumes import THICK, Piece, area, painted
+from registration.inspection import Unseen, better_turned, see_layer
+from tests.registration.inspection.oct_volumes import Piece, area, painted
+from tests.registration.inspection.painted import Scene, expected
 
 SINGLE = [(0, 0.0, 0.0, 3.0, 0.0), (0, 0.0, 1.5, 3.0, 1.5), (0, 0.0, 3.0, 3.0, 3.0)]
 
@@ -53,46 +54,6 @@ def test_a_missing_inner_line_is_found(pieces: list[Piece], inner: int) -> None:
     assert sum(gap.length_mm for gap in gaps) > np.hypot(x1 - x0, y1 - y0) - 0.8
 
 
-def test_ends_over_older_ink_are_not_seen_for_that_reason() -> None:
-    stations = painted(area(3, 10)).look().stations
-    assert set(stations.why[~stations.seen]) == {Unseen.OLD_INK}
-
-
-def test_a_cropped_volume_gives_the_same_picture() -> None:
-    volume = painted(SINGLE, margin_mm=6.0)
-    crop = 140  # 1.8 mm around the lines are left
-    whole, _ = volume.picture()
-    part, frame = volume.picture(crop)
-    inner = whole[crop:-crop, crop:-crop]
-    assert np.abs(part - inner)[2:-2, 2:-2].max() < 1e-3
-    # So what was learned of one tells the other, where nothing is left to learn from.
-    picture, at = volume.picture()
-    known = see_layer(picture, at, volume.lines, thickness_mm=THICK).appearance
-    bare = painted(SINGLE, [(k, -1.0, 9.0) for k in range(3)], margin_mm=6.0)
-    picture, frame = bare.picture(crop)
-    found = see_layer(picture, frame, bare.lines, known=known, thickness_mm=THICK)
-    assert {gap.stroke for gap in found.gaps} == {0, 1, 2}
-
-
-@pytest.mark.parametrize("bare", [False, True])
-def test_ink_in_coarse_speckle_shows_though_short_gaps_are_not_told(bare: bool) -> None:
-    """Grain of 0.2 mm: nothing was seen of sound lines."""
-    rng = np.random.default_rng(99)
-    volume = painted(SINGLE[:1], [(0, -1.0, 9.0)] if bare else [], seed=0)
-    wave = rng.normal(size=(2, *volume.voxels.shape)).astype(np.float32)
-    for part in wave:
-        for k in range(len(part)):
-            part[k] = cv2.GaussianBlur(part[k], (0, 0), 3.0)
-        part /= part.std()
-    speckle = (wave**2).sum(axis=0) / 2
-    middle = np.stack([cv2.medianBlur(plane, 5) for plane in volume.voxels])
-    voxels = (np.where(middle > 300, 1500.0, 125.0) * speckle).clip(0, 65_535).astype(np.uint16)
-    found = replace(volume, voxels=voxels).look()
-    assert found.seen_share == 0.0
-    assert found.gaps == ()
-    assert found.faint_share == pytest.approx(0.0 if bare else 1.0, abs=0.05)
-
-
 STAIRS = [(0, 0.0, 0.3 * k, 3.0 - 0.25 * k, 0.3 * k) for k in range(10)]
 
 
@@ -113,44 +74,43 @@ def test_a_turned_or_mirrored_volume_is_told(turn, said) -> None:  # type: ignor
     assert better_turned(picture, frame, volume.lines) == said
 
 
-TREE = [(0, 0.0, 0.0, 4.0, 0.0), (0, 4.0, 0.0, 4.0, 2.0), (0, 4.0, 2.0, 6.0, 2.0)]
+# Constant A-scans and picture blocks hold no measurement: they aren't seen, and are no gaps.
+
+LATTICE = area(3, 4, 0.8)
 
 
-@pytest.mark.parametrize("pieces", [STAIRS, TREE, area(3, 4, 0.8)])
-@pytest.mark.parametrize("off", [(1.0, 0.0), (0.0, -1.0), (0.7, 0.9)])
-def test_a_moved_layer_is_no_turned_one(pieces: list[Piece], off: tuple[float, float]) -> None:
-    """A print that lay 1 mm aside was said to have x and y exchanged."""
-    volume = painted(pieces, margin_mm=2.0)
-    to_scan = volume.to_scan.copy()
-    to_scan[:2, 3] -= off  # the frame expects the lines there
-    picture, frame = replace(volume, to_scan=to_scan).picture()
-    said = better_turned(picture, frame, volume.lines)
-    assert said == f"moved by {off[0]:+.1f} mm along x and {off[1]:+.1f} mm along y"
+@pytest.mark.parametrize("value", [0, 200])
+@pytest.mark.parametrize(("pieces", "gap"), [(SINGLE, (0, 1.0, 1.6)), (LATTICE, (9, 1.0, 1.7))])
+def test_constant_ascans_are_not_seen_and_a_gap_beside_them_is_found(pieces, gap, value):
+    volume = painted(pieces, [gap])
+    voxels = volume.voxels.copy()
+    voxels[:, :, voxels.shape[2] * 3 // 5 : voxels.shape[2] * 3 // 5 + 15] = value
+    voxels[:, voxels.shape[1] // 2 + 8 :, :] = value
+    found = replace(volume, voxels=voxels).look()
+    assert [one.stroke for one in found.gaps] == [gap[0]]
+    assert (found.gaps[0].from_mm, found.gaps[0].to_mm) == pytest.approx(gap[1:], abs=0.1)
+    assert Unseen.HIDDEN in found.stations.why
 
 
-@pytest.mark.parametrize("off", [0.0, 0.3])
-def test_a_layer_near_its_place_is_let_be(off: float) -> None:
-    volume = painted(area(3, 4, 0.8), [(9, -1.0, 9.0), (10, -1.0, 9.0)])
-    to_scan = volume.to_scan.copy()
-    to_scan[0, 3] -= off
-    picture, frame = replace(volume, to_scan=to_scan).picture()
-    assert better_turned(picture, frame, volume.lines) is None
+def test_a_volume_of_which_half_is_constant_shows_no_gap():
+    volume = painted(area(1, 10))
+    voxels = volume.voxels.copy()
+    voxels[:, voxels.shape[1] // 2 :] = 0
+    found = replace(volume, voxels=voxels).look()
+    assert found.gaps == ()
+    assert 0.3 < found.seen_share < 0.7
 
 
-def test_a_symmetric_layer_tells_nothing_of_a_turn() -> None:
-    volume = painted(SINGLE, [(0, -1.0, 9.0)])
-    picture, frame = volume.picture()
-    assert better_turned(picture, frame, volume.lines) is None
-
-
-def test_an_older_filament_is_no_sign_that_the_fresh_one_is_turned() -> None:
-    """A missing filament was taken for one that lies turned, where an older one shows."""
-    start = np.array([[1.0, 1.0, 2.0], [1.0, 4.5, 2.6]])
-    end = np.array([[5.0, 4.0, 7.0], [5.0, 1.5, 6.0]])
-    count, fresh = np.arange(2), np.array([False, True])
-    lines = ExpectedLines(start, end, np.full(2, 0.5), count, count, fresh)
-    frame = HeightFrame(np.diag([40.0, 40.0, 40.0, 1.0]))
-    ink = cv2.line(np.zeros((240, 240), np.float32), (40, 40), (200, 160), 1.0, 20)
-    noise = np.random.default_rng(1).normal(0.0, 0.05, ink.shape)
-    picture = (ink + noise)[:, :, None].astype(np.float32)
-    assert better_turned(picture, frame, lines) is None
+@pytest.mark.parametrize("value", [0, 128, None])
+def test_a_lost_block_of_a_picture_is_not_seen(value):
+    layer = Scene(3, layout="meander").paint(((0, 1.0, 1.4),))
+    lines, picture = expected(layer.plan), layer.picture.copy()
+    middle = 0.5 * (lines.start + lines.end)
+    way = np.cumsum(np.linalg.norm(lines.end - lines.start, axis=1))
+    x, y = layer.frame.to_pixels(middle[np.argmin(np.abs(way - 3.0))][None])[0].astype(int)
+    block = np.s_[y - 16 : y + 16, x - 20 : x + 20]
+    picture[block] = picture[2, 2] if value is None else value
+    picture[y + 30] = picture[2, 2]  # a dead row
+    found = see_layer(picture, layer.frame, lines)
+    assert [(g.from_mm, g.to_mm) for g in found.gaps] == [pytest.approx((1.0, 1.4), abs=0.1)]
+    assert (found.stations.why == Unseen.HIDDEN).sum() >= 4

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -65,31 +64,3 @@ def test_what_is_missing_of_it_is_found(bare: tuple[float, float]) -> None:
     (gap,) = _look(bare).gaps
     assert gap.stroke == 0
     assert (gap.from_mm, gap.to_mm) == pytest.approx(bare, abs=0.3)
-
-
-@pytest.mark.parametrize("times", [3.0, 30.0, 2000.0])
-def test_bright_ink_is_no_wider_than_it_is(times: float) -> None:
-    """By the logarithm alone its blurred rim counted as ink: 0.25 mm were told 25 to 30 % wide."""
-    rng = np.random.default_rng(8)
-    wide, (dz, dy, dx), shape, depth = 0.25, (0.012, 0.024, 0.024), (120, 120, 220), 1.0
-    z, y, x = np.meshgrid(*(d * np.arange(n) for d, n in zip((dz, dy, dx), shape, strict=True)),
-                          indexing="ij", sparse=True)  # fmt: skip
-    inside = ((y - 1.4) ** 2 + (depth - z - 0.3) ** 2 < (wide / 2) ** 2) & (x > 0.6) & (x < 4.6)
-    light = _blurred(inside.astype(np.float32), 0.5)
-    light = 1.0 + (times - 1.0) * light * np.exp(-1.4 * z)
-    voxels = np.asarray(8.0 * light * rng.gamma(3.0, 1 / 3.0, shape), dtype=np.float32)
-    scan = Scan(voxels, (dz, dy, dx), 1.0, False, "linear", "oct", True, Path("painted"))
-    to_scan = np.diag([1.0, 1.0, -1.0, 1.0])
-    to_scan[2, 3] = depth
-    ends = np.array([[[0.6, 1.4, 0.3]], [[4.6, 1.4, 0.3]]])
-    one = np.zeros(1, dtype=np.int64)
-    fresh = np.ones(1, dtype=np.bool_)
-    lines = ExpectedLines(ends[0], ends[1], np.full(1, wide), one, one, fresh)
-    _, frame = height_map(scan, to_scan, 0.3, wide, lines)
-    found = see_layer(filament_map(scan, frame, lines), frame, lines)
-    assert found.gaps == ()
-    assert found.width_ratio == pytest.approx(1.0, abs=0.1)
-
-
-def _blurred(ink: np.ndarray, sigma: float) -> np.ndarray:
-    return np.stack([cv2.GaussianBlur(one, (0, 0), sigma) for one in ink])

@@ -43,17 +43,6 @@ def test_sound_filled_ridges_are_seen_and_whole(seed: int) -> None:
     assert not any(GapTest().significant(gap, found.places) for gap in found.gaps)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_gap_a_width_from_a_turn_of_filled_ridges_is_found(seed: int) -> None:
-    """Of such gaps 3 in 70 were found, and of 62 nothing could be told."""
-    first_turn = 2 * 0.33 * 3.5
-    begin, end = first_turn - 0.4 - _WIDTH, first_turn - _WIDTH
-    found, _ = _seen(seed, "filled", [(0, begin, end)])
-    own = [gap for gap in found.gaps if gap.from_mm < end and gap.to_mm > begin]
-    assert own
-    assert GapTest().significant(own[0], found.places)
-
-
 def test_a_second_look_knows_the_ridges_of_the_first() -> None:
     """With a picture before, channels are twice as many as those of the picture itself."""
     rng = np.random.default_rng(5)
@@ -69,10 +58,3 @@ def test_a_second_look_knows_the_ridges_of_the_first() -> None:
     assert min(one.seen_share, two.seen_share) > 0.6
     assert not one.gaps
     assert not two.gaps
-
-
-def test_flat_ink_is_told_as_before() -> None:
-    """A symmetric look needs no light from the side: its widths are told."""
-    found, _ = _seen(1, "meander", [], "opaque")
-    assert found.seen_share > 0.95
-    assert np.isfinite(found.width_ratio)

@@ -11,14 +11,11 @@ from registration.inspection import (
     ExpectedLines,
     HeightFrame,
     LayerFindings,
-    Unseen,
     better_turned,
     filament_map,
     height_map,
     see_layer,
 )
-from registration.inspection.ink.ink_image import ACROSS
-from registration.inspection.widths.rim_widths import fit_rim
 from registration.scan import Scan
 
 VOXEL = (0.012, 0.025, 0.025)
@@ -99,14 +96,6 @@ def test_thin_filaments_side_by_side_that_show_by_their_rims_are_seen() -> None:
     assert gaps[0].length_mm == pytest.approx(0.64, abs=0.2)  # from tip to tip of round ends
 
 
-def test_a_rim_about_a_middle_that_fades_is_ink() -> None:
-    """Half of a vessel is as dark as light has gone through ink above it: it passed for bare."""
-    found = _look([((0.7, 1.6, 0.95), (2.4, 1.6, 0.95)), ((2.4, 1.6, 0.95), (4.8, 1.6, 0.35))],
-                  0.4, 0.4, 0.9, (3.5, 0.045))  # fmt: skip
-    assert found.gaps == ()
-    assert found.coverage > 0.9
-
-
 def test_a_vessel_that_shows_by_its_rim_is_not_told_as_turned() -> None:
     """At its own depth it hardly fits its filled line, and turned by chance as well."""
     scan, to_scan, lines = _scanned([((0.8, 0.7, 0.7), (1.3, 2.6, 0.7))], 0.68, 0.68, 0.94,
@@ -117,53 +106,3 @@ def test_a_vessel_that_shows_by_its_rim_is_not_told_as_turned() -> None:
     other = Scan(turned, VOXEL, 1.0, False, "linear", "oct", True, Path("painted"))
     picture, frame = height_map(other, to_scan, 0.7, 0.7, lines)
     assert better_turned(picture, frame, lines, other, in_parts=False) == "turned by 180°"
-
-
-@pytest.mark.parametrize("blur", [0.05, 0.12])
-@pytest.mark.parametrize("diameter", [0.9, 1.1])
-def test_the_fit_is_as_sure_as_the_blur_lets_it_be(blur: float, diameter: float) -> None:
-    fine = np.linspace(-2.0, 2.0, 4001)
-
-    def chord(wide: float) -> NDArray[np.float64]:
-        return np.minimum(np.sqrt(np.maximum(wide**2 - (2 * fine) ** 2, 0.0)), 0.7)
-
-    shell, core = chord(diameter) - chord(0.85 * diameter), chord(0.85 * diameter)
-    kernel = np.exp(-0.5 * (np.linspace(-0.6, 0.6, 1201) / blur) ** 2)
-    seen = np.convolve(3.0 * shell - 0.4 * core, kernel / kernel.sum(), mode="same")
-    rim = fit_rim(np.interp(ACROSS, fine, seen), 0.03, (0.7, 1.1))
-    assert abs(rim.diameter - diameter) < 2.0 * rim.u_diameter
-    assert 0.5 * blur < rim.u_diameter < blur
-
-
-def test_dead_columns_are_no_ink() -> None:
-    """A short dark vessel fitted a dark stripe far off better than its own light."""
-    scan, to_scan, lines = _scanned([((2.4, 1.3, 0.7), (3.4, 1.9, 0.7))], 0.26, 0.26, 0.33,
-                                    (0.33, 0.01))  # fmt: skip
-    scan.volume[:, :, 50:58] = 0.12 * scan.volume[:, :, 50:58]
-    picture, frame = height_map(scan, to_scan, 0.7, 0.3, lines)
-    assert better_turned(picture, frame, lines, scan, in_parts=False) is None
-
-
-CROSS: Pieces = [((0.7, 1.6, 0.35), (4.8, 1.6, 0.35)), ((2.7, 0.5, 1.0), (2.8, 2.8, 1.0))]
-
-
-@pytest.mark.parametrize("level", [0.3, 4.0])
-@pytest.mark.parametrize("bare", [None, {1: (0.85, 1.45)}, {0: (1.7, 2.4)}])
-def test_of_two_fresh_vessels_that_cross_the_lower_one_is_not_seen_there(
-    level: float, bare: dict[int, tuple[float, float]] | None
-) -> None:
-    """Columns were taken at the depth of the nearer one: neither's gap showed there."""
-    found = _look(CROSS, 0.4, 0.4, level, (level, 0.01), bare=bare)
-    assert [gap.stroke for gap in found.gaps] == ([1] if bare and 1 in bare else [])
-    at = found.stations
-    below = (at.stroke == 0) & (np.abs(at.along_mm - 2.05) < 0.15)
-    assert below.any()
-    assert set(at.why[below]) == {Unseen.COVERED}
-    assert at.seen[at.stroke == 1].all()
-
-
-def test_a_gap_of_the_lower_vessel_that_is_wider_than_the_crossing_is_asked_about() -> None:
-    """Bath shows on both sides, too little for a gap on either: it went on."""
-    found = _look(CROSS, 0.4, 0.4, 4.0, (4.0, 0.01), bare={0: (1.35, 2.75)})
-    assert [one.stroke for one in (*found.gaps, *found.unseen)] == [0]
-    assert _look(CROSS, 0.4, 0.4, 4.0, (4.0, 0.01)).unseen == ()

@@ -6,11 +6,6 @@ import pytest
 
 from kernels.arrays import FloatArray
 from registration.inspection import ExpectedLines, LayerFindings, SeeingOptions, see_layer
-from registration.inspection.ink.line_levels import line_levels
-from registration.inspection.ink.presence import Sides
-from registration.inspection.pictures.working import drawn_lines
-from registration.inspection.unseen.standing_ink import _stands_throughout
-from registration.inspection.ways import Seen, lay_ways
 
 PX_MM = 0.025
 Piece = tuple[float, float, float, float, float, float]
@@ -67,19 +62,6 @@ OLDER: list[Piece] = [(1.0, 1.0, 6.0, 1.3, 0.5, 0.8), (1.0, 5.0, 6.0, 4.8, 0.5, 
 SHORT: Piece = (2.5, 3.0, 3.4, 3.1, 0.6, 0.8)
 
 
-def test_a_thin_filaments_level_is_not_learned_in_the_thick_one_that_it_joins() -> None:
-    """Beside the joint's ink the rest of it was a gap."""
-    ends = np.array([[0, 0, 0], [1.5, 0, 0], [5, 0, 0]], dtype=float)
-    number, both = np.arange(2), np.ones(2, dtype=np.bool_)
-    lines = ExpectedLines(ends[:2], ends[1:], np.array([0.3, 0.9]), number, 0 * number, both)
-    ways = lay_ways(lines, 0.05)
-    shown = np.where(ways.point[:, 0] < 1.0, 0.3, 1.2)
-    bath = np.random.default_rng(1).normal(0, 0.02, 800)
-    level = line_levels(shown, ways, np.ones(len(ways), dtype=np.bool_), bath)
-    assert level[ways.point[:, 0] < 1.0] == pytest.approx(0.3, abs=0.03)
-    assert level[ways.point[:, 0] > 1.5] == pytest.approx(1.2, abs=0.03)
-
-
 def test_a_short_filament_that_plainly_shows_is_not_asked_about() -> None:
     """It has too few places to learn ink from, and the operator was asked whether it was there."""
     found = _seen([*OLDER, SHORT], [0, 1, 2], [False, False, True])
@@ -90,17 +72,6 @@ def test_a_short_filament_that_plainly_shows_is_not_asked_about() -> None:
 def test_a_short_filament_that_lacks_ink_is_not_passed(bare: tuple[float, float]) -> None:
     found = _seen([*OLDER, SHORT], [0, 1, 2], [False, False, True], bare)
     assert found.gaps or found.unseen or found.bare
-
-
-@pytest.mark.parametrize("bare_mm", [0.0, 0.3, 0.4])
-def test_bath_between_a_filaments_end_and_the_older_one_it_joins_is_not_passed(
-    bare_mm: float,
-) -> None:
-    rim = 1.15 + 0.25
-    joining: Piece = (3.5, 3.4, 3.5, 1.15, 0.4, 0.8)
-    end = 3.4 - rim
-    found = _seen([*OLDER, joining], [0, 1, 2], [False, False, True], (end - bare_mm, end + 0.2))
-    assert bool(found.gaps or found.unseen) == (bare_mm > 0)
 
 
 LONE: Piece = (2.5, 3.0, 3.7, 3.15, 0.35, 0.8)
@@ -119,42 +90,3 @@ def test_a_gap_of_a_short_filament_alone_in_a_bath_is_found(bare: tuple[float, f
 def test_a_sound_short_filament_alone_in_a_bath_is_not_asked_about(rough: float) -> None:
     found = _seen([LONE], [0], [True], rough=rough)
     assert found.gaps == found.unseen == ()
-
-
-@pytest.mark.parametrize("bare", [(-1.0, 9.0), (0.2, 0.75)], ids=["all of it", "most of it"])
-def test_half_of_a_short_filament_may_not_go_untold(bare: tuple[float, float]) -> None:
-    """Stretches shorter than `unseen_mm` passed, though all of a filament of 0.9 mm was unseen."""
-    faint: Piece = (2.5, 3.0, 3.4, 3.05, 0.35, 0.1)
-    found = _seen([faint], [0], [True], bare, rough=0.12, unseen_mm=1.5)
-    assert [one.stroke for one in found.unseen] == [0]
-    assert _seen([faint], [0], [True], bare, rough=0.12, unseen_mm=10.0).unseen == ()
-
-
-def test_a_gap_is_not_lost_between_two_parts_that_stand_out() -> None:
-    """Each part of 0.5 mm had ink enough, with 0.4 mm missing over the middle of both."""
-    level = np.full((20, 1), 1.0)
-    level[6:14] = 0.0
-    spread, kind = np.array([0.08]), np.array([1.0])
-    assert _stands_throughout(np.ones((20, 1)), np.ones((20, 1)), spread, None, None)
-    assert not _stands_throughout(level, level, spread, None, None)
-    assert not _stands_throughout(level, level, spread, kind, kind)
-
-
-def test_the_rim_of_a_thin_curved_line_is_no_other_ink() -> None:
-    """Drawn a pixel wider here and there, it seemed to touch another line, and was unclear."""
-    angle = np.linspace(0.0, 1.2, 12)
-    at = np.column_stack([1.0 + 2.0 * np.sin(angle), 3.0 - 2.0 * np.cos(angle), 0 * angle])
-    width, number = np.full(11, 0.174), np.arange(11)
-    lines = ExpectedLines(at[:-1], at[1:], width, number, 0 * number, np.ones(11, dtype=np.bool_))
-    ways, frame = lay_ways(lines, 0.05), Finer()
-    drawn = drawn_lines((200, 200), np.stack([at[:-1, :2], at[1:, :2]], 1) / 0.02, width / 0.02)
-    sides = Sides.of(Seen.of(ways, frame), ways, drawn, 50.0)
-    assert sides.left.min() == sides.right.min() == 1.5
-
-
-class Finer:
-    """A frame straight from above, of 50 pixels in a millimetre."""
-
-    def to_pixels(self, points_mm: FloatArray) -> FloatArray:
-        """Pixels of places."""
-        return np.asarray(points_mm)[:, :2] / 0.02

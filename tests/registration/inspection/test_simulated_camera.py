@@ -83,13 +83,6 @@ def _scene(look: str) -> Scene:
     return Scene(bath=texture, ink=InkLook(colour=colour, density_per_mm=14.0))
 
 
-def test_a_picture_before_makes_pale_ink_look_no_narrower() -> None:
-    ink, lines = _layers(4)
-    before = paint(_layers(0)[0], CAMERA, _scene("coloured"), 1)
-    found = see_layer(paint(ink, CAMERA, _scene("coloured"), 2), _View(), lines, before=before)
-    assert abs(found.width_ratio - 1.0) < 0.035
-
-
 @pytest.mark.parametrize("look", first_of(["dark", "coloured"]))
 def test_a_line_missing_between_older_lines_is_a_gap(look: str) -> None:
     ink, lines = _layers(4, missing=(2,))

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from registration.errors import PictureError
+from benchmarks.checkers.height_painter import SolidLayer, solid_layer
 from registration.inspection import ExpectedLines, LayerFindings, see_layer
-from tests.registration.inspection.height_painter import SolidLayer, solid_layer
 
 
 def _lines(layer: SolidLayer) -> ExpectedLines:
@@ -59,26 +58,3 @@ def test_a_short_gap_at_a_rim_is_told_from_a_droop(seed: int) -> None:
     found = _look(solid_layer(np.random.default_rng(seed), (bare,)))
     (gap,) = found.gaps
     assert (gap.from_mm, gap.to_mm) == pytest.approx(bare, abs=0.06)
-
-
-def test_ten_gaps_are_found_and_hide_nothing() -> None:
-    """Where ink steps down at many gaps, that isn't the scatter of sound ink's heights."""
-    size = solid_layer(np.random.default_rng(5003)).size
-    bare = tuple((size * (k + 2.3), size * (k + 2.3) + 0.8) for k in range(10))
-    found = _look(solid_layer(np.random.default_rng(5003), bare))
-    assert len(found.gaps) == 10
-    assert found.seen_share > 0.9
-
-
-def test_a_layer_that_lies_low_altogether_is_not_seen() -> None:
-    layer = solid_layer(np.random.default_rng(5000))
-    layer.picture[:, :, 1] -= layer.thickness
-    found = _look(layer)
-    assert found.gaps == ()
-    assert found.seen_share == 0.0
-
-
-def test_a_thickness_goes_with_heights_alone() -> None:
-    layer = solid_layer(np.random.default_rng(5000))
-    with pytest.raises(PictureError, match="no height map"):
-        see_layer(layer.picture[:, :, 0], layer, _lines(layer), thickness_mm=0.1)

@@ -5,23 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pytest
 from lxml import html
 
 from registration.report import write_report_html
-from registration.report.gauging_figures import (
-    MOST_PROFILES,
-    curve_figure,
-    layer_deviation_figure,
-    profile_figure,
-)
-from registration.report.gauging_sections import (
-    defect_table,
-    perfusion_table,
-    printed_facts,
-    two_way_rows,
-)
-from registration.report.svg import BAD
 
 
 def gauged() -> dict[str, Any]:
@@ -74,51 +60,6 @@ def gauged() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def cells(table: Any) -> list[list[str]]:
-    return [[cell.text for cell in row.cells] for row in table.rows]
-
-
-def test_defects_are_told_with_place_size_and_lines() -> None:
-    table = defect_table(gauged())
-    assert table is not None
-    stenosis, bridge = cells(table)
-    assert stenosis[:2] == ["0", "stenosis"]
-    assert "1.00 – 1.50" in stenosis
-    assert "1.20, 0.50, 0.25" in stenosis
-    assert "layers 3 to 6" in stenosis
-    assert "40 – 71" in stenosis
-    assert "vessel 1" in bridge
-    assert [row.vessel for row in table.rows] == [0, 0]
-
-
-def test_no_defects_no_table() -> None:
-    assert defect_table({"defects": []}) is None
-
-
-def test_both_fits_stand_side_by_side() -> None:
-    rows = {label: pair for label, *pair in two_way_rows(gauged())}
-    assert rows["95 % Hausdorff distance / µm"] == ["95.0", "14.5"]
-    assert rows["Dice of the lumens"] == ["0.930", "0.980"]
-    assert two_way_rows({}) == []
-
-
-def test_flow_as_printed_against_designed() -> None:
-    table = perfusion_table(gauged())
-    assert table is not None
-    first, second = cells(table)
-    assert "2.000" in first
-    assert second[-1] == "no"
-    assert second[3] == "–"
-
-
-def test_what_isnt_known_is_said_to_be() -> None:
-    facts = {fact.label: fact.value for fact in printed_facts(gauged())}
-    assert facts["Components, loops: printed"] == "1, 4"
-    assert facts["Explained by the closed vessels and bridges"] == "yes"
-    assert facts["Perfuses as printed"].startswith("not known")
-    assert facts["Design's surface seen"] == "97"
-
-
 def test_the_page_shows_it_all(tmp_path: Path) -> None:
     write_report_html(tmp_path / "a.html", {"registration": gauged()}, [], None)
     page = html.fromstring((tmp_path / "a.html").read_text(encoding="utf-8"))
@@ -127,49 +68,3 @@ def test_the_page_shows_it_all(tmp_path: Path) -> None:
                   "each written layer", "Diameter along the vessels"):  # fmt: skip
         assert words in text, words
     assert len(page.xpath('//table[@id="defects-table"]/tbody/tr')) == 2
-
-
-def test_a_clean_print_says_that_nothing_stands_out(tmp_path: Path) -> None:
-    clean = gauged() | {"defects": [], "all_open": True}
-    write_report_html(tmp_path / "a.html", {"registration": clean}, [], None)
-    text = (tmp_path / "a.html").read_text(encoding="utf-8")
-    assert "None stands out" in text
-    assert "not all of every vessel" not in text
-
-
-def test_each_section_is_drawn_by_its_decision() -> None:
-    n = 30
-    row = gauged()["vessels"][0] | {
-        "lower_um": [450.0] * n, "upper_um": [550.0] * n, "interval_95_um": [20.0] * n,
-        "decision_along": ["fail" if 10 < k < 14 else "pass" for k in range(n)],
-    }  # fmt: skip
-    found = gauged()["defects"][0] | {"decision": "fail"}
-    drawn = profile_figure([row], [found])
-    assert drawn is not None
-    text = drawn.decode()
-    assert "vessel 0: stenosis (fail)" in text
-    assert BAD in text
-    clean = profile_figure([row | {"decision_along": ["pass"] * n}], [])
-    assert clean is not None
-    assert BAD not in clean.decode()
-
-
-def test_profiles_show_the_ill_first() -> None:
-    many = [gauged()["vessels"][1] | {"vessel": v, "error_percent": v / 10} for v in range(40)]
-    drawn = profile_figure(many, [{"kind": "leak", "vessel": 3, "from_mm": 1, "to_mm": 1.2}])
-    assert drawn is not None
-    text = drawn.decode()
-    assert "vessel 3: leak" in text
-    assert "vessel 39" in text
-    assert "vessel 5<" not in text
-    assert text.count(">vessel ") == MOST_PROFILES
-
-
-@pytest.mark.parametrize("values", [[], [{"along_mm": [], "vessel": 0}]])
-def test_nothing_measured_draws_nothing(values: list[dict[str, Any]]) -> None:
-    assert profile_figure(values, []) is None
-    assert layer_deviation_figure([{"z_mm": 1.0, "rms_um": None}]) is None
-
-
-def test_curve_is_an_svg() -> None:
-    assert curve_figure([0, 10], [0, 1], [0, None]).startswith(b"<?xml")

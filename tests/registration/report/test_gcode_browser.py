@@ -5,7 +5,7 @@ import numpy as np
 
 from registration.report.gcode import GcodePage, design_outline, write_gcode_html
 
-from .gcode_sample import layered_job, passes_job
+from .gcode_sample import layered_job
 from .test_browser import opened, pytestmark, state  # noqa: F401
 
 ACT = (
@@ -101,62 +101,3 @@ def test_keys_go_through_layers_and_moves(tmp_path: Path) -> None:
     )
     dom = page(tmp_path, layered_job(), "width", keys)
     assert title(dom) == ["layer", "2", "layer", "2", "layer", "1", "2", "true"]
-
-
-def test_the_needles_move_is_told_while_it_is_on_its_way(tmp_path: Path) -> None:
-    dom = page(tmp_path, layered_job(), "width", "set('move', 3);")
-    assert "3 of 4 moves" in inner(dom, "move-tag")
-    assert "13" in inner(dom, "probe")
-    assert "G1 line 13" in inner(dom, "probe")
-    assert "Travel, line 13" in inner(dom, "line")
-
-
-def test_pointing_at_a_line_tells_its_text_and_its_numbers(tmp_path: Path) -> None:
-    # Written are y = 0.75 to 2.25 and x = -0.25 to 10.25, which the view shows with a margin;
-    # the line y = 1 lies 0.5 mm below the middle.
-    aim = (
-        "const scale = 0.9 * Math.min(box.width / 10.5, box.height / 1.5);"
-        "const y = 0.5 + (0.5 * scale) / box.height; point('pointermove', 0.5, y);"
-    )
-    dom = page(tmp_path, layered_job(), "kind", aim)
-    assert "G1 line 12" in inner(dom, "probe")
-    said = re.sub(r"\s+", " ", inner(dom, "line"))
-    assert "Solid infill, line 12" in said
-    assert "Width 0.5 mm" in said
-    assert "Length 10 mm" in said
-    away = aim + "await wait(300); point('pointermove', 0.02, 0.02);"
-    assert inner(page(tmp_path, layered_job(), "kind", away), "line") == ""
-
-
-def test_wheel_zooms_at_the_pointer_and_zero_shows_all(tmp_path: Path) -> None:
-    wheel = (
-        "const bar = () => document.querySelector('#scalebar span').textContent.replace(' ', '');"
-        "say(bar()); stage.dispatchEvent(new WheelEvent('wheel', { deltaY: -2000, bubbles: true,"
-        " clientX: box.left + 5, clientY: box.top + 5 })); await wait(300); say(bar());"
-        "key('0'); await wait(300); say(bar());"
-    )
-    before, near, after = title(page(tmp_path, layered_job(), "width", wheel))
-    assert before == after != near
-
-
-def test_colour_switch_and_switches_change_the_picture(tmp_path: Path) -> None:
-    change = (
-        "const full = inked(); set('colouring', 'kind', 'change'); await wait(200);"
-        "const box2 = document.getElementById('show-travels'); box2.click(); await wait(200);"
-        "say(inked() < full);"
-    )
-    dom = page(tmp_path, layered_job(), "width", change)
-    assert title(dom) == ["true"]
-    assert "External perimeter" in inner(dom, "legend")
-
-
-def test_passes_turn_and_those_before_can_be_left_out(tmp_path: Path) -> None:
-    turn = (
-        "const top = inked(); document.querySelector('[data-turn=\"0,0\"]').click();"
-        "await wait(200); say(inked() !== top); const all = inked();"
-        "document.getElementById('show-below').click(); await wait(200); say(inked() < all);"
-    )
-    dom = page(tmp_path, passes_job(), "height", turn, layer=2)
-    assert title(dom) == ["true", "true"]
-    assert "Height z / mm" in inner(dom, "legend")
-    assert "pass 3" in inner(dom, "layer-tag")

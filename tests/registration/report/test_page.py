@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import base64
 import hashlib
 import json
@@ -14,13 +16,10 @@ from matplotlib import rcParams
 from registration.report import ReportSurface, write_report_html
 from registration.report.gcode import layer_figure
 from registration.report.gcode.colouring import colourings
-from tests.slower import first_of
+from registration.report.wording import number
 
 from .gcode_sample import layered_job
 from .sample import block_surface, deviation_surface, planar_network, sample_data
-
-SECTIONS = [key for key in sample_data() if key not in ("schema", "recipe")]
-ROOT = Path(__file__).parents[3] / "registration" / "report"
 
 
 def layer_picture() -> bytes:
@@ -99,26 +98,6 @@ def test_page_is_well_formed(whole: str) -> None:
         assert all(len(row.xpath("./td | ./th")) == width for row in table.xpath("./tbody/tr"))
 
 
-def test_tags_are_closed_in_order(whole: str) -> None:
-    from html.parser import HTMLParser
-
-    void = {"meta", "img", "input", "br", "link"}
-
-    class Stack(HTMLParser):
-        open: list[str] = []  # noqa: RUF012
-
-        def handle_starttag(self, tag: str, attrs: Any) -> None:
-            if tag not in void:
-                self.open.append(tag)
-
-        def handle_endtag(self, tag: str) -> None:
-            assert self.open.pop() == tag
-
-    parser = Stack()
-    parser.feed(whole)
-    assert parser.open == []
-
-
 def test_verdict_and_key_figures_lead(whole: str) -> None:
     page = html.fromstring(whole)
     assert page.xpath('//div[contains(@class, "verdict pass")]')
@@ -131,34 +110,6 @@ def test_failed_verdict_shows_its_reasons(tmp_path: Path) -> None:
     verdict = {"passed": False, "reasons": ["vessel 5 is blocked"]}
     page = written(tmp_path, {"verdict": verdict})
     assert "vessel 5 is blocked" in words(page.xpath('//div[contains(@class, "verdict fail")]')[0])
-
-
-def test_without_a_verdict_the_page_doesnt_claim_one(tmp_path: Path) -> None:
-    page = written(tmp_path, {"scan": sample_data()["scan"]})
-    assert "No verdict" in words(page)
-    assert not page.xpath('//div[contains(@class, "verdict pass")]')
-
-
-@pytest.mark.parametrize("key", SECTIONS)
-def test_a_section_can_stand_alone(key: str, tmp_path: Path) -> None:
-    page = written(tmp_path, {key: sample_data()[key]})
-    for target in page.xpath("//nav/a/@href"):
-        assert page.xpath(f'//*[@id="{target[1:]}"]')
-
-
-@pytest.mark.parametrize("key", first_of(SECTIONS, 2))
-def test_a_section_can_be_missing(key: str, tmp_path: Path) -> None:
-    data = sample_data()
-    del data[key]
-    page = written(tmp_path, data)
-    for target in page.xpath("//nav/a/@href"):
-        assert page.xpath(f'//*[@id="{target[1:]}"]')
-
-
-def test_an_empty_report_is_still_a_page(tmp_path: Path) -> None:
-    page = written(tmp_path, {})
-    assert page.xpath("//h1")
-    assert not page.xpath("//section")
 
 
 def emptied(value: Any) -> Any:
@@ -223,34 +174,6 @@ def test_same_input_gives_the_same_bytes(whole: str, tmp_path: Path) -> None:
     assert dict(rcParams) == before
 
 
-def test_simplification_is_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    surface = deviation_surface(0.4)
-    monkeypatch.setattr("registration.report.packing.pack_surfaces.__defaults__", (500,))
-    page = written(tmp_path, {}, surfaces=[surface])
-    text = words(page.xpath('//section[@id="map"]')[0])
-    assert "simplified for this page" in text
-    assert "vertices merged within cells of" in text
-
-
-def test_large_tables_say_what_they_leave_out(tmp_path: Path) -> None:
-    vessels = [
-        {"vessel": i, "open": i != 700, "error_percent": float(i % 900), "measured_um": 1.0}
-        for i in range(1500)
-    ]
-    page = written(tmp_path, {"registration": {"vessels": vessels}})
-    rows = page.xpath('//table[@id="vessels-table"]/tbody/tr')
-    assert len(rows) == 1000
-    assert rows[0].get("data-vessel") == "700"
-    assert "of 1\u202f500 rows shown" in page.text_content()
-
-
-def test_vendored_scripts_are_the_files_their_readme_names() -> None:
-    readme = (ROOT / "vendor" / "README.md").read_text(encoding="utf-8")
-    for path in sorted((ROOT / "vendor").glob("*.js")):
-        assert f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" in readme
-    assert "MIT" in (ROOT / "vendor" / "LICENSE-three").read_text(encoding="utf-8")
-
-
 LOOK = {
     "look": 5, "mark": "end of layer 4", "way_mm": 162.8, "judged": 0.7, "ink": 0.858,
     "mended": True, "gaps_mm": 0.9, "scan_known": 1.0, "scan_ink": 0.885, "scan_missing_mm": 16.3,
@@ -271,5 +194,17 @@ def test_looks_stand_beside_the_final_scan_and_those_that_disagree_first(tmp_pat
     assert "Looks held against the final scan" in words(page)
 
 
-def test_a_print_without_looks_has_no_such_table(whole: str) -> None:
-    assert "Looks held" not in whole
+# Shared parts of pages and figures: head, scripts, small multiples, caching.
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"), (math.nan, "–"), (math.inf, "–"), (True, "–"), (0, "0"), (0.0, "0"),
+        (-3, "\u22123"), (123456, "123\u202f456"), (12.3456, "12.35"), (0.00123456, "0.001235"),
+        (-0.5, "\u22120.5"), (1234567.0, "1\u202f234\u202f567"), (2.5e-7, "2.500·10⁻⁷"),
+        (1e12, "1.000·10¹²"),
+    ],
+)  # fmt: skip
+def test_numbers(value: Any, text: str) -> None:
+    assert number(value) == text

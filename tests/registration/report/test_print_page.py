@@ -9,7 +9,6 @@ import pytest
 from pypdf import PdfReader
 
 from registration.report import ReportError, print_page, write_report_html
-from registration.report.print_page import browser_missing
 from tests.printctl.web.shell.browsers import CHROMIUM
 from tests.registration.report.sample import planar_network, sample_data
 
@@ -76,14 +75,3 @@ def test_a_browser_that_fails_or_hangs_leaves_the_old_file(
         print_page.print_page(tmp_path / "a.html", pdf)
     assert pdf.read_bytes() == b"old"
     assert sorted(one.name for one in tmp_path.iterdir()) == ["a.pdf", "chromium"]
-
-
-def test_without_a_browser_it_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(print_page, "_NAMES", ())
-    monkeypatch.setattr(print_page, "_PLACES", ())
-    assert "Chromium, Chrome or Edge" in str(browser_missing())
-    with pytest.raises(ReportError, match="none was found; install one"):
-        print_page.print_page(tmp_path / "a.html", tmp_path / "a.pdf")
-    assert not list(tmp_path.iterdir())

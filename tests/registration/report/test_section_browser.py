@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from registration.report import write_report_html
-from registration.report.section_view import section_view
 from registration.report.views import SectionStack, Views
 from registration.report.views.stack import PIXELS
 
@@ -49,13 +48,6 @@ def views(left_out: int = 0) -> Views:
             np.tile(circle, (n, 1, 1)), 2 * COUNT,
         ), (), 0, True, True,
     )  # fmt: skip
-
-
-def test_all_sections_are_counted_and_without_pictures_there_is_no_viewer() -> None:
-    packed = section_view(two_vessels(), views())
-    assert packed is not None
-    assert packed["total"] == 20
-    assert section_view(two_vessels(), None) is None
 
 
 @pytest.mark.slow

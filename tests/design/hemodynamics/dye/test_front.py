@@ -84,13 +84,6 @@ def test_the_tip_runs_at_twice_the_mean_and_the_camera_s_half_at_the_mean_of_one
     assert front.half_leaves_s[0] == pytest.approx(10 / speed, rel=0.01)
 
 
-def test_a_tube_cut_in_two_has_the_same_tip_and_mean_though_it_mixes() -> None:
-    cut = network_of([[0, 0, 0], [4, 0, 0], [10, 0, 0]], [(0, 1), (1, 2)], 0.2)
-    one, two = dye_front(TUBE, carried(TUBE), 1.0), dye_front(cut, carried(cut), 1.0)
-    assert two.tip_leaves_s[1] == pytest.approx(one.tip_leaves_s[0])
-    assert two.mean_leaves_s[1] == pytest.approx(one.mean_leaves_s[0])
-
-
 def test_diffusion_is_judged_by_how_far_it_comes_across_the_vessel() -> None:
     flow = carried(TUBE)
     mean = np.pi * 0.2**2 * 10.0

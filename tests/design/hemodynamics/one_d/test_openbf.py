@@ -113,17 +113,9 @@ def test_a_windkessel_of_two_elements_is_openbfs() -> None:
         (("blood", "rho"), None, "rho is missing"),
     ],
 )
-def test_what_isnt_followed_is_refused_by_name(
-    path: tuple[Any, ...], value: Any, words: str
-) -> None:
+def test_what_isnt_followed_is_refused_by_name(path, value, words):
     with pytest.raises(FlowError, match=words):
         openbf.case_of(changed(*path, value=value), INLET)
-
-
-def test_gamma_profile_may_be_written_with_a_space() -> None:
-    case = openbf.case_of(changed("network", 1, "gamma profile", value=5), INLET)
-    assert case.options.profile_exponent == pytest.approx([9.0, 5.0, 2.0])
-    assert "in 1 vessels; openBF of 2026 passes over" in case.notes[0]
 
 
 @pytest.mark.parametrize(

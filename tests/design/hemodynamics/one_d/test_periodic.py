@@ -202,22 +202,3 @@ def test_what_has_no_solution_is_said(change: dict[str, object], words: str) -> 
     conditions = PulsatileConditions(1e-3, Sine(10.0, 5.0, 1.0), wall=GelWall(1e5), outlets=(5,))
     with pytest.raises(FlowError, match=words):
         solve_one_d(LOOP, replace(conditions, **change))  # type: ignore[arg-type]
-
-
-def test_steps_beyond_reason_are_refused_with_their_cause() -> None:
-    hair = network_of([[0, 0, 0], [1, 0, 0]], [(0, 1)], 1e-3)
-    conditions = PulsatileConditions(1e-3, Sine(1e-9, 5e-10, 100.0), wall=GelWall(1e5))
-    with pytest.raises(FlowError, match=r"because of friction in vessel 0; .* solve it lumped"):
-        solve_one_d(hair, conditions)
-
-
-def test_a_reflection_is_for_an_outlet_that_stands_at_a_pressure() -> None:
-    conditions = PulsatileConditions(1e-3, Sine(10.0, 5.0, 1.0), wall=GelWall(1e5), outlets=(5,))
-    with pytest.raises(FlowError, match="isn't one of the outlets"):
-        solve_one_d(LOOP, conditions, OneDOptions(reflection={2: 0.5}))
-    with pytest.raises(FlowError, match="a resistance of its own"):
-        solve_one_d(
-            LOOP,
-            replace(conditions, outlet=ResistanceOutlet(1.0)),
-            OneDOptions(reflection={5: 0.5}),
-        )

@@ -16,7 +16,6 @@ from design.hemodynamics import (
     vessel_resistance,
 )
 from design.hemodynamics.one_d.grid import make_grid, relaxation_time
-from design.hemodynamics.vessel_coefficients import Wall
 from design.hemodynamics.waveforms import Sine
 from design.network import VesselNetwork
 from tests.design.hemodynamics.networks import network_of
@@ -39,9 +38,7 @@ def bent() -> VesselNetwork:
 
 @pytest.mark.parametrize("wall", [ThinWall(1e5, 0.1), GelWall(1e4, 0.45), StiffWall((4e3, 9e3))])
 @pytest.mark.parametrize("cells", [4, 37])
-def test_cells_have_the_vessels_compliance_resistance_and_volume(
-    bent: VesselNetwork, wall: Wall, cells: int
-) -> None:
+def test_cells_have_the_vessels_compliance_resistance_and_volume(bent, wall, cells):
     conditions = PulsatileConditions(1e-3, Sine(1.0, 0.5, 1.0), wall=wall)
     grid = make_grid(
         bent, conditions, OneDOptions(cell_mm=10.0, least_cells=cells), 1.0, np.ones(2)
@@ -54,14 +51,6 @@ def test_cells_have_the_vessels_compliance_resistance_and_volume(
     np.testing.assert_allclose(resistance, vessel_resistance(bent, 1e-3), rtol=1e-12)
     faces = np.sqrt(grid.face_area / np.pi)
     assert faces[[0, cells, cells + 1, 2 * cells + 1]] == pytest.approx([0.5, 0.4, 0.4, 0.35])
-
-
-def test_a_parabola_has_its_alpha_and_its_friction_and_so_has_the_power_law() -> None:
-    options = OneDOptions(profile_exponent=np.array([2.0, 9.0]))
-    assert options.momentum_alpha(2) == pytest.approx([4.0 / 3.0, 1.1])
-    friction = options.friction(2, 4e-3, 1e-3)
-    assert friction == pytest.approx([8.0 * np.pi * 4.0, 22.0 * np.pi * 4.0])
-    assert OneDOptions().momentum_alpha(2) == pytest.approx(4.0 / 3.0)
 
 
 def test_rigid_walls_are_refused() -> None:

@@ -14,7 +14,6 @@ from design.hemodynamics.oxygen.solve import OxygenProblem
 from design.hemodynamics.oxygen.transport import (
     SMOOTHING,
     cut_vessels,
-    lumen_share,
     subgrid,
     sweep,
     transport_of,
@@ -46,46 +45,9 @@ def test_the_subgrid_correction_is_the_mean_over_a_blurred_ring() -> None:
     assert subgrid(np.array([1e-4]), 1.0)[0] == pytest.approx(np.log(0.6606 / 1e-4), abs=1e-3)
 
 
-def test_the_lattice_answers_as_the_smoothing_says() -> None:
-    """A line laid on a periodic lattice by B-splines, read where it is and far away."""
-    size, far = 64, 10.0
-    k = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.fft.fftfreq(size))
-    star = k[:, None] + k
-    star[0, 0] = np.inf
-    rng = np.random.default_rng(1)
-    radii = []
-    for x, y in size / 2 + rng.random((12, 2)):
-        source = _laid(size, x, y)
-        field = np.fft.ifft2(np.fft.fft2(source) / star).real
-        ring = [
-            (field * _laid(size, x + far * np.cos(t), y + far * np.sin(t))).sum()
-            for t in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
-        ]
-        # The even sink that a periodic lattice needs adds r²/(4 area).
-        rise = (field * source).sum() - np.mean(ring) + far**2 / (4.0 * size**2)
-        radii.append(far * np.exp(-2.0 * np.pi * rise))
-    expected = np.sqrt(2) * SMOOTHING * np.exp(-np.euler_gamma / 2)
-    assert np.mean(radii) == pytest.approx(expected, rel=0.02)
-    assert np.std(radii) / np.mean(radii) < 0.06
-
-
-def _laid(size: int, x: float, y: float) -> FloatArray:
-    out = np.zeros((size, size))
-    spline = []
-    for at in (x, y):
-        away = np.abs(np.arange(size) - at)
-        away = np.minimum(away, size - away)
-        near, next_ = 0.75 - away**2, 0.5 * (1.5 - away) ** 2
-        spline.append(np.where(away <= 0.5, near, np.where(away <= 1.5, next_, 0.0)))
-    out += spline[0][:, None] * spline[1]
-    return out
-
-
 @pytest.mark.parametrize("radius", [0.02, 0.1, 0.3])
 @pytest.mark.slow
-def test_what_a_vessel_gives_depends_neither_on_its_place_in_a_cell_nor_on_the_grid(
-    radius: float,
-) -> None:
+def test_what_a_vessel_gives_depends_neither_on_its_place_in_a_cell_nor_on_the_grid(radius):
     """An oblique vessel in a box whose surface is a bath without oxygen."""
     given = OxygenConditions(cells_per_ml=1.0, bath_millimolar=0.0)
 
@@ -101,34 +63,6 @@ def test_what_a_vessel_gives_depends_neither_on_its_place_in_a_cell_nor_on_the_g
         assert flux(0.2, shift) == pytest.approx(fine, rel=0.04)
 
 
-def test_weights_sum_to_one_in_the_tissue_and_to_nothing_outside() -> None:
-    network = network_of([[0.5, 1, 1], [1.5, 1, 1], [1.9, 3.5, 3.5]], [(0, 1), (1, 2)], 0.15)
-    found = cut_vessels(network, grid_of_box(BOX, 0.1))
-    total = np.add.reduceat(found.weight, found.start[:-1])
-    assert total[found.vessel == 0] == pytest.approx(1.0, abs=1e-12)
-    assert total[-1] == 0.0
-
-
-def test_lumens_hold_their_volume_on_the_grid() -> None:
-    for radius in (0.01, 0.06, 0.3):
-        network = network_of([[0.4, 0.6, 0.7], [1.5, 1.3, 1.2]], [(0, 1)], radius)
-        grid = grid_of_box(BOX, 0.1)
-        volume = lumen_share(network, grid).sum() * grid.cell_ul
-        exact = np.pi * radius**2 * network.lengths()[0]
-        assert volume == pytest.approx(exact, rel=0.03)
-
-
-def test_a_stream_relaxes_exponentially_to_what_is_around_it() -> None:
-    network = network_of([[0.5, 1, 1], [1.5, 1, 1]], [(0, 1)], 0.05)
-    flow = solve_flow(network, FlowConditions(1e-3, inlet_flow_ul_s=0.02))
-    elements = cut_vessels(network, grid_of_box(BOX, 0.1))
-    count = len(elements.length)
-    transport, around = transport_of(network, flow, elements), np.full(count, 0.1)
-    flux, _, leaves = sweep(transport, np.full(count, 0.03 / count), around, 0.2)
-    assert leaves[0] == pytest.approx(0.1 + 0.1 * np.exp(-1.5), rel=1e-12)
-    assert flux.sum() == pytest.approx(0.02 * (0.2 - leaves[0]), rel=1e-12)
-
-
 def test_a_network_with_loops_mixes_by_flow_and_keeps_what_it_is_given() -> None:
     network = network_of(NODES, BRIDGE, [0.1, 0.08, 0.05, 0.04, 0.06, 0.08, 0.1])
     problem = solved_problem(network)
@@ -139,18 +73,6 @@ def test_a_network_with_loops_mixes_by_flow_and_keeps_what_it_is_given() -> None
     into = [(vessel, leaves[vessel]) for vessel in (4, 5)]
     mixed = sum(size[v] * c for v, c in into) / sum(size[v] for v, _ in into)
     assert entry[6] == pytest.approx(mixed, rel=1e-12)
-
-
-def test_the_change_that_newton_uses_is_that_of_the_loss() -> None:
-    """Downstream action through the stream included."""
-    problem = solved_problem(network_of(NODES, BRIDGE, 0.08))
-    rng = np.random.default_rng(3)
-    inside = problem.grid.inside.ravel()
-    c, step = (np.where(inside, rng.random(inside.size), 0.0) for _ in range(2))
-    eps = 1e-6
-    expected = (problem.loss(c + eps * step) - problem.loss(c - eps * step)) / (2 * eps)
-    found = problem.change(step, problem.slope(c))
-    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("cells_per_ml", [1e7, 3e8])
@@ -184,3 +106,61 @@ def test_what_cannot_be_solved_is_said() -> None:
         grid_of_box(BOX, 0.002)
     with pytest.raises(FlowError, match="cells_per_ml is -1"):
         OxygenConditions(cells_per_ml=-1.0)
+
+
+def _laid(size: int, x: float, y: float) -> FloatArray:
+    out = np.zeros((size, size))
+    spline = []
+    for at in (x, y):
+        away = np.abs(np.arange(size) - at)
+        away = np.minimum(away, size - away)
+        near, next_ = 0.75 - away**2, 0.5 * (1.5 - away) ** 2
+        spline.append(np.where(away <= 0.5, near, np.where(away <= 1.5, next_, 0.0)))
+    out += spline[0][:, None] * spline[1]
+    return out
+
+
+def test_the_lattice_answers_as_the_smoothing_says() -> None:
+    """A line laid on a periodic lattice by B-splines, read where it is and far away."""
+    size, far = 64, 10.0
+    k = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.fft.fftfreq(size))
+    star = k[:, None] + k
+    star[0, 0] = np.inf
+    rng = np.random.default_rng(1)
+    radii = []
+    for x, y in size / 2 + rng.random((12, 2)):
+        source = _laid(size, x, y)
+        field = np.fft.ifft2(np.fft.fft2(source) / star).real
+        ring = [
+            (field * _laid(size, x + far * np.cos(t), y + far * np.sin(t))).sum()
+            for t in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+        ]
+        # The even sink that a periodic lattice needs adds r²/(4 area).
+        rise = (field * source).sum() - np.mean(ring) + far**2 / (4.0 * size**2)
+        radii.append(far * np.exp(-2.0 * np.pi * rise))
+    expected = np.sqrt(2) * SMOOTHING * np.exp(-np.euler_gamma / 2)
+    assert np.mean(radii) == pytest.approx(expected, rel=0.02)
+    assert np.std(radii) / np.mean(radii) < 0.06
+
+
+def test_the_change_that_newton_uses_is_that_of_the_loss() -> None:
+    """Downstream action through the stream included."""
+    problem = solved_problem(network_of(NODES, BRIDGE, 0.08))
+    rng = np.random.default_rng(3)
+    inside = problem.grid.inside.ravel()
+    c, step = (np.where(inside, rng.random(inside.size), 0.0) for _ in range(2))
+    eps = 1e-6
+    expected = (problem.loss(c + eps * step) - problem.loss(c - eps * step)) / (2 * eps)
+    found = problem.change(step, problem.slope(c))
+    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_a_stream_relaxes_exponentially_to_what_is_around_it() -> None:
+    network = network_of([[0.5, 1, 1], [1.5, 1, 1]], [(0, 1)], 0.05)
+    flow = solve_flow(network, FlowConditions(1e-3, inlet_flow_ul_s=0.02))
+    elements = cut_vessels(network, grid_of_box(BOX, 0.1))
+    count = len(elements.length)
+    transport, around = transport_of(network, flow, elements), np.full(count, 0.1)
+    flux, _, leaves = sweep(transport, np.full(count, 0.03 / count), around, 0.2)
+    assert leaves[0] == pytest.approx(0.1 + 0.1 * np.exp(-1.5), rel=1e-12)
+    assert flux.sum() == pytest.approx(0.02 * (0.2 - leaves[0]), rel=1e-12)

@@ -20,9 +20,7 @@ from tests.design.hemodynamics.oxygen.krogh import FLOW, compare, tissue_cylinde
     ("radius", "cells", "limit"),
     [(0.01, 12, 0.012), (0.03, 12, 0.012), (0.05, 12, 0.01), (0.1, 12, 0.015), (0.05, 4, 0.03)],
 )
-def test_krogh_s_cylinder_with_its_decline_along_the_vessel(
-    radius: float, cells: int, limit: float
-) -> None:
+def test_krogh_s_cylinder_with_its_decline_along_the_vessel(radius, cells, limit):
     """From a lumen of 0.4 cells in radius to one of 4."""
     found = compare(radius, cells)
     assert found.worst < limit

@@ -11,18 +11,15 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from design.errors import FlowError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.oxygen import (
     OxygenConditions,
     OxygenSolution,
-    TissueGrid,
     grid_of_box,
     grid_of_tissue,
     oxygen_summary,
     oxygen_table,
     solve_refined,
-    spacing_for,
     write_oxygen_vti,
 )
 from design.tissue import SizeLimits, block
@@ -57,9 +54,7 @@ def test_the_summary_holds_together(pair: tuple[OxygenSolution, OxygenSolution])
     assert given == {"cells_per_ml"}
 
 
-def test_vessels_outside_the_tissue_give_it_nothing(
-    pair: tuple[OxygenSolution, OxygenSolution],
-) -> None:
+def test_vessels_outside_the_tissue_give_it_nothing(pair):
     table = oxygen_table(NETWORK, pair[0])
     assert table["wall_flux_nmol_s"][1] == 0.0
     assert table["oxygen_out_millimolar"][1] == table["oxygen_in_millimolar"][1]
@@ -84,9 +79,7 @@ def test_the_image_reads_back(pair: tuple[OxygenSolution, OxygenSolution], tmp_p
     np.testing.assert_allclose(field, inner, rtol=1e-6)
 
 
-def test_a_picture_of_the_worst_place_is_drawn(
-    pair: tuple[OxygenSolution, OxygenSolution],
-) -> None:
+def test_a_picture_of_the_worst_place_is_drawn(pair):
     assert slice_figure(pair[0], NETWORK) == slice_figure(pair[0], NETWORK)
     found = oxygen_summary(*pair)
     assert b"<svg" in oxygen_histogram(found["histogram"], 0.01)
@@ -103,20 +96,3 @@ def test_a_tissue_is_cut_in_the_print_s_size() -> None:
     whole = grid_of_box(BOX, 0.1)
     assert (grid.inside == whole.inside).all()
     np.testing.assert_allclose(grid.depth_mm[grid.inside], whole.depth_mm[grid.inside], atol=0.05)
-
-
-def test_a_tissue_too_thin_for_coarser_grids_is_solved_all_the_same() -> None:
-    def grids(spacing: float) -> TissueGrid:
-        grid = grid_of_box(BOX, spacing)
-        if spacing > 0.3:
-            raise FlowError("no cell has its middle in the tissue")
-        return grid
-
-    fine, coarse = solve_refined(NETWORK, FLOW, grids, 0.2, OxygenConditions())
-    assert coarse is None
-    assert "hypoxic_coarser_percent" not in oxygen_summary(fine, coarse)
-
-
-def test_the_spacing_gives_about_the_cells_asked_for() -> None:
-    h = spacing_for(BOX, 1_000_000)
-    assert 0.85e6 < 12.0 / h**3 <= 1e6

@@ -13,7 +13,6 @@ from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.surface import check_surface, wall_surface
 from design.hemodynamics.three_d.wall import lumen_wall
 from design.network import VesselNetwork
-from design.vasculature import planar_four_vessel
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.shapes import (
     bent,
@@ -114,13 +113,6 @@ def test_junctions_loops_and_crowds_are_meshed(network: VesselNetwork) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fillet_ratio", [0.05, 1.0])
-def test_fillets_may_be_tiny_or_wide(fillet_ratio: float) -> None:
-    mesh = _sound(cross(), MeshOptions(fillet_ratio=fillet_ratio))
-    assert len(mesh.tets) < 20_000
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("edge_ratio", [1.0])
 def test_coarse_meshes_keep_the_lumens_volume(edge_ratio: float) -> None:
     """Elements that fold are few enough that straightening them takes nothing that counts."""
@@ -156,12 +148,6 @@ def test_fillets_without_room_are_refused() -> None:
         lumen_mesh(_side_by_side(0.2))
 
 
-@pytest.mark.slow
-def test_smaller_fillets_fit() -> None:
-    _sound(_side_by_side(0.2), MeshOptions(fillet_ratio=0.1))
-    _sound(_side_by_side(0.3))
-
-
 def test_a_vertex_off_the_wall_is_refused() -> None:
     network = straight(0.5, 4.0)
     wall = lumen_wall(network, 0.5, 0.7)
@@ -170,16 +156,6 @@ def test_a_vertex_off_the_wall_is_refused() -> None:
     surface.vertices[np.argmin(np.abs(surface.vertices[:, 0] - 2.0))] *= (1.0, 1.02, 1.02)
     with pytest.raises(FlowError, match=r"can't be followed near .* lower the fillet ratio"):
         check_surface(surface, wall, 0.5)
-
-
-@pytest.mark.slow
-def test_far_from_junctions_vessels_side_by_side_stay_apart() -> None:
-    """Nearer than the fillet's ball is wide: 0.1 mm, and 0.4."""
-    nodes = [[-4.0, 0, 0], [3, 0, 0], [6, 4, 0], [6, -4, 0], [-4, 0.9, 0], [0, 0.9, 0]]
-    network = network_of(nodes, [(0, 1), (1, 2), (1, 3), (4, 5)], 0.4)
-    mesh = lumen_mesh(network)
-    assert _euler(mesh) == 4
-    assert least_jacobian(straighten_edges(mesh)[0]).min() > 0.0
 
 
 @pytest.mark.slow
@@ -215,11 +191,6 @@ def test_options_out_of_bounds_are_refused() -> None:
 @pytest.mark.slow
 def test_radii_of_20_to_1_are_meshed() -> None:
     _sound(thick_and_thin())
-
-
-@pytest.mark.slow
-def test_the_planar_network_is_meshed() -> None:
-    _sound(planar_four_vessel())
 
 
 @pytest.mark.slow

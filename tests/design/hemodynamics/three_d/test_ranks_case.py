@@ -35,27 +35,6 @@ def squeezed(mesh: LumenMesh, by: float) -> LumenMesh:
     return replace(mesh, points=mesh.points * [1.0, by, 1.0], ports=ports)
 
 
-def subdivided_flux(mesh: LumenMesh, label: int, velocity: np.ndarray, parts: int = 60) -> float:
-    """Flow through a port's curved triangles, summed over a fine grid of flat ones."""
-    grid = np.array([[i, j] for i in range(parts + 1) for j in range(parts + 1 - i)]) / parts
-    s, t = grid.T
-    r = 1 - s - t
-    corners = [x * (2 * x - 1) for x in (r, s, t)]
-    shape = np.stack([*corners, 4 * r * s, 4 * s * t, 4 * t * r], 1)
-    index = {tuple(np.round(g * parts).astype(int)): k for k, g in enumerate(grid)}
-    cells = [[index[i, j], index[i + 1, j], index[i, j + 1]]
-             for i in range(parts) for j in range(parts - i)]  # fmt: skip
-    cells += [[index[i + 1, j], index[i + 1, j + 1], index[i, j + 1]]
-              for i in range(parts - 1) for j in range(parts - 1 - i)]  # fmt: skip
-    total = 0.0
-    for face in mesh.faces[mesh.label == label]:
-        x, v = shape @ mesh.points[face], shape @ velocity[face]
-        p, u = x[np.array(cells)], v[np.array(cells)].mean(1)
-        area = 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-        total += float((area * u).sum())
-    return total
-
-
 def test_a_developed_profile_in_a_circle_is_the_parabola():
     errors = []
     for rings in (2, 4):
@@ -78,24 +57,6 @@ def test_a_developed_profile_follows_an_ellipse():
     a, b = RADIUS, 0.5 * RADIUS
     exact = 2.0 * FLOW / (np.pi * a * b) * (1.0 - (x / a) ** 2 - (y / b) ** 2)
     assert np.abs(found[nodes, 2] - exact).max() < 2e-3 * exact.max()
-
-
-@pytest.mark.parametrize("profile", ["developed", "parabola"])
-def test_a_profile_brings_its_flow_through_the_ports_own_triangles(profile):
-    mesh = pipe(3)
-    found = port_velocity(mesh, 0, FLOW, profile)
-    assert subdivided_flux(mesh, 1, found) == pytest.approx(-FLOW, rel=1e-3)  # inward
-    assert np.all(found[np.unique(mesh.faces[mesh.label == 0])] == 0.0)
-
-
-def test_a_port_without_a_node_off_the_wall_is_refused():
-    mesh = pipe(1)
-    bare = replace(mesh, label=np.where(mesh.label == 1, 0, mesh.label))
-    with pytest.raises(FlowError, match="port 0 has no faces"):
-        port_velocity(bare, 0, FLOW, "developed")
-    ring = replace(mesh, label=np.where(np.arange(len(mesh.label)) == 0, 1, 0))
-    with pytest.raises(FlowError, match="port 0 has no node off the wall"):
-        port_velocity(ring, 0, FLOW, "developed")
 
 
 def test_a_case_holds_mesh_conditions_and_the_engine(tmp_path):
@@ -123,14 +84,6 @@ def test_a_result_of_another_case_is_refused(tmp_path):
     (tmp_path / "ranks.json").write_text(json.dumps({"case": "of yesterday", "ports": []}))
     with pytest.raises(FlowError, match="of another case"):
         read_result(tmp_path)
-
-
-def test_ports_of_one_supply_are_one_group(tmp_path):
-    conditions = RankConditions((PortShare(0), PortPressure(1.0)), VISCOSITY, (FLOW,))
-    write_case(pipe(), conditions, tmp_path)
-    case = json.loads((tmp_path / "case.json").read_text())
-    assert case["groups"] == [{"ports": [0], "slope": 0.0, "given": -FLOW}]
-    assert case["ports"][1]["pressure_pa"] == 1.0
 
 
 @pytest.mark.parametrize(

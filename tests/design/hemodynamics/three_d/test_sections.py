@@ -41,28 +41,6 @@ def _poiseuille(mesh: LumenMesh, order: int = 3) -> Field:
     return Field(mesh, velocity, 10.0 - 2.0 * low[..., 2:], order)
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
-def test_shapes_reproduce_polynomials_and_their_slopes(order: int) -> None:
-    at = np.random.default_rng(order).dirichlet(np.ones(4), 6)
-
-    def wanted(x: FloatArray) -> FloatArray:
-        return np.asarray(x[:, 1] ** order + 2.0 * x[:, 2] * x[:, 3] ** (order - 1))
-
-    assert shapes(order, at)[0] @ wanted(nodes(order)) == pytest.approx(wanted(at))
-    step = 1e-6 * np.eye(4)
-    for c in range(4):
-        slope = (shapes(order, at + step[c])[0] - shapes(order, at - step[c])[0]) / 2e-6
-        assert shapes(order, at)[1][..., c] == pytest.approx(slope, abs=1e-6)
-
-
-def test_gradients_on_curved_elements_are_those_of_linear_fields() -> None:
-    mesh = bend(1, 4)
-    place = np.einsum("qn,tnx->tqx", quadratic(nodes(2))[0], mesh.points[mesh.tets])
-    matrix = np.arange(9.0).reshape(3, 3)
-    found, _ = gradients(place @ matrix.T, mesh.points[mesh.tets], 2, nodes(3)[3:9])
-    assert found == pytest.approx(np.broadcast_to(matrix, found.shape))
-
-
 def test_probes_along_a_pipe_find_its_flow_and_pressure() -> None:
     mesh, network = pipe(2, 7), network_of([[0, 0, 0], [0, 0, LENGTH]], [(0, 1)], RADIUS)
     fraction = np.array([0.0, 0.05, 0.31, 0.5, 0.77, 1.0])
@@ -159,3 +137,25 @@ def test_a_vtu_is_read_back(tmp_path: Path) -> None:
         10.0 - 2.0 * mesh.points[: mesh.corner_count, 2]
     )
     assert len(arrays["wall_shear_pa"]) == 3 * len(mesh.points)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_shapes_reproduce_polynomials_and_their_slopes(order: int) -> None:
+    at = np.random.default_rng(order).dirichlet(np.ones(4), 6)
+
+    def wanted(x: FloatArray) -> FloatArray:
+        return np.asarray(x[:, 1] ** order + 2.0 * x[:, 2] * x[:, 3] ** (order - 1))
+
+    assert shapes(order, at)[0] @ wanted(nodes(order)) == pytest.approx(wanted(at))
+    step = 1e-6 * np.eye(4)
+    for c in range(4):
+        slope = (shapes(order, at + step[c])[0] - shapes(order, at - step[c])[0]) / 2e-6
+        assert shapes(order, at)[1][..., c] == pytest.approx(slope, abs=1e-6)
+
+
+def test_gradients_on_curved_elements_are_those_of_linear_fields() -> None:
+    mesh = bend(1, 4)
+    place = np.einsum("qn,tnx->tqx", quadratic(nodes(2))[0], mesh.points[mesh.tets])
+    matrix = np.arange(9.0).reshape(3, 3)
+    found, _ = gradients(place @ matrix.T, mesh.points[mesh.tets], 2, nodes(3)[3:9])
+    assert found == pytest.approx(np.broadcast_to(matrix, found.shape))

@@ -8,13 +8,10 @@ from numpy.testing import assert_allclose
 from skimage.measure import marching_cubes
 
 from design.errors import FlowError
-from design.geometry import build_triangle_tree
-from design.geometry.surface_distances import nearest_feet
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straighten_edges
 from design.hemodynamics.three_d.mesh import MeshOptions, SurfaceOptions, lumen_mesh, surface_mesh
 from design.network import VesselNetwork
-from design.solids.manifolds import denoised
 from kernels.arrays import FloatArray, IntArray
 from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight, voxels_of_tube
 from tests.slower import first_rows
@@ -101,57 +98,9 @@ def test_an_interrupted_lumen_is_refused() -> None:
         surface_mesh(both, np.concatenate([faces, faces + len(one)]), straight(RADIUS, LENGTH))
 
 
-def test_specks_are_left_out() -> None:
-    pytest.importorskip("netgen")
-    tube, faces = faceted_tube(RADIUS, LENGTH, 24, 0.0)
-    speck = 0.02 * tube + [0.35, 0.0, 0.7]
-    both = np.concatenate([tube, speck])
-    options = SurfaceOptions(edge_ratio=0.8)
-    network = straight(RADIUS, LENGTH)
-    with_it = surface_mesh(both, np.concatenate([faces, faces + len(tube)]), network, options)
-    without = surface_mesh(tube, faces, network, options)
-    assert_allclose(volume_of(with_it), volume_of(without), rtol=1e-3)
-
-
-def volume_of(mesh: LumenMesh) -> float:
-    a, b, c, d = mesh.points[mesh.tets[:, :4]].transpose(1, 0, 2)
-    return float(np.einsum("td,td->", b - a, np.cross(c - a, d - a)) / 6.0)
-
-
 def test_options_are_bounded() -> None:
     with pytest.raises(FlowError, match="smooth_passes -1"):
         SurfaceOptions(smooth_passes=-1)
-
-
-def test_denoising_keeps_size() -> None:
-    volume, first, step = voxels_of_tube(RADIUS, LENGTH, 0.025, 0.0, np.random.default_rng(1))
-    points, faces = isosurface(volume, first, step)
-    rough = points + 0.004 * np.random.default_rng(2).standard_normal(points.shape)
-    amid = np.abs(points[:, 2] - 0.5 * LENGTH) < 0.3
-
-    def radius(of: FloatArray) -> FloatArray:
-        return np.hypot(of[amid, 0] + 0.007, of[amid, 1] - 0.003)
-
-    found = radius(denoised(rough, faces, 10))
-    assert found.std() < 0.5 * radius(rough).std()
-    assert abs(found.mean() / radius(points).mean() - 1.0) < 2e-3
-
-
-def test_nearest_feet_agree_with_a_dense_search() -> None:
-    rng = np.random.default_rng(3)
-    points, faces = faceted_tube(RADIUS, 0.5, 8, 0.0)
-    tree = build_triangle_tree(points, faces.astype(np.int32))
-    asked = rng.uniform(-0.6, 0.9, (40, 3))
-    feet = nearest_feet(tree, asked)
-    on = np.einsum("nk,nkd->nd", feet.weight, points[faces[feet.face]])
-    u, v = np.meshgrid(np.linspace(0, 1, 30), np.linspace(0, 1, 30))
-    keep = (u + v <= 1.0 + 1e-12).ravel()
-    weight = np.column_stack([1 - u.ravel() - v.ravel(), u.ravel(), v.ravel()])[keep]
-    dense = np.einsum("wk,fkd->fwd", weight, points[faces]).reshape(-1, 3)
-    best = np.linalg.norm(asked[:, None] - dense[None], axis=2).min(axis=1)
-    ours = np.linalg.norm(asked - on, axis=1)
-    assert (ours <= best + 1e-12).all()
-    assert (ours >= best - 0.01).all()
 
 
 def test_network_without_ends_is_refused() -> None:

@@ -95,36 +95,6 @@ def test_faces_lead_back_to_nodes_and_elements_of_the_volume(folder, name, label
     assert set(found["ModelFaceID"]) == {label + 1}
 
 
-def test_faces_are_outward_and_their_areas_add_up(folder):
-    surfaces = folder / "mesh-complete"
-    area = {}
-    for name in ("inlet_0", "outlet_1", "wall"):
-        found = read_vtp(surfaces / "mesh-surfaces" / f"{name}.vtp")
-        p = found["Points"][found["connectivity"].reshape(-1, 3)]
-        area[name] = 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    section = 9 * np.sin(2 * np.pi / 18) * (0.1 * RADIUS) ** 2
-    assert area["inlet_0"].sum(0) == pytest.approx([0, 0, -section], abs=1e-15)
-    assert area["outlet_1"].sum(0) == pytest.approx([0, 0, section], abs=1e-15)
-    side = 36 * np.sin(np.pi / 18) * 0.1 * RADIUS * 0.1 * LENGTH
-    assert np.linalg.norm(area["wall"], axis=1).sum() == pytest.approx(side, rel=1e-12)
-    whole = read_vtp(surfaces / "mesh-complete.exterior.vtp")
-    assert len(whole["GlobalElementID"]) == len(MESH.faces)
-    assert sorted(set(whole["ModelFaceID"])) == [1, 2, 3]
-    walls = read_vtp(surfaces / "walls_combined.vtp")
-    assert len(walls["GlobalElementID"]) == (MESH.label == 0).sum()
-
-
-def test_the_xml_names_files_that_are_there(folder):
-    root = texts(folder / "solver.xml")
-    assert root.tag == "svMultiPhysicsFile"
-    named = [x.text for x in root.iter() if x.tag.endswith("file_path")]
-    assert len(named) == 5
-    for name in named:
-        assert (folder / name).is_file()
-    faces = {x.attrib["name"] for x in root.iter("Add_face")}
-    assert faces == {x.attrib["name"] for x in root.iter("Add_BC")}
-
-
 def test_numbers_are_in_cm_g_s(folder):
     root = texts(folder / "solver.xml")
     assert float(root.find("Add_equation/Density").text) == pytest.approx(1.06)
@@ -145,18 +115,6 @@ def test_the_inlets_flow_goes_against_the_outward_normal(folder):
     assert time[0] == 0.0
     assert time[-1] == pytest.approx(0.5)
     assert flow == pytest.approx(-1e-3 * SINE.at(time), rel=1e-6)
-
-
-def test_steady_conditions_need_no_files(tmp_path):
-    given = conditions(inlet=Constant(4.0), outlet={1: ResistanceOutlet(2.0)})
-    write_svmultiphysics(tmp_path, MESH, given)
-    root = texts(tmp_path / "solver.xml")
-    inlet, outlet = condition(root, "inlet_0"), condition(root, "outlet_1")
-    assert (inlet.find("Type").text, inlet.find("Time_dependence").text) == ("Dir", "Steady")
-    assert float(inlet.find("Value").text) == pytest.approx(-4e-3)
-    assert outlet.find("Time_dependence").text == "Resistance"
-    assert float(outlet.find("Value").text) == pytest.approx(2e4)
-    assert not list(tmp_path.glob("*.flow"))
 
 
 def test_pressures_drive_from_either_end(tmp_path):

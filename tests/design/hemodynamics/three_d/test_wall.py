@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.lagrange import triangle_rule
+from design.hemodynamics.three_d import LumenMesh, least_jacobian, straighten_edges
+from design.hemodynamics.three_d.lagrange import jacobian, nodes, quadratic, triangle_rule
 from design.hemodynamics.three_d.wall import lumen_wall
 from kernels.arrays import FloatArray
-from tests.design.hemodynamics.networks import network_of
-from tests.design.hemodynamics.three_d.shapes import bent, cross, straight, thick_and_thin
+from tests.design.hemodynamics.three_d.lumens import pipe
+from tests.design.hemodynamics.three_d.shapes import bent, cross, straight
 
 
 def _around(axis: FloatArray, count: int, seed: int) -> tuple[FloatArray, FloatArray]:
@@ -34,31 +35,6 @@ def test_the_field_of_a_vessel_is_the_distance_from_its_cone(taper: float) -> No
     exact = (away - 0.5 - slope * s) / np.sqrt(1.0 + slope**2)
     found = lumen_wall(network, 0.5, 0.7).distance(points)
     assert found == pytest.approx(exact, abs=1e-12)
-
-
-def test_a_free_end_goes_on_as_a_tube() -> None:
-    network = straight(0.5, 4.0, 0.5)
-    wall = lumen_wall(network, 0.5, 0.7)
-    axis = (network.points[1] - network.points[0]) / 4.0
-    side, s = _around(axis, 50, 3)
-    beyond = network.points[1] + 0.5 * s[:, None] * axis + 0.3 * side
-    assert wall.distance(beyond) == pytest.approx(np.full(50, 0.05), abs=1e-12)
-
-
-def test_points_are_laid_on_wall_port_and_rim() -> None:
-    network = straight(0.5, 4.0)
-    wall = lumen_wall(network, 0.5, 0.7)
-    axis = (network.points[1] - network.points[0]) / 4.0
-    side, s = _around(axis, 60, 4)
-    start = network.points[0] + (4.0 * s)[:, None] * axis + 0.45 * side
-    on = wall.onto(start, np.zeros(60, np.int64))
-    assert on == pytest.approx(start + 0.05 * side, abs=1e-8)
-    first = next(k for k, port in enumerate(wall.ports) if port.node == 0)
-    near = network.points[0] + 0.02 * axis + 0.3 * side
-    flat = wall.onto(near, np.full(60, first + 1))
-    assert flat == pytest.approx(network.points[0] + 0.3 * side, abs=1e-12)
-    rim = wall.onto(near + 0.15 * side, np.full(60, -2 - first))
-    assert rim == pytest.approx(network.points[0] + 0.5 * side, abs=1e-8)
 
 
 def test_a_fillet_is_outside_the_sharp_union_and_within_its_ball() -> None:
@@ -89,18 +65,49 @@ def test_a_finely_drawn_bend_has_the_field_of_a_ring() -> None:
     assert wall.distance(points) == pytest.approx(away - 0.4, abs=2e-5)
 
 
-def test_sizes_follow_the_vessel_that_is_nearest_in_radii() -> None:
-    network = thick_and_thin()
-    wall = lumen_wall(network, 0.5, 0.7)
-    points = np.array([[1.0, 1.0, 0.0], [7.0, 0.0, 1.0], [4.05, 1.4, 0.0], [4.0, -1.0, 0.0]])
-    assert wall.size(points) == pytest.approx(0.7 * np.array([1.0, 1.0, 0.05, 1.0]))
+# Curved elements: guaranteed bound of the Jacobian, against sampling; straightening.
 
 
-def test_pieces_of_nothing_are_refused_by_name() -> None:
-    network = straight()
-    still = replace(network, points=network.points[[0, 0]], nodes=network.nodes[[0, 0]])
-    with pytest.raises(FlowError, match="vessel 0 has a piece without length"):
-        lumen_wall(still, 0.5, 0.7)
+def _sampled(mesh: LumenMesh) -> FloatArray:
+    """Least determinant at many points of each element, over the straight one's."""
+    node = mesh.points[mesh.tets]
+    found = np.linalg.det(jacobian(node, quadratic(nodes(8))[1]))
+    corner = node[:, :4]
+    return np.asarray(found.min(axis=1) / np.linalg.det(corner[:, 1:] - corner[:, :1]))
+
+
+def _pushed(mesh: LumenMesh, far: float) -> LumenMesh:
+    """One edge's node pushed along the pipe, far enough to fold what is beside it."""
+    points = mesh.points.copy()
+    points[mesh.tets[0, 4]] += [0.0, 0.0, far]
+    return replace(mesh, points=points)
+
+
+@pytest.mark.parametrize("far", [0.02, 0.1, 0.4])
+def test_the_bound_is_below_every_sample_and_not_far(far: float) -> None:
+    mesh = _pushed(pipe(2, 4), far)
+    bound, sampled = least_jacobian(mesh), _sampled(mesh)
+    assert np.all(bound <= sampled + 1e-12)
+    assert np.all(bound > sampled - 0.5 * np.abs(1.0 - sampled) - 1e-12)
+
+
+def test_folded_elements_are_straightened_and_others_left() -> None:
+    mesh = _pushed(pipe(2, 4), 0.8)
+    assert _sampled(mesh).min() < 0.0
+    mended, count = straighten_edges(mesh)
+    assert 0 < count < 20
+    assert _sampled(mended).min() > 0.0
+    assert np.array_equal(mended.points[: mesh.corner_count], mesh.points[: mesh.corner_count])
+    moved = np.any(mended.points != mesh.points, axis=1)
+    assert 0 < moved.sum() < 40
+
+
+def test_an_inverted_element_is_refused_with_its_place() -> None:
+    mesh = pipe(1, 2)
+    tets = mesh.tets.copy()
+    tets[5] = tets[5][[1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]
+    with pytest.raises(FlowError, match=r"element 5 .* inverted .* mm; 1 such of 36"):
+        least_jacobian(replace(mesh, tets=tets))
 
 
 def test_the_rule_on_triangles_is_exact_to_degree_4() -> None:
@@ -111,11 +118,3 @@ def test_the_rule_on_triangles_is_exact_to_degree_4() -> None:
         for j in range(5 - i):
             exact = 2.0 * factorial(i) * factorial(j) / factorial(i + j + 2)
             assert weight @ (at[:, 0] ** i * at[:, 1] ** j) == pytest.approx(exact, rel=1e-13)
-
-
-def test_ports_stand_at_free_ends_square_to_their_vessels() -> None:
-    network = network_of([[0, 0, 0], [0, 0, 2.0], [0, 1.5, 3.0]], [(0, 1), (1, 2)], [0.3, 0.2])
-    ports = lumen_wall(network, 0.5, 0.7).ports
-    assert [(p.node, p.inlet, p.radius_mm) for p in ports] == [(0, True, 0.3), (2, False, 0.2)]
-    assert ports[0].outward == pytest.approx([0.0, 0.0, -1.0])
-    assert ports[1].outward == pytest.approx(np.array([0.0, 1.5, 1.0]) / np.hypot(1.5, 1.0))

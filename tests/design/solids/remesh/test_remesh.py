@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from design.errors import SolidError
-from design.solids.remesh import LabelledSurface, patches, remesh
+from design.solids.remesh import LabelledSurface, remesh
 from tests.design.solids.remesh.shapes import (
     Cube,
     Sphere,
@@ -41,27 +41,6 @@ def test_a_cube_becomes_an_even_sphere() -> None:
     assert edges(found).min() > 0.5 * 0.2
 
 
-def test_a_fine_surface_is_made_coarse() -> None:
-    fine = remesh(_ball(), Sphere(0.1))
-    coarse = remesh(fine, Sphere(0.4))
-    assert len(coarse.faces) < len(fine.faces) / 8
-    assert euler(coarse) == 2
-    assert qualities(coarse).min() > 0.5
-
-
-def test_edges_grow_where_longer_ones_are_wanted() -> None:
-    found = remesh(_ball(), Sphere(0.16, slope=0.5), growth=1.0)
-    middle = found.vertices[found.faces].mean(axis=1)
-    mean = edges(found).mean(axis=1)
-    low, high = mean[middle[:, 2] < -0.8].mean(), mean[middle[:, 2] > 0.8].mean()
-    assert low == pytest.approx(0.16 * 0.55, rel=0.25)
-    assert high == pytest.approx(0.16 * 1.45, rel=0.25)
-    slow = remesh(_ball(), Sphere(0.16, slope=0.5), growth=0.02)
-    even = edges(slow).mean(axis=1)
-    # Edges may grow by 2 % of the way, which is a half turn at most: 0.07 + 0.02·π.
-    assert even.max() < 1.5 * (0.08 + 0.02 * np.pi)
-
-
 def test_a_torus_stays_a_torus() -> None:
     wide, thin = 1.0, 0.3
     found = remesh(torus_surface(wide, thin), Torus(wide, thin, 0.1))
@@ -83,22 +62,6 @@ def test_rims_and_corners_stay_where_they_are() -> None:
     assert at_corner.sum() == 8
     assert qualities(found).min() > 0.4
     assert edges(found).max() < 1.7 * 0.3
-
-
-def test_patches_tell_sides_from_rims() -> None:
-    rough = cube_surface()
-    assert (patches(rough) < 0).all()
-    fine = remesh(rough, Cube(0.5))
-    patch = patches(fine)
-    for vertex, label in enumerate(patch):
-        mine = set(fine.label[(fine.faces == vertex).any(axis=1)].tolist())
-        assert (label >= 0 and mine == {label}) or (len(mine) > 1 and -1 - max(mine) == label)
-
-
-def test_the_same_surface_comes_out_of_the_same_input() -> None:
-    first, second = (remesh(torus_surface(1.0, 0.3), Torus(1.0, 0.3, 0.15)) for _ in range(2))
-    assert np.array_equal(first.vertices, second.vertices)
-    assert np.array_equal(first.faces, second.faces)
 
 
 def test_open_and_turned_surfaces_and_sizes_of_nothing_are_refused() -> None:

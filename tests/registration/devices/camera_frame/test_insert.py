@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -14,9 +12,6 @@ from firmware_profiles.plates import Dish
 from registration.devices.camera_frame import (
     design_insert,
     insert_solids,
-    read_insert,
-    write_insert,
-    write_svg,
 )
 from registration.devices.camera_frame.insert import drawn
 from registration.errors import PictureError
@@ -50,16 +45,6 @@ def test_the_bodies_are_closed_and_flush() -> None:
         assert body.vertices[:, 2].max() == pytest.approx(3.0)
     with pytest.raises(PictureError, match=r"less than 0\.2 mm of a plate of 0\.5 mm"):
         insert_solids(design_insert(load(Dish, "petri_35mm"), thickness_mm=0.5))
-
-
-def test_files_come_back_and_the_drawing_has_its_size(tmp_path: Path) -> None:
-    insert = design_insert(load(Dish, "petri_60mm"), process="paper")
-    write_insert(tmp_path / "i.yaml", insert)
-    assert read_insert(tmp_path / "i.yaml") == insert
-    write_svg(tmp_path / "i.svg", insert)
-    assert f'width="{insert.plate_mm[0]:.4f}mm"' in (tmp_path / "i.svg").read_text()
-    with pytest.raises(PictureError, match=r"--insert .*printctl observe insert"):
-        read_insert(tmp_path / "none.yaml")
 
 
 def test_a_measured_length_sets_the_scale_and_a_wrong_one_is_refused() -> None:

@@ -123,20 +123,6 @@ def test_one_camera_and_four_places_find_it_within_the_stated_uncertainty() -> N
     assert not tip.worn
 
 
-def test_one_picture_without_another_as_ground_will_do_where_z_is_known() -> None:
-    at = PLACES[0] + [0, 0, OFFSET[2]]
-    view = TipView(
-        frame(), find_tip(pictures(0.8, 0.0, 4)[0], frame(), at, OUTER, reach_mm=1.0), at
-    )
-    tip = locate_tip([view], OUTER, u_first_mm=np.array([5.0, 5.0, 0.01]))
-    assert np.abs(tip.offset_mm[:2] - OFFSET[:2]).max() < 0.03
-    assert tip.u_mm.max() < 0.03
-
-
-def test_a_slanted_end_is_told() -> None:
-    assert "worn or cut aslant" in " ".join(locate_tip(seen(slope=1.0, count=2), OUTER).worn)
-
-
 def test_no_needle_is_not_found() -> None:
     rng = np.random.default_rng(6)
     bare = developed(rough_ground(optics().size, rng, 160.0, 10.0), Scene(), rng)
@@ -151,27 +137,3 @@ def test_a_wrong_place_of_one_picture_is_refused() -> None:
     wrong = [*views[:3], TipView(frame(), views[3].seen, PLACES[3] + [1.0, 0, 0])]
     with pytest.raises(PictureError, match="picture 4 doesn't fit the others"):
         locate_tip(wrong, OUTER)
-
-
-@pytest.mark.slow
-def test_pictures_of_coded_light_are_measured_in_light() -> None:
-    rng = np.random.default_rng(8)
-    camera, at = optics(), PLACES[0]
-    ground = rough_ground(camera.size, rng, 180.0, 4.0)
-    dark = Needle(at + OFFSET, OUTER, UP, bright=40.0, dark=25.0, thread=0.1)
-    coded = Scene(blur=1.2, quality=95, gamma=1 / 2.2)
-    image, back = (
-        developed(seen, coded, rng) for seen in (with_needle(camera, ground, dark), ground)
-    )
-    true = camera.pixels((at + OFFSET)[None])[0]
-    upwards = camera.pixels((at + OFFSET + [0, 0, 0.2])[None])[0] - true
-
-    def too_high(gamma: float) -> float:
-        told = frame().seen.model_copy(update={"gamma": gamma})
-        eye = frame().model_copy(update={"seen": told})
-        seen = find_tip(image, eye, at, OUTER, reach_mm=1.0, ground=back)
-        return float((seen.pixel - true) @ upwards / np.linalg.norm(upwards))
-
-    as_stored = too_high(1.0)
-    assert as_stored > 0.2
-    assert abs(too_high(2.0)) < as_stored / 2

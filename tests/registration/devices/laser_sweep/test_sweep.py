@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +13,7 @@ import tifffile
 
 from registration.devices.laser_sweep import fit_laser, read_laser, sweep_heights, trace
 from registration.devices.laser_sweep.pictures import sweep_pictures
-from registration.devices.laser_sweep.profiles import line_middles, straight_line
+from registration.devices.lens.lens import write_model as write_laser
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.registration.devices.laser_sweep import sweeps
@@ -25,7 +24,7 @@ NOW = datetime(2026, 11, 27, tzinfo=UTC)
 @pytest.mark.parametrize("kind", ["turns", "moves"])
 def test_blocks_have_their_height_whatever_way_the_laser_sweeps(kind: str, tmp_path: Path) -> None:
     found = sweeps.fitted(tmp_path / "flat", kind)
-    write_model(tmp_path / "laser.yaml", found.laser)
+    write_laser(tmp_path / "laser.yaml", found.laser)
     laser = read_laser(tmp_path / "laser.yaml")
     assert laser == found.laser
     assert found.pictures >= 20
@@ -88,19 +87,6 @@ def test_heights_of_a_reflected_line_dont_mix_with_true_ones(tmp_path: Path) -> 
     assert np.nanmax(off) < 0.3
 
 
-def test_one_picture_unlike_the_others_is_refused(tmp_path: Path) -> None:
-    pictures = sweeps.flat()
-    for name, other, words in (
-        ("large", np.pad(pictures[1], 40), "1080 x 880 px"),
-        ("turned", np.ascontiguousarray(pictures[1].T), "800 x 1000 px"),
-        ("colour", np.dstack([pictures[1]] * 3), "grey, of type uint8, others in colour"),
-        ("deep", pictures[1].astype(np.uint16), "of type uint8, others grey, of type uint16"),
-    ):
-        mixed = [*pictures[:2], other, *pictures[3:]]  # the ground is taken from others
-        with pytest.raises(PictureError, match=words):
-            trace(sweeps.written(mixed, tmp_path / name), scene.frame())
-
-
 def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
     pictures = sweeps.flat()[:4]
     tifffile.imwrite(tmp_path / "all.tif", np.stack(pictures), photometric="minisblack")
@@ -116,70 +102,3 @@ def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
         seen = [read() for read in each]
     assert len(seen) == 4
     assert np.abs(seen[2].mean(axis=2) - pictures[2]).mean() < 3
-
-
-@pytest.mark.parametrize("compression", [None, "zlib"])
-def test_a_tiff_that_is_cut_off_is_told_with_a_remedy(
-    compression: str | None, tmp_path: Path
-) -> None:
-    whole, cut = tmp_path / "whole.tif", tmp_path / "cut.tif"
-    with tifffile.TiffWriter(whole) as file:
-        for one in sweeps.flat()[:3]:
-            file.write(one, compression=compression, contiguous=False)
-    data = whole.read_bytes()
-    for share in (0.2, 0.9):
-        cut.write_bytes(data[: int(share * len(data))])
-        with (
-            pytest.raises(PictureError, match=r"cut off TIFF.*copy or export"),
-            sweep_pictures(cut) as each,
-        ):
-            [read() for read in each]
-
-
-def test_a_line_is_found_between_pixels_and_lost_where_it_isnt_sure() -> None:
-    rows = np.arange(60)[:, None]
-    true = np.linspace(20.0, 30.0, 40)
-    line = 400 * np.exp(-0.5 * ((rows - true) / 1.8) ** 2)
-    line[:, 30] += np.roll(line[:, 30], 18) * 0.8  # a second reflection
-    line[20:50, 31] = 300  # a glare
-    line[:, 32] *= 0.01
-    ground = np.full((60, 40), 20, np.uint8)
-    image = np.clip(line + 20, 0, 255).astype(np.uint8)  # saturated
-    middle = line_middles(image, ground, 1.0, 10.0, 9)
-    upright = line_middles(np.ascontiguousarray(image.T), ground.T.copy(), 1.0, 10.0, 9, True)
-    assert np.array_equal(upright, middle, equal_nan=True)
-    assert np.isnan(middle[30:33]).all()
-    assert np.abs(np.delete(middle - true, [30, 31, 32])).max() < 0.08
-
-
-def test_a_line_is_the_one_that_both_sides_lie_on() -> None:
-    """Against a fit of its own to the places that were made to lie on it."""
-    rng = np.random.default_rng(6)
-    true = np.linspace([-20.0, 3.0], [20.0, 5.0], 400)
-    at = true + rng.normal(0.0, 0.01, true.shape)
-    other = rng.random(400) < 0.3
-    at[other, 1] += rng.uniform(0.5, 6.0, other.sum())
-    found = straight_line(at, at[:, 0] < 0, 12)
-    assert found is not None
-    slope, level = np.polyfit(*at[~other].T, 1)
-    assert np.allclose(found.ends[:, 1], slope * found.ends[:, 0] + level, atol=0.003)
-    assert np.allclose(found.ends[:, 0], [at[~other, 0].min(), at[~other, 0].max()], atol=0.3)
-    assert found.off_mm == pytest.approx(0.01, rel=0.15)
-    assert straight_line(at[:210], at[:210, 0] < 0, 12) is None
-
-
-def test_pages_of_a_tiff_are_found_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each page's place lay behind a walk over all before it, anew for each."""
-    with tifffile.TiffWriter(tmp_path / "all.tif") as file:
-        for one in sweeps.flat():
-            file.write(one, photometric="minisblack", contiguous=False)
-    opened = list[object]()
-    whole = tifffile.TiffFile.__init__
-
-    def counted(*args: Any, **kwargs: Any) -> None:
-        opened.append(args)
-        whole(*args, **kwargs)
-
-    monkeypatch.setattr(tifffile.TiffFile, "__init__", counted)
-    assert trace(tmp_path / "all.tif", scene.frame()).pictures == 24
-    assert len(opened) == 1

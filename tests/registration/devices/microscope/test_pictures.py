@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,13 +15,10 @@ from registration.devices.microscope import (
     Line,
     Target,
     find_view,
-    marked_view,
     measure_gaps,
     measure_lines,
     read_picture,
-    shade_profile,
 )
-from registration.devices.microscope.ink_absorption import Shade
 from registration.errors import PictureError
 from tests.registration.devices.microscope.rendered import Camera, Painted, paint, view_of
 from tests.slower import first_of
@@ -87,19 +83,6 @@ def test_widths_come_back_from_a_picture(camera: Camera, tmp_path: Path) -> None
     assert shade.opaque(0.28) == (camera.per_mm is None)
 
 
-def test_a_line_that_breaks_is_told_and_does_not_hide_the_others(tmp_path: Path) -> None:
-    kept = drawn()
-    broken = kept.pop()
-    a, b = broken.corners
-    kept += [Painted(np.array([a, a + 0.3 * (b - a)]), broken.width_mm)]
-    picture = read_picture(saved(tmp_path, paint(kept[:2] + kept[3:], CAMERAS[0], SIZE)))
-    found, _ = measure_lines(picture, find_view(picture, target()), lines())
-    whole = {one.line.number: one.found for one in found}
-    assert whole[1] < 0.05
-    assert whole[4] == pytest.approx(0.3, abs=0.05)
-    assert whole[2] == whole[3] == 1
-
-
 def test_gaps_come_back_and_closed_ones_are_nought(tmp_path: Path) -> None:
     gaps, wide = [-0.05, 0.1, 0.2, 0.4], 0.3
     y = 4.0 + np.cumsum([0, *(gap + wide for gap in gaps)])
@@ -118,17 +101,6 @@ def test_gaps_come_back_and_closed_ones_are_nought(tmp_path: Path) -> None:
         assert float(np.median(one.open_mm)) == pytest.approx(gap, abs=0.012)
 
 
-def test_marked_corners_need_no_finding(tmp_path: Path) -> None:
-    camera = CAMERAS[0]
-    image = paint(drawn(), camera, SIZE)
-    cv2.circle(image, (image.shape[1] // 2, image.shape[0] // 2), image.shape[0] // 2, 40, 9)
-    picture = read_picture(saved(tmp_path, image))  # a dish's rim, larger than the pattern
-    true, _ = view_of(camera, SIZE)
-    corners = np.array([[0, 0], [16, 0], [16, 13], [0, 13]], float)
-    view = marked_view(picture, target(), mapped(true, corners) + 6.0)
-    assert np.abs(mapped(view.matrix, corners) - mapped(true, corners)).max() < 0.6
-
-
 def test_pictures_of_something_else_are_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     noise = rng.integers(90, 110, (600, 800)).astype(np.uint8)
@@ -144,15 +116,3 @@ def test_pictures_of_something_else_are_refused(tmp_path: Path) -> None:
     (tmp_path / "words.png").write_text("words")
     with pytest.raises(PictureError, match="isn't a picture"):
         read_picture(tmp_path / "words.png")
-
-
-def test_half_level_of_a_clear_filament_is_narrower_by_the_root_of_three_quarters() -> None:
-    # Half an ellipse: √(1 − (t/r)²) = 1/2 at t = √3/2 r; of its middle's mean a little less.
-    thin = Shade(1e-3, 1e-4, 0.0).half_width(np.array([0.4]))[0]
-    assert thin == pytest.approx(0.4 * math.sqrt(3) / 2, rel=5e-3)
-    opaque = Shade(1e3, 0.02, 0.0)
-    assert opaque.half_width(np.array([0.4]))[0] == pytest.approx(0.4, rel=2e-3)
-    np.testing.assert_allclose(opaque.diameter(np.array([0.3, np.nan])), [0.3, np.nan], rtol=3e-3)
-    across = np.linspace(-1, 1, 2001)
-    area = shade_profile(across, 0.4, 1e3, 0.05).sum() * (across[1] - across[0])
-    assert area == pytest.approx(0.4, rel=1e-3)  # blur takes nothing away

@@ -31,9 +31,7 @@ from tests.slower import examples, first_of
     lean=st.floats(-0.5, 0.5),
 )  # fmt: skip
 @settings(max_examples=examples(60), deadline=None)
-def test_refraction_keeps_to_snells_law(
-    angle: float, azimuth: float, index: float, lean: float
-) -> None:
+def test_refraction_keeps_to_snells_law(angle, azimuth, index, lean):
     normal = np.array([math.sin(lean), 0.0, -math.cos(lean)])
     aside = np.array([math.cos(lean), 0.0, math.sin(lean)])
     third = np.cross(normal, aside)
@@ -56,28 +54,6 @@ def test_the_bound_is_the_shift_of_a_straight_ray() -> None:
     for tilt, index in ((-1.0, 1.3), (90.0, 1.3), (5.0, 0.9)):
         with pytest.raises(RegistrationError):
             refraction_bound(tilt, 1.0, index)
-
-
-@given(seed=st.integers(0, 10**6), air=st.booleans(), index=st.floats(1.0, 1.6))
-@settings(max_examples=examples(40), deadline=None)
-def test_to_scan_is_the_inverse_of_to_true(seed: int, air: bool, index: float) -> None:
-    rng = np.random.default_rng(seed)
-    surface = tilted(1.0, *rng.uniform(-0.15, 0.15, 2)) if air else None
-    beam = Beam(FAULT, np.array([2.5, 3.0]), index, surface)
-    points = rng.uniform(0, 1, (50, 3)) * [5.0, 6.0, 4.0]
-    np.testing.assert_allclose(beam.to_scan(beam.to_true(points)), points, atol=2e-5)
-
-
-def test_without_faults_only_depth_is_divided() -> None:
-    beam = Beam(OctCalibration(), np.array([1.0, 1.0]), 1.34)
-    points = np.random.default_rng(0).uniform(0, 3, (20, 3))
-    np.testing.assert_allclose(beam.to_true(points), points / [1, 1, 1.34])
-
-
-def test_above_the_surface_depth_is_not_divided() -> None:
-    beam = Beam(OctCalibration(), np.zeros(2), 1.34, tilted(1.0, 0.0, 0.0))
-    points = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 1.0], [0.0, 0.0, 2.34]])
-    np.testing.assert_allclose(beam.to_true(points)[:, 2], [0.5, 1.0, 2.0])
 
 
 def test_what_is_too_steep_is_refused() -> None:
@@ -151,8 +127,17 @@ def test_a_view_full_of_liquid_shows_no_surface_under_air() -> None:
         find_surface(full)
 
 
-def test_only_oct_from_above_is_corrected() -> None:
-    scan, _ = bead_scan(0.0)
-    for wrong in (replace(scan, modality="microct"), replace(scan, depth_down=False)):
-        with pytest.raises(RegistrationError, match="depth downwards"):
-            undistort(wrong, OctCalibration())
+@given(seed=st.integers(0, 10**6), air=st.booleans(), index=st.floats(1.0, 1.6))
+@settings(max_examples=examples(40), deadline=None)
+def test_to_scan_is_the_inverse_of_to_true(seed: int, air: bool, index: float) -> None:
+    rng = np.random.default_rng(seed)
+    surface = tilted(1.0, *rng.uniform(-0.15, 0.15, 2)) if air else None
+    beam = Beam(FAULT, np.array([2.5, 3.0]), index, surface)
+    points = rng.uniform(0, 1, (50, 3)) * [5.0, 6.0, 4.0]
+    np.testing.assert_allclose(beam.to_scan(beam.to_true(points)), points, atol=2e-5)
+
+
+def test_above_the_surface_depth_is_not_divided() -> None:
+    beam = Beam(OctCalibration(), np.zeros(2), 1.34, tilted(1.0, 0.0, 0.0))
+    points = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 1.0], [0.0, 0.0, 2.34]])
+    np.testing.assert_allclose(beam.to_true(points)[:, 2], [0.5, 1.0, 2.0])

@@ -62,26 +62,6 @@ def test_fan_bow_and_scale_are_found(views: list[GridView]) -> None:
     assert low < found.lateral[0][0] < high
 
 
-def test_the_grids_certificate_widens_the_scales_alone(views: list[GridView]) -> None:
-    plain = fit_grid(views, PITCH).calibration
-    told = fit_grid(views, PITCH, pitch_u_mm=0.01 * PITCH).calibration
-    # U = 1 % (k = 2) beside a fit that is far better: u = 0.5 %.
-    assert told.relative_error("scale_x", "scale_y") == pytest.approx(0.005, rel=0.05)
-    assert plain.relative_error("scale_x", "scale_y") < 0.001
-    assert told.intervals["bow_xx"] == plain.intervals["bow_xx"]
-
-
-def test_one_height_leaves_the_fan_alone(views: list[GridView]) -> None:
-    fit = fit_grid(views[:1], PITCH)
-    assert not fit.fan_known
-    assert fit.calibration.fan_per_mm == (0.0, 0.0)
-    again = fit_grid(views[:1], PITCH, fit_grid(views, PITCH).calibration)
-    for found in (fit, again):
-        assert "fan_x" not in found.calibration.intervals
-    with pytest.raises(SegmentationError, match="at least one"):
-        fit_grid([], PITCH)
-
-
 def test_the_wrong_pitch_is_noticed() -> None:
     flat = reflecting(
         blank((64, 150, 160), VOXEL), OctCalibration(), lambda x, y: 0.6 + 0 * x, dots(PITCH, 0.0)
@@ -132,22 +112,6 @@ def test_a_step_in_air_scales_depth_and_one_in_gel_gives_its_index() -> None:
         with_step(OctCalibration(), step, 2.0, immersed=False)
 
 
-def test_a_new_step_in_air_keeps_the_height_that_a_step_in_gel_has_told() -> None:
-    step = measure_step(step_scan(1.0, 0.0))  # type: ignore[arg-type]
-    gel = with_step(OctCalibration(), step, 0.75, immersed=True)
-    both = with_step(gel, step, 1.02, immersed=False)
-    assert both.refractive_index == pytest.approx(1.02 / 0.75, abs=0.003)
-    error = gel.relative_error("refractive_index")
-    assert both.relative_error("refractive_index") == pytest.approx(error)
-
-
-def test_a_flat_plate_is_no_step() -> None:
-    with pytest.raises(SegmentationError, match="no step"):
-        measure_step(step_scan(0.0, 0.02))  # type: ignore[arg-type]
-    with pytest.raises(SegmentationError, match="clear reflection"):
-        measure_step(blank((64, 30, 30), VOXEL))
-
-
 def test_the_file_keeps_a_calibration(tmp_path: Path) -> None:
     full = OctCalibration(
         FAULT.lateral, FAULT.fan_per_mm, FAULT.bow_per_mm, 1.01, 1.337, True, {"a": (1.0, 2.0)},
@@ -156,13 +120,6 @@ def test_the_file_keeps_a_calibration(tmp_path: Path) -> None:
     for calibration in (full, OctCalibration()):
         write_calibration(tmp_path / "c.yaml", calibration)
         assert read_calibration(tmp_path / "c.yaml") == calibration
-
-
-def test_an_older_file_of_walls_alone_is_read(tmp_path: Path) -> None:
-    text = "offset_um: 4.5\ninterval_um: 0.6\nfrom_um: 400.0\nto_um: 1000.0\nscans: 10\n"
-    (tmp_path / "walls.yaml").write_text("schema: printctl-walls-1\n" + text)
-    walls = WallCalibration(4.5, 0.6, 400.0, 1000.0, 10)
-    assert read_calibration(tmp_path / "walls.yaml") == OctCalibration(walls=walls)
 
 
 @pytest.mark.parametrize(

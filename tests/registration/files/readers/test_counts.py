@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +10,9 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from printctl.cli.overlay import overlay
-from printctl.cli.register import register
-from printctl.recipe.making import FileScan
-from printctl.web.scan.answers import ScanMetadataRequest
 from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
 from registration.files.readers.decibels import speckle_of
-from registration.files.readers.metadata import NAMES
-from registration.segmentation.filters import binned
-from tests.slower import first_of
 
 KNOWN: dict[str, Any] = {
     "axes": "zyx", "voxel_mm": [0.01, 0.02, 0.03], "modality": "oct", "optical_depth": True,
@@ -78,11 +70,6 @@ def test_a_window_over_other_counts_and_a_slope_say_the_same(tmp_path: Path) -> 
     np.testing.assert_allclose(moved, 40, atol=1e-4)
 
 
-def test_a_window_says_that_the_scale_is_decibels(tmp_path: Path) -> None:
-    path = raw(tmp_path / "s.raw", to_counts(in_db(speckled())), scale=None)
-    assert read_scan(path, ScanOverrides(db_range=(-40, 20))).scale == "db"
-
-
 @pytest.mark.parametrize(
     ("said", "reason"),
     [
@@ -97,19 +84,9 @@ def test_a_window_says_that_the_scale_is_decibels(tmp_path: Path) -> None:
         ({"db_range": [-40, 20], "scale": "linear"}, "the scale is 'linear'"),
     ],
 )
-def test_counts_that_nobody_describes_are_refused(
-    tmp_path: Path, said: dict[str, Any], reason: str
-) -> None:
+def test_counts_that_nobody_describes_are_refused(tmp_path, said, reason):
     with pytest.raises(ScanFileError, match=reason):
         read_scan(raw(tmp_path / "s.raw", to_counts(in_db(speckled())), **said))
-
-
-def test_a_window_of_real_numbers_needs_their_range(tmp_path: Path) -> None:
-    share = np.clip((in_db(speckled()) + 40) / 60, 0, 1).astype("<f4")
-    with pytest.raises(ScanFileError, match="no range of their own"):
-        read_scan(raw(tmp_path / "s.raw", share, db_range=[-40, 20]))
-    found = read_scan(raw(tmp_path / "s.raw", share, db_range=[-40, 20], count_range=[0, 1]))
-    np.testing.assert_allclose(found.volume, np.clip(in_db(speckled()), -40, 20), atol=1e-4)
 
 
 def test_whole_decibels_come_back_from_our_own_files(tmp_path: Path) -> None:
@@ -158,12 +135,6 @@ def test_linear_given_as_decibels_is_asked_about(tmp_path: Path, looks: int, fac
     assert "looks linear" in read_scan(path, ScanOverrides(scale="db")).notes[-1]
 
 
-@pytest.mark.parametrize("scale", ["linear", "db"])
-def test_a_right_scale_brings_no_note(tmp_path: Path, scale: str) -> None:
-    volume = speckled() if scale == "linear" else in_db(speckled())
-    assert read_scan(raw(tmp_path / "s.raw", volume.astype("<f4"), scale=scale)).notes == ()
-
-
 def test_saturated_voxels_are_told_with_their_share_and_refused_beyond_it(tmp_path: Path) -> None:
     """Exponential speckle cut at c times the gel's mean: exp(-c) of the gel, half the volume."""
     some = np.minimum(speckled(), -np.log(0.04))
@@ -173,30 +144,3 @@ def test_saturated_voxels_are_told_with_their_share_and_refused_beyond_it(tmp_pa
     many = np.minimum(speckled(), -np.log(0.3))
     with pytest.raises(ScanFileError, match=r"1[3-7] % of its voxels are saturated .*limit 10 %"):
         read_scan(raw(tmp_path / "b.raw", many.astype("<f4"), scale="linear"))
-
-
-def test_a_floor_that_is_cut_off_is_told(tmp_path: Path) -> None:
-    db = np.maximum(in_db(speckled()), -22).astype("<f4")
-    assert "the noise floor is cut off" in read_scan(raw(tmp_path / "a.raw", db)).notes[0]
-    with pytest.raises(ScanFileError, match="window that reaches lower"):
-        read_scan(raw(tmp_path / "b.raw", np.maximum(db, 3).astype("<f4")))
-
-
-def test_every_place_takes_what_can_be_said_of_a_scan() -> None:
-    """Options, recipe and page know every key of `ScanOverrides`, voxels in µm."""
-    wanted = {"voxel_um" if name == "voxel_mm" else name for name in NAMES}
-    for command in (register, overlay):
-        assert wanted <= set(inspect.signature(command).parameters)
-    assert wanted <= set(FileScan.model_fields)
-    assert wanted == set(ScanMetadataRequest.model_fields)
-
-
-@pytest.mark.parametrize("kind", first_of(["int16", "uint8", "int8", "uint16"]))
-def test_counts_that_stay_counts_are_averaged_as_their_decibels(tmp_path: Path, kind: str) -> None:
-    said = {"db_range": [-40.0, 20.0]}
-    path = raw(tmp_path / "s.raw", to_counts(in_db(speckled()), kind), **said)
-    kept, made = read_scan(path, keep_counts=True), read_scan(path)
-    assert (kept.volume.dtype, made.volume.dtype) == (np.dtype(kind), np.dtype(np.float32))
-    np.testing.assert_allclose(binned(kept, (2, 4, 5)), binned(made, (2, 4, 5)), rtol=1e-5)
-    assert kept.counts is not None
-    np.testing.assert_array_equal(kept.counts.decibels(kept.volume), made.volume)

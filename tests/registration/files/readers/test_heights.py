@@ -34,20 +34,11 @@ def test_heights_as_floats(tmp_path: Path, heights: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.tif"])
-def test_counts_of_16_bits_are_scaled_and_0_is_lost(
-    tmp_path: Path, heights: np.ndarray, name: str
-) -> None:
+def test_counts_of_16_bits_are_scaled_and_0_is_lost(tmp_path, heights, name):
     counts = np.where(np.isnan(heights), 0, np.round(heights * 1e4)).astype(np.uint16)
     cv2.imwrite(str(tmp_path / name), counts)
     found = read_heights(tmp_path / name, PIXEL, count_mm=1e-4)
     np.testing.assert_allclose(found.height_mm, heights, atol=1e-6)
-
-
-@pytest.mark.parametrize("lost", [-99999.9, -32768.0, 77.0])
-def test_the_value_that_stands_for_lost(tmp_path: Path, heights: np.ndarray, lost: float) -> None:
-    np.save(tmp_path / "a.npy", np.where(np.isnan(heights), lost, heights))
-    found = read_heights(tmp_path / "a.npy", PIXEL, lost=None if lost < -9e3 else lost)
-    np.testing.assert_allclose(found.height_mm, heights, atol=1e-5)
 
 
 def test_a_table_of_heights_behind_a_header(tmp_path: Path, heights: np.ndarray) -> None:
@@ -64,9 +55,7 @@ def test_a_table_of_heights_behind_a_header(tmp_path: Path, heights: np.ndarray)
 @pytest.mark.parametrize(
     ("name", "split", "point"), [("a.csv", ",", "."), ("a.csv", ";", ","), ("a.xyz", " ", ".")]
 )
-def test_points_are_laid_into_cells(
-    tmp_path: Path, heights: np.ndarray, name: str, split: str, point: str
-) -> None:
+def test_points_are_laid_into_cells(tmp_path, heights, name, split, point):
     rows, columns = np.nonzero(np.isfinite(heights))
     order = np.random.default_rng(1).permutation(len(rows))
     rows, columns = rows[order], columns[order]
@@ -111,46 +100,3 @@ def test_what_is_no_height_map_is_told(tmp_path: Path, heights: np.ndarray) -> N
     (tmp_path / "c.csv").write_text("\n".join(f"{k},{k},1" for k in range(40)))
     refused("c.csv", r"1951 x 781 cells|correct pixel_mm", (1e-3, 1e-6))
     refused("gone.tif", "isn't a height map")
-
-
-def test_arrays_of_other_than_heights_are_told(tmp_path: Path, heights: np.ndarray) -> None:
-    whole = {"height_mm": heights, "pixel_mm": np.array(PIXEL)}
-
-    def refused(said: str, **arrays: object) -> None:
-        np.savez(tmp_path / "a.npz", **{**whole, **arrays})  # type: ignore[arg-type]
-        with pytest.raises(ScanFileError, match=rf"a\.npz.*{said}"):
-            read_heights(tmp_path / "a.npz")
-
-    refused("array of bool", height_mm=heights > 1.0)
-    refused("array of complex64", height_mm=heights.astype(np.complex64))
-    refused("array of <U1", height_mm=np.full((20, 30), "a"))
-    refused("broken height map.*export it again", height_mm=np.full((20, 30), None))
-    refused(r"pixel_mm is an array of shape \(\); write two numbers", pixel_mm=0.02)
-    refused(r"pixel_mm is an array of shape \(3,\)", pixel_mm=np.ones(3))
-    refused("printer_to_scan isn't four rows", printer_to_scan=np.eye(3))
-    refused("printer_to_scan must have 0, 0, 0, 1", printer_to_scan=np.diag([1.0, 1, 1, 2]))
-    refused("takes different places to the same one", printer_to_scan=np.diag([1.0, 0, 1, 1]))
-
-
-def test_an_archive_that_is_cut_off_or_damaged_is_told(tmp_path: Path, heights: np.ndarray) -> None:
-    np.savez(tmp_path / "a.npz", height_mm=heights, pixel_mm=np.array(PIXEL))
-    whole = (tmp_path / "a.npz").read_bytes()
-    for broken in (whole[: len(whole) // 2], whole[:500] + b"x" * 40 + whole[540:], b""):
-        (tmp_path / "a.npz").write_bytes(broken)
-        with pytest.raises(ScanFileError, match=r"a\.npz: broken height map .*export it again"):
-            read_heights(tmp_path / "a.npz")
-
-
-@pytest.mark.parametrize("split", ["\t", " ", ";"])
-def test_decimal_commas(tmp_path: Path, heights: np.ndarray, split: str) -> None:
-    heights[3, 4] = -99.0
-    text = "\n".join(split.join(f"{z:.4f}".replace(".", ",") for z in row) for row in heights)
-    (tmp_path / "a.txt").write_text(f"Measured 3.2.2026, mm\n{text}\n")
-    found = read_heights(tmp_path / "a.txt", PIXEL)
-    np.testing.assert_allclose(found.height_mm, heights, atol=1e-6)
-
-
-def test_commas_with_tabs_or_spaces_behind_them_split(tmp_path: Path) -> None:
-    text = "\n".join(f"{k},\t{k // 7}, 3" for k in range(400))
-    (tmp_path / "a.txt").write_text(text)
-    assert read_heights(tmp_path / "a.txt", (1.0, 1.0)).height_mm.shape == (58, 400)

@@ -11,11 +11,10 @@ import yaml
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from registration import ScanOverrides, read_scan, write_scan_tiff
+from registration import ScanOverrides, write_scan_tiff
 from registration.errors import ScanFileError
 from registration.files.readers.mosaic import is_mosaic, read_mosaic
 from tests.registration.files.readers.crafted import scan
-from tests.slower import first_of
 
 VOXEL = (0.02, 0.03, 0.03)
 SHAPE = (60, 90, 100)
@@ -78,48 +77,6 @@ def test_parts_of_a_voxel_are_found(tmp_path: Path) -> None:
     band = (slice(5, 50), slice(8, 80), slice(40, 56))
     off = found.volume[band] - scene()[band]
     assert np.abs(off).mean() < 0.06 * scene().std()
-
-
-@pytest.mark.slow
-def test_without_settling_the_list_would_blur(tmp_path: Path) -> None:
-    path = listed(tmp_path, "tiles", TILES)
-    path.write_text(path.read_text().replace("settle_um: 300", "settle_um: 0"))
-    found = read_mosaic(path)
-    assert "left as listed" in found.notes[-1]
-
-
-@pytest.mark.parametrize("kind", first_of(["depth", "layers"]))
-def test_depths_are_fused(tmp_path: Path, kind: str) -> None:
-    parts = [((0, 0, 0), (30, 90, 100), (0, 0, 0)), ((20, 0, 0), (40, 90, 100), (23, 2, -2))]
-    found = read_mosaic(listed(tmp_path, kind, parts))
-    assert found.volume.shape == SHAPE
-    inner = (slice(2, 58), slice(5, 85), slice(5, 95))
-    assert np.corrcoef(found.volume[inner].ravel(), scene()[inner].ravel())[0, 1] > 0.97
-
-
-def test_layers_prefer_what_lies_on_top(tmp_path: Path) -> None:
-    parts = [((0, 0, 0), (40, 90, 100), (0, 0, 0)), ((10, 0, 0), (40, 90, 100), (10, 0, 0))]
-    path = listed(tmp_path, "layers", parts)
-    upper = read_scan(tmp_path / "1.tif").volume.astype(float)
-    found = read_mosaic(path).volume
-    row = np.abs(found[12, 30:60, 30:60] - upper[2, 30:60, 30:60]).mean()
-    assert row < 0.35 * 800
-
-
-def test_along_a_straight_channel_the_list_decides(tmp_path: Path) -> None:
-    """Channels that run through both scans can't tell how far these are moved along them."""
-    rng = np.random.default_rng(2)
-    channels = gaussian_filter(rng.normal(size=(60, 50)), 2.5)
-    channels = (1000 + 4000 * channels / channels.std()).astype(np.float32)
-    path = listed(tmp_path, "tiles", [((0, 0, 0), (60, 50, 60), (0, 0, 0)), TILES[1]])
-    for number in range(2):
-        part = np.repeat(channels[:, :, None], 60, axis=2)
-        part = part + rng.normal(0, 800, part.shape).astype(np.float32)
-        write_scan_tiff(tmp_path / f"{number}.tif", scan(volume=part, voxel_mm=VOXEL))
-    found = read_mosaic(path)
-    # Listed 44 along the channels, -3 and 1 across; the truth across is 0.
-    assert found.volume.shape[:2] == (60, 50)
-    assert abs(found.volume.shape[2] - 104) <= 1
 
 
 def test_noise_alone_leaves_scans_where_they_are_listed(tmp_path: Path) -> None:

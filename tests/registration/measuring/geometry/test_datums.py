@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from registration import RegistrationReport, Scan, register_scan, report_dict
 from registration.alignment import Fit
 from registration.errors import DatumError
-from registration.measuring.geometry import Frame, Scene, read_datums
-from registration.measuring.geometry.datum_fit import free_words
+from registration.measuring.geometry import Scene, read_datums
+from registration.report.measurement_tables import frame_lines, zone_table
 from tests.registration.measuring.geometry.shapes import (
     AS_DESIGNED,
     BLOCK,
@@ -23,6 +24,8 @@ from tests.registration.measuring.geometry.shapes import (
     segmented,
     zone,
 )
+from tests.registration.parts import bent_network, lumens, solid
+from tests.registration.registered import FAST, bent_lumens
 
 TURN = Rotation.from_rotvec([0.004, -0.006, 0.005]).as_matrix()
 POSE = Fit(TURN, np.array([0.05, -0.03, 0.04]), np.ones(3), BLOCK / 2)
@@ -130,17 +133,40 @@ def test_names_that_are_none_are_refused(given: list[str], said: str) -> None:
         read_datums(given)
 
 
-def test_no_datum_is_the_best_fit() -> None:
-    assert read_datums([]) == read_datums([""]) == read_datums(["best fit"]) == ()
+# Datums by recipe and command: a scan of lumens alone, laid on its axes and mouths.
+
+NETWORK = bent_network()
+Registered = tuple[Scan, RegistrationReport]
 
 
-def test_free_motions_off_the_axes_are_told_as_vectors() -> None:
-    skew = np.array([[0, 0, 0, 1, 1, 0.0]]).T / np.sqrt(2)
-    (said,) = free_words(skew)
-    assert said.replace("\N{MINUS SIGN}", "") == "shift along (0.71, 0.71, 0.00)"
+@pytest.fixture(scope="module")
+def registered(tmp_path_factory: pytest.TempPathFactory) -> Registered:
+    return bent_lumens(tmp_path_factory)
 
 
-def test_a_place_of_unknown_errors_has_no_interval() -> None:
-    unknown = np.full((6, 6), np.nan)
-    frame = Frame(Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3)), (), "", unknown, ())
-    assert np.isnan(frame.across_mm(np.ones(3), np.array([1.0, 0.0, 0.0])))
+@pytest.mark.slow
+def test_the_chosen_datums_lay_the_rigid_fit_and_not_the_scaled_one(registered):
+    scan, plain = registered
+    datums = read_datums(["axis 0", "outlet 4"])
+    chosen = register_scan(scan, solid(lumens(NETWORK)), NETWORK, replace(FAST, datums=datums))
+    assert plain.frame.names == ()
+    assert chosen.frame.names == ("axis 0", "outlet 4")
+    assert chosen.scaled_scan_to_part == pytest.approx(plain.scaled_scan_to_part)
+    assert np.abs(chosen.transform_scan_to_part - plain.transform_scan_to_part).max() > 1e-4
+    # The datum's own vessel lies where it is designed, though the print has shrunk by 2 %.
+    by_name = {(one.name, one.feature): one for one in chosen.characteristics}
+    assert by_name["axis", "vessel 0"].zone_um < 40
+    assert by_name["port", "outlet 4"].zone_um < 15
+    assert by_name["cylindricity", "vessel 0"].zone_um < 40
+    numbers = report_dict(chosen)
+    assert frame_lines(numbers)[0].startswith("Datums: axis 0 (primary), outlet 4 (secondary)")
+    table = zone_table(numbers)
+    assert table is not None
+    assert len(table.rows) == len(chosen.characteristics)
+
+
+@pytest.mark.slow
+def test_lumens_scanned_alone_have_no_outer_face_to_be_a_datum(registered: Registered) -> None:
+    options = replace(FAST, datums=read_datums(["face -z"]))
+    with pytest.raises(DatumError, match=r"no planar outer face .* \(it has: none\)"):
+        register_scan(registered[0], solid(lumens(NETWORK)), NETWORK, options)

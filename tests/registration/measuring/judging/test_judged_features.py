@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import re
+from typing import Any
+
 import numpy as np
 import pytest
 
-from registration.measuring.judging import Tolerances, VesselLimits, judge, judge_plain, reason
-from tests.registration.measuring.judging.registered import GUARDED, change, registration, vessel
+from printctl.pipeline.verdict import verdict
+from printctl.recipe.tolerances import TolerancesPart
+from registration.measuring.judging import (
+    Rule,
+    Tolerances,
+    VesselLimits,
+    judge,
+    judge_plain,
+    reason,
+)
+from tests.registration.measuring.judging.registered import change, registration, vessel
 
 SURE = 8.0
 """Half width, µm, of sections that a budget knows well."""
@@ -17,9 +29,7 @@ SURE = 8.0
     [(60, 30, "pass"), (90, 30, "undecided"), (120, 30, "undecided"), (150, 30, "fail"),
      (20, None, "undecided"), (150, None, "undecided")],
 )  # fmt: skip
-def test_the_rms_is_judged_with_its_interval_and_not_without(
-    rms: float, u: float | None, decision: str
-) -> None:
+def test_the_rms_is_judged_with_its_interval_and_not_without(rms, u, decision):
     numbers = registration(vessel(0, np.zeros(20), u_um=SURE), scaled={"rms_um": rms})
     found = judge_plain(numbers | {"rms_interval_95_um": u}, 100.0, 10.0)
     (feature,) = (f for f in found["judging"]["features"] if f["name"] == "rms")
@@ -27,22 +37,10 @@ def test_the_rms_is_judged_with_its_interval_and_not_without(
 
 
 @pytest.mark.parametrize(
-    ("u", "said"), [(10, "17.2 µm (7.2 to 27.2 µm, 95 %)"), (40, "17.2 µm (0.0 to 57.2 µm, 95 %)")]
-)
-def test_the_interval_of_an_rms_never_goes_below_nothing(u: float, said: str) -> None:
-    numbers = registration(vessel(0, np.zeros(20), u_um=SURE), scaled={"rms_um": 17.2})
-    found = judge_plain(numbers | {"rms_interval_95_um": u}, 100.0, 10.0)
-    (feature,) = (f for f in found["judging"]["features"] if f["name"] == "rms")
-    assert said in reason(feature)
-
-
-@pytest.mark.parametrize(
     ("widths", "u", "decision"),
     [(60, 20, "pass"), (90, 20, "undecided"), (160, 20, "fail"), (160, None, "undecided")],
 )
-def test_widths_may_differ_by_the_diameters_whole_tolerance(
-    widths: float, u: float | None, decision: str
-) -> None:
+def test_widths_may_differ_by_the_diameters_whole_tolerance(widths, u, decision):
     row = vessel(0, np.zeros(20), u_um=SURE, oval_um=widths, oval_interval_95_um=u)
     found = judge_plain(registration(row), 100.0, 10.0)  # ± 50 of 500 µm
     (feature,) = (f for f in found["judging"]["features"] if f["name"] == "oval")
@@ -61,9 +59,7 @@ def test_widths_may_differ_by_the_diameters_whole_tolerance(
         (245.0, {"position_um": 600.0}, "pass"),
     ],
 )
-def test_a_lumen_far_beside_its_axis_never_passes_without_a_limit(
-    aside: float, limits: dict[str, float], decision: str
-) -> None:
+def test_a_lumen_far_beside_its_axis_never_passes_without_a_limit(aside, limits, decision):
     offsets = np.full(40, 5.0)
     offsets[20:26] = aside
     row = vessel(
@@ -77,10 +73,7 @@ def test_a_lumen_far_beside_its_axis_never_passes_without_a_limit(
     assert found["vessels"][0]["decision"] == decision
     told = [reason(f) for f in found["judging"]["features"] if f.get("doubt") == "no limit"]
     if decision == "undecided":
-        assert told == [
-            "Vessel 0, 2.5 mm along: the lumen lies 245 ± 20 µm beside its designed axis, "
-            "more than half its radius, and no limit is given; say what is allowed (position_um)"
-        ]
+        assert re.match(r"Vessel 0, 2\.5 mm .*245 ± 20 µm .*no limit.*position_um", told[0])
 
 
 def test_a_leak_whose_interval_leaves_room_for_none_is_undecided() -> None:
@@ -94,14 +87,116 @@ def test_a_leak_whose_interval_leaves_room_for_none_is_undecided() -> None:
     assert "leaves room for none" in reason(feature)
 
 
-def test_the_mean_of_one_section_is_no_surer_than_a_section() -> None:
-    """An end of 0.2 mm failed by its mean, of one section that was undecided (2026-11-26)."""
-    scattered = vessel(0, 25.0 * np.resize([1, -1, -1, 1, 1], 40), u_um=60.0)
-    short = vessel(1, np.array([-120.0]), u_um=45.0, measured_interval_95_um=45.0)
-    found = judge_plain(registration(scattered, short, judging=GUARDED), 100.0, 10.0)
-    told = {f["name"]: f["decision"] for f in found["judging"]["features"] if f.get("vessel") == 1}
-    assert told["section"] == "undecided"
-    assert told["mean"] == "undecided"
+# Doubtful pose: no decision says fail.
+
+DOUBTFUL = {"flag": True, "rivals": [{"lead": 1.1, "same": False}]}
+
+
+def bad(ambiguity: dict[str, Any]) -> dict[str, Any]:
+    """Return a judged print with a failed diameter, a closure and a leak, and a sound vessel."""
+    leak = change(0, 1.0, 1.2) | {"kind": "leak", "size_um": 200.0}
+    gone = change(1, 0.0, 2.4) | {"kind": "missing", "size_um": 500.0}
+    rows = [
+        vessel(0, np.full(20, -150.0), u_um=8.0),
+        vessel(1, np.full(20, -500.0), open=False),
+        vessel(2, np.zeros(20), u_um=8.0),
+    ]
+    zone = {
+        "name": "face", "vessel": None, "feature": "face +z", "characteristic": "profile",
+        "zone_um": 300.0, "interval_95_um": [290.0, 310.0], "seen_fraction": 1.0, "note": "",
+    }  # fmt: skip
+    numbers = registration(
+        *rows, defects=[leak, gone], ambiguity=ambiguity, scaled={"rms_um": 300.0},
+        characteristics=[zone],
+    )  # fmt: skip
+    return judge(numbers, Tolerances(VesselLimits(), face_profile_um=50.0))
+
+
+def decisions(found: dict[str, Any]) -> dict[str, list[str]]:
+    judging, rows = found["judging"], found["vessels"]
+    return {
+        "print": [judging["decision"]],
+        **{
+            key: [one["decision"] for one in found[key]]
+            for key in ("vessels", "findings", "defects", "characteristics")
+        },
+        "features": [one["decision"] for one in judging["features"]],
+        "sections": [one for row in rows for one in row["decision_along"]],
+    }
+
+
+def test_nothing_fails_and_what_would_is_undecided() -> None:
+    sure, doubtful = decisions(bad({"flag": False})), decisions(bad(DOUBTFUL))
+    for key, before in sure.items():
+        assert "fail" in before, key
+        assert doubtful[key] == ["undecided" if one == "fail" else one for one in before], key
+
+
+def test_a_sound_print_in_a_doubtful_pose_isnt_a_pass() -> None:
+    numbers = registration(vessel(0, np.zeros(20), u_um=8.0), ambiguity=DOUBTFUL)
+    found = judge_plain(numbers, 100.0, 10.0)
+    assert found["judging"]["decision"] == "undecided"
+    assert found["vessels"][0]["decision"] == "pass"
+
+
+# Decisions on geometric characteristics.
+
+
+def row(name: str, low: float, high: float, **more: Any) -> dict[str, Any]:
+    return {
+        "name": name, "characteristic": "position of the axis", "feature": "vessel 0", "vessel": 0,
+        "zone_um": (low + high) / 2, "interval_95_um": [low, high], "seen_fraction": 1.0,
+        "note": "", **more,
+    }  # fmt: skip
+
+
+def judged(*rows: dict[str, Any], **limits: Any) -> dict[str, Any]:
+    numbers = registration(vessel(0, np.zeros(20)), characteristics=list(rows))
+    return judge(numbers, TolerancesPart.model_validate(limits).tolerances(100.0, 10.0, Rule()))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "decision"), [(10, 40, "pass"), (30, 60, "undecided"), (70, 90, "fail")]
+)
+def test_a_zone_is_decided_by_its_interval(low: float, high: float, decision: str) -> None:
+    found = judged(row("axis", low, high), position_um=50)
+    assert found["characteristics"][0]["decision"] == decision
+    assert found["vessels"][0]["decision"] == decision
+
+
+def test_what_is_not_defined_is_not_judged_and_what_is_not_known_is_undecided() -> None:
+    none = {"zone_um": None, "interval_95_um": [None, None]}
+    curved = row("cylindricity", 0, 0, **none | {"note": "not defined: the design is curved"})
+    unseen = row("cylindricity", 0, 0, **none | {"note": "too few whole sections were measured"})
+    found = judged(curved, unseen, cylindricity_um=20)["characteristics"]
+    assert [one["decision"] for one in found] == [None, "undecided"]
+
+
+def test_a_face_that_was_seen_in_part_is_no_pass() -> None:
+    face = row("face", 5, 20, vessel=None, feature="face +x", seen_fraction=0.6)
+    found = judged(face, face_profile_um=50)
+    assert found["characteristics"][0]["decision"] == "undecided"
+    assert any("Face +x" in text for text in verdict(found)["reasons"])
+    assert any("not all of it was seen" in text for text in verdict(found)["reasons"])
+
+
+def test_a_fail_is_among_the_verdicts_reasons() -> None:
+    reasons = verdict(judged(row("axis", 70, 90), position_um=50))["reasons"]
+    assert re.match(r"Vessel 0: .*80 µm \(70 to 90 µm.*limit at most 50 µm", reasons[0])
+
+
+def test_without_a_tolerance_nothing_is_decided() -> None:
+    found = judged(row("axis", 70, 90))
+    assert found["characteristics"][0]["decision"] is None
+    assert found["vessels"][0]["decision"] == "pass"
+
+
+def test_a_vessels_own_limit_counts() -> None:
+    found = judged(
+        row("axis", 70, 90), position_um=50, vessels=[{"vessels": [0], "position_um": 100}]
+    )
+    assert found["characteristics"][0]["limit_um"] == 100
+    assert found["characteristics"][0]["decision"] == "pass"
 
 
 def test_a_leak_fails_where_none_is_allowed() -> None:
@@ -110,3 +205,10 @@ def test_a_leak_fails_where_none_is_allowed() -> None:
         registration(vessel(0, np.zeros(20), u_um=SURE), defects=[leak]), 100.0, 10.0
     )
     assert [d["decision"] for d in found["findings"]] == ["fail"]
+
+
+SYMMETRIC = {"flag": True, "rivals": [{"lead": 1.0, "same": True}]}
+
+
+def test_a_symmetric_part_fails_whichever_way_it_lies() -> None:
+    assert decisions(bad(SYMMETRIC)) == decisions(bad({"flag": False}))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.devices.board.heaters import ROOM_C, UNWIRED_C, Heater
+from sim.devices.board.heaters import ROOM_C, Heater
 
 
 def stepped(heater, target, seconds, step=0.01):
@@ -25,36 +25,12 @@ def test_heating_agrees_with_small_steps(seconds):
     assert heater.read(seconds) == pytest.approx(stepped(heater, 40.0, seconds), abs=0.1)
 
 
-def test_it_reaches_its_target_when_it_says_and_stays():
-    heater = Heater(140.0, 300.0)
-    heater.set_target(5.0, 37.0)
-    at = heater.reaches_at(37.0)
-    assert heater.read(at - 0.1) < 37.0
-    assert heater.read(at) == pytest.approx(37.0)
-    assert heater.read(at + 1e4) == 37.0
-
-
-def test_switched_off_it_cools_to_the_room():
-    heater = Heater(140.0, 300.0)
-    heater.set_target(0.0, 37.0)
-    heater.set_target(1000.0, 0.0)
-    assert heater.read(1300.0) == pytest.approx(ROOM_C + (37 - ROOM_C) / math.e)
-    assert heater.duty(1300.0) == 0
-
-
 @given(st.floats(22, 300), st.floats(0, 2000), st.floats(0, 2000))
 def test_temperature_rises_to_the_target_and_never_over_it(target, a, b):
     heater = Heater(400.0, 60.0)
     heater.set_target(0.0, target)
     early, late = sorted((a, b))
     assert ROOM_C <= heater.read(early) <= heater.read(late) <= target
-
-
-def test_an_unwired_thermistor_reads_nonsense_and_never_gets_there():
-    heater = Heater(400.0, 60.0, wired=False)
-    heater.set_target(0.0, 37.0)
-    assert heater.read(1e4) == UNWIRED_C
-    assert heater.reaches_at(37.0) == math.inf
 
 
 def test_heater_that_lost_its_power_is_stopped_by_thermal_protection():

@@ -58,13 +58,6 @@ def test_look_shows_the_ink_less_what_a_fault_took(tmp_path):
     assert [path.name for path in tmp_path.glob(".*")] == []
 
 
-def test_print_that_has_not_begun_shows_a_bare_bath(tmp_path):
-    record(tmp_path / "executed.npz", lines=0)
-    assert look(tmp_path) == 0
-    bare = cv2.imread(str(tmp_path / "seen.png"), cv2.IMREAD_UNCHANGED)
-    assert np.ptp(cv2.GaussianBlur(bare, (0, 0), 5)) < 40
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -78,15 +71,6 @@ def test_what_means_nothing_is_refused(tmp_path, capsys, change, message):
     record(tmp_path / "executed.npz")
     assert look(tmp_path, camera=CAMERA | change) == 2
     assert message in capsys.readouterr().err
-
-
-def test_missing_files_are_named(tmp_path, capsys):
-    assert look(tmp_path) == 2
-    assert "executed.npz can't be read" in capsys.readouterr().err
-    record(tmp_path / "executed.npz")
-    assert look(tmp_path, "--look", "-1") == 2
-    assert main(["camera", "--record", "r", "--camera", "c", "--out", "p.gif"]) == 2
-    assert "a picture is written as .png" in capsys.readouterr().err
 
 
 def test_oct_scans_a_fixed_field_of_a_begun_print(tmp_path):

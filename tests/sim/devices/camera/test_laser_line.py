@@ -12,7 +12,6 @@ import yaml
 from sim.__main__ import main
 from sim.devices.camera.laser_line import ProfilerField, measured_heights
 from sim.devices.recorded_ink import InkSource
-from sim.errors import CameraError
 from sim.gcode.deposit.lay import Laid
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.deposit.written import Layering
@@ -69,18 +68,6 @@ def test_what_is_seen_differs_from_look_to_look_and_not_by_chance(ink: Laid) -> 
     plate = one[20:60, 130:170]
     assert np.nanstd(plate) == pytest.approx(0.004, rel=0.2)
     assert 0 < np.isnan(one).mean() < 0.2
-
-
-def test_a_part_of_the_field_is_seen_as_all_of_it(ink: Laid) -> None:
-    whole, to_map = measured_heights(ink, field(steepest_deg=89), 1)
-    region = np.array([2.0, 1.0, 0.0]), np.array([3.0, 3.0, 1.0])
-    part, to_part = measured_heights(ink, field(steepest_deg=89), 1, region)
-    assert part.shape == (100, 50)
-    column, row = np.rint((to_part - to_map)[:2, 3] / -0.02).astype(int)
-    both = whole[row : row + 100, column : column + 50]
-    np.testing.assert_allclose(part[5:-5, 5:-5], both[5:-5, 5:-5], atol=1e-5)
-    with pytest.raises(CameraError, match="outside the profiler's field"):
-        measured_heights(ink, field(), 1, (region[0] + 9, region[1] + 9))
 
 
 def test_a_look_measures_what_a_fault_left(tmp_path: Path) -> None:

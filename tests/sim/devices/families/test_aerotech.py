@@ -9,11 +9,9 @@ from design.toolpath import MoveKind
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import FileController, Plunger, Printer, Syringe, load
-from sim.devices.families.aerotech.reading import translate
-from sim.devices.families.registry import simulated_printer
-from sim.errors import GcodeError, ServeError
+from sim.errors import GcodeError
 from sim.gcode.dry_run.run import dry_run
-from sim.gcode.heads import BETWEEN, CLOSED, OPEN
+from sim.gcode.heads import CLOSED, OPEN
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
@@ -46,10 +44,6 @@ G1 Z35 F20
 """
 
 
-def unknown(text: bytes, printer: Printer = A3200) -> list[str]:
-    return [name for _, name in dry_run(text, printer, START).unknown]
-
-
 def test_a_file_is_read_as_it_is_meant() -> None:
     run = dry_run(FILE, A3200, START)
     program = run.program
@@ -69,27 +63,6 @@ def test_a_file_is_read_as_it_is_meant() -> None:
     assert 2.85 < run.duration_s < 3.3
 
 
-def test_minutes_and_seconds_hold_from_their_line_on() -> None:
-    run = dry_run(b"G1 X61 F3\nG75\nG1 X62 F60\nG76\nG1 X63 F5\nG1 X64\n", A3200, START)
-    moves = run.program.kind == MOVE
-    np.testing.assert_allclose(run.program.feed[moves], [3, 1, 5, 5])
-
-
-def test_inches_are_inches() -> None:
-    run = dry_run(b"G70\nG90\nG1 X3 F1\n", A3200, START)
-    assert run.program.target[-1, 0] == pytest.approx(76.2)
-    assert run.program.feed[-1] == pytest.approx(25.4)
-
-
-def test_the_plungers_letter_is_the_profiles() -> None:
-    text = b"G90\nG92 A0\nG1 X61 A0.5 F2\nG1 A0.25\nWaitForMotionDone([X, Y, Z, A])\n"
-    run = dry_run(text, NEWER, START)
-    assert not run.findings
-    assert run.program.plunger[run.program.kind == MOVE].tolist() == [0.5, 0.25]
-    other = b"G90\nG1 X61 B0.5 F2\nG1 E0.25\n"
-    assert unknown(other, NEWER) == ["G1", "G1"]
-
-
 def test_what_isnt_known_is_refused_by_name() -> None:
     text = b"M104 S20\nG21\nX5 Y3\nG1 Q4\nG28\nLINEAR X1\nG2 X1 I1\nG1 E4\nG91 G1 X1\nM400\n"
     names = ["M104", "G21", "X5", "G1", "G28", "LINEAR", "G2", "G1", "G91", "M400"]
@@ -97,29 +70,6 @@ def test_what_isnt_known_is_refused_by_name() -> None:
     assert [name for _, name in run.unknown] == names
     assert {finding.code for finding in run.findings} == {"unknown_command"}
     assert not (run.program.kind == MOVE).any()
-
-
-def test_a_semicolon_is_a_comment_for_one_and_not_for_the_other() -> None:
-    assert unknown(b"G1 X61 F1 ; G1 X62\n;G1 X63\n' G1 X64\n") == []
-    assert unknown(b"G1 X61 F1 ; G1 X62\n// G1 X63\n", NEWER) == ["G1"]
-
-
-def test_an_output_between_and_another_one() -> None:
-    run = dry_run(b"$DO[0].X=0\n$DO[1].X=1\n$DO[0].X = 0.5\n", A3200, START)
-    assert run.valve is not None
-    assert run.valve.state.tolist() == [CLOSED, BETWEEN]
-
-
-def test_lines_keep_their_numbers() -> None:
-    written = translate(FILE, A3200)
-    assert written.gcode.count(b"\n") == FILE.count(b"\n")
-    assert written.gcode.splitlines()[14] == b";LAYER_END:1"
-
-
-def test_line_ends_of_windows_are_line_ends() -> None:
-    run = dry_run(FILE.replace(b"\n", b"\r\n"), A3200, START)
-    assert not run.findings
-    assert run.program.line[run.program.kind == MOVE].tolist() == [7, 11, 16]
 
 
 @pytest.mark.parametrize("printer", [A3200, NEWER])
@@ -147,11 +97,6 @@ def test_lines_dont_have_to_come_by_a_wire() -> None:
     text = b"".join(b"G1 X%.4f F20\n" % (60 + 0.01 * k) for k in range(1, 500))
     slow = A3200.model_copy(update={"baud": 9600})
     assert dry_run(text, slow, START).duration_s == dry_run(text, A3200, START).duration_s
-
-
-def test_there_is_no_simulated_one_to_print_on() -> None:
-    with pytest.raises(ServeError, match="takes no lines from a host"):
-        simulated_printer(A3200)
 
 
 def test_a_profile_that_doesnt_say_its_controller_is_refused() -> None:

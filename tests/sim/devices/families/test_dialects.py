@@ -5,15 +5,13 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.ack_protocol import Sort
-from firmware_profiles.families.reprapfirmware.facts import crc16 as crc_of_the_link
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
 from sim.devices.families.registry import simulated_printer
-from sim.devices.families.reprapfirmware.printer import DuetPrinter, crc16
-from sim.errors import ServeError
+from sim.devices.families.reprapfirmware.printer import crc16
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import checksum
 from tests.printctl.machine.link.jobs import parse_job
@@ -53,18 +51,6 @@ def test_duet_drops_a_garbled_line_without_a_word():
     assert said(printer, b"N3 G90*0000\n") == b""
 
 
-def test_duet_does_a_line_sent_twice_twice():
-    printer, _ = printer_of("reprapfirmware")
-    line = sealed(b"N1 G92 X5")
-    assert said(printer, line) == said(printer, line) == b"ok\n"
-
-
-def test_both_ends_know_the_same_crc():
-    text = b"N12 G1 X5 E0.25"
-    assert crc16(text) == crc_of_the_link(text)
-    assert crc16(b"123456789") == 0x31C3
-
-
 def test_klipper_does_a_garbled_line():
     printer, _ = printer_of("klipper")
     assert said(printer, b"N7 G92 X5*1\n") == b"ok\n"
@@ -79,12 +65,6 @@ def test_duet_moves_no_axis_before_it_is_homed_or_placed():
     assert b"insufficient" in said(printer, b"G1 Z11 F600\n")
 
 
-def test_duet_takes_m85_and_does_nothing():
-    printer, _ = printer_of("reprapfirmware")
-    assert said(printer, b"M85 S1\n") == b"ok\n"
-    assert printer.machine.idle_limit_s == 0
-
-
 def test_what_a_duet_leaves_out_is_a_fault_to_the_link():
     printer, _ = printer_of("reprapfirmware")
     reply = said(printer, b"M113 S1\n").splitlines()[0]
@@ -97,15 +77,6 @@ def test_duet_tells_its_settings_in_its_own_words():
     assert b"X: 18000.0, Y: 18000.0, Z: 300.0, E: 120.0, min. speed" in said(printer, b"M203\n")
     assert b"(mm/sec^2): X: 3000.0" in said(printer, b"M201\n")
     assert b"X0.0:200.0, Y0.0:200.0" in said(printer, b"M208\n")
-
-
-def test_klipper_takes_g92_for_an_offset_and_moves_only_once_placed():
-    printer, _ = printer_of("klipper")
-    assert said(printer, b"G92 X50 Y50 Z10\nG1 X51 F600\n").endswith(
-        b"!! Must home axis first\nok\n"
-    )
-    assert said(printer, PLACED + b"G1 X51 F600\n") == b"ok\nok\n"
-    assert said(printer, b"M84\nG1 X52\n").endswith(b"!! Must home axis first\nok\n")
 
 
 def test_klipper_s_offset_shifts_places_until_it_is_taken_back():
@@ -126,29 +97,6 @@ def test_klipper_s_offset_outlives_being_told_where_the_tip_is():
     assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:10.000")
 
 
-def test_klipper_moves_an_axis_that_it_has_homed():
-    printer, _ = printer_of("klipper")
-    assert b"Must home" not in said(printer, b"G28 X\nG1 X52 F600\n")
-    assert b"Must home" in said(printer, b"G1 Y52\n")
-
-
-def test_klipper_knows_no_t_of_its_own_where_there_are_heads():
-    two = load(Printer, "two_syringe_marlin").model_copy(update={"firmware": "klipper"})
-    printer = simulated_printer(two)(two, START)
-    assert said(printer, b"T1\n") == b'// Unknown command:"T1"\nok\n'
-    assert said(printer, b"G10 P1 X5\n") == b'// Unknown command:"G10"\nok\n'
-
-
-@pytest.mark.parametrize("firmware", ["klipper", "reprapfirmware"])
-def test_a_g92_that_tells_nothing_takes_no_time_on_the_wire(firmware):
-    takes = []
-    for line in (b"G92 X50\n", b"M82    \n"):
-        printer, _ = printer_of(firmware)
-        assert said(printer, line) == b"ok\n"
-        takes.append(printer.now)
-    assert takes[0] == pytest.approx(takes[1])
-
-
 def test_klipper_s_timeout_switches_heaters_and_motors_off():
     printer, _ = printer_of("klipper")
     assert said(printer, b"SET_IDLE_TIMEOUT TIMEOUT=20\n") == (
@@ -162,15 +110,6 @@ def test_klipper_s_timeout_switches_heaters_and_motors_off():
     assert b"Must home" in said(printer, b"G1 X52\n")
 
 
-def test_klipper_s_timeout_begins_anew_when_it_is_set():
-    printer, _ = printer_of("klipper")
-    said(printer, PLACED + b"SET_IDLE_TIMEOUT TIMEOUT=20\n")
-    for _ in range(5):
-        printer.advance(15.0)
-        said(printer, b"SET_IDLE_TIMEOUT TIMEOUT=20\n")
-    assert said(printer, b"G1 X52 F600\n") == b"ok\n"
-
-
 def test_klipper_that_was_shut_down_answers_each_line_by_why():
     printer, _ = printer_of("klipper")
     first, *rest = said(printer, b"\nM112\n").splitlines()
@@ -178,11 +117,6 @@ def test_klipper_that_was_shut_down_answers_each_line_by_why():
     assert rest[-2:] == [b"!! Shutdown due to M112 command", b"ok"]
     assert said(printer, b"M112\n") == b"ok\n"
     assert said(printer, b"G1 X52\n").endswith(b"!! Shutdown due to M112 command\nok\n")
-
-
-def test_prusa_has_no_simulated_printer():
-    with pytest.raises(ServeError, match="no simulated printer"):
-        printer_of("prusa")
 
 
 def gcode(moves: int, firmware: str) -> bytes:
@@ -221,8 +155,3 @@ def test_duet_over_a_line_that_loses_oks_neither_loses_nor_doses_twice(seed, tmp
     status, motion = printed("reprapfirmware", tmp_path, seed, drop_ok=0.02)
     assert status.state is LinkState.DONE, status
     assert np.round(motion.plunger_end * 6400).tolist() == [22 * (k + 1) for k in range(150)]
-
-
-def test_kinds_are_those_of_the_profile():
-    printer, _ = printer_of("reprapfirmware")
-    assert type(printer) is DuetPrinter

@@ -9,8 +9,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.facts import CODES
 from sim.devices.families.marlin.commands import HANDLERS
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults import Fault, parse_fault
-from sim.errors import ServeError
+from sim.devices.faults import parse_fault
 from sim.gcode.program.gcode import checksum
 from tests.slower import examples
 
@@ -94,12 +93,6 @@ def test_blocks_carry_their_line_and_the_tip_starts_where_it_was_put():
     assert executed.plunger_end[-1] == 1
 
 
-def test_a_move_without_a_number_has_no_line():
-    printer = ready()
-    printer.exchange(b"G1 X1 F600\nM400\n")
-    assert printer.executed().line.tolist() == [-1]
-
-
 def test_a_host_that_is_slow_or_gone_starves_nothing():
     printer = ready()
     send(printer, *(f"G1 X{k % 2 * 10} F600" for k in range(1, 9)))
@@ -121,15 +114,6 @@ def test_a_full_planner_holds_the_ok_until_a_block_ends():
     gaps = np.diff(times)
     assert gaps[:13].max() < 0.05
     np.testing.assert_allclose(gaps[15:], 1.003, atol=0.005)
-
-
-def test_an_endless_m0_waits_for_m108():
-    printer = ready()
-    assert b"prompt_show" in printer.exchange(b"M0 Look\n")
-    assert printer.exchange(b"") == b""
-    printer.advance(2.5)
-    assert printer.take_output() == b"echo:busy: paused for user\n"
-    assert printer.exchange(b"M108\n") == b"ok\nok\n"
 
 
 def test_a_repeated_line_is_dropped_in_silence_and_moves_nothing():
@@ -187,13 +171,6 @@ def test_without_homing_the_soft_limits_do_not_hold_and_after_it_they_do():
     assert printer.executed().end[-1, 0] == 200
 
 
-def test_cold_extrusion_is_told_and_the_plunger_stays():
-    printer = MarlinPrinter(PROFILE)
-    answer = printer.exchange(b"G1 X5 E1 F600\nM400\n")
-    assert answer == b"echo: cold extrusion prevented\nok\nok\n"
-    assert printer.executed().plunger_end.tolist() == [0]
-
-
 def test_waiting_for_heat_reports_each_second_and_takes_its_time():
     printer = ready()
     answer = printer.exchange(b"M109 S60\n")
@@ -214,25 +191,6 @@ def test_the_idle_timeout_kills_when_nothing_moves_for_so_long():
     assert b"too much inactive time" in printer.take_output()
 
 
-def test_the_idle_timeout_of_a_fast_clock_counts_in_the_host_s_time_but_for_a_command_in_hand():
-    printer = ready()
-    printer.machine.host_pace = 30.0
-    send(printer, "M85 S60")
-    printer.advance(30 * 55)
-    assert not printer.dead
-    printer.advance(30 * 10)
-    assert printer.dead
-    dwelling = ready()
-    dwelling.machine.host_pace = 30.0
-    dwelling.exchange(b"M85 S60\nG4 S70\n")
-    assert dwelling.dead
-
-
-def test_a_long_wait_says_it_is_busy():
-    answer = ready().exchange(b"G4 S7\n")
-    assert answer == b"echo:busy: processing\n" * 3 + b"ok\n"
-
-
 def test_a_quickstop_drops_the_queue_and_the_position_stays_true():
     printer = ready()
     send(printer, "G1 X50 F600", "G1 X0", "G1 X50")
@@ -244,24 +202,6 @@ def test_a_quickstop_drops_the_queue_and_the_position_stays_true():
     assert printer.machine.motion.blocks == 0
     send(printer, "G1 X20", "M400", first=4)
     assert printer.executed().end[-1, 0] == 20
-
-
-def test_settings_can_be_changed_and_are_told():
-    printer = ready()
-    printer.exchange(b"M92 E6400\nM203 Z7\nM201 X1000\nM204 P500 T800\nM205 J0.02\n")
-    told = printer.exchange(b"M503 S0\n")
-    for part in (b"E6400.00", b"Z7.00", b"M201 X1000.00", b"P500.00 R3000.00 T800.00", b"J0.02"):
-        assert part in told
-    send(printer, "G1 E1 F60", "M400")
-    assert printer.executed().plunger_end[-1] * 500 == 6400
-
-
-def test_flow_and_feed_factors_change_what_is_done():
-    printer = ready()
-    send(printer, "M221 S50", "M220 S200", "G1 X20 E2 F600", "M400")
-    executed = printer.executed()
-    assert executed.plunger_end[-1] == 1
-    assert executed.time_end[-1] - executed.time_start[-1] == pytest.approx(1.007, abs=0.01)
 
 
 def test_a_fault_happens_at_its_line():
@@ -276,24 +216,6 @@ def test_a_fault_happens_at_its_line():
     pulled = ready(faults=[parse_fault("unplug@1")])
     send(pulled, "G1 X1 F600")
     assert pulled.unplugged
-
-
-def test_a_fault_is_read_from_text():
-    assert parse_fault("drop_ok@12") == Fault(fault="drop_ok", line=12)
-    for text in ("drop_ok", "melt@3", "reset@x"):
-        with pytest.raises(ServeError, match="isn't one of unplug@LINE"):
-            parse_fault(text)
-
-
-@given(st.lists(st.binary(max_size=80), max_size=12))
-@settings(max_examples=examples(60), deadline=None)
-def test_rubbish_never_breaks_the_printer(pieces):
-    printer = ready()
-    for piece in pieces:
-        printer.exchange(piece)
-    if not printer.dead:
-        printer.exchange(b"\n")
-        printer.exchange(b"M108\n")
 
 
 def test_the_receive_ring_overruns_when_the_planner_is_full():

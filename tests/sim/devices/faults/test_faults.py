@@ -66,11 +66,6 @@ def test_what_means_nothing_is_refused(tmp_path, text, message):
         load_faults(path)
 
 
-def test_missing_file_is_named(tmp_path):
-    with pytest.raises(ServeError, match="can't be read"):
-        load_faults(tmp_path / "none.yaml")
-
-
 # --- the cable
 
 
@@ -87,15 +82,6 @@ def test_noise_flips_single_bits_at_its_rate_and_in_its_direction():
     assert 900 < sum(hits) < 1100
     line.up(data, 0.0)
     assert line.due(0.0) == data
-
-
-def test_burst_garbles_its_length_and_no_more():
-    line = FaultyCable(rng=np.random.default_rng(1))
-    line.burst(1.0, 30)
-    assert sum(flipped(bytes(20), line.down(bytes(20)))) == 20
-    line.up(bytes(20), 0.0)
-    assert flipped(bytes(20), line.due(0.0)) == [1] * 10 + [0] * 10
-    assert line.down(bytes(20)) == bytes(20)
 
 
 def test_replies_come_late_and_in_order():
@@ -129,20 +115,6 @@ def test_faults_happen_by_clock_and_by_bytes():
     assert by_bytes.exchange(numbered(1, "G1 X51 F600")) == b"ok\n"
     by_bytes.exchange(numbered(2, "G1 X52 F600") + numbered(3, "G1 X53 F600"))
     assert by_bytes.dead
-
-
-def test_unplugged_printer_says_when_it_comes_back():
-    pulled = printer({"fault": "unplug", "line": 2, "back_after_s": 3.0})
-    pulled.exchange(numbered(1, "G1 X51 F600"))
-    assert not pulled.unplugged
-    pulled.exchange(numbered(2, "G1 X52 F600"))
-    assert (pulled.unplugged, pulled.back_after_s) == (True, 3.0)
-
-
-def test_noise_at_a_line_reaches_the_cable():
-    noisy = printer({"fault": "noise", "line": 1, "rate": 1.0, "length_bytes": 3})
-    noisy.bad_line.up(noisy.exchange(numbered(1, "G1 X51 F600")), 0.0)
-    assert noisy.bad_line.due(0.0) != b"ok\n"
 
 
 def test_endstop_stuck_closed_homes_where_the_carriage_stands():

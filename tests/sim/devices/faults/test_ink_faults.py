@@ -76,13 +76,6 @@ def test_bubble_is_missing_and_catches_up(tmp_path):
     assert found.strands.area_mm2.max() == pytest.approx(1.6 * WIDTH * HEIGHT)
 
 
-def test_swing_of_temperature_has_no_mean(tmp_path):
-    found = ink_of(tmp_path, "{fault: temperature, time_s: 0, amplitude: 0.2, period_s: 1}")
-    assert found.written_ul == pytest.approx(8 * DOSE, rel=1e-6)
-    area = found.strands.area_mm2 / (WIDTH * HEIGHT)
-    assert (area.min(), area.max()) == (pytest.approx(0.8, abs=2e-3), pytest.approx(1.2, abs=2e-3))
-
-
 def test_empty_syringe_lays_nothing_more(tmp_path):
     found = ink_of(tmp_path, "{fault: empty, pushed_ul: 0.25, fades_ul: 0.1}")
     assert found.written_ul == pytest.approx(0.25 + 0.05)
@@ -93,16 +86,6 @@ def test_skipped_steps_shift_what_follows(tmp_path):
     y = found.strands.start[found.strands.line == 5, 1]
     np.testing.assert_allclose(y, [1.6, 1.5])
     assert found.strands.end[-1] == pytest.approx([5.3, 1.8, 0.2])
-
-
-def test_lost_strokes_are_the_same_in_a_longer_record(tmp_path):
-    text = "{fault: lost, written_mm: 0, strokes: 1000, share: 0.4}"
-    short, long = ink_of(tmp_path, text, rows(2)), ink_of(tmp_path, text, rows(5))
-    assert 0 < len(short.strands) < 8
-    np.testing.assert_array_equal(short.strands.line, long.strands.line[: len(short.strands)])
-    one = ink_of(tmp_path, "{fault: lost, time_s: 3.5}")
-    assert 3 not in one.strands.line
-    assert len(one.strands) == 7
 
 
 def test_sag_widens_layers_and_sinks_filaments(tmp_path):
@@ -121,20 +104,6 @@ def test_debris_lies_beside_the_line_in_the_scan_too(tmp_path):
     x, y, z = np.round((np.array([2.5, 0.4, 0.05]) - voxels.origin_mm) / 0.05).astype(int)
     assert voxels.volume[z, y, x] == 255
     assert voxels.written_ul == pytest.approx(8 * DOSE + np.pi / 4 * 0.64 * HEIGHT)
-
-
-def test_level_without_ink_keeps_the_next_ones_height(tmp_path):
-    wrong = "{fault: clog, written_mm: 20, lasts_mm: 20}"
-    found = ink_of(tmp_path, wrong, rows(3))
-    np.testing.assert_allclose(found.height_mm, HEIGHT)
-
-
-def test_begun_print_needs_its_layers_height(tmp_path):
-    motion = rows(layers=1)
-    assert laid(motion, InkFaults(), AREA).style == "embedded"
-    found = laid(motion, InkFaults(), AREA, layer_mm=HEIGHT, plunger_step_mm=1e-6)
-    assert found.style == "layered"
-    assert found.height_mm[0] == HEIGHT
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState
-from sim.__main__ import main
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.serving.job_lines import JobLines
 from sim.gcode.deposit.pneumatic import pneumatic_deposit
@@ -79,18 +78,6 @@ def test_ink_of_a_print_with_checkpoints_lies_by_the_lines_that_came(tmp_path) -
     assert printer.executed().line.tolist() == foreseen.line.tolist()
     laid = [pneumatic_deposit(m, data, airy.AIR, 0.05, 0.1) for m in (printer.executed(), foreseen)]
     np.testing.assert_array_equal(laid[0].volume, laid[1].volume)
-
-
-def test_a_job_that_isn_t_there_is_told(tmp_path, capsys) -> None:
-    wrong = ["--printer", "generic_marlin", "--job", str(tmp_path / "none.gcode"), "--tcp", "0"]
-    assert main(wrong) == 2
-    assert "none.gcode can't be read" in capsys.readouterr().err
-
-
-def test_without_a_job_the_number_that_came_is_kept() -> None:
-    printer = MarlinPrinter(load(type(layered.PRINTER), "generic_marlin"))
-    printer.exchange(b"M110 N6\nG1 X1 F600\nM400\n")
-    assert printer.executed().line.tolist() == [-1]
 
 
 def test_lines_that_the_journal_says_were_inserted_are_the_jobs_from_then_on(tmp_path):

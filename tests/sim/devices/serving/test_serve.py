@@ -168,13 +168,6 @@ def test_a_record_that_can_not_be_written_is_told(serve, tmp_path):
     assert served.process.wait(PATIENCE_S) == 1
 
 
-def test_it_ends_with_the_process_that_asked_for_it(serve):
-    parent = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    served = serve("--tcp", "0", "--parent-pid", str(parent.pid))
-    parent.communicate(b"\n")
-    assert served.process.wait(PATIENCE_S) == 0
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -192,18 +185,3 @@ def used_wrongly(capsys, *arguments):
     """What a printer that doesn't start says."""
     assert main(list(arguments)) == 2
     return capsys.readouterr()
-
-
-def test_a_port_that_comes_back_needs_a_name(tmp_path, capsys):
-    faults = tmp_path / "faults.yaml"
-    faults.write_text("at: [{fault: unplug, line: 2, back_after_s: 0.2}]")
-    told = used_wrongly(capsys, "--printer", "marlin_avr", "--faults", str(faults))
-    assert "--link PATH or --tcp PORT" in told.err
-
-
-def test_a_link_does_not_replace_a_file(tmp_path, capsys):
-    file = tmp_path / "precious"
-    file.write_text("keep")
-    told = used_wrongly(capsys, "--printer", "marlin_avr", "--link", str(file))
-    assert "isn't a link" in told.err
-    assert file.read_text() == "keep"

@@ -68,14 +68,6 @@ def test_a_filament_that_isn_t_held_sinks_by_what_the_yield_stress_leaves() -> N
     assert held.speed_mm_s == pytest.approx(expected, rel=1e-3)
 
 
-def test_equal_densities_hold_everything() -> None:
-    bath = load(Bath, "cell_matrix")
-    ink = load(Ink, "gelatin_sacrificial").model_copy(update={"density_g_cm3": bath.density_g_cm3})
-    held = settling(strokes([((0, 0, 0), (20, 0, 0))], 1.0), ink, bath)
-    assert held is not None
-    assert held.held
-
-
 def test_swelling_that_nobody_measured_is_one_and_says_so() -> None:
     ink = load(Ink, "gelatin_sacrificial")
     assert swell(ink) == (1.0, False)
@@ -109,9 +101,3 @@ def test_the_shaft_drags_what_it_passes_by_its_distance() -> None:
     lower = ((0.0, apart, 0.0), (5.0, apart, 0.0))
     raised = ((5.0, 0.0, 1.0), (0.0, 0.0, 1.0))
     assert drag(strokes([lower, raised], 0.1), outer).places == 0
-
-
-def test_ink_that_is_being_joined_isn_t_dragged() -> None:
-    upper = ((0.0, 0.0, 0.0), (5.0, 0.0, 0.0))
-    joined = ((5.0, 0.05, 0.0), (0.0, 0.05, 0.0))
-    assert drag(strokes([upper, joined], 0.3), 0.31).places == 0

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Ink, Needle, load, yield_pressure_pa
-from sim.gcode.bead import Nozzle, Pieces, cut, nozzle_flow, nozzle_of
-from sim.gcode.motion.executed import ExecutedMotion
+from sim.gcode.bead import Nozzle, Pieces, nozzle_flow, nozzle_of
 
 LAG = 0.4
 
@@ -31,15 +30,6 @@ def test_a_step_of_flow_is_followed_exponentially() -> None:
     out = 2.0 * (time - LAG * (1 - np.exp(-time / LAG)))
     np.testing.assert_allclose(np.cumsum(found.out_ul), out, rtol=1e-12)
     np.testing.assert_allclose(found.held_ul, 2.0 * LAG * (1 - np.exp(-time / LAG)), rtol=1e-12)
-
-
-def test_pieces_of_any_length_give_the_same() -> None:
-    rates = [2.0, 0.0, -3.0, 0.0, 1.0]
-    coarse = nozzle_flow(pieces([0.5] * 5, rates), Nozzle(LAG, 1e5, 2e4))
-    fine = nozzle_flow(pieces([0.005] * 500, np.repeat(rates, 100).tolist()), Nozzle(LAG, 1e5, 2e4))
-    np.testing.assert_allclose(
-        fine.out_ul.reshape(5, 100).sum(axis=1), coarse.out_ul, rtol=1e-9, atol=1e-12
-    )
 
 
 @pytest.mark.parametrize("nozzle", [Nozzle(), Nozzle(LAG), Nozzle(LAG, 5e4, 3e4)])
@@ -95,23 +85,3 @@ def test_a_retraction_stops_the_flow_when_the_pressure_is_gone() -> None:
     assert found.held_ul[1] == pytest.approx(0.0, abs=1e-12)
     assert found.out_ul[1] == pytest.approx(LAG * flow - pull * takes)
     assert found.out_ul[2] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_what_a_retraction_draws_in_comes_out_first() -> None:
-    found = nozzle_flow(pieces([1, 1, 1], [1.0, -0.4, 1.0]), Nozzle())
-    np.testing.assert_allclose(found.laid_ul, [1.0, 0.0, 0.6])
-
-
-def test_standing_between_blocks_is_a_piece() -> None:
-    place = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
-    motion = ExecutedMotion(
-        place[:-1], place[1:], np.array([0.0, 1.0]), np.array([1.0, 2.0]),
-        np.array([0.0, 3.0]), np.array([1.0, 4.0]), np.array([0, 1]),
-    )  # fmt: skip
-    found = cut(motion, 2.0, lag_s=LAG, longest_mm=0.5, until_s=1.5)
-    assert found.push_ul.sum() == pytest.approx(4.0)
-    assert found.time[-1] == pytest.approx(5.5)
-    still = found.block < 0
-    assert found.duration[still].sum() == pytest.approx(3.5)
-    assert found.length[still].max() == 0.0
-    assert found.length.sum() == pytest.approx(2.0)

@@ -66,12 +66,6 @@ def test_ink_that_flows_after_a_stop_lies_along_the_travel() -> None:
     assert found.width_mm[first] == pytest.approx(np.sqrt(4 * flow / (np.pi * fast)), rel=0.04)
 
 
-def test_ink_that_flows_while_the_needle_stands_is_a_drop() -> None:
-    flow = 0.5
-    moved = motion([(0, 0, 0), (20, 0, 0), (20, 0, 0)], [2.0, 30.0], [flow * 10.0, 0.0])
-    assert bead(moved, Nozzle(LAG)).dropped_ul == pytest.approx(LAG * flow)
-
-
 def test_a_line_in_a_layer_is_as_wide_as_its_ink_s_bead() -> None:
     points, speed, volume = [(0.0, 0.0, 0.06)], [], []
     for layer in range(3):
@@ -133,11 +127,3 @@ def test_the_firmware_s_advance_cancels_a_lag_of_its_length(firmware: str, comma
     asked = np.sqrt(4 / np.pi * 0.02 * AREA)
     np.testing.assert_allclose(widths(advance.ahead_mm), asked, rtol=2e-3)
     assert np.abs(widths(None) / asked - 1).max() > 0.4
-
-
-def test_without_an_advance_nothing_is_ahead() -> None:
-    printer = load(Printer, "generic_marlin")
-    run, gcode = job(printer, b"; M900 K2\n")
-    found = advance_of(run, gcode, printer)
-    assert found.most_s == 0.0
-    assert not found.ahead_mm.any()

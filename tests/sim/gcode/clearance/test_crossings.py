@@ -47,30 +47,6 @@ def test_writing_under_a_filament_drives_the_shaft_through_it():
     assert found.pairs == 1
 
 
-def test_beside_within_the_radius_crosses_by_what_is_missing():
-    found, line = under([(97, 100.2, 5), (103, 100.2, 5)])
-    crossing = found.crossings[0]
-    assert crossing.depth_mm == pytest.approx(R + RADIUS - 0.2, abs=0.003)
-    assert {one.kind for one in found.crossings} == {"descent", "write"}
-    assert approach_of(found, line) == pytest.approx(0.2 - R - RADIUS, abs=0.003)
-
-
-@pytest.mark.parametrize("gap", [0.01, 0.1, 0.4])
-def test_just_outside_is_clear_and_measured(gap):
-    y = 100 + R + RADIUS + gap
-    found, line = under([(97, y, 5), (103, y, 5)])
-    assert found.crossings == ()
-    assert apart_of(found, line) == pytest.approx(gap, rel=0.05, abs=0.003)
-    near = ["descent", "write"] if gap < NEEDLE.clearance_mm else []
-    assert sorted(one.kind for one in found.grazes) == near
-
-
-def test_above_is_clear_down_to_touching():
-    found, line = under([(100, 97, 7.5), (100, 103, 7.5)])
-    assert found.crossings == ()
-    assert apart_of(found, line) == pytest.approx(0.5 - RADIUS, rel=0.05)
-
-
 def test_a_low_travel_a_lift_and_a_descent_through_ink_are_flagged():
     net = network(BAR)
     job = Job()
@@ -126,13 +102,6 @@ def test_a_head_lowered_into_ink_is_flagged_and_a_raised_one_isnt():
     assert [one for one in high.crossings if one.head] == []
 
 
-def test_a_needle_that_rides_along_may_cross():
-    motion = heads(HIGH)
-    motion.tips[1, 3] = motion.tips[0, 3] + [2.0, 0.0, 0.5]
-    found = check_clearance(motion, network(BAR), [NEEDLE, NEEDLE])
-    assert [(one.line, one.kind) for one in found.crossings if one.head] == [(4, "descent")]
-
-
 CONE = NeedleBody(0.4, tip_radius_mm=0.1, cone_mm=1.0)
 
 
@@ -147,25 +116,6 @@ def test_a_cone_reaches_as_far_as_it_is_wide_there(height, radius):
     plain = under(tip, needle=NeedleBody(0.1))[0]
     assert plain.crossings == ()
     assert bool(found.crossings) == (gap < 0)
-
-
-def test_the_hub_is_wider_than_the_shaft_where_somebody_said_it():
-    tip = [(97, 101, 3), (103, 101, 3)]
-    hub = NeedleBody(0.155, length_mm=3.0, hub_radius_mm=2.0)
-    assert under(tip)[0].crossings == ()
-    assert under(tip, needle=hub)[0].crossings[0].depth_mm == pytest.approx(1.15, abs=0.01)
-    long = NeedleBody(0.155, length_mm=5.0, hub_radius_mm=2.0)
-    assert under(tip, needle=long)[0].crossings == ()
-
-
-@pytest.mark.parametrize("radius", [0.05, 0.2, 0.35])
-def test_a_filament_is_as_thick_as_what_was_pushed(radius):
-    points = [(97, 101, 5), (103, 101, 5)]
-    job = Job()
-    job.along(BAR, 0, radius)
-    line = job.along(points, 1)[-1]
-    found = job.check(network(BAR, points))
-    assert apart_of(found, line) == pytest.approx(1 - R - radius, rel=0.05)
 
 
 def test_the_result_is_json_with_the_deepest_first():

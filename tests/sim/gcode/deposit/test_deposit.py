@@ -11,6 +11,8 @@ import pytest
 from sim.errors import DepositError
 from sim.gcode.deposit.kernels import SUPERSAMPLE, paint_filaments, paint_layers
 from sim.gcode.deposit.lay import deposit
+from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import united
 from sim.gcode.motion.executed import ExecutedMotion
 
 AREA = 16.69
@@ -62,15 +64,6 @@ def test_line_hangs_below_the_tip_and_is_area_over_height_wide() -> None:
     assert width == pytest.approx(WIDTH, abs=0.011)
 
 
-def test_first_layer_takes_the_usual_spacing_and_a_gap_is_not_bridged() -> None:
-    points = [(0.0, 0.0, 1.0)]
-    for z in (0.5, 0.56, 0.62, 1.2):
-        points += [(1.0, 1.0, z), (4.0, 1.0, z)]
-    found = deposit(motion(points, [0.0, 0.027] * 4), AREA, 0.02)
-    filled = (found.volume > 0).any(axis=(1, 2)).sum() * 0.02
-    assert filled == pytest.approx(4 * HEIGHT, abs=0.05)
-
-
 @pytest.mark.parametrize("first", [HEIGHT, HEIGHT / 3])
 def test_layers_of_different_heights_keep_their_lines_width(first: float) -> None:
     """Most are a third as high as the others, which hold three times as much: they don't hang."""
@@ -111,31 +104,6 @@ def test_retraction_and_prime_deposit_nothing() -> None:
     assert with_both.standing_ul == pytest.approx(0, abs=1e-9)
     primed = deposit(motion(line, [0.027, 0.0, 0.0, 0.0, 0.3, 0.027]), AREA, 0.02)
     assert primed.standing_ul == pytest.approx(0.3)
-
-
-def test_plunger_steps_are_smoothed_along_the_line() -> None:
-    """Blocks of 0.1 mm, and a plunger that moves in steps of 0.29 mm of line."""
-    step = 0.29 * WIDTH * HEIGHT
-    points, volume = [(0.0, 1.0, 0.06)], []
-    for layer in range(2):
-        points += [(0.0, 1.0, HEIGHT * (layer + 1))]
-        volume += [0.0]
-        dosed = np.floor(np.arange(101) * 0.1 * WIDTH * HEIGHT / step) * step
-        points += [(0.1 * (k + 1), 1.0, HEIGHT * (layer + 1)) for k in range(100)]
-        volume += np.diff(dosed).tolist()
-    found = deposit(motion(points, volume), AREA, 0.01, plunger_step_mm=step / AREA)
-    width = (found.volume[found.volume.shape[0] // 2] / 255.0).sum(axis=0) * 0.01
-    inner = width[100:-100]
-    assert inner.min() > 0.6 * WIDTH
-    assert inner.max() < 1.4 * WIDTH
-    assert inner.mean() == pytest.approx(WIDTH, rel=0.05)
-
-
-def test_travel_leaves_nothing() -> None:
-    points = [(0.0, 0, 0.06), (2, 0, 0.06), (2, 6, 0.06), (4, 6, 0.06), (4, 6, 0.12), (2, 6, 0.12)]
-    found = deposit(motion(points, [0.018, 0, 0.018, 0, 0.018]), AREA, 0.02)
-    y = found.origin_mm[1] + 0.02 * np.arange(found.volume.shape[1])
-    assert found.volume[:, (y > 0.2) & (y < 5.8)].max() == 0
 
 
 def test_short_hop_between_lines_takes_no_ink_from_them() -> None:
@@ -211,12 +179,6 @@ def test_a_grid_too_large_is_refused_with_its_size() -> None:
         deposit(far, AREA, 0.005)
 
 
-@pytest.mark.parametrize("voxel", [0.0, -1.0, float("nan")])
-def test_impossible_voxels_are_refused(voxel: float) -> None:
-    with pytest.raises(DepositError, match="voxel_mm"):
-        deposit(hatch(), AREA, voxel)
-
-
 def test_a_scanner_s_field_holds_whole_voxels_of_the_same_ink() -> None:
     found = deposit(hatch(), AREA, 0.02)
     box = np.array([[11.0, 10.5, -1.0], [12.5, 11.0, 0.13]])
@@ -229,3 +191,61 @@ def test_a_scanner_s_field_holds_whole_voxels_of_the_same_ink() -> None:
     assert np.array_equal(part.volume, found.volume[whole])
     with pytest.raises(DepositError, match="scanner's field"):
         found.within(box + 50.0)
+
+
+# Ink written along older ink of a layer: volumes add up, and nothing else changes.
+
+
+def lines(*each):
+    """Strands of (start, end, area), each a stroke."""
+    start, end, area = (np.array(one, dtype=float) for one in zip(*each, strict=True))
+    number = np.arange(len(area))
+    return Strands(start, end, area * np.linalg.norm(end - start, axis=1), area, number, number + 1)
+
+
+SOUND = ((0, 0, 1), (7, 0, 1), 0.02)
+
+
+def area_at(strands, x):
+    low = np.minimum(strands.start, strands.end)[:, 0]
+    high = np.maximum(strands.start, strands.end)[:, 0]
+    return strands.area_mm2[(low < x) & (x < high)].sum()
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_second_pass_fills_a_thin_line_up(turned):
+    again = ((2, 0, 1), (5, 0, 1), 0.006)
+    again = (again[1], again[0], 0.006) if turned else again
+    found = united(lines(((0, 0, 1), (7, 0, 1), 0.014), again))
+    assert area_at(found, 1.0) == pytest.approx(0.014)
+    assert area_at(found, 3.5) == pytest.approx(0.02)
+    assert area_at(found, 6.0) == pytest.approx(0.014)
+    assert (found.area_mm2 > 0.015).sum() == 1, "the older piece is in the newer one"
+    assert found.dose_ul.sum() == pytest.approx(7 * 0.014 + 3 * 0.006)
+
+
+def test_several_passes_and_pieces_keep_the_volume():
+    given = lines(
+        ((0, 0, 1), (3, 0, 1), 0.02), ((3, 0, 1), (7, 0, 1), 0.02),
+        ((2, 0.01, 1), (4, 0.01, 1), 0.01), ((2.5, 0, 1), (3.5, 0, 1), 0.004),
+    )  # fmt: skip
+    found = united(given)
+    assert found.dose_ul.sum() == pytest.approx(given.dose_ul.sum())
+    assert area_at(found, 3.2) == pytest.approx(0.034)
+    assert area_at(found, 2.2) == pytest.approx(0.03)
+    assert area_at(found, 0.5) == area_at(found, 6.5) == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        ((0, 0.2, 1), (7, 0.2, 1), 0.02),
+        ((3, -2, 1), (3, 2, 1), 0.02),
+        ((0, 0, 1.02), (7, 0, 1.02), 0.02),
+        ((7, 0, 1), (9, 0, 1), 0.02),
+        ((7, 0, 1), (7, 3, 1), 0.02),
+    ],
+)
+def test_neighbours_crossings_layers_and_ends_stay_as_they_are(other):
+    given = lines(SOUND, other)
+    assert united(given) is given or len(united(given)) == 2

@@ -2,16 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from benchmarks.firmware.files import short_curve, short_moves
+from benchmarks.firmware_bench.dry_run_files import short_curve
+from benchmarks.firmware_bench.gcode_files import short_moves
 from firmware_profiles import Printer, load
-from sim.gcode.dry_run.feed import checksums, sent_bytes
 from sim.gcode.dry_run.run import dry_run
-from sim.gcode.program.gcode import checksum, read_gcode
 from tests.sim.transcripts import DATA
-from tests.slower import examples
 
 PROFILE = load(Printer, "marlin_avr")
 TWO = PROFILE.model_copy(update={"lines_in_flight": 2})
@@ -91,24 +87,10 @@ def test_a_line_that_the_firmware_can_not_take_is_found(text, code):
     assert codes(dry(text)) == [code]
 
 
-def test_one_finding_tells_how_many_lines_have_it():
-    run = dry("G1 X201\nG1 X202\nG1 X10\nG1 X203\n")
-    assert only(run).count == 3
-    assert only(run).value == 203
-    assert dry("M73 P1\nG1 X1\nM73 P2\n").unknown == ((1, "M73"), (3, "M73"))
-
-
 def test_cold_extrusion_is_found_and_the_plunger_stays():
     run = dry_run(b"G1 X20 E1 F600\nM302 P1\nG1 X10 E3\n", PROFILE, (10, 10, 10))
     assert codes(run) == ["cold_extrusion"]
     assert run.executed.plunger_end.tolist() == [0, 2]
-
-
-def test_dwells_and_waits_count():
-    still = dry("G1 X20 F600\nG1 X30\n")
-    waits = dry("G1 X20 F600\nG4 S2\nG1 X30\n")
-    # The dwell waits for the motors, and the move after it for its company.
-    assert waits.duration_s - still.duration_s == pytest.approx(2.1, abs=0.05)
 
 
 def test_moves_shorter_than_their_lines_take_are_slowed_by_the_line():
@@ -166,31 +148,6 @@ def test_each_line_costs_its_bytes_both_ways_the_board_and_the_host():
     assert longer - one == pytest.approx(300 * 11.6 * 10 / 117_647, rel=0.1)
 
 
-def test_lines_are_counted_as_sent_with_number_and_checksum():
-    text = b"G1 X1 F600\n  G1 X2 ; a remark\nM400\n" + b"G1 X3\n" * 8
-    program = read_gcode(text, (0.0, 0.0, 0.0))
-    sent = [numbered(line.split(b";")[0].strip(), number) for number, line in
-            enumerate(text.splitlines(), 1)]  # fmt: skip
-    assert sent_bytes(program, checksums(program, text)).tolist() == [len(line) for line in sent]
-
-
-def numbered(line, number):
-    body = b"N%d %s" % (number, line)
-    return b"%s*%d\n" % (body, checksum(body))
-
-
-def test_short_moves_are_merged_and_counted():
-    text = "".join(f"G1 X{10 + 0.05 * k:.2f} F600\n" for k in range(1, 101))
-    run = dry(text)
-    assert run.merged_moves == 50
-    assert run.executed.end[-1, 0] == 15
-
-
-def test_blocks_know_their_command():
-    run = dry("; a remark\nG1 X20 F600\nM105\nG1 X30\n\nG1 Y20\n")
-    assert run.executed.line.tolist() == [0, 2, 3]
-
-
 @pytest.mark.parametrize(
     ("line", "said"),
     [
@@ -218,14 +175,6 @@ def test_every_way_to_set_a_temperature_is_read(line, said):
     assert found is None or found.line == 2
 
 
-def test_an_empty_file_runs_in_no_time():
-    run = dry("; nothing\n\n")
-    assert run.duration_s == 0
-    assert len(run.executed) == 0
-    assert [finding.code for finding in run.findings] == ["empty_file"]
-    assert run.longest_line == (0, 0)
-
-
 def test_lines_that_cant_be_read_are_refused_once_a_kind_and_left_out():
     run = dry("G1 X1\nG1 X--5\nG1 Xnan\nG1 X5 A-30 Q7\nG92\nG1 X2\nG1 X1.2.3\n")
     found = {finding.code: finding for finding in run.findings if finding.code != "cold_extrusion"}
@@ -245,23 +194,3 @@ def test_huge_numbers_are_planned_or_refused(letter, number):
     profile = load(Printer, "generic_marlin")
     run = dry_run(f"G1 X5 F600\nG1 {letter}{number}\n".encode(), profile, (10, 10, 10))
     assert run.findings
-
-
-def test_the_longest_line_is_measured_as_it_is_sent():
-    assert dry("G1 X20\nG1 X21 Y10 ; a long remark\n").longest_line == (
-        len("N2 G1 X21 Y10*123\n"),
-        2,
-    )
-
-
-@given(st.lists(st.tuples(st.integers(0, 200), st.integers(0, 200)), min_size=1, max_size=40))
-@settings(max_examples=examples(30), deadline=None)
-def test_ends_and_times_hold_together(points):
-    text = "".join(f"G1 X{x} Y{y} F6000\n" for x, y in points)
-    run = dry(text, (0.0, 0.0, 0.0))
-    np.testing.assert_allclose(run.program.target[-1, :2], points[-1])
-    way = np.linalg.norm(np.diff([(0, 0), *points], axis=0), axis=1)
-    assert run.duration_s >= (way.sum() / 100) * 0.99 - 0.01
-    moved = np.abs(run.executed.end - run.executed.start).sum()
-    assert (moved > 0) == (way.sum() > 0)
-    assert run.findings == []

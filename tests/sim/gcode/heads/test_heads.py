@@ -9,10 +9,8 @@ from firmware_profiles import Head, Offset, Printer, load
 from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.reprapfirmware.printer import DuetPrinter
-from sim.errors import DepositError
-from sim.gcode.deposit.lay import deposit, deposit_of_heads, unite_deposits
+from sim.gcode.deposit.lay import deposit
 from sim.gcode.dry_run.run import dry_run
-from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import read_gcode
 from sim.gcode.reading.file import read_file
 
@@ -44,12 +42,6 @@ def test_each_head_s_plunger_is_counted_by_itself():
     last = {k: program.of_head(k).plunger[-1] for k in (0, 1)}
     assert last == pytest.approx({0: 1.5, 1: 1.9})
     assert program.pushed.sum() == pytest.approx(3.4)
-
-
-def test_one_head_takes_no_notice_of_t():
-    plain = read_gcode(b"G1 X1 E1\nT1\nG1 X2 E2\n")
-    assert plain.tool.tolist() == [0, 0, 0]
-    assert plain.plunger.tolist() == [1.0, 1.0, 2.0]
 
 
 def test_dry_run_and_simulated_printer_agree_block_by_block():
@@ -87,22 +79,6 @@ def test_the_ink_of_each_head_lies_where_its_own_tip_was():
     assert not low[0] < 20
 
 
-def test_two_inks_are_laid_on_one_grid():
-    run = dry_run(JOB, TWO, (0, 0, 40)).executed
-    motions = [run.of_head(k, head.offset_mm.mm) for k, head in enumerate(TWO.heads)]
-    inks = deposit_of_heads(motions, (10.0, 20.0), 0.5, style="embedded")
-    alone = [deposit(m, a, 0.5, style="embedded") for m, a in zip(motions, (10, 20), strict=True)]
-    assert inks[0].volume.shape == inks[1].volume.shape
-    for one, other in zip(inks, alone, strict=True):
-        assert one.written_ul == other.written_ul
-        assert one.volume_mm3 == pytest.approx(other.volume_mm3, rel=0.02)
-    both = unite_deposits(inks)
-    assert both.volume_mm3 == pytest.approx(sum(one.volume_mm3 for one in inks), rel=0.02)
-    assert both.written_ul == sum(one.written_ul for one in inks)
-    with pytest.raises(DepositError, match="one grid"):
-        unite_deposits(alone)
-
-
 def test_a_correct_job_has_no_finding():
     assert codes(JOB) == set()
 
@@ -124,20 +100,6 @@ def test_what_a_firmware_would_do_wrong_is_found(wrong, right, sort):
     assert sort in codes(JOB.replace(right, wrong, 1))
 
 
-def test_a_head_that_a_single_headed_printer_hasn_t_is_found():
-    one = load(Printer, "generic_marlin")
-    assert "no_such_head" in codes(b"G21\nT1\nG1 X1 F600\n", one)
-    assert "no_such_head" not in codes(b"G21\nT0\nG1 X1 F600\n", one)
-
-
-def test_marlin_names_the_head_in_use_and_refuses_one_that_isn_t_there():
-    printer = MarlinPrinter(TWO)
-    assert sent(printer, b"T1 S1\n") == b"echo:Active Extruder: 1\nok\n"
-    assert sent(printer, b"T1 S1\n") == b"echo:Active Extruder: 1\nok\n"
-    assert sent(printer, b"T2\n") == b"echo:T2 Invalid extruder\nok\n"
-    assert printer.machine.motion.tool == 1
-
-
 def test_marlin_s_own_offset_shifts_the_frame_without_a_move_where_it_isn_t_homed():
     printer = MarlinPrinter(TWO, (10, 0, 40))
     sent(printer, b"M302 P1\nM218 T1 X40 Y0 Z0\nT1 S1\n")
@@ -153,18 +115,6 @@ def test_marlin_moves_a_homed_carriage_by_its_own_offset():
     assert b"X:100.00" in sent(printer, b"M114\n")
 
 
-def test_a_reset_forgets_the_head_but_not_what_the_plungers_pushed():
-    printer = MarlinPrinter(TWO, (0, 0, 40))
-    sent(printer, JOB[: JOB.index(b"M280 P1 S90\nT0 S1")])
-    printer.reset()
-    printer.take_output()
-    assert printer.machine.motion.tool == 0
-    sent(printer, b"M302 P1\nG92 E0\nG1 E0.5 F60\nM400\n")
-    done = printer.executed()
-    assert done.plunger_end[-1] == pytest.approx(0.9 + 0.5, abs=1e-3)
-    assert done.tool[-1] == 0
-
-
 def test_raised_heads_are_followed_and_their_tips_known():
     run = dry_run(JOB, TWO, (0, 0, 40))
     program, heads = run.program, run.heads
@@ -177,23 +127,6 @@ def test_raised_heads_are_followed_and_their_tips_known():
         assert idle[:, 2].min() == pytest.approx(10 + 25)
     right = heads.tips(program, 1)
     assert (right[:, 1, 0] - program.target[:, 0] == 40).all()
-
-
-def test_the_view_of_one_head_has_its_own_bounds_and_plunger():
-    run = dry_run(JOB, TWO, (0, 0, 40))
-    left, right = run.of_head(0), run.of_head(1)
-    assert (left.plunger_max_mm, right.plunger_max_mm) == pytest.approx((1.5, 2.0))
-    assert right.low_mm[0] == pytest.approx(10 + 40)
-    assert right.high_mm[0] == pytest.approx(30 + 40)
-    assert int(right.low_line[0]) == JOB[: JOB.index(b"G0 X20")].count(b"\n") + 1
-
-
-def test_each_head_s_travel_has_its_own_limit():
-    heads = (TWO.heads[0], TWO.heads[1].model_copy(update={"plunger_travel_mm": 1.5}))
-    short = TWO.model_copy(update={"heads": heads})
-    found = {one.code: one for one in dry_run(JOB, short, (0, 0, 40)).findings}
-    assert found["plunger_travel"].limit == 1.5
-    assert "right" in found["plunger_travel"].message
 
 
 def test_duet_moves_nothing_but_shifts_places_by_its_tool_s_offset():
@@ -231,12 +164,6 @@ def test_klipper_counts_anew_for_each_extruder():
     done = printer.executed()
     assert done.plunger_end[done.tool == 1][-1] == pytest.approx(1.0)
     assert done.plunger_end[done.tool == 0][-1] == pytest.approx(3.0)
-
-
-def test_executed_motion_keeps_its_heads_on_disk(tmp_path):
-    run = dry_run(JOB, TWO, (0, 0, 40)).executed
-    run.save(tmp_path / "executed.npz")
-    assert ExecutedMotion.load(tmp_path / "executed.npz").tool.tolist() == run.tool.tolist()
 
 
 def test_profiles_of_several_heads_are_held_to_their_rules():

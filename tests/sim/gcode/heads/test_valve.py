@@ -16,11 +16,8 @@ from sim.gcode.heads import (
     BETWEEN,
     CLOSED,
     OPEN,
-    UNKNOWN,
     as_plunger,
     flowing,
-    flowing_s,
-    read_valve,
     read_with_valve,
     with_commands,
 )
@@ -62,28 +59,6 @@ def test_only_the_profile_s_own_commands_switch_the_valve(line: str, state: list
     assert states(run("G90", line, "M400")) == state
 
 
-@pytest.mark.parametrize(
-    ("line", "state"),
-    [
-        ("SET_PIN PIN=air VALUE=1", [OPEN]),
-        ("set_pin value=0 pin=air", [CLOSED]),
-        ("SET_PIN PIN=air VALUE=0.5", [BETWEEN]),
-        ("SET_PIN PIN=lamp VALUE=1", []),
-    ],
-)
-def test_klipper_s_pins_are_read_by_name(line: str, state: list[int]) -> None:
-    klipper = PRINTER.model_copy(update={"firmware": "klipper"})
-    words = {"opens": "SET_PIN PIN=air VALUE=1", "closes": "SET_PIN PIN=air VALUE=0"}
-    assert states(run("G90", line, "M400", printer=of(klipper, **words))) == state
-
-
-def test_state_of_each_row_is_what_was_last_said() -> None:
-    found = run("G90", "M106 P0 S255", "G1 X101", "M106 P0 S0", "G1 X102")
-    assert found.valve is not None
-    assert found.valve.before.tolist() == [UNKNOWN, UNKNOWN, OPEN, OPEN, CLOSED]
-    assert found.doses.tolist() == [False, False, True, True, False]
-
-
 LINE = ["M106 P0 S255", "G4 P50", "G1 X110 F600", "M400", "M106 P0 S0", "G4 P40"]
 
 
@@ -97,15 +72,6 @@ def test_ink_flows_from_the_opening_delay_to_the_closing_delay() -> None:
     first, last = 1, 1
     assert begin == pytest.approx(found.executed.time_start[first] - 0.05 + 0.02)
     assert end == pytest.approx(found.executed.time_end[last] + 0.01)
-
-
-def test_openings_without_a_move_count_their_dwells() -> None:
-    dose = ["M106 P0 S255", "G4 P30", "G4 S5", "M106 P0 S0", "G4 P30"]
-    printer = of(opening_delay_s=0.03, closing_delay_s=0.05)
-    found, head = run(*dose, "G4 S10", *dose, printer=printer), printer.pneumatic
-    assert found.valve is not None
-    assert head is not None
-    assert flowing_s(found.executed, found.program, found.valve, head) == pytest.approx(2 * 5.05)
 
 
 def motion(times: list[tuple[float, float]]) -> ExecutedMotion:
@@ -126,11 +92,6 @@ def test_each_block_gets_what_flowed_in_its_time_and_the_rest_is_laid_standing()
     assert volume[length == 0].tolist() == [2.0, 0.5]
     assert volume.sum() == pytest.approx(2.0 * 4.25)
     assert (laid.start[1:] == laid.end[:-1]).all()
-
-
-def test_no_ink_where_the_valve_never_opened() -> None:
-    blocks = motion([(0, 1), (1, 3)])
-    assert as_plunger(blocks, np.zeros((0, 2)), 2.0).plunger_end.tolist() == [0, 0]
 
 
 def test_a_written_line_is_as_thick_as_flow_over_speed() -> None:
@@ -192,10 +153,3 @@ def test_a_motion_of_another_file_is_refused() -> None:
     with pytest.raises(DepositError, match="nothing moved"):
         nothing = dry_run(b"G90", PRINTER, START).executed
         pneumatic_deposit(nothing, text, PRINTER, 1.0, 0.05)
-
-
-def test_a_plunger_s_dry_run_has_no_valve() -> None:
-    plain = dry_run(b"M302 P1\nG1 X101 E0.1 F600\nG1 E0\n", load(Printer, "generic_marlin"), START)
-    assert plain.valve is None
-    assert plain.doses.tolist() == [False, True, False]
-    assert read_valve(plain.program, b"", (), HEAD).state.tolist() == []

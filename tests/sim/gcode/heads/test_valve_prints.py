@@ -75,30 +75,8 @@ def test_a_fresh_lumen_stays_open_as_by_plunger() -> None:
         assert filled(ink, at[away > 0.58]).mean() > 0.97
 
 
-def test_speeding_up_and_down_lays_more_where_the_flow_is_steady() -> None:
-    """A stop and a start at v with acceleration a take v/a longer than the way at v."""
-    flow, area = 0.1, 0.15 * 0.06
-    ink = by_air(fresh_way(), flow)
-    data = write_gcode(fresh_way(), AIR, SYRINGE, PLACE, GcodeOptions(flow_ul_s=flow)).data
-    passes = data.count(b"M106 P0 S255")
-    each = flow * (flow / area) / AIR.acceleration_mm_s2
-    excess = ink.written_ul - fresh_way().written_ul
-    assert passes * each < excess < 2 * passes * each  # the walls' corners besides
-
-
 def test_embedded_vessels_are_as_thick_as_by_plunger() -> None:
     toolpath = embedded_toolpath(random_tree(20, 8, 3, 0.15), EmbeddedOptions())
     air, plunger = by_air(toolpath, 0.3), by_plunger(toolpath)
     assert air.written_ul == pytest.approx(plunger.written_ul, rel=0.03)
     assert air.volume_mm3 == pytest.approx(plunger.volume_mm3, rel=0.04)
-
-
-def test_a_flow_too_small_for_the_board_s_slowest_steps_lays_too_little_and_is_found() -> None:
-    """The timer of an 8-bit board can't step slower than 32 a second, so such moves run faster."""
-    toolpath = embedded_toolpath(random_tree(20, 8, 3, 0.15), EmbeddedOptions())
-    options = GcodeOptions(start_mm=START, flow_ul_s=0.1)
-    data = write_gcode(toolpath, AIR, SYRINGE, PLACE, options).data
-    run = dry_run(data, AIR, START)
-    assert [finding.code for finding in run.findings] == ["too_slow"]
-    ink = pneumatic_deposit(run.executed, data, AIR, 0.1, VOXEL)
-    assert ink.written_ul < 0.97 * toolpath.written_ul

@@ -1,7 +1,6 @@
 """Planner and stepper, against analytic cases, properties and a slow stepper."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,16 +10,12 @@ from hypothesis import strategies as st
 from firmware_profiles import Printer, load
 from sim.gcode.motion.planner import (
     add_move,
-    count_steps,
     next_event,
     run_until,
-    set_axis,
     set_trapezoid,
-    stop_now,
-    turn_angle,
 )
 from sim.gcode.motion.state import BLOCK, LOG, new_planner, new_ring
-from sim.gcode.motion.stepper import axis_steps, timer_interval, walk
+from sim.gcode.motion.stepper import walk
 from tests.sim.gcode.motion.naive_stepper import pulse_times
 from tests.slower import examples
 
@@ -69,20 +64,6 @@ def test_a_single_move_takes_the_time_of_its_trapezoid(length, speed):
     assert bench.span == pytest.approx(expected, rel=0.002, abs=0.006)
 
 
-def test_each_axis_keeps_its_own_speed_limit():
-    bench = Bench()
-    bench.move(0, 0, 10, 0, feed=100)
-    log = bench.finish()
-    assert log["time_end"][0] - log["time_start"][0] == pytest.approx(10 / 5 + 5 / 100, rel=0.01)
-
-
-def test_a_plunger_above_its_limit_slows_the_whole_move():
-    bench = Bench()
-    bench.move(10, 0, 0, 100, feed=20)
-    log = bench.finish()
-    assert log["time_end"][0] - log["time_start"][0] == pytest.approx(100 / 25, rel=0.01)
-
-
 def test_a_right_angle_is_entered_at_the_junction_deviation_speed():
     bench = Bench()
     bench.move(10, 0, 0, 0)
@@ -90,42 +71,6 @@ def test_a_right_angle_is_entered_at_the_junction_deviation_speed():
     half_sine = math.sqrt(0.5)
     expected = 3000 * 0.013 * half_sine / (1 - half_sine)
     assert bench.ring["entry_sq"][1] == pytest.approx(expected, rel=1e-4)
-
-
-def test_small_segments_on_a_circle_are_limited_by_the_arc_they_stand_for():
-    bench = Bench()
-    angle = math.radians(10)
-    bench.move(0.5, 0, 0, 0, feed=200)
-    end = (0.5 + 0.5 * math.cos(angle), 0.5 * math.sin(angle))
-    bench.move(*end, 0, 0, feed=200)
-    length = float(bench.ring["millimetres"][1])
-    limit = length * 3000 / angle
-    assert bench.ring["max_entry_sq"][1] == pytest.approx(limit, rel=0.25)
-    half_sine = math.sqrt(0.5 * (1 + math.cos(angle)))
-    assert bench.ring["max_entry_sq"][1] < 3000 * 0.013 * half_sine / (1 - half_sine)
-
-
-def test_a_reversal_is_entered_from_rest():
-    bench = Bench()
-    bench.move(10, 0, 0, 0)
-    bench.move(0, 0, 0, 0)
-    assert bench.ring["entry_sq"][1] == bench.ring["least_sq"][1]
-
-
-def test_angles_are_within_the_polynomials_error():
-    for degrees in range(5, 175, 5):
-        cosine = math.cos(math.radians(degrees))
-        assert turn_angle(np.float32(cosine)) == pytest.approx(math.acos(-cosine), abs=0.034)
-
-
-def test_moves_below_the_least_steps_are_left_to_their_successor():
-    bench = Bench()
-    assert not bench.move(5 / 80, 0, 0, 0)
-    assert bench.planner["merged"][0] == 1
-    assert bench.planner["position"][0].tolist() == [0, 0, 0, 0]
-    assert bench.move(6 / 80, 0, 0, 0)
-    bench.finish()
-    assert bench.physical.tolist() == [6, 0, 0, 0]
 
 
 coordinate = st.integers(0, 400).map(lambda n: n * 0.05)
@@ -196,77 +141,3 @@ def test_the_stepper_gives_each_pulse_when_the_slow_one_does(block, share):
     limit = int(share * times[-1])
     done, _, _ = walk(block[0], limit)
     assert done == sum(time <= limit for time in times)
-
-
-@pytest.mark.parametrize("rate", [32, 40, 100, 1000, 1200, 1600, 2079, 2080, 4000, 9999])
-def test_the_timer_table_is_near_the_true_interval(rate):
-    assert timer_interval(rate) == pytest.approx(2e6 / rate, rel=0.013)
-
-
-@given(st.integers(-500, 500), st.integers(1, 500))
-def test_bresenham_ends_at_its_target_and_moves_by_single_steps(steps, events):
-    events = max(events, abs(steps))
-    path = [axis_steps(steps, events, done) for done in range(events + 1)]
-    assert path[0] == 0
-    assert path[-1] == steps
-    assert all(abs(b - a) <= 1 for a, b in pairwise(path))
-
-
-def test_a_stop_in_mid_move_leaves_the_motors_where_they_are():
-    bench = Bench((10.0, 0.0, 0.0))
-    bench.move(60, 0, 0, 0, feed=10)
-    stop_now(bench.planner, bench.ring, bench.log, 1.1)
-    steps = bench.physical
-    assert steps[0] == pytest.approx((10 + 10 * 1.0) * 80, abs=5)
-    assert bench.planner["position"][0].tolist() == steps.tolist()
-    assert bench.planner["count"][0] == 0
-    log = bench.finish()
-    assert log["end"][0, 0] == steps[0]
-    assert log["time_end"][0] == 1.1
-
-
-def test_counting_in_mid_move_agrees_with_the_motion():
-    bench = Bench()
-    bench.move(50, 25, 0, 0, feed=10)
-    run_until(bench.planner, bench.ring, bench.log, 2.1)
-    out = np.zeros(4, np.int64)
-    count_steps(bench.planner, bench.ring, 2.1, out)
-    assert out[0] / 80 == pytest.approx(2 * 10 * 2 / math.sqrt(5), rel=0.01)
-    assert out[1] == pytest.approx(out[0] / 2, abs=1)
-
-
-def test_renaming_the_plunger_moves_no_motor():
-    bench = Bench()
-    bench.move(0, 0, 0, 1)
-    set_axis(bench.planner, 3, 0.0)
-    bench.move(0, 0, 0, 1)
-    bench.finish()
-    assert bench.physical[3] == 1000
-    assert bench.planner["shift"][0, 3] == 500
-
-
-def test_a_single_block_waits_for_company():
-    alone, three = Bench(), Bench()
-    alone.move(10, 0, 0, 0)
-    for x in (10, 20, 30):
-        three.move(x, 0, 0, 0)
-    assert next_event(alone.planner) == pytest.approx(0.1)
-    assert next_event(three.planner) == 0.0
-
-
-def test_a_travel_after_a_hop_is_entered_at_its_least_speed():
-    """sqrt(a / 2 / steps per mm), as the real board does it: 4.33 mm/s, not the corner's 2.1."""
-    bench = Bench()
-    bench.move(0, 0, 1, 0, feed=5.0)
-    bench.move(10, 0, 1, 0, feed=50.0)
-    bench.move(20, 0, 1, 0, feed=50.0)
-    travel = bench.ring[1]
-    assert math.sqrt(travel["entry_sq"]) == pytest.approx(math.sqrt(3000 / 2 / 80), rel=1e-3)
-
-
-def test_an_idle_stepper_looks_for_blocks_each_millisecond():
-    bench = Bench()
-    for x, now in ((10, 0.0102), (20, 0.0104), (30, 0.0106)):
-        bench.now = now
-        bench.move(x, 0, 0, 0)
-    assert next_event(bench.planner) == pytest.approx(0.011)

@@ -20,7 +20,6 @@ from tests.sim.gcode.reading.test_read_line import FAMILIES, anything, lines
 from tests.slower import examples
 
 MARLIN = load(Printer, "generic_marlin")
-AIR = load(Printer, "aerotech_pneumatic")
 files = st.lists(st.one_of(lines, anything), max_size=12).map(b"\n".join).filter(
     lambda data: b"\0" not in data
 )  # fmt: skip
@@ -77,24 +76,6 @@ def test_words_are_those_of_a_slow_oracle(text):
 def test_a_binary_file_is_named():
     with pytest.raises(GcodeError, match=r"line 2 of the G-code has a NUL \(byte 6\)"):
         read_file(b"G1\nG1 \0", MARLIN)
-
-
-def test_utf_16_is_refused():
-    with pytest.raises(GcodeError, match=r"UTF-16.*save it as plain text"):
-        read_file("G1 X5\n".encode("utf-16"), MARLIN)
-
-
-def test_a_byte_order_mark_is_left_out():
-    text = b"G92 X3\nG1 X5 F600\n"
-    assert read_file(b"\xef\xbb\xbf" + text, MARLIN).lines == [b"G92 X3", b"G1 X5 F600"]
-    assert read_gcode(b"\xef\xbb\xbf" + text).target.tolist() == read_gcode(text).target.tolist()
-
-
-def test_an_aerotechs_file_keeps_its_lines_and_outputs():
-    file = read_file(b"$DO[0].X=1\nG1 X5 F2\nDWELL 0.5\nG1 X--5\nG75\n", AIR)
-    assert file.lines == [b"M105", b"G1 X5 F2", b"G4 S0.5", b"M105", b"M105"]
-    assert [named.name for named in file.named] == ["$DO", "G1"]
-    assert file.per_second == ((5, False),)
 
 
 WORDS = ("G1", "G0", "G2", "G3", "G92", "G90", "G91", "M82", "M83", "G4", "G28", "M104", "T0", "N1",

@@ -1,0 +1,137 @@
+"""Dependency audit: fails on vulnerabilities, reports when it couldn't ask."""
+
+import importlib.util
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+PLACE = Path(__file__).parents[1] / ".ci" / "audit.py"
+
+
+@pytest.fixture
+def audit(monkeypatch):
+    spec = importlib.util.spec_from_file_location("audit", PLACE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "audit", module)
+    spec.loader.exec_module(module)
+    return module
+
+
+SAFE = {"name": "numpy", "version": "2.4.6", "vulns": []}
+BAD = {
+    "name": "pillow",
+    "version": "1.0",
+    "vulns": [{"id": "CVE-2020-1", "fix_versions": ["1.1"], "description": "x"}],
+}
+UNKNOWN = {"name": "ours", "skip_reason": "Dependency not found on PyPI"}
+
+
+def answers(audit, monkeypatch, *dependencies):
+    monkeypatch.setattr(audit, "ask", lambda service: audit.read({"dependencies": dependencies}))
+
+
+def test_a_known_vulnerability_fails_with_name_and_remedy(audit, monkeypatch, capsys):
+    answers(audit, monkeypatch, SAFE, BAD, UNKNOWN)
+    assert audit.main() == 1
+    out = capsys.readouterr().out
+    assert "pillow 1.0: CVE-2020-1 (mended in 1.1)" in out
+    assert "2 pins asked of pypi, 1 unknown to it: 1 vulnerable" in out
+
+
+def test_nothing_known_passes(audit, monkeypatch, capsys):
+    answers(audit, monkeypatch, SAFE)
+    assert audit.main() == 0
+    assert "0 vulnerable" in capsys.readouterr().out
+
+
+def test_a_service_that_knows_no_pin_was_not_asked(audit, monkeypatch, capsys):
+    answers(audit, monkeypatch, UNKNOWN)
+    assert audit.main() == 0
+    assert "NOT DONE" in capsys.readouterr().out
+
+
+def test_no_answer_passes_and_is_said(audit, monkeypatch, capsys):
+    monkeypatch.setattr(audit, "ask", lambda service: None)
+    assert audit.main() == 0
+    assert "NOT DONE" in capsys.readouterr().out
+
+
+# Installing by uv: pip's settings handed on.
+
+PLACE_INSTALL = Path(__file__).parents[1] / ".ci" / "install.py"
+
+
+@pytest.fixture
+def install(monkeypatch):
+    spec = importlib.util.spec_from_file_location("install", PLACE_INSTALL)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for name in module.NAMES.values():
+        monkeypatch.delenv(name, raising=False)
+    return module
+
+
+def test_uv_asks_where_pip_is_told_to_ask(install):
+    listed = "global.index-url='here/simple'\n:env:.find-links='/one\\n/two'\nuser.timeout='9'\n"
+    assert install.settings(listed) == {
+        "UV_DEFAULT_INDEX": "here/simple",
+        "UV_FIND_LINKS": "/one,/two",
+    }
+
+
+def test_what_uv_was_told_itself_stays(install, monkeypatch):
+    monkeypatch.setenv("SSL_CERT_FILE", "mine.pem")
+    assert install.settings("global.cert='pips.pem'\n") == {}
+
+
+def test_what_uv_cannot_install_is_left_to_pip(install, monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr(install, "by_uv", lambda python, what: False)
+
+    def run(command, check):
+        asked.append(command)
+        return type("Done", (), {"returncode": 3})
+
+    monkeypatch.setattr(install.subprocess, "run", run)
+    assert install.main("there/python", "printctl.whl") == 3
+    assert [(words[0], words[-1]) for words in asked] == [("there/python", "printctl.whl")]
+    assert "now by pip" in capsys.readouterr().out
+
+
+# Contents of the installed wheel.
+
+ROOT = Path(__file__).resolve().parents[1]
+OURS = {"design", "firmware_profiles", "kernels", "printctl", "registration", "sim"}
+
+
+@pytest.mark.slow
+def test_wheel_has_our_packages_and_their_data_and_nothing_else(tmp_path: Path) -> None:
+    # From a copy: setuptools leaves its build folder behind.
+    source = tmp_path / "source"
+    for package in OURS:
+        shutil.copytree(ROOT / package, source / package)
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source / name)
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "-w", str(tmp_path)]
+    done = subprocess.run([*command, str(source)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    top = {name.split("/")[0] for name in names}
+    assert {name for name in top if not name.endswith(".dist-info")} == OURS
+    for needed in (
+        "firmware_profiles/data/printers/generic_marlin.yaml",
+        "printctl/recipe/starter.yaml",
+        "printctl/py.typed",
+    ):
+        assert needed in names
+    assert any(name.startswith("registration/report/vendor/") for name in names)
+    assert any(name.startswith("registration/report/templates/") for name in names)
