@@ -14,7 +14,6 @@ import pytest
 
 from registration import RegistrationReport, Scan
 from registration.files.exports import (
-    as_csv,
     write_axes_vtp,
     write_scan_nrrd,
     write_surface_vtp,

@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from kernels.arrays import FloatArray
-from registration.measuring.gauging.changes import _defects, _Series, peak_of
+from registration.measuring.gauging.changes import _defects, _Series
 from registration.measuring.gauging.defect import Defect
 from registration.measuring.gauging.sections import RAYS
 from tests.registration.phantom import CHANNEL, block, traces

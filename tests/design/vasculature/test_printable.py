@@ -13,7 +13,6 @@ from design.solids import read_solid
 from design.tissue import block, folded_cortex, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree, tree_radii, tree_to_network
 from design.vasculature.growth.printable import grow_printable
-from design.vasculature.growth.root import deep_roots
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature.test_grow import SHARED, check
 
