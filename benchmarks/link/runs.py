@@ -26,7 +26,7 @@ from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults import parse_fault
+from sim.devices.faults import PermanentFaults, parse_fault
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.simulated_transport import HostDiedError, SimulatedTransport
 

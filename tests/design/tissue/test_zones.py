@@ -12,10 +12,10 @@ import pytest
 import trimesh
 from manifold3d import Manifold
 
-from benchmarks.supply_bench import worker
-from benchmarks.supply_bench.cases import make, true_volume
-from benchmarks.supply_bench.judge import welded_volumes
-from benchmarks.supply_bench.run import judged, write_stl
+from benchmarks.checkers import write_stl
+from benchmarks.tissue import worker
+from benchmarks.tissue.cases import make, true_volume
+from benchmarks.tissue.run import corners_of, judged, welded_volumes
 from design.errors import TissueError
 from design.tissue import (
     BlockZone,
@@ -184,7 +184,7 @@ KINDS = ("point", "inverted", "shells", "sheets", "edge", "face", "flat", "joint
 @pytest.mark.parametrize("kind", first_of(KINDS, 2))
 def test_every_part_is_supplied(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     case, path = make(kind, 0), tmp_path / f"{kind}-0.stl"
-    write_stl(path, case.mesh)
+    write_stl(path, corners_of(case.mesh))
     # Here, not in a process of its own as the benchmark does: that imports all of it once more.
     monkeypatch.setattr(sys, "argv", ["worker", str(path)])
     with redirect_stdout(io.StringIO()) as told:

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
-from benchmarks.paper_places import cases_of, compare
-from benchmarks.paper_plain import order_down, traversed_cost
 from design.errors import GrowthError, TissueError
 from design.geometry import build_triangle_tree, nearest_distances
 from design.tissue import annulus, block, folded_cortex, load_tissue
@@ -20,6 +18,12 @@ from design.vasculature import (
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import KeptTissues, kept_tissue
 from tests.design.vasculature import oracles
+from tests.design.vasculature.bifurcation_places import (
+    accuracies,
+    cases_of,
+    order_down,
+    traversed_cost,
+)
 from tests.design.vasculature.oracles import volume
 from tests.slower import first_of, first_rows
 
@@ -250,7 +254,7 @@ def grown(terminals):
 def measured():
     tree = grown(1500)
     cases, depth = cases_of(tree, 20)
-    return next(compare(tree, cases))[1], depth
+    return accuracies(tree, cases), depth
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from printctl.cli.main import app
 from printctl.errors import UsageError
 from registration.devices.camera_frame import read_frame, write_insert
 from registration.devices.lens import write_lens
+from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 from sim.gcode.dry_run.run import dry_run
 from tests.registration.devices.camera_frame import scene

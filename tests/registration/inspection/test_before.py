@@ -5,13 +5,38 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.checkers.stacked_layers import Stack, stack
-from benchmarks.observe_before import expected, look
-from registration.inspection import see_layer
+from registration.inspection import ExpectedLines, LayerFindings, see_layer
+from tests.registration.inspection.stacked_layers import Layer, Stack, stack
 from tests.slower import first_of
 
 SEEN = 4
 """A translucent stack whose layers add enough density."""
+
+
+_SHOWN = 3
+"""Older layers that the product is told of."""
+
+
+def expected(found: Stack) -> ExpectedLines:
+    """The layer and those below, as the product takes them."""
+    layers = [*found.older[-_SHOWN:], found.layer]
+    return ExpectedLines(
+        np.vstack([_places(one, 0) for one in layers]),
+        np.vstack([_places(one, 1) for one in layers]),
+        np.concatenate([np.full(len(one.at), one.width) for one in layers]),
+        np.arange(sum(len(one.at) for one in layers)),
+        np.concatenate([np.arange(len(one.at)) + 1000 * k for k, one in enumerate(layers)]),
+        np.repeat(np.arange(len(layers)) == len(layers) - 1, [len(one.at) for one in layers]),
+    )
+
+
+def _places(layer: Layer, which: int) -> np.ndarray:
+    return np.hstack([layer.ends()[which], np.full((len(layer.at), 1), 0.3)])
+
+
+def look(found: Stack) -> LayerFindings:
+    """See one painted layer."""
+    return see_layer(found.picture, found, expected(found), before=found.before)
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.checkers.height_painter import SolidLayer, solid_layer
 from registration.inspection import ExpectedLines, LayerFindings, see_layer
+from tests.registration.inspection.height_painter import SolidLayer, solid_layer
 
 
 def _lines(layer: SolidLayer) -> ExpectedLines:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers.profiler_painter import Kind, Profiled, profiled
-from benchmarks.observe_laser import expected, look, planted
+from benchmarks.observe.laser import expected, look, planted
 from kernels.arrays import FloatArray
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap

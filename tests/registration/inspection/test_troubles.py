@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers import layer_painter as painter
-from benchmarks.checkers import layer_troubles as trouble
 from registration.inspection import Unseen, see_layer
+from tests.registration.inspection import layer_troubles as trouble
 from tests.registration.inspection.painted import Scene, expected
 from tests.slower import first_of, first_rows
 

@@ -21,6 +21,7 @@ from design.hemodynamics.three_d.ranks import (
     write_case,
 )
 from design.hemodynamics.three_d.ranks.case import ENGINE, port_velocity
+from tests.design.hemodynamics.three_d.pipes import pipe_mesh
 
 RADIUS, FLOW, VISCOSITY = 0.2, 4.0, 1e-3
 

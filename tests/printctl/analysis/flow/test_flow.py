@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from benchmarks.flow_pipes import pipe_mesh
 from design.hemodynamics.three_d.ranks import (
     PortFlow,
     PortPressure,
@@ -27,6 +26,7 @@ from design.hemodynamics.three_d.ranks import (
 from printctl.analysis.flow.ranks import Engine, find_engine, run_on_ranks
 from printctl.errors import PrintctlError, UsageError
 from printctl.recipe.parts import FlowPart
+from tests.design.hemodynamics.three_d.pipes import pipe_mesh
 from tests.system.cli import called as printctl
 
 FORK = (

@@ -107,19 +107,6 @@ def test_updates_draw_the_new_moves_alone(page: Any, address: str) -> None:
     assert page.evaluate("view.root.dataset.drawn") == drawn
 
 
-def test_the_page_follows_the_servers_events(page: Any, address: str) -> None:
-    opened(page, f"{address}/job/squares?source=/events")
-    said = {"event": "print", "lines_done": 60, "lines_executed": 50, "position": [3, 4, 0.6]}
-    page.wait_for_function("view.feed.socket.readyState === 1")
-    httpx.post(f"{address}/tell", json={"event": "other"}).raise_for_status()
-    httpx.post(f"{address}/tell", json=said).raise_for_status()
-    page.wait_for_function("view.status.executed === 50")
-    httpx.post(f"{address}/tell", json=said | {"job": "other", "lines_executed": 70})
-    page.wait_for_timeout(1500)
-    assert page.evaluate("view.needle.place") == [3, 4, 0.6]
-    assert "50 of" in page.locator(".live-words").inner_text()
-
-
 def test_the_slider_hides_layers(page: Any, address: str) -> None:
     opened(page, f"{address}/job/squares")
     everything = coloured(picture(page))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.firmware_bench.dry_run_files import short_curve
-from benchmarks.firmware_bench.gcode_files import short_moves
+from benchmarks.firmware.files import short_curve, short_moves
 from firmware_profiles import Printer, load
 from sim.gcode.dry_run.run import dry_run
 from tests.sim.transcripts import DATA
