@@ -44,3 +44,14 @@ def layered_job(**more):
     acts = [LIFTED, WRITE, TRAVEL, WRITE, Act.RETRACT, LIFTED, Act.PRIME, WRITE, TRAVEL, WRITE]
     layers = Layers(False, np.array([0.06, 0.12]), np.array([0.06, 0.06]))
     return make_job(places, acts, [0, 0, 0, 0, 1, 1, 1, 1, 1, 1], layers, **more)
+
+
+def passes_job(**more):
+    """Three slanted passes."""
+    places = [(0, 0, 1), (5, 0, 3), (5, 0, 6), (5, 5, 6), (5, 5, 1), (0, 5, 2), (0, 5, 6),
+              (2, 5, 6), (2, 5, 2), (2, 2, 4)]  # fmt: skip
+    acts = [WRITE, LIFTED, LIFTED, LIFTED, WRITE, LIFTED, LIFTED, LIFTED, WRITE]
+    layers = Layers(True, np.array([3.0, 2.0, 4.0]), np.full(3, np.nan))
+    vessel = np.array([7, 7, 7, 7, 8, 8, 8, 8, 9])
+    more = {"vessel": vessel, **more}
+    return make_job(places, acts, [0, 1, 1, 1, 1, 2, 2, 2, 2], layers, **more)

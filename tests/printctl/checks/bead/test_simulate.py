@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 import csv
 import json
 import re
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +17,7 @@ from typer.testing import CliRunner
 from firmware_profiles import Ink, load
 from printctl.cli.main import app
 from tests.printctl.checks.bead.parts import LAG_S, write_job
+from tests.registration.report.columns import unpacked_table
 
 SET_UP = ("--start", "50,50,80", "--ink", "gelatin_sacrificial", "--needle", "30g")
 
@@ -140,20 +139,13 @@ def page_of(path: Path) -> tuple[dict[str, Any], str]:
     return data, text
 
 
-def column(text: str, kind: str) -> np.ndarray:
-    return np.frombuffer(zlib.decompress(base64.b64decode(text)), kind)
-
-
 def test_the_page_plays_what_the_tables_say(tmp_path: Path) -> None:
     job, out = write_job(tmp_path), tmp_path / "out"
     found = facts(job, "--lag-s", LAG_S, "--out", out)
     data, text = page_of(out / "dry_run.html")
-    time = np.cumsum(column(data["time_ms"], "<i4")) / 1e3
+    columns = unpacked_table(data["rows"])
+    time, width, wanted, x = (columns[name] for name in ("time", "width", "wanted", "x"))
     assert np.all(np.diff(time) >= 0)
-    width = column(data["width_um"], "<u2") / 1e3
-    wanted = column(data["wanted_um"], "<u2") / 1e3
-    steps = column(data["places"]["positions"], "<u2").reshape(-1, 3).astype(int)
-    x = data["places"]["low"][0] + data["places"]["step"][0] * (np.cumsum(steps[:, 0]) % 65536)
     with (out / "predicted_bead.csv").open() as handle:
         rows = list(csv.DictReader(handle))
     zero = float(rows[0]["time_s"])
@@ -172,8 +164,7 @@ def test_the_page_plays_what_the_tables_say(tmp_path: Path) -> None:
     assert held.mean() > 0.8
     design = 1.0 - 0.7 * (np.interp(middle, time, x) - 50) / 20
     assert np.abs(wanted[at] - design)[held].max() < 0.02
-    ink = np.cumsum(column(data["laid"], "<i4"))[-1] * data["laid_step_ul"]
-    assert ink == pytest.approx(
+    assert columns["laid"][-1] == pytest.approx(
         found["written_ul"] + found["oozed_ul"] + found["dropped_ul"], rel=1e-3
     )
     placed = {w["line"] for w in found["warnings"] if w["line"]}

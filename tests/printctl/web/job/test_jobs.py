@@ -349,10 +349,10 @@ def test_pauses_are_left_out_of_the_time_at_work():
 
 
 def test_the_same_file_again_does_no_harm_another_one_is_refused(service):
-    first = service.upload("a.gco", [b"G1 X1\n"])
-    assert service.upload("a.gcode", [b"G1 X1\n"]).sha256 == first.sha256
+    first = service.upload("a.gco", io.BytesIO(b"G1 X1\n"))
+    assert service.upload("a.gcode", io.BytesIO(b"G1 X1\n")).sha256 == first.sha256
     with pytest.raises(ConflictError, match=r"another file a\.gcode"):
-        service.upload("a.gcode", [b"G1 X2\n"])
+        service.upload("a.gcode", io.BytesIO(b"G1 X2\n"))
 
 
 def test_warming_follows_its_rate_and_never_passes_the_target():
