@@ -13,7 +13,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -76,6 +76,15 @@ def processes() -> int:
     return min(cores or 1, _MAX_PROCESSES)
 
 
+_late: set[Future[bool]] = set()
+"""What this process's `compiling` still compiles beside it."""
+
+
+def wait_for_late() -> None:
+    """Wait until ``late`` kernels of `compiling` are done; calling one would compile it twice."""
+    wait(_late)
+
+
 @contextmanager
 def compiling(
     rows: Sequence[NeededKernel],
@@ -94,6 +103,7 @@ def compiling(
     pool = ProcessPoolExecutor(processes(), spawn, initializer=_begin)
     waiting = {pool.submit(_compile, one.kernel, one.takes): one for one in rows}
     after = {pool.submit(_compile, one.kernel, one.takes, True): one for one in late}
+    _late.update(after)
     failed = len(rows)
     try:
         with suppress(BrokenProcessPool):
@@ -106,6 +116,7 @@ def compiling(
         for worker in set(multiprocessing.active_children()) - others:
             worker.terminate()
         pool.shutdown(cancel_futures=True)
+        _late.clear()
         both = (waiting | after).items()
         compiled = [row for one, row in both if _is_compiled(one)]
         with suppress(OSError), open(kernel_folder() / _COMPILED, "a", encoding="utf-8") as file:

@@ -12,6 +12,7 @@ import numpy as np
 
 from design.files import write_text
 from design.solids import Solid
+from kernels.ahead import wait_for_late
 from kernels.arrays import FloatArray
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.measurement_record import Corrections, add_record
@@ -112,6 +113,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if written is not None:
         options = replace(options, places_mm=written.at_mm)
     scan = load_scan(context)
+    wait_for_late()
     registered = register_scan(scan, model, context.network, options)
     report(0.8, "tracing")
     summary = {
