@@ -280,6 +280,17 @@ def test_a_clog_over_ink_that_never_was_seen_there_is_asked_about_with_what_was_
     assert "15.0 mm)" in found.why
 
 
+def test_a_clog_that_is_seen_names_what_the_look_before_left_untold():
+    decider = Decider(Limits(mend="mend"))
+    tail = (stretch(1, 3.0),)
+    decider.decide(evidence(told=ToldOfInk(ink_mm=9.0, tail=tail), level_mm=0.1))
+    clogged = InkSupply(SupplyState.CLOGGED, 0.2, 0.2, 1)
+    bare = ToldOfInk(head_mm=1.0, tail=(stretch(3, 8.0),))
+    found = decider.decide(evidence(gaps=(GAP,), supply=clogged, told=bare, level_mm=0.1))
+    assert [one.stroke for one in found.gaps] == [1, 2, 3]
+    assert "with what the look before left untold (X 98.0 Y 101.0 to X 101.0 Y 101.0" in found.why
+
+
 def test_what_did_not_change_beside_what_did_is_asked_about():
     still = ToldOfInk(came_mm=90.0, ink_mm=90.0, still=(stretch(4, 3.0), stretch(5, 1.0)))
     found = decided(seen_share=0.0, told=still, level_mm=0.2)
