@@ -6,6 +6,7 @@ import gc
 import logging
 import os
 import re
+import ssl
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -83,6 +84,17 @@ def check(settings: ServeSettings) -> None:
     for path in filter(None, (settings.tls_cert, settings.tls_key)):
         if not path.is_file():
             raise UsageError(f"there is no file {path}")
+    if settings.tls_cert is not None:
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(
+                settings.tls_cert, settings.tls_key, password=lambda: b""
+            )
+        except OSError as exc:
+            raise UsageError(
+                f"--tls-cert {settings.tls_cert} and --tls-key {settings.tls_key} can't be used: "
+                f"{exc.strerror or exc}; give a certificate and its own key, both PEM, without a "
+                "password"
+            ) from exc
     if settings.password == "":
         raise UsageError("the password is empty")
 

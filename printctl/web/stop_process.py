@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import uvicorn
+from h11 import LocalProtocolError
 from starlette.datastructures import Headers
 from starlette.types import Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -87,8 +88,9 @@ class StopApp:
         refusal = self._refusal(f"{method} {scope['path']}", headers, host, ours)
         if refusal is not None:
             more["connection"] = "close"
-            await start(refusal[0], "application/json")
-            await write({"error": refusal[1], "message": refusal[2]})
+            with contextlib.suppress(LocalProtocolError):  # its body is no HTTP, which is answered
+                await start(refusal[0], "application/json")
+                await write({"error": refusal[1], "message": refusal[2]})
             return
         self._know(scope["client"])
         if method == "GET":
@@ -241,6 +243,8 @@ async def _serve(order: dict[str, Any]) -> None:
     try:
         listener = bind(order["host"], order["port"])
     except UsageError:
+        if order.get("again"):
+            os._exit(1)
         listener = bind(order["host"], 0)
     listener.setblocking(False)
     listener.listen(1024)

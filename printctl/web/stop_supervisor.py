@@ -41,6 +41,7 @@ class StopProcess:
             "access": asdict(access),
         }
         self.port = access.port + 1 if access.port < 65535 else 0
+        self._again = False
         self._over = threading.Event()
         self._process = self._start()
         threading.Thread(target=self._restart, name="stop process", daemon=True).start()
@@ -66,7 +67,8 @@ class StopProcess:
         assert process.stdin is not None
         assert process.stdout is not None
         with contextlib.suppress(OSError):
-            print(json.dumps({**self._order, "port": self.port}), file=process.stdin, flush=True)
+            order = {**self._order, "port": self.port, "again": self._again}
+            print(json.dumps(order), file=process.stdin, flush=True)
         line = process.stdout.readline()
         if not line:
             raise NoStopProcessError(
@@ -74,6 +76,7 @@ class StopProcess:
                 "served without, for its red button would depend on the server alone"
             )
         self.port = int(json.loads(line)["port"])
+        self._again = True  # pages and `serve.json` say this port: it is taken again, or none
         return process
 
     def _restart(self) -> None:
@@ -83,4 +86,5 @@ class StopProcess:
                 try:
                     self._process = self._start()
                 except NoStopProcessError:
+                    log.error("port %d isn't free for it; trying again", self.port)
                     self._over.wait(1.0)

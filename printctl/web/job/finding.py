@@ -98,7 +98,9 @@ class Finder:
 
     def _look(self) -> None:
         while not self._ended.is_set():
-            self.look()
+            # Without a file handle, say: the next look tells what this one couldn't see.
+            with contextlib.suppress(OSError):
+                self.look()
             self._ended.wait(LOOK_AGAIN_S)
 
 

@@ -7,10 +7,11 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from email.message import Message
 from pathlib import Path
@@ -209,11 +210,26 @@ def test_what_isnt_a_request_is_refused_and_the_connection_closed(
     assert said.split(b" ")[1] == status
 
 
-def test_a_door_that_ends_is_opened_again(served: tuple[Process, Path]) -> None:
+def test_a_door_that_ends_is_opened_again_where_pages_know_it(
+    served: tuple[Process, Path],
+) -> None:
     server, _ = served
     door = next(pid for pid in children(server.pid) if "stop_process" in command_of(pid))
     os.kill(door, signal.SIGKILL)
-    assert soon(lambda: not Path(f"/proc/{door}/cmdline").exists() and answers(server))
+    stranger = socket.socket()
+    stranger.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    with stranger:
+        assert soon(lambda: took(stranger, urlsplit(server.stop).port or 0))
+        stranger.listen()
+        time.sleep(1.5)  # as long as the new one takes to begin
+    assert soon(lambda: answers(server))
+
+
+def took(one: socket.socket, port: int) -> bool:
+    with suppress(OSError):
+        one.bind(("127.0.0.1", port))
+        return True
+    return False
 
 
 def test_a_server_that_is_told_to_end_or_killed_leaves_the_print_alone(
