@@ -231,6 +231,23 @@ def test_why_it_is_not_known_is_said_by_both_commands(
         read_print(tmp_path / "out")
 
 
+@pytest.mark.parametrize("change", ["registered against another", "changed since"])
+def test_vessels_of_another_network_are_refused(
+    plain: Path, scan: Path, tmp_path: Path, change: str
+) -> None:
+    """Vessels are known by their numbers: either half of the check is enough."""
+    out = tmp_path / "out"
+    registration(out, plain, scan)
+    if change == "changed since":
+        (out / NETWORK).write_text((out / NETWORK).read_text() + "\n")
+    else:
+        numbers = json.loads((out / NUMBERS).read_text())
+        numbers["registration"]["design"] = {"network_sha256": "0" * 64}
+        (out / NUMBERS).write_text(json.dumps(numbers))
+    with pytest.raises(UsageError, match=r"another network than its run's.*register it anew"):
+        read_print(out)
+
+
 def test_a_simulated_scan_is_known_where_it_lies(scan: Path) -> None:
     folder = Manifest(scan.parent)
     folder.stages["scan"] = StageRecord("key", {scan.name: "0"}, {}, 0.0, 0.0)
