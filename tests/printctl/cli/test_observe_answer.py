@@ -41,7 +41,7 @@ def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsy
             answer(folder, "approve")
         (look_folder(folder, 1) / "answer.json").unlink()
         client.stop()
-        client.wait(30)
+        client.wait(300)
         with pytest.raises(UsageError, match="doesn't wait for a word on look 1"):
             answer(folder, "approve")
         assert answer_of(folder, 1) is None

@@ -54,7 +54,7 @@ def test_insert_outlives_the_process_that_took_it(tmp_path):
             client.looks.insert(1, ["G28"])
         answer = client.looks.insert(1, lines, "a gap")
         os.kill(client.record.pid, signal.SIGKILL)
-        client.wait(30)
+        client.wait(300)
         client = resume_print(run, served.name)
         held = look(client, 1)
         assert (held["inserted"], held["insert_sha256"]) == (11, answer["sha256"])
@@ -65,7 +65,7 @@ def test_insert_outlives_the_process_that_took_it(tmp_path):
         look(client, 2)
         assert client.looks.decide(1, LookDecision.GO_ON)["decision"] == "go_on"
         client.looks.decide(2, LookDecision.GO_ON)
-        assert client.wait(30).state is LinkState.DONE
+        assert client.wait(300).state is LinkState.DONE
     grown = parse_job(data, "a").grown_by(read_journal(run / "journal.log").inserts)
     assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)
 
@@ -85,14 +85,14 @@ def test_a_stroke_held_within_and_killed_there_is_written_once(tmp_path):
         inside = [line.replace("Z9.900", "Z10") for line in patch_at(data, done)]
         client.looks.insert(1, inside, "a gap")
         os.kill(client.record.pid, signal.SIGKILL)
-        client.wait(30)
+        client.wait(300)
         client = resume_print(run, served.name)
         look(client, 1)
         for number in (1, 2, 3):
             client.looks.decide(number, LookDecision.GO_ON)
             if number < 3:
                 look(client, number + 1)
-        assert client.wait(30).state is LinkState.DONE
+        assert client.wait(300).state is LinkState.DONE
     grown = parse_job(data, "a").grown_by(read_journal(run / "journal.log").inserts)
     assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)
 
@@ -107,7 +107,7 @@ def test_a_look_that_was_heard_before_is_told_again(tmp_path):
         look(client, 1)
         assert next(client.events()).state is LinkState.LOOKING  # paused by the link in 5 s
         client.stop()
-        client.wait(30)
+        client.wait(300)
 
 
 @pytest.mark.slow

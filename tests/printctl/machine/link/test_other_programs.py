@@ -64,7 +64,7 @@ def test_program_that_reads_the_port_is_named_and_the_print_paused_once(tmp_path
             if status.state is LinkState.PAUSED:
                 pauses.append(status.message)
                 client.resume()
-        outcome = client.wait(30)
+        outcome = client.wait(300)
     name = f"pid {process.pid}) has this port open"
     assert outcome.state is LinkState.DONE
     assert len(pauses) == 1

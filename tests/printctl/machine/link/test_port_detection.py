@@ -158,7 +158,7 @@ def test_auto_port_and_rate_start_a_print(tmp_path, monkeypatch):
     write_job(tmp_path / "job.gcode", 20)
     try:
         client = start_print(tmp_path / "job.gcode", str(path), AUTO, tmp_path / "run", baud=AUTO)
-        assert client.wait(30).state is LinkState.DONE
+        assert client.wait(300).state is LinkState.DONE
         assert (client.record.port, client.record.baud) == (port.device, 57_600)
     finally:
         over.set()

@@ -51,7 +51,7 @@ def test_line_of_another_program_pauses_a_print_above_the_dish_and_takes_its_pla
         wait_for(lambda: client.status.state is LinkState.PAUSED)
         assert served.printer.at["Z"] >= 0.5 + Retreat().lift_mm
         client.resume()
-        assert client.wait(60).state is LinkState.DONE
+        assert client.wait(300).state is LinkState.DONE
         assert "another program" in until(station, StationState.HALTED)
         assert not station.status.position_trusted
         station.close()

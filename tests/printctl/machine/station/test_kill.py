@@ -246,7 +246,7 @@ def test_refused_while_it_prints_and_console_goes_through(fake, tmp_path, profil
     served.hold_at = None
     served.gate.set()
     assert station.command("M105")[0].startswith("ok T:")
-    assert client.wait(30).state is LinkState.DONE
+    assert client.wait(300).state is LinkState.DONE
 
 
 def test_dead_station_is_told_and_its_print_isnt_thrown_away(fake, folder, tmp_path, profile):

@@ -177,7 +177,7 @@ def test_prints_and_stands_by_where_the_print_ended(at_rest, tmp_path, profile):
     at_rest.mount(floor_mm=45.0)
     job = order(tmp_path / "run", profile, 40)
     client = at_rest.print(job)
-    assert client.wait(60).state is LinkState.DONE
+    assert client.wait(300).state is LinkState.DONE
     assert client.status.lines_executed == client.status.lines_done
     assert back(at_rest)[-1] is StationState.READY
     status = at_rest.status
@@ -195,7 +195,7 @@ def test_prints_and_stands_by_where_the_print_ended(at_rest, tmp_path, profile):
 
 def test_a_run_takes_over_what_was_printed_here(at_rest, tmp_path, profile):
     job = order(tmp_path / "run", profile, 10)
-    at_rest.print(job).wait(60)
+    at_rest.print(job).wait(300)
     back(at_rest)
     record = tmp_path / "run" / "executed.npz"
     with np.load(record) as data:
@@ -220,7 +220,7 @@ def test_half_a_print_is_no_whole_one(at_rest, tmp_path, profile):
         if status.lines_done > 100:
             break
     client.stop()
-    assert client.wait(60).state is LinkState.STOPPED
+    assert client.wait(300).state is LinkState.STOPPED
     assert back(at_rest)[-1] is StationState.READY
     status = at_rest.status
     assert status.position_mm is not None

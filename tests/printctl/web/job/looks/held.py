@@ -75,7 +75,7 @@ def print_held_for_a_look(workspace: Workspace, observed: bool = True) -> Iterat
         finally:
             if not client.status.ended:
                 client.stop()
-                client.wait(30)
+                client.wait(300)
             client.detach()
 
 
