@@ -103,6 +103,7 @@ def compiling(
     pool = ProcessPoolExecutor(processes(), spawn, initializer=_begin)
     waiting = {pool.submit(_compile, one.kernel, one.takes): one for one in rows}
     after = {pool.submit(_compile, one.kernel, one.takes, True): one for one in late}
+    workers = set(multiprocessing.active_children()) - others  # not those that the body starts
     _late.update(after)
     failed = len(rows)
     try:
@@ -113,7 +114,7 @@ def compiling(
         yield failed
     finally:
         # They ignore Ctrl-C, and a kernel takes seconds.
-        for worker in set(multiprocessing.active_children()) - others:
+        for worker in workers:
             worker.terminate()
         pool.shutdown(cancel_futures=True)
         _late.clear()
