@@ -156,6 +156,8 @@ class Guard:
             answer = refusal(exc.status_code, str(exc.detail), "TooLargeError")
             await _refuse(answer, scope, receive, send)
         else:
+            if scope["state"]["principal"] is not None and "know" in scope["state"]:
+                scope["state"]["know"]()
             if scope["type"] == "websocket" and "id" in asking.session:
                 await self._until_logged_out(asking.session["id"], scope, receive, send)
             else:

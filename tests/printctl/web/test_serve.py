@@ -14,6 +14,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -98,6 +99,23 @@ def test_a_port_in_use_is_said_with_a_remedy(server: tuple[Process, Path], tmp_p
     assert code == 2
     assert "is in use; choose another by --port" in said
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"Host: a\r\nHost: a\r\n\r\n",
+        b"Host: a\r\n" + b"a:b\r\n" * 10_000 + b"\r\n",
+        b"a: " + b"b" * 20_000,
+    ],
+)
+def test_what_is_no_request_is_refused_in_json(server: tuple[Process, Path], head: bytes) -> None:
+    where = urlsplit(server[0].url)
+    with socket.create_connection((where.hostname, where.port), 10) as one:
+        one.sendall(b"GET /printer HTTP/1.1\r\n" + head)
+        said = one.makefile("rb").read()
+    assert said.startswith(b"HTTP/1.1 400 ")
+    assert "16 kB" in json.loads(said.partition(b"\r\n\r\n")[2])["message"]
 
 
 def test_nothing_secret_is_written_to_the_log(server: tuple[Process, Path]) -> None:
