@@ -183,6 +183,15 @@ def test_from_another_address_everything_that_changes_is_refused(tmp_path: Path)
     assert "bath and needle" not in said
 
 
+def test_a_stop_process_at_another_port_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for stop in ("http://127.0.0.1:8081/stop", "http://127.0.0.1:9000/stop"):
+        running = Running("http://127.0.0.1:8080", 1, "token", stop, 0.0)
+        cli_serve._tell(ServeSettings(tmp_path), running)
+        assert ("stop process listens at 9000" in capsys.readouterr().err) == ("9000" in stop)
+
+
 def test_without_the_extra_it_is_named(tmp_path: Path) -> None:
     hidden = (
         "import importlib.util as u, sys; real = u.find_spec\n"
