@@ -33,7 +33,7 @@ from uvicorn.server import ServerState
 from printctl.errors import UsageError
 from printctl.web.listening import Connections, bind
 from printctl.web.print_sockets import PrintSockets, SentStop
-from printctl.web.security.access import STOP_GRACE_S, Access, bearer
+from printctl.web.security.access import STOP_GRACE_S, Access, bearer, doubled
 
 IDLE_S: Final = 60
 """So long a known connection may be silent; a page asks every 10 s."""
@@ -82,6 +82,8 @@ class StopApp:
         """Return status, error and reason for who may not; None for who may."""
         if request not in ("POST /stop", "GET /alive"):
             return 404, "NotFoundError", "there is only POST /stop and GET /alive"
+        if reason := doubled(headers):
+            return 400, "BadRequestError", reason
         no = "NotAllowedError"
         if host is None:
             return 421, no, "this host isn't a name of this server"
