@@ -98,7 +98,7 @@ class Recipes:
 
     def names(self) -> list[str]:
         """Their names, sorted."""
-        return sorted(p.stem for p in self.folder.glob("*.yaml") if is_name(p.stem))
+        return sorted(p.stem for p in self._workspace.found("recipes/*.yaml") if is_name(p.stem))
 
     def files(self) -> list[str]:
         """Files beside the recipes that these may name, sorted."""
@@ -206,7 +206,7 @@ class Recipes:
         name = checked_name(PurePath(file_name).name)
         if PurePath(name).suffix.lower() not in SUFFIXES:
             raise BadRequestError(f"{name}: recipes name files of {', '.join(SUFFIXES)}")
-        path = self.folder / name
+        path = self._workspace.inside(self.folder / name)
         if path.exists() and path.read_bytes() != data:
             raise ConflictError(f"there is another file {name!r} already; rename yours")
         write_bytes(path, data)

@@ -62,15 +62,14 @@ class ScanStore:
         """All scans, the newest first."""
         files = [
             path
-            for path in self.folder.iterdir()
+            for path in self._workspace.found("scans/*")
             if is_name(path.name) and path.suffix.lower() not in _SIDECARS
         ]
         rows = [_row(f"file~{path.name}", path) for path in files]
         for name in _RUN_SCANS:
-            of_runs = (self._workspace.root / "runs").glob(f"*/{name}")
             rows += [
                 _row(f"run~{path.parent.name}", path)
-                for path in of_runs
+                for path in self._workspace.found(f"runs/*/{name}")
                 if is_name(path.parent.name)
             ]
         return sorted(rows, key=lambda row: -row.modified)

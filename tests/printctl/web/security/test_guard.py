@@ -394,6 +394,24 @@ def test_what_is_too_large_or_no_text_leaves_nothing_behind(
     assert uploaded(tmp_path) == []
 
 
+def test_a_link_that_leads_out_of_the_workspace_is_refused(tmp_path: Path) -> None:
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    here = served(tmp_path / "workspace")
+    root, client = here.core.workspace.root, visited(here)
+    for name, path in {"a.yaml": "recipes/a.yaml", "a.gcode": "jobs/a.gcode"}.items():
+        (outside / name).write_text("secret: 1\n")
+        (root / path).symlink_to(outside / name)
+    (root / "jobs" / "b.gcode").symlink_to(root / "recipes" / "b.gcode")
+    (root / "recipes" / "b.gcode").write_text("G1 X1\n")
+    for url in ("recipes/a", "jobs/file~a.gcode"):
+        answer = client.get(f"/api/v1/{url}")
+        assert answer.status_code == 422
+        assert "leads outside the workspace" in answer.json()["message"]
+    assert client.get("/api/v1/recipes").json() == []
+    assert [job["name"] for job in client.get("/api/v1/jobs").json()] == ["b.gcode"]
+
+
 def test_a_file_that_is_there_stays(tmp_path: Path, send: Callable[[str, bytes], int]) -> None:
     first = ("; " + "x" * 509 + "µ\n").encode()  # the head that is looked at cuts a character
     assert [send("a.gcode", first), send("a.gcode", b"G1\n"), send("a.gcode", first)] == [
