@@ -21,8 +21,10 @@ from printctl.web.scan.unpacked_size import refuse_growth
 from printctl.web.scan.unpacking import is_stack, unpack_stack
 from printctl.web.security.uploads import save_upload
 from printctl.web.workspace import Workspace, checked_name, is_name
+from registration.errors import ScanFileError
 from registration.files.readers import ScanOverrides
 from registration.files.readers.metadata import find_sidecar
+from registration.files.readers.read import recognise
 
 UPLOADS: Final = ".arriving"
 _RUN_SCANS: Final = ("scan.tif", "scan.oct")
@@ -121,13 +123,13 @@ class ScanStore:
             raise BadRequestError(f"{name} is empty; export the scan again")
         refuse_growth(arrived, self._most_bytes)
         if not is_stack(arrived):
-            arrived.replace(self.folder / name)
+            _recognised(arrived).replace(self.folder / name)
             return f"file~{name}"
         name = checked_name(PurePath(name).stem)
         self._refuse(name)
         with self.arriving() as place:
-            whole = Path(place) / name
-            unpack_stack(arrived, whole, self._most_bytes).replace(self.folder / name)
+            whole = unpack_stack(arrived, Path(place) / name, self._most_bytes)
+            _recognised(whole).replace(self.folder / name)
         return f"file~{name}"
 
     def arriving(self) -> tempfile.TemporaryDirectory[str]:
@@ -181,6 +183,14 @@ class ScanStore:
     def _refuse(self, name: str) -> None:
         if (self.folder / name).exists():
             raise ConflictError(f"there is a scan {name!r} already; rename yours")
+
+
+def _recognised(arrived: Path) -> Path:
+    try:
+        recognise(arrived)
+    except ScanFileError as exc:
+        raise BadRequestError(str(exc).replace(f"{arrived.parent}/", "")) from exc
+    return arrived
 
 
 def scan_name(file_name: str) -> str:
