@@ -8,6 +8,7 @@ import sys
 import webbrowser
 from pathlib import Path
 from typing import Annotated, Any
+from urllib.parse import urlsplit
 
 import typer
 
@@ -134,6 +135,12 @@ def _tell(settings: Any, running: Any) -> None:
     say = messages().print
     say(f"the page: {_link(settings, running)}")
     say(f"workspace: {settings.workspace.resolve()}; Ctrl-C ends the server, not a print")
+    port, stop = (urlsplit(one).port or 0 for one in (running.url, running.stop))
+    if stop and stop != port + 1:
+        say(
+            f"[yellow]port {port + 1} is in use, so the stop process listens at {stop}: let that "
+            "port through a firewall or tunnel, too[/]"
+        )
     folder = settings.workspace.resolve() / "station"
     if other := other_speed(folder, settings.sim_speed):
         say(

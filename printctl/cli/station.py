@@ -240,8 +240,9 @@ def stop(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
 
 
 def kill(folder: FolderOption = None) -> None:
-    """Halt the firmware at once (M112), whatever it does; its position is lost.
+    """Halt the firmware past all queues, whatever it does; its position is lost.
 
+    A Marlin with emergency parser gets M410 first and M112 after 1.8 s; others M112 at once.
     `printctl station reconnect` comes back from it, once the machine was looked at.
     """
     the_station(folder).kill()

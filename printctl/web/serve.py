@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import logging
 import os
 import re
+import socket
 import ssl
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +17,7 @@ import uvicorn
 
 from printctl.errors import UsageError
 from printctl.web.core import Core
-from printctl.web.listening import bind, url
+from printctl.web.listening import Connections, bind, url
 from printctl.web.security.access import Access, make_access
 from printctl.web.server_register import Running, only_server
 from printctl.web.settings import ServeSettings
@@ -100,7 +102,7 @@ def check(settings: ServeSettings) -> None:
 
 
 class _Server(uvicorn.Server):
-    """Tells when it answers."""
+    """Accepts connections within limits, and tells when it answers."""
 
     def __init__(
         self,
@@ -112,11 +114,17 @@ class _Server(uvicorn.Server):
         super().__init__(config)
         self._running, self._workspace, self._told = running, workspace, started
 
-    async def startup(self, sockets: list[object] | None = None) -> None:  # type: ignore[override]
-        await super().startup(sockets=sockets)  # type: ignore[arg-type]
-        if self.started:
-            self._running.save(self._workspace)
-            self._told(self._running)
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets=[])
+        connections = Connections(self.config, self.server_state, self.lifespan.state)
+        self._accepting = [asyncio.create_task(connections.accept(one)) for one in sockets or ()]
+        self._running.save(self._workspace)
+        self._told(self._running)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        for task in self._accepting:
+            task.cancel()
+        await super().shutdown(sockets)
 
 
 def _config(
@@ -128,6 +136,7 @@ def _config(
     core = Core(settings, workspace)
     return uvicorn.Config(
         guarded(build_app(core), core, access, stop_port),
+        http="h11",
         log_config=None,
         access_log=logging.getLogger("uvicorn.access").isEnabledFor(logging.INFO),
         proxy_headers=False,

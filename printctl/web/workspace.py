@@ -65,17 +65,42 @@ class Workspace:
         """Folder of what only the server reads: tokens, caches."""
         return self.root / ".printctl"
 
+    def inside(self, path: Path) -> Path:
+        """Give back a path of the workspace unless it is a link that leads out of it.
+
+        A folder may be a link as a whole: ``scans`` on another disk.
+
+        Raises
+        ------
+        BadRequestError
+        """
+        if self._leads_out(path):
+            raise BadRequestError(
+                f"{path.name} is a link that leads outside the workspace {self.root}, which isn't "
+                "followed; put a copy in its place"
+            )
+        return path
+
+    def found(self, pattern: str) -> list[Path]:
+        """Return the paths of a pattern that `inside` gives back."""
+        return [path for path in self.root.glob(pattern) if not self._leads_out(path)]
+
+    def _leads_out(self, path: Path) -> bool:
+        real = path.resolve()
+        folders = (self.root, path.parent)
+        return real != path and not any(real.is_relative_to(one.resolve()) for one in folders)
+
     def recipe(self, name: str) -> Path:
         """Recipe file of a name, which may not exist."""
-        return self.root / "recipes" / f"{checked_name(name)}.yaml"
+        return self.inside(self.root / "recipes" / f"{checked_name(name)}.yaml")
 
     def run(self, name: str) -> Path:
         """Run folder of a name, which may not exist."""
-        return self.root / "runs" / checked_name(name)
+        return self.inside(self.root / "runs" / checked_name(name))
 
     def scan(self, name: str) -> Path:
         """Scan file of a name, which may not exist."""
-        return self.root / "scans" / checked_name(name)
+        return self.inside(self.root / "scans" / checked_name(name))
 
     def job_file(self, job: str) -> Path:
         """G-code file of a job: ``run~NAME`` (a run's part.gcode) or ``file~NAME`` (uploaded).
@@ -91,20 +116,19 @@ class Workspace:
             path = self.root / "jobs" / checked_name(name)
         else:
             raise BadRequestError(f"job {job[:80]!r} is neither run~NAME nor file~NAME")
-        if not path.is_file():
+        if not self.inside(path).is_file():
             raise NotFoundError(f"there is no job {job!r} in {self.root}")
         return path
 
     def print_folder(self, job: str) -> Path:
         """Where the journal of a job's print goes."""
         path = self.job_file(job)
-        if job.startswith("run~"):
-            return path.parent / "print"
-        return path.with_name(path.name + ".print")
+        run = job.startswith("run~")
+        return self.inside(path.parent / "print" if run else path.with_name(path.name + ".print"))
 
     def jobs(self) -> list[str]:
         """Every job, the newest file first."""
-        paths = [(p, f"run~{p.parent.name}") for p in self.root.glob("runs/*/part.gcode")]
-        paths += [(p, f"file~{p.name}") for p in self.root.glob("jobs/*.gcode")]
+        paths = [(p, f"run~{p.parent.name}") for p in self.found("runs/*/part.gcode")]
+        paths += [(p, f"file~{p.name}") for p in self.found("jobs/*.gcode")]
         paths.sort(key=lambda pair: pair[0].stat().st_mtime, reverse=True)
         return [job for _, job in paths]

@@ -131,7 +131,7 @@ class Station:
             time.sleep(0.02)
 
     def kill(self) -> None:
-        """Halt the firmware at once (M112), from any state and thread; nothing can block it."""
+        """Halt the firmware past all queues, from any state and thread; nothing can block it."""
         request_answer(self.folder, "kill", SOON_S, answer=True)
 
     def stop_motion(self) -> StationStatus:

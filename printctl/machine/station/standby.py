@@ -105,7 +105,7 @@ class Standby:
 
     @property
     def halt_asked(self) -> bool:
-        """Whether somebody has asked for a halt (M112) of the firmware."""
+        """Whether a halt of the firmware was requested."""
         return self._kill.asked.is_set()
 
     # --- begin and end ---------------------------------------------------------------------------

@@ -23,6 +23,7 @@ def _problem(text: str) -> dict[str, Any]:
 
 Refusals = dict[int | str, dict[str, Any]]
 REFUSALS: Final[Refusals] = {
+    400: _problem("no HTTP/1.1 request, or a header that decides about access comes twice"),
     401: _problem("no session and no token, or a wrong one"),
     403: _problem("asked for by a page of another origin"),
     409: _problem("not as things stand"),
@@ -30,9 +31,8 @@ REFUSALS: Final[Refusals] = {
     421: _problem("asked for by a name that isn't this server's"),
     422: _problem("the request can't be taken; the message says what is wrong"),
     423: _problem("another browser holds the controls"),
-    429: _problem("too many wrong tokens or passwords; `Retry-After` says when to try again"),
 }
-GUARD_REFUSALS: Final[Refusals] = {status: REFUSALS[status] for status in (401, 403, 413, 421, 429)}
+GUARD_REFUSALS: Final[Refusals] = {status: REFUSALS[status] for status in (400, 401, 403, 413, 421)}
 """What every route may answer."""
 
 

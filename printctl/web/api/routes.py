@@ -97,7 +97,7 @@ def router(core: Core, prints: PrintSockets) -> APIRouter:
         publish_holder(core)
         return _state(core, who)
 
-    @routes.post("/stop", summary="Halt every printer at once (M112); needs no controls")
+    @routes.post("/stop", summary="Halt every printer past all queues; needs no controls")
     async def stop() -> StopAnswer:
         sent = await prints.kill(time.monotonic())
         outcomes = await prints.outcomes(sent, _PATIENCE_S)

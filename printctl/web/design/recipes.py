@@ -11,6 +11,7 @@ from pathlib import Path, PurePath
 from typing import Final
 
 from design.files import write_bytes, write_text
+from design.geometry.surface import START_BYTES, TRIANGLE
 from printctl.recipe.load import STARTER
 from printctl.web.design.checking import CheckedRecipe, check_text
 from printctl.web.design.yaml_text import read_text, rewrite_yaml
@@ -26,6 +27,10 @@ SUFFIXES: Final = (
     ".nii", ".gz", ".nrrd", ".tif", ".tiff",
 )  # fmt: skip
 """Of files that a recipe may name: tissues, networks, tables."""
+_STARTS: Final = {
+    ".ply": b"ply", ".3mf": b"PK", ".npz": b"PK", ".gz": b"\x1f\x8b", ".nrrd": b"NRRD",
+}  # fmt: skip
+_TEXTS: Final = (".obj", ".xyz", ".txt", ".csv", ".swc", ".json")
 
 
 @dataclass(frozen=True)
@@ -98,7 +103,7 @@ class Recipes:
 
     def names(self) -> list[str]:
         """Their names, sorted."""
-        return sorted(p.stem for p in self.folder.glob("*.yaml") if is_name(p.stem))
+        return sorted(p.stem for p in self._workspace.found("recipes/*.yaml") if is_name(p.stem))
 
     def files(self) -> list[str]:
         """Files beside the recipes that these may name, sorted."""
@@ -199,14 +204,19 @@ class Recipes:
         Raises
         ------
         BadRequestError
-            For a name that can't be used or a suffix that no recipe reads.
+            For a name that can't be used, a suffix that no recipe reads, or another content.
         ConflictError
             When there is another file of that name.
         """
         name = checked_name(PurePath(file_name).name)
         if PurePath(name).suffix.lower() not in SUFFIXES:
             raise BadRequestError(f"{name}: recipes name files of {', '.join(SUFFIXES)}")
-        path = self.folder / name
+        if not _is_of_its_kind(name, data):
+            raise BadRequestError(
+                f"{name} isn't what its suffix says, by its first bytes ({data[:4].hex(' ')}); "
+                "export it again"
+            )
+        path = self._workspace.inside(self.folder / name)
         if path.exists() and path.read_bytes() != data:
             raise ConflictError(f"there is another file {name!r} already; rename yours")
         write_bytes(path, data)
@@ -241,3 +251,15 @@ class Recipes:
     def _named(self, text: str, name: str) -> str:
         checked_name(name)
         return rewrite_yaml(text, {**read_text(text), "name": name})
+
+
+def _is_of_its_kind(name: str, data: bytes) -> bool:
+    """Return whether a file begins as its suffix says; a binary STL holds what it counts."""
+    suffix = PurePath(name).suffix.lower()
+    if suffix == ".stl":
+        triangles = int.from_bytes(data[80:84], "little")
+        ascii_stl = data.lstrip().startswith(b"solid")
+        return ascii_stl or 0 < triangles <= (len(data) - START_BYTES) // TRIANGLE.itemsize
+    if suffix in _TEXTS:
+        return b"\0" not in data[:1024]
+    return data.startswith(_STARTS.get(suffix, b""))

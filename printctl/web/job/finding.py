@@ -19,10 +19,9 @@ LOOK_AGAIN_S: Final = 1.0
 
 def prints_of(workspace: Workspace) -> Iterator[tuple[str, Path]]:
     """Job and folder of every print that was ever started in a workspace."""
-    root = workspace.root
-    for path in root.glob(f"runs/*/print/{RECORD}"):
+    for path in workspace.found(f"runs/*/print/{RECORD}"):
         yield f"run~{path.parent.parent.name}", path.parent
-    for path in root.glob(f"jobs/*.print/{RECORD}"):
+    for path in workspace.found(f"jobs/*.print/{RECORD}"):
         yield f"file~{path.parent.name.removesuffix('.print')}", path.parent
 
 

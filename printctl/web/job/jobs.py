@@ -114,7 +114,7 @@ def add_job(workspace: Workspace, name: str, stream: IO[bytes], limit_bytes: int
     ConflictError
         When another file of that name is there.
     """
-    target = workspace.root / "jobs" / job_name(name)
+    target = workspace.inside(workspace.root / "jobs" / job_name(name))
     with TemporaryDirectory(dir=workspace.private) as folder:
         came = Path(folder) / target.name
         save_upload(stream, came, limit_bytes)

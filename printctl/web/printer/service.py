@@ -130,7 +130,7 @@ class PrinterService:
         return self._access.heard(self._access.station().stop_motion())
 
     def kill(self) -> None:
-        """Halt the firmware at once (M112); needs no controls."""
+        """Halt the firmware past all queues; needs no controls."""
         self._access.station().kill()
 
     def _publish(self, status: StationStatus) -> None:

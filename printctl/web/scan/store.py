@@ -21,8 +21,10 @@ from printctl.web.scan.unpacked_size import refuse_growth
 from printctl.web.scan.unpacking import is_stack, unpack_stack
 from printctl.web.security.uploads import save_upload
 from printctl.web.workspace import Workspace, checked_name, is_name
+from registration.errors import ScanFileError
 from registration.files.readers import ScanOverrides
 from registration.files.readers.metadata import find_sidecar
+from registration.files.readers.read import recognise
 
 UPLOADS: Final = ".arriving"
 _RUN_SCANS: Final = ("scan.tif", "scan.oct")
@@ -62,15 +64,14 @@ class ScanStore:
         """All scans, the newest first."""
         files = [
             path
-            for path in self.folder.iterdir()
+            for path in self._workspace.found("scans/*")
             if is_name(path.name) and path.suffix.lower() not in _SIDECARS
         ]
         rows = [_row(f"file~{path.name}", path) for path in files]
         for name in _RUN_SCANS:
-            of_runs = (self._workspace.root / "runs").glob(f"*/{name}")
             rows += [
                 _row(f"run~{path.parent.name}", path)
-                for path in of_runs
+                for path in self._workspace.found(f"runs/*/{name}")
                 if is_name(path.parent.name)
             ]
         return sorted(rows, key=lambda row: -row.modified)
@@ -122,13 +123,13 @@ class ScanStore:
             raise BadRequestError(f"{name} is empty; export the scan again")
         refuse_growth(arrived, self._most_bytes)
         if not is_stack(arrived):
-            arrived.replace(self.folder / name)
+            _recognised(arrived).replace(self.folder / name)
             return f"file~{name}"
         name = checked_name(PurePath(name).stem)
         self._refuse(name)
         with self.arriving() as place:
-            whole = Path(place) / name
-            unpack_stack(arrived, whole, self._most_bytes).replace(self.folder / name)
+            whole = unpack_stack(arrived, Path(place) / name, self._most_bytes)
+            _recognised(whole).replace(self.folder / name)
         return f"file~{name}"
 
     def arriving(self) -> tempfile.TemporaryDirectory[str]:
@@ -182,6 +183,14 @@ class ScanStore:
     def _refuse(self, name: str) -> None:
         if (self.folder / name).exists():
             raise ConflictError(f"there is a scan {name!r} already; rename yours")
+
+
+def _recognised(arrived: Path) -> Path:
+    try:
+        recognise(arrived)
+    except ScanFileError as exc:
+        raise BadRequestError(str(exc).replace(f"{arrived.parent}/", "")) from exc
+    return arrived
 
 
 def scan_name(file_name: str) -> str:

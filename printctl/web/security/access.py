@@ -44,6 +44,12 @@ def bearer(headers: Headers) -> str | None:
     return value.strip() if kind.lower() == "bearer" else None
 
 
+def doubled(headers: Headers) -> str:
+    """Return the reason to refuse a header that decides about access and comes twice, or none."""
+    name = next((one for one in _ONCE if len(headers.getlist(one)) > 1), "")
+    return name and f"the header {name} comes twice; send it once"
+
+
 @dataclass(frozen=True)
 class Access:
     """Who may use a server.
@@ -80,12 +86,9 @@ class Access:
         return f"printctl_{self.port}"
 
     def host(self, headers: Headers) -> str | None:
-        """Return the host asked for, without its port; None when it isn't this server's.
-
-        It is nobody's when a header that decides about access comes twice.
-        """
+        """Return the host asked for, without its port; None when it isn't this server's."""
         match = _HOST.fullmatch(headers.get("host", ""))
-        if not match or any(len(headers.getlist(name)) > 1 for name in _ONCE):
+        if not match:
             return None
         name = match[1].lower()
         try:

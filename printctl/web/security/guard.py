@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import math
 import re
 import secrets
 import time
@@ -27,7 +26,7 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from printctl.web.controls import Principal
-from printctl.web.security.access import LIFETIME_S, Access, bearer
+from printctl.web.security.access import LIFETIME_S, Access, bearer, doubled
 from printctl.web.security.uploads import limit_body
 from printctl.web.settings import ServeSettings
 
@@ -64,30 +63,6 @@ _POLICY: Final = (
 )
 
 
-class Throttle:
-    """Failed attempts of the last minute: 5 of an address, or 30 of all, make the next one wait.
-
-    The package limits takes 84 ms to import, and counts attempts, not failures.
-    """
-
-    def __init__(self) -> None:
-        self._failed: deque[tuple[float, str]] = deque()
-
-    def wait_s(self, address: str) -> int:
-        """Return the whole seconds until this address may try again; 0 for now."""
-        now = time.monotonic()
-        while self._failed and now - self._failed[0][0] > 60.0:
-            self._failed.popleft()
-        mine = [at for at, whose in self._failed if whose == address]
-        every = [at for at, _ in self._failed]
-        first = [times[-most] for times, most in ((mine, 5), (every, 30)) if len(times) >= most]
-        return math.ceil(max(first, default=now - 60.0) + 60.0 - now)
-
-    def failed(self, address: str) -> None:
-        """Note a wrong password or token."""
-        self._failed.append((time.monotonic(), address))
-
-
 class RefusedError(Exception):
     """The guard's answer in place of the app's."""
 
@@ -103,7 +78,7 @@ class Guard:
         self, app: ASGIApp, access: Access, settings: ServeSettings, stop_port: int = 0
     ) -> None:
         self.access, self.settings, self.stop_port = access, settings, stop_port
-        self.passwords, self._tokens = Throttle(), Throttle()
+        self.wrong_passwords: deque[tuple[float, str]] = deque(maxlen=10_000)
         self._app = app
         self._sockets: dict[str, set[asyncio.Future[None]]] = {}
         self._sessions = SessionMiddleware(
@@ -119,15 +94,8 @@ class Guard:
         headers, nonce = Headers(scope=scope), secrets.token_urlsafe(16)
         host = self.access.host(headers)
         scheme = self.settings.scheme
-        if host is None:
-            text = (
-                f"host {headers.get('host', '')[:80]!r} isn't a name of this server; use its "
-                "address, or name it by `printctl serve --name`"
-            )
-            await _refuse(refusal(421, text), scope, receive, _dressed(send, nonce, ""))
-            return
-        sources = f"{scheme.replace('http', 'ws')}://{headers['host']}"
-        sources += f" {scheme}://{host}:{self.stop_port}" if self.stop_port else ""
+        sources = f"{scheme.replace('http', 'ws')}://{headers['host']}" if host else ""
+        sources += f" {scheme}://{host}:{self.stop_port}" if host and self.stop_port else ""
         # NiceGUI writes x-forwarded-prefix into its page.
         kept = [one for one in scope["headers"] if one[0].lower() != b"x-forwarded-prefix"]
         state = {**scope.get("state", {}), "nonce": nonce, "guard": self}
@@ -151,11 +119,13 @@ class Guard:
             if scope["type"] == "http":
                 receive = limit_body(scope, receive, int(self.settings.upload_mb * 1e6))
         except RefusedError as exc:
-            await _refuse(exc.answer, scope, receive, send)
+            await exc.answer(scope, receive, send)
         except HTTPException as exc:
             answer = refusal(exc.status_code, str(exc.detail), "TooLargeError")
-            await _refuse(answer, scope, receive, send)
+            await answer(scope, receive, send)
         else:
+            if scope["state"]["principal"] is not None and "know" in scope["state"]:
+                scope["state"]["know"]()
             if scope["type"] == "websocket" and "id" in asking.session:
                 await self._until_logged_out(asking.session["id"], scope, receive, send)
             else:
@@ -168,21 +138,30 @@ class Guard:
         ------
         RefusedError
         """
+        if reason := doubled(asking.headers):
+            raise RefusedError(refusal(400, reason, "BadRequestError"))
+        if self.access.host(asking.headers) is None:
+            text = (
+                f"host {asking.headers.get('host', '')[:80]!r} isn't a name of this server; use "
+                "its address, or name it by `printctl serve --name`"
+            )
+            raise RefusedError(refusal(421, text))
         session, path = asking.session, asking.scope["path"]
         token, for_page = bearer(asking.headers), _is_for_page(asking)
         self._check_origin(asking, token, for_page)
         if token is not None:
             self._check_token(asking, token, "wrong token; it stands in .printctl/serve.json")
             return Principal("script", f"a script at {_address(asking) or 'this machine'}")
+        if "token" in asking.query_params and for_page:
+            if "id" not in session:
+                link = asking.query_params["token"]
+                self._check_token(asking, link, "the link's token is wrong: it is of another start")
+                start_session(session)
+            raise RefusedError(RedirectResponse(_here(asking, without="token"), 303))
         if "id" in session:
             if time.time() - session["at"] > RENEW_S:
                 session["at"] = int(time.time())
             return _browser(asking)
-        if "token" in asking.query_params and for_page:
-            link = asking.query_params["token"]
-            self._check_token(asking, link, "the link's token is wrong: it is of another start")
-            start_session(session)
-            raise RefusedError(RedirectResponse(_here(asking, without="token"), 303))
         if _PUBLIC.fullmatch(path):
             return None
         if not for_page:
@@ -219,15 +198,9 @@ class Guard:
             raise RefusedError(refusal(403, f"{who} this server's own page; scripts send a token"))
 
     def _check_token(self, asking: HTTPConnection, shown: str, message: str) -> None:
-        """Refuse a wrong token, and tell who tries many to wait; the right one never waits."""
-        if self.access.is_token(shown):
-            return
-        log.warning("wrong token from %s", _address(asking))
-        wait = self._tokens.wait_s(_address(asking))
-        if wait:
-            raise RefusedError(too_often(wait))
-        self._tokens.failed(_address(asking))
-        raise RefusedError(refusal(401, message))
+        if not self.access.is_token(shown):
+            log.warning("wrong token from %s", _address(asking))
+            raise RefusedError(refusal(401, message))
 
     async def _until_logged_out(
         self, session: str, scope: Scope, receive: Receive, send: Send
@@ -253,13 +226,6 @@ def start_session(session: dict[str, Any]) -> None:
 def refusal(status: int, message: str, error: str = "NotAllowedError") -> JSONResponse:
     """Return an answer that refuses."""
     return JSONResponse({"error": error, "message": message}, status)
-
-
-def too_often(wait_s: int) -> JSONResponse:
-    """Return the answer to too many attempts."""
-    answer = refusal(429, f"too many attempts; try again in {wait_s} s", "TooOftenError")
-    answer.headers["retry-after"] = str(wait_s)
-    return answer
 
 
 def _is_for_page(asking: HTTPConnection) -> bool:
@@ -290,16 +256,10 @@ def _browser(asking: HTTPConnection) -> Principal:
     return Principal(session["id"], f"{name} ({session['id'][:3]})")
 
 
-async def _refuse(answer: Response, scope: Scope, receive: Receive, send: Send) -> None:
-    if scope["type"] == "http":
-        await answer(scope, receive, send)
-    else:
-        await receive()
-        await send(_CLOSED)
-
-
 def _dressed(send: Send, nonce: str, sources: str) -> Send:
     """Return a ``send`` that adds the security headers, and the nonce to a page's scripts.
+
+    A refusal in plain text, as libraries write them, becomes one in JSON as ours.
 
     It works on the page as NiceGUI writes it, before anything else is in it: what pages are given
     to show travels as JSON in which ``<`` is escaped.
@@ -315,15 +275,21 @@ def _dressed(send: Send, nonce: str, sources: str) -> Send:
             policy = _POLICY.format(nonce=nonce, sources=sources)
             headers.setdefault("content-security-policy", policy)
             message = {**message, "headers": headers.raw}
-            if headers.get("content-type", "").startswith("text/html"):
+            kind, refused = headers.get("content-type", ""), message["status"] >= 400
+            if kind.startswith("text/html") or (refused and kind.startswith("text/plain")):
                 start.update(message)
                 return
         elif start and message["type"] == "http.response.body":
             page.extend(message.get("body", b""))
             if message.get("more_body"):
                 return
-            whole = bytes(page).replace(b"<script", f'<script nonce="{nonce}"'.encode())
-            if "content-length" in (headers := MutableHeaders(scope=start)):
+            headers = MutableHeaders(scope=start)
+            if headers["content-type"].startswith("text/html"):
+                whole = bytes(page).replace(b"<script", f'<script nonce="{nonce}"'.encode())
+            else:
+                headers["content-type"] = "application/json"
+                whole = bytes(refusal(400, page.decode(errors="replace"), "BadRequestError").body)
+            if "content-length" in headers:
                 headers["content-length"] = str(len(whole))
             await send(start)
             message = {"type": "http.response.body", "body": whole}

@@ -3,21 +3,33 @@
 from __future__ import annotations
 
 import hmac
+import math
+import time
+from asyncio import sleep
+from collections.abc import Iterable
 from html import escape
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Form, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from printctl.web.security.guard import Guard, log, start_session, too_often
+from printctl.web.security.guard import Guard, log, start_session
 from printctl.web.shell.assets import FOLDER, link
 
 _HOME: Final = "/printer"
 _LONGEST: Final = 1024
+MANY_OF_ONE: Final = 5
+"""Wrong passwords a minute of one address, after which it waits."""
+MANY: Final = 30
+"""Of all addresses, after which each attempt takes `BRAKE_S` longer; nobody is locked out."""
+BRAKE_S: Final = 1.0
 
 
 def router() -> APIRouter:
-    """Return ``/login`` and ``/logout``, in the event loop: no two guesses count as one."""
+    """Return ``/login`` and ``/logout``.
+
+    They run in the event loop: between the count of guesses and the next one nothing is awaited.
+    """
     routes = APIRouter(include_in_schema=False)
 
     @routes.get("/login")
@@ -32,15 +44,17 @@ def router() -> APIRouter:
     ) -> Response:
         guard: Guard = request.state.guard
         address = request.client.host if request.client else ""
-        wait, right = guard.passwords.wait_s(address), guard.settings.password
-        if wait:
-            answer: Response = too_often(wait)
-            if "text/html" in request.headers.get("accept", ""):
-                answer = _page(guard, next, f"Too many attempts. Try again in {wait} s.", 429)
-                answer.headers["retry-after"] = str(wait)
+        wrong, right = guard.wrong_passwords, guard.settings.password
+        if len(_last_minute(wrong)) >= MANY:
+            await sleep(BRAKE_S)
+        mine = _last_minute(wrong, address)
+        if len(mine) >= MANY_OF_ONE:
+            wait = math.ceil(mine[-MANY_OF_ONE] + 60.0 - time.monotonic())
+            answer = _page(guard, next, f"Too many attempts. Try again in {wait} s.", 429)
+            answer.headers["retry-after"] = str(wait)
             return answer
         if right is None or not hmac.compare_digest(password.encode(), right.encode()):
-            guard.passwords.failed(address)
+            wrong.append((time.monotonic(), address))
             log.warning("wrong password from %s", address)
             return _page(guard, next, "Wrong password.", 401)
         start_session(request.session)
@@ -52,6 +66,12 @@ def router() -> APIRouter:
         return RedirectResponse("/login", 303)
 
     return routes
+
+
+def _last_minute(wrong: Iterable[tuple[float, str]], address: str = "") -> list[float]:
+    """Return the times of the last minute's wrong passwords, of one address or of all."""
+    now = time.monotonic()
+    return [at for at, whose in wrong if now - at < 60.0 and address in ("", whose)]
 
 
 def _inside(way: str) -> str:

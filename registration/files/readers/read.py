@@ -64,7 +64,7 @@ def read_scan(
     ScanFileError
         When the file is missing, of no known format, broken, or doesn't say what it must.
     """
-    reader = _reader(path)
+    reader = recognise(path)
     # A TIFF's or npz's axes are its own; a raw file's sidecar has been used up by then.
     more = RAW_KEYS if reader is raw.read_raw else ()
     volume = reader(path)
@@ -72,7 +72,14 @@ def read_scan(
     return build_scan(volume, metadata, overrides or ScanOverrides(), path, keep_counts)
 
 
-def _reader(path: Path) -> Reader:
+def recognise(path: Path) -> Reader:
+    """Return the reader of a scan, by its first bytes or a folder's contents.
+
+    Raises
+    ------
+    ScanFileError
+        When the file is missing, empty, of no known format or of one that isn't read.
+    """
     if path.is_dir():
         return _folder_reader(path)
     if not path.is_file():

@@ -14,6 +14,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -100,6 +101,23 @@ def test_a_port_in_use_is_said_with_a_remedy(server: tuple[Process, Path], tmp_p
     assert "Traceback" not in said
 
 
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"Host: a\r\nHost: a\r\n\r\n",
+        b"Host: a\r\n" + b"a:b\r\n" * 10_000 + b"\r\n",
+        b"a: " + b"b" * 20_000,
+    ],
+)
+def test_what_is_no_request_is_refused_in_json(server: tuple[Process, Path], head: bytes) -> None:
+    where = urlsplit(server[0].url)
+    with socket.create_connection((where.hostname, where.port), 10) as one:
+        one.sendall(b"GET /printer HTTP/1.1\r\n" + head)
+        said = one.makefile("rb").read()
+    assert said.startswith(b"HTTP/1.1 400 ")
+    assert "16 kB" in json.loads(said.partition(b"\r\n\r\n")[2])["message"]
+
+
 def test_nothing_secret_is_written_to_the_log(server: tuple[Process, Path]) -> None:
     started, workspace = server
     with pytest.raises(urllib.error.HTTPError) as told:
@@ -163,6 +181,15 @@ def test_from_another_address_everything_that_changes_is_refused(tmp_path: Path)
     said = (tmp_path / "serve.log").read_text()
     assert "no TLS" in said
     assert "bath and needle" not in said
+
+
+def test_a_stop_process_at_another_port_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for stop in ("http://127.0.0.1:8081/stop", "http://127.0.0.1:9000/stop"):
+        running = Running("http://127.0.0.1:8080", 1, "token", stop, 0.0)
+        cli_serve._tell(ServeSettings(tmp_path), running)
+        assert ("stop process listens at 9000" in capsys.readouterr().err) == ("9000" in stop)
 
 
 def test_without_the_extra_it_is_named(tmp_path: Path) -> None:

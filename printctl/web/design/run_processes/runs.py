@@ -61,7 +61,7 @@ class Runs:
 
     def rows(self) -> list[RunRow]:
         """All runs, the newest first."""
-        folders = [path for path in (self._workspace.root / "runs").iterdir() if path.is_dir()]
+        folders = [path for path in self._workspace.found("runs/*") if path.is_dir()]
         rows = [self._row(path) for path in folders if is_name(path.name)]
         return sorted(rows, key=lambda row: -row.modified)
 

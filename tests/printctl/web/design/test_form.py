@@ -211,7 +211,10 @@ def test_only_files_that_recipes_read_are_taken(recipes: Recipes) -> None:
     with pytest.raises(BadRequestError, match="recipes name files"):
         recipes.take_file("x.py", b"")
     with pytest.raises(ConflictError):
-        recipes.take_file("heart.stl", b"another")
+        recipes.take_file("heart.stl", b"solid another")
+    for name in ("junk.stl", "junk.ply", "junk.npz", "junk.csv"):
+        with pytest.raises(BadRequestError, match="isn't what its suffix says"):
+            recipes.take_file(name, bytes(200))
 
 
 def test_the_editor_keeps_what_cant_be_read_out_of_the_file(recipes: Recipes) -> None:

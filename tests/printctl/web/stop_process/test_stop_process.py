@@ -311,7 +311,7 @@ def answered(one: socket.socket, token: str) -> bool:
     head = f"GET /alive HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {token}\r\n\r\n"
     one.sendall(head.encode())
     heard = b""
-    while not heard.endswith(b"0\r\n\r\n"):  # the last chunk
+    while not heard.endswith(b"}"):
         heard += (data := one.recv(4096))
         if not data:
             return False
