@@ -11,15 +11,11 @@ from typing import Annotated
 import typer
 
 from printctl.calibration.results import level_result
-from printctl.cli.calibrate_backlash import backlash
 from printctl.cli.calibrate_camera import board, camera
-from printctl.cli.calibrate_lag import lag
+from printctl.cli.calibrate_measured import backlash, lag, offset, weigh
 from printctl.cli.calibrate_oct import oct_device, walls
-from printctl.cli.calibrate_offset import offset
 from printctl.cli.calibrate_options import Csv, numbers_of, print_estimates, read_csv_argument
-from printctl.cli.calibrate_pattern import pattern
-from printctl.cli.calibrate_weigh import weigh
-from printctl.cli.calibrate_widths import widths
+from printctl.cli.calibrate_pattern import pattern, widths
 from printctl.cli.options import JsonFlag
 
 

@@ -11,7 +11,7 @@ import typer
 from printctl.calibration import Estimate
 from printctl.cli.calibrate_options import print_estimates
 from printctl.cli.options import JsonFlag, messages
-from printctl.cli.scan_options import voxel_mm
+from printctl.cli.scan import voxel_mm
 from printctl.errors import UsageError
 from registration import Scan, ScanOverrides, read_scan
 from registration.devices.optics import (

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final, Literal
 
+import cv2
 import numpy as np
 import typer
 
-from design.files import write_text
+from design.files import write_bytes, write_text
 from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
 from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
 from printctl.calibration.patterns import (
@@ -24,23 +25,37 @@ from printctl.calibration.patterns import (
     joint_pattern,
     lines_pattern,
     pattern_path,
+    read_pattern,
     sheet_svg,
     sheet_text,
     spiral_pattern,
     squares_pattern,
 )
+from printctl.calibration.widths import (
+    Answer,
+    GivenValues,
+    MeasuredPicture,
+    PictureFacts,
+    fit_replies,
+    fit_widths,
+    measure_picture,
+    typed_replies,
+    typed_widths,
+)
+from printctl.calibration.writing import MeasuredValue
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.checks.set_up import ProfileNames, set_up
-from printctl.cli import calibrate_pattern_options as options
-from printctl.cli import set_up_options as mounting
-from printctl.cli.calibrate_options import numbers_of
-from printctl.cli.options import (
-    SyringeOption,
-    messages,
-    print_lines,
-    three_numbers,
+from printctl.cli import options as mounting
+from printctl.cli.calibrate_options import (
+    CameraFile,
+    Write,
+    numbers_of,
+    print_estimates,
+    write_measured,
 )
+from printctl.cli.options import JsonFlag, SyringeOption, messages, print_lines, three_numbers
 from printctl.errors import UsageError
+from registration.devices.lens import read_lens
 from sim.gcode.dry_run.run import dry_run
 
 _BESIDE = (".svg", ".csv", ".json")
@@ -60,33 +75,33 @@ _CLEAR_MM: Final = 1.5
 
 def pattern(
     context: typer.Context,
-    name: options.Name,
-    output: options.Output,
-    needle: options.NeedleName,
-    printer: options.PrinterName = "generic_marlin",
+    name: Name,
+    output: Output,
+    needle: NeedleName,
+    printer: PrinterName = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
-    ink: options.InkName = "collagen_fresh",
+    ink: InkName = "collagen_fresh",
     bath: mounting.BathOption = None,
     dish: mounting.DishOption = None,
     dish_centre: mounting.DishCentreOption = None,
     bath_depth: mounting.BathDepthOption = None,
-    at: options.At = "100,100,5",
-    width: options.Width = None,
-    layer: options.Layer = None,
-    round_bead: options.RoundBead = None,
-    speeds: options.Speeds = "2,5,8",
-    flow_factors: options.FlowFactors = "0.8,1,1.2",
-    length: options.Length = 24.0,
-    repeats: options.Repeats = 1,
-    steps: options.Steps = 2,
-    speed: options.Speed = 5.0,
-    turns: options.Turns = 5.0,
-    pitch: options.Pitch = None,
-    gaps: options.Gaps = None,
-    overlaps: options.Overlaps = "-1.5,-1,-0.5,0,0.5,1",
-    spans: options.Spans = "1,2,3,4,6",
-    height: options.Height = 2.0,
-    across: options.Across = None,
+    at: At = "100,100,5",
+    width: Width = None,
+    layer: Layer = None,
+    round_bead: RoundBead = None,
+    speeds: Speeds = "2,5,8",
+    flow_factors: FlowFactors = "0.8,1,1.2",
+    length: Length = 24.0,
+    repeats: Repeats = 1,
+    steps: Steps = 2,
+    speed: Speed = 5.0,
+    turns: Turns = 5.0,
+    pitch: Pitch = None,
+    gaps: Gaps = None,
+    overlaps: Overlaps = "-1.5,-1,-0.5,0,0.5,1",
+    spans: Spans = "1,2,3,4,6",
+    height: Height = 2.0,
+    across: Across = None,
 ) -> None:
     """Write a calibration print: G-code, a drawing, a sheet to type widths into.
 
@@ -275,3 +290,200 @@ def _across(said: float | None, dish: str | None, needle: str) -> float:
     inside = load(Dish, dish)
     clear = load(Needle, needle).outer_mm + 2 * _CLEAR_MM
     return min(inside.inner_x_mm, inside.inner_y_mm) - clear
+
+
+# Typer options of `printctl calibrate pattern`: profiles, line size, speeds, gaps, spans.
+
+Name = Annotated[
+    Literal["lines", "spiral", "joint", "bridge", "comb", "squares"],
+    typer.Argument(help="lines, spiral, joint, bridge, comb or squares.", show_default=False),
+]
+Output = Annotated[
+    Path,
+    typer.Option("--output", "-o", help="The G-code; .csv, .json, .svg stand beside it."),
+]
+NeedleName = Annotated[str, typer.Option("--needle", help="Needle profile.", show_default=False)]
+PrinterName = Annotated[
+    str, typer.Option("--printer", "--profile", help="Printer profile, shipped or a .yaml.")
+]
+InkName = Annotated[str, typer.Option("--ink", help="Ink profile.")]
+At = Annotated[
+    str,
+    typer.Option(
+        "--at", metavar="X,Y,Z", help="Middle of the pattern and height of its lines, mm."
+    ),
+]
+Width = Annotated[
+    float | None, typer.Option("--width", help="Of the line, mm; the needle's bore if not.")
+]
+Layer = Annotated[
+    float | None, typer.Option("--layer", help="Height of a line, mm; half its width if not.")
+]
+RoundBead = Annotated[
+    bool | None,
+    typer.Option("--round/--flat", help="A filament, if a bath is named; or on a plate."),
+]
+Speeds = Annotated[str, typer.Option("--speeds", help="Of lines, mm/s.")]
+FlowFactors = Annotated[
+    str, typer.Option("--flow-factors", help="Of lines: multiples of the cross-section.")
+]
+Length = Annotated[float, typer.Option("--length", help="Of a line, mm.", min=1)]
+Repeats = Annotated[int, typer.Option("--repeats", help="Of each line.", min=1)]
+Steps = Annotated[
+    int, typer.Option("--steps", help="Lines written slow, fast, slow, for the lag.", min=0)
+]
+Speed = Annotated[float, typer.Option("--speed", help="Of all but lines, mm/s.", min=0.01)]
+Turns = Annotated[float, typer.Option("--turns", help="Of the spiral.", min=1, max=50)]
+Pitch = Annotated[float | None, typer.Option("--pitch", help="Of the spiral, mm; 5 widths if not.")]
+Gaps = Annotated[
+    str | None, typer.Option("--gaps", help="Of the comb, mm; 0.2 to 2 widths if not.")
+]
+Overlaps = Annotated[
+    str, typer.Option("--overlaps", help="Of joints, radii beyond the trunk's surface.")
+]
+Spans = Annotated[str, typer.Option("--spans", help="Of bridges, mm.")]
+Across = Annotated[
+    float | None,
+    typer.Option(
+        "--across", help="Of the squares' circle, mm; --dish less the needle and 3 mm, 50 if not."
+    ),
+]
+Height = Annotated[float, typer.Option("--height", help="Of the bridges' pillars, mm.", min=0.1)]
+
+
+# `printctl calibrate widths`: ink constants from a calibration print's widths or picture.
+
+_CORNERS = 4
+
+
+def widths(
+    file: Annotated[
+        Path, typer.Argument(help="The sheet, filled in (.csv), or a picture.", show_default=False)
+    ],
+    pattern: Annotated[
+        Path | None,
+        typer.Option("--pattern", help="The pattern's .json; FILE's name with .json if not."),
+    ] = None,
+    um_per_px: Annotated[
+        float | None,
+        typer.Option(
+            "--um-per-px", min=0.01, max=1000, help="By a stage micrometer, not the frame."
+        ),
+    ] = None,
+    marks: Annotated[
+        str | None,
+        typer.Option(
+            "--marks",
+            metavar="U,V,…",
+            help="Pixels of the frame's corners where it isn't found: lower left, lower right, "
+            "upper right, upper left, as on the drawing.",
+        ),
+    ] = None,
+    camera: CameraFile = None,
+    flow_factor: Annotated[
+        float | None,
+        typer.Option("--flow-factor", min=0.2, max=5, help="Weighed; the swelling is told then."),
+    ] = None,
+    ink: Annotated[
+        str | None, typer.Option("--ink", help="For --write; the one it was printed with if not.")
+    ] = None,
+    write: Write = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Widths of a calibration print, and what they say of the ink.
+
+    Of a picture it writes, beside it, NAME.measured.png to judge by, and NAME.widths.csv.
+    """
+    typed = file.suffix.lower() == ".csv"
+    if typed and (um_per_px is not None or marks is not None or camera is not None):
+        raise UsageError(
+            "--um-per-px, --marks and --camera are of a picture; a sheet has its widths in mm"
+        )
+    if um_per_px is not None and camera is not None:
+        raise UsageError("--camera has the scale: leave --um-per-px out, or --camera")
+    written = _pattern(file, pattern)
+    known = GivenValues(flow_factor)
+    if written.pattern.name not in ("lines", "spiral") and flow_factor is not None:
+        raise UsageError(f"--flow-factor belongs to lines or a spiral; this is a {_name(written)}")
+    notes: list[str] = []
+    if typed:
+        answer = _from_sheet(file, written, known)
+    else:
+        seen = measure_picture(
+            file,
+            written,
+            PictureFacts(um_per_px, _corners(marks), None if camera is None else read_lens(camera)),
+        )
+        _keep(file, seen)
+        notes = seen.notes
+        answer = _from_picture(seen, written, known)
+    if not as_json:
+        print_lines(*answer.table)
+    print_estimates(dict(answer.estimates), [*notes, *answer.notes], as_json)
+    if write is not None:
+        _write_widths(write, answer, load(Ink, ink or written.mounted.ink))
+
+
+def _pattern(file: Path, named: Path | None) -> WrittenPattern:
+    if not file.is_file():
+        raise UsageError(f"{file} doesn't exist; give the sheet (.csv) or a picture")
+    if named is None:
+        named = file.with_suffix(".json")
+        if not named.is_file():
+            raise UsageError(
+                f"{named} isn't there: name the file that `printctl calibrate pattern` wrote "
+                "beside the G-code (--pattern)"
+            )
+    written = read_pattern(named)
+    if written.pattern.name not in COLUMNS:
+        raise UsageError(
+            f"{named} is a pattern of {written.pattern.name}, which ties a camera to the printer "
+            "and has no widths to read; use printctl observe frame --printed"
+        )
+    return written
+
+
+def _name(written: WrittenPattern) -> str:
+    return f"pattern of {written.pattern.name}"
+
+
+def _corners(text: str | None) -> np.ndarray | None:
+    if text is None:
+        return None
+    values = numbers_of(text.replace(";", ","), "--marks")
+    if len(values) != 2 * _CORNERS:
+        raise UsageError(
+            f"--marks {text!r} has {len(values)} numbers; give {2 * _CORNERS}: u,v of the lower "
+            "left, lower right, upper right and upper left corner"
+        )
+    return np.array(values).reshape(_CORNERS, 2)
+
+
+def _from_sheet(file: Path, written: WrittenPattern, known: GivenValues) -> Answer:
+    if written.pattern.name in ("lines", "spiral"):
+        return fit_widths(written, typed_widths(file, written), known)
+    return fit_replies(written, typed_replies(file, written))
+
+
+def _from_picture(seen: MeasuredPicture, written: WrittenPattern, known: GivenValues) -> Answer:
+    if seen.widths is not None:
+        return fit_widths(written, seen.widths, known)
+    assert seen.replies is not None  # one of the two
+    return fit_replies(written, seen.replies)
+
+
+def _keep(file: Path, seen: MeasuredPicture) -> None:
+    """Write the annotated picture and the filled sheet beside the picture."""
+    drawn, table = file.with_suffix(".measured.png"), file.with_suffix(".widths.csv")
+    _, data = cv2.imencode(".png", seen.picture)
+    write_bytes(drawn, data.tobytes())
+    write_text(table, seen.table)
+    messages().print(f"wrote {drawn} (judge by it) and {table}", markup=False)
+
+
+def _write_widths(path: Path, answer: Answer, ink: Ink) -> None:
+    if not answer.changes:
+        raise UsageError(f"{path} isn't written: this print tells nothing that a profile holds")
+    write_measured(
+        path, ink, {key: MeasuredValue(one.value, one.said) for key, one in answer.changes.items()}
+    )

@@ -1,29 +1,135 @@
-"""List of the subcommands; command group that imports each one's module only when it is used.
-
-A command's module is imported when it is asked for, not before: `printctl pause` shouldn't wait
-for the mesh library that `printctl solid` needs.
-"""
+"""Subcommands of `printctl`: their list, imported only when used; what all have in common."""
 
 from __future__ import annotations
 
 import ast
 import inspect
+from collections import Counter
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from printctl.cli.command_behaviour import with_common_behaviour
-from printctl.cli.completion import matching_words, with_profiles
 from printctl.cli.help_examples import with_manual
-from printctl.errors import PrintctlError
+from printctl.errors import PrintctlError, UsageError
+
+# Refuse options given twice, and keep names whole in help, in every command.
+
+
+def with_common_behaviour(command: Any) -> Any:
+    """Give it to a command and those in it; a group has no options of its own."""
+    inner = getattr(command, "commands", {})
+    for one in inner.values():
+        with_common_behaviour(one)
+    if not inner:
+        command.parse_args = _once(command)
+    command.format_help = _whole(command.format_help)
+    return command
+
+
+def _once(command: Any) -> Callable[[Any, list[str]], Any]:
+    """The command's way of parsing, once no option is repeated."""
+    parse = command.parse_args
+
+    def parse_args(ctx: Any, args: list[str]) -> Any:
+        # What is typed twice is known to the parser alone, which keeps the last.
+        given = command.make_parser(ctx).parse_args(args=list(args))[2]
+        if not ctx.resilient_parsing:
+            _refuse_repeated(given)
+        return parse(ctx, args)
+
+    return parse_args
+
+
+def _whole(write: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
+    """A way of writing help, by tables that keep names whole."""
+
+    def format_help(ctx: Any, formatter: Any) -> None:
+        # Loaded for help alone.
+        import_module("printctl.cli.help_examples").use_name_tables()
+        write(ctx, formatter)
+
+    return format_help
+
+
+def _refuse_repeated(given: list[Any]) -> None:
+    """Refuse an option of one value that stands several times.
+
+    Raises
+    ------
+    UsageError
+    """
+    for param, times in Counter(given).items():
+        flag = getattr(param, "is_flag", False) and not param.secondary_opts
+        if times == 1 or param.param_type_name != "option" or param.multiple or param.count or flag:
+            continue
+        names = "/".join([*param.opts, *param.secondary_opts])
+        raise UsageError(
+            f"{names} is given {'twice' if times == 2 else f'{times} times'}, and takes one value; "
+            "give it once"
+        )
+
+
+# Shell completion of commands, options, choices and profile names.
+#
+# Options and choices come from typer, files from the shell itself. Profiles are offered by the
+# option's name, which nearly always means the same.
+
+PROFILES: Final[dict[str, str]] = {
+    "--bath": "Bath",
+    "--dish": "Dish",
+    "--ink": "Ink",
+    "--needle": "Needle",
+    "--plate": "Plate",
+    "--printer": "Printer",
+    "--profile": "Printer",
+    "--syringe": "Syringe",
+}
+"""Class of `firmware_profiles` by the option that names one; it is imported when Tab is pressed."""
+OTHERWISE: Final = {("flow", "--profile")}
+"""Command and option that means another thing there: of the pulse, in this case."""
+
+
+class CompletionWord(NamedTuple):
+    """A word that may come next, as typer takes it."""
+
+    value: str
+    type: str = "plain"
+    help: str | None = None
+
+
+def matching_words(words: Iterable[str], begun: str) -> list[CompletionWord]:
+    """Those of the words that begin as what was typed."""
+    return [CompletionWord(word) for word in words if word.startswith(begun)]
+
+
+def with_profiles(command: Any) -> Any:
+    """Have the options for profiles, of a command and of those in it, offer the shipped names."""
+    for param in command.params:
+        kind = PROFILES.get(param.opts[0])
+        if kind is not None and (command.name, param.opts[0]) not in OTHERWISE:
+            # Typer's own way in is where an option is declared: these are, in many places.
+            param._custom_shell_complete = _names_of(kind)
+    for inner in getattr(command, "commands", {}).values():
+        with_profiles(inner)
+    return command
+
+
+def _names_of(kind: str) -> Callable[[Any, Any, str], list[CompletionWord]]:
+    """A file of the user's own is completed by the shell, as no shipped name begins like it."""
+
+    def names(ctx: Any, param: Any, begun: str) -> list[CompletionWord]:
+        profiles = import_module("firmware_profiles")
+        return matching_words(profiles.shipped(getattr(profiles, kind)), begun)
+
+    return names
+
 
 # Extract the commands' help summaries from their source, without importing them.
-
-
 def summary(module: str, attribute: str) -> str:
     """Return the docstring of a function, or the `help` of a group, that stands in a module.
 
@@ -61,21 +167,21 @@ def _help_of(call: ast.Call) -> str:
 
 COMMANDS: dict[str, str] = {
     "run": "run:run",
-    "design": "design:design",
-    "toolpath": "toolpath:toolpath",
+    "design": "run:design",
+    "toolpath": "run:toolpath",
     "slice": "slice:slice_mesh",
     "simulate": "simulate:simulate",
     "print": "print_job:print_job",
     "station": "station:station",
-    "status": "status:status",
-    "stop": "stop:stop",
-    "kill": "stop:kill",
-    "pause": "pause:pause",
-    "resume": "resume:resume",
-    "reload": "reload:reload",
-    "alive": "alive:alive",
-    "recover": "recover:recover",
-    "give-up": "give_up:give_up",
+    "status": "running_print:status",
+    "stop": "running_print:stop",
+    "kill": "running_print:kill",
+    "pause": "running_print:pause",
+    "resume": "running_print:resume",
+    "reload": "running_print:reload",
+    "alive": "running_print:confirm_presence",
+    "recover": "running_print:recover",
+    "give-up": "running_print:give_up",
     "sim-printer": "sim_printer:sim_printer",
     "scan": "scan:scan",
     "register": "register:register",
@@ -85,7 +191,7 @@ COMMANDS: dict[str, str] = {
     "compensate": "compensate:compensate",
     "view": "view:view",
     "film": "film:film",
-    "convert": "convert:convert",
+    "convert": "solid:convert",
     "solid": "solid:solid",
     "measure": "measure:measure",
     "search": "search:search",
@@ -99,7 +205,7 @@ COMMANDS: dict[str, str] = {
     "observe": "observe:observe",
     "serve": "serve:serve",
     "doctor": "doctor:doctor",
-    "init": "init:init",
+    "init": "recipe:init",
     "recipe": "recipe:recipe",
 }
 """Name to module of `printctl.cli` and what stands in it: a function, or a group of commands."""

@@ -10,8 +10,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from design.files import write_text
-from printctl.cli.options import JsonFlag, folder_to_write, print_json, print_lines
-from printctl.cli.pdf_option import PdfFlag
+from printctl.cli.options import JsonFlag, PdfFlag, folder_to_write, print_json, print_lines
 from printctl.errors import UsageError
 from printctl.history.comparing import NewLimits, PrintNames, read_folders
 from registration.comparison import (

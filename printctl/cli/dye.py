@@ -16,8 +16,14 @@ from design.network_files.csv_format import read_network_csv
 from design.units import UL_S_PER_ML_MIN
 from printctl.cli.calibrate_options import CameraFile
 from printctl.cli.dye_predict import FrontOptions, predict_front
-from printctl.cli.network_options import UnitOption
-from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
+from printctl.cli.options import (
+    JsonFlag,
+    UnitOption,
+    folder_to_write,
+    messages,
+    print_json,
+    print_lines,
+)
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK
 from registration.devices.lens import read_lens

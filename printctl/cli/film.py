@@ -20,9 +20,8 @@ from printctl.analysis.film import (
 )
 from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import Drive, Source, load_source
-from printctl.cli.network_options import UnitOption
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.cli.view_options import FromOption
+from printctl.cli.options import JsonFlag, UnitOption, messages, print_json, print_lines
+from printctl.cli.view import FromOption
 from printctl.errors import UsageError
 from printctl.recipe.growth import Growth
 from registration.report.picture import FilmScene, PictureOptions, Quantity, quantities

@@ -1,4 +1,4 @@
-"""`printctl flow` on a network or run folder: solve and write the flow at requested fidelities."""
+"""`printctl flow` of a network: its solvers, results and figures."""
 
 from __future__ import annotations
 
@@ -13,24 +13,29 @@ from design.hemodynamics.three_d.ranks import rank_conditions, write_case
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
 from printctl.analysis.flow import NPZ, CsvTables, FlowTables, NpzTables, solve_section
-from printctl.analysis.flow.conditions import Driven
+from printctl.analysis.flow.conditions import Driven, driven_by_run, recipe_of
 from printctl.analysis.flow.exports import EXPORTS, write_exports
 from printctl.analysis.flow.fidelities import Case, solve_fidelities
+from printctl.analysis.flow.match import HISTORY, MATCHED, VESSELS, match_and_write, options_from
+from printctl.analysis.flow.printed_case import PrintedCase, solve_as_printed
 from printctl.analysis.flow.printed_fidelities import mesh_of
 from printctl.analysis.flow.ranks import run_on_ranks
+from printctl.analysis.flow.three_d import SHARP
 from printctl.analysis.networks import load_source
-from printctl.cli.flow_match import match
-from printctl.cli.flow_options import Match, OtherSolvers
-from printctl.cli.flow_output import FlowOutput
-from printctl.cli.flow_part import part_of, space_of
-from printctl.cli.flow_printed import driven_of, run_as_printed
+from printctl.cli.flow_options import (
+    FlowOutput,
+    Match,
+    OtherSolvers,
+    conditions_said,
+    part_of,
+    space_of,
+)
 from printctl.cli.options import messages
 from printctl.errors import UsageError
 from printctl.recipe.parts import ThreeDPart
 
+
 # Solve the flow of `printctl flow` at each requested fidelity (0D, 1D, 3D); write the results.
-
-
 def lumped_and_waves(
     network: VesselNetwork, driven: Driven, tables: FlowTables, output: FlowOutput
 ) -> None:
@@ -72,7 +77,6 @@ def in_space(
 
 
 # Run `printctl flow` in 3D on MPI ranks.
-
 CASE = "ranks"
 
 
@@ -157,3 +161,128 @@ def run_network(
     run_other_solvers(source.network, driven, space, out, fillet, others, output)
     match(source.network, driven, space, out, fillet, how, output)
     return output
+
+
+# `printctl flow --match-split`: adjust vessel radii until 3D flow divides as wanted.
+
+_PERCENT = 0.5
+
+
+def match(
+    network: VesselNetwork,
+    driven: Driven,
+    space: ThreeDPart,
+    out: Path,
+    fillet_ratio: float,
+    how: Match,
+    output: FlowOutput,
+) -> None:
+    """Match where it is asked for, and write the adjusted network and its history.
+
+    Raises
+    ------
+    FlowError, SolidError, UsageError, OSError
+        As `Driven.steady` and `match_and_write`.
+    """
+    if not how.match_split:
+        return
+    options = options_from(
+        _PERCENT if how.match_percent is None else how.match_percent,
+        how.least_lumen_mm or 0.0,
+        space.edge_ratio,
+        max(fillet_ratio, SHARP),
+        space.inertia,
+    )
+    with messages().status("matching the split") as status:
+        output.summary["match"] = match_and_write(
+            out,
+            network,
+            driven.steady(network),
+            _wanted(how.want or []),
+            options,
+            lambda _, doing: status.update(f"matching the split: {doing}"),
+        )
+    output.files += [out / MATCHED, out / HISTORY, out / VESSELS]
+    _warn(output)
+
+
+def _wanted(texts: list[str]) -> dict[int, float]:
+    flows: dict[int, float] = {}
+    for text in texts:
+        node, _, flow = text.partition(",")
+        try:
+            flows[int(node)] = float(flow)
+        except ValueError:
+            raise UsageError(f"--want {text!r} isn't NODE,ML_MIN; write 4,0.05") from None
+    return flows
+
+
+def _warn(output: FlowOutput) -> None:
+    result = output.summary["match"]
+    if result["met"]:
+        return
+    bounds = result["vessels_at_a_bound"]
+    why = f"vessels {bounds} stand at a bound of their radius" if bounds else "rounds bring no more"
+    messages().print(
+        f"the split isn't met: {result['worst_percent_of_inlet']:.2g} % of the inlet's flow is "
+        f"left in vessel {result['worst_vessel']} ({why})",
+        style="yellow",
+        markup=False,
+    )
+
+
+# `printctl flow RUN --as-printed`: solve the flow in a run's designed and printed lumens.
+
+_ELSEWHERE: Final = (
+    "svzerod",
+    "svoned",
+    "ranks",
+    "svmultiphysics",
+    "compare",
+    "check",
+    "results",
+)
+
+
+def run_as_printed(context: typer.Context, folder: Path, out: Path, output: FlowOutput) -> None:
+    """Solve and write, by the recipe's conditions and what was typed in their place.
+
+    Raises
+    ------
+    UsageError
+        For a network that is no run folder, options that don't go with --as-printed, and as
+        `solve_as_printed`.
+    FlowError, SolidError, OSError
+        As `solve_as_printed`.
+    """
+    asked = context.params
+    for key in _ELSEWHERE:
+        if asked[key] not in (None, False):
+            name = key.replace("_", "-")
+            raise UsageError(f"--{name} doesn't go with --as-printed; leave one of them out")
+    if asked["unit"] not in (None, "mm"):
+        raise UsageError(f"a run folder's files are in mm, not {asked['unit']}; drop --unit")
+    if asked["scanned"] and not asked["three_d"]:
+        raise UsageError("--scanned is for --three-d; add that, or leave it out")
+    driven, fillet, said = driven_of(context, folder, "--as-printed")
+    case = PrintedCase(folder, driven, fillet, asked["scanned"])
+    with messages().status("flow as printed") as status:
+        summary, files = solve_as_printed(case, out, status.update)
+    output.summary |= {"conditions": said} | summary
+    output.files += files
+
+
+def driven_of(context: typer.Context, folder: Path, what: str) -> tuple[Driven, float, str]:
+    """A run's conditions with what was typed in their place, its fillets, and the sentence on it.
+
+    Raises
+    ------
+    UsageError
+        As `recipe_of`, `part_of` and `driven_by_run`.
+    """
+    asked, recipe = context.params, recipe_of(folder, what)
+    part, typed = part_of(asked, recipe.flow, recipe.print_scale)
+    ratio = asked["fillet_ratio"]
+    fillet = recipe.solid.fillet_ratio if ratio is None else ratio
+    driven = driven_by_run(folder, part, recipe.print_scale)
+    return driven, fillet, conditions_said(part, typed, recipe.print_scale)

@@ -1,14 +1,38 @@
-"""Options of `printctl flow` that no field of a recipe's `flow` section stands for."""
+"""Options of `printctl flow`, and the flow section that they and the recipe make."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Final, Literal
 
 import typer
+import yaml
+from pydantic import TypeAdapter, ValidationError
 
+from firmware_profiles.errors import wording
+from firmware_profiles.yaml_file import read_yaml
 from printctl.cli.options import folder_to_write
+from printctl.cli.section_options import (
+    SectionOptions,
+    needs_another,
+    option,
+    section_values,
+    wrong_option,
+)
+from printctl.errors import UsageError
+from printctl.recipe.parts import (
+    ComparePart,
+    FlowPart,
+    FluidPart,
+    LossPart,
+    OneDPart,
+    PulseOutlet,
+    PulsePart,
+    StenosisPart,
+    ThreeDPart,
+)
 
 OutOption = Annotated[
     Path,
@@ -97,3 +121,345 @@ class Match:
         float | None,
         typer.Option("--least-lumen-mm", min=0.0, help="Smallest diameter that can be printed."),
     ] = None
+
+
+@dataclass
+class FlowOutput:
+    """What is said at the end: numbers, those of other fidelities in dicts, and files."""
+
+    summary: dict[str, Any] = field(default_factory=dict)
+    files: list[Path] = field(default_factory=list)
+
+
+# Parse the fluid's file, stenoses and number lists of `printctl flow`.
+
+_FLUID: Final[TypeAdapter[Any]] = TypeAdapter(FluidPart)
+_GIVE: Final = "write model: carreau and its numbers"
+
+
+def fluid_section(path: Path | None) -> dict[str, Any]:
+    """Return what a file says of the fluid, as a flow section does; empty without one.
+
+    Raises
+    ------
+    UsageError
+        For a file that can't be read, or says no fluid.
+    """
+    if path is None:
+        return {}
+    try:
+        values = read_yaml(path.read_text(encoding="utf-8"))
+    except OSError as exc:
+        raise UsageError(f"--fluid {path} can't be read: {exc.strerror}; check the path") from exc
+    except (yaml.YAMLError, UnicodeDecodeError) as exc:
+        raise UsageError(f"--fluid {path} isn't YAML: {exc}; {_GIVE}") from exc
+    if not isinstance(values, dict):
+        raise UsageError(f"--fluid {path} names no fluid; {_GIVE}")
+    try:
+        _FLUID.validate_python(values)
+    except ValidationError as exc:
+        first = exc.errors()[0]
+        # The first key is the model's name, which the file has elsewhere.
+        key = "".join(f"{key} " for key in first["loc"][1:])
+        raise UsageError(f"--fluid {path}: {key}{wording(first)}; {_GIVE}") from exc
+    return {"viscosity": values}
+
+
+def stenoses(texts: list[str]) -> list[dict[str, Any]]:
+    """Return stenoses VESSEL,SHARE,MM as a flow section says them.
+
+    Raises
+    ------
+    UsageError
+        For what isn't three numbers, or out of bounds.
+    """
+    found = []
+    for text in texts:
+        vessel, share, length = numbers(text, "--stenosis", "VESSEL,SHARE,MM", 3)
+        number = int(vessel) if vessel.is_integer() else vessel
+        values = {"vessel": number, "diameter_share": share, "length_mm": length}
+        try:
+            StenosisPart.model_validate(values)
+        except ValidationError as exc:
+            first = exc.errors()[0]
+            raise UsageError(f"--stenosis {text}: {first['loc'][0]} {wording(first)}") from exc
+        found.append(values)
+    return found
+
+
+def numbers(text: str, name: str, form: str, count: int) -> tuple[float, ...]:
+    """Return so many numbers with commas between.
+
+    Raises
+    ------
+    UsageError
+        For anything else.
+    """
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) != count:
+        raise UsageError(f"{name} {text!r} isn't {form}; write numbers with commas between")
+    return found
+
+
+# A recipe's `flow` section as options of `printctl flow`, and made from what was typed.
+
+_STEADY: Final = "Fluid, inlets and outlets"
+PULSE: Final = SectionOptions(
+    PulsePart, ("pulse",), renamed={"table": "waveform"}, panel="Pulsatile flow"
+)
+ONE_D: Final = SectionOptions(
+    OneDPart,
+    ("one_d",),
+    panel="Waves (1D)",
+    flag="Follow the pulse's waves along the vessels, too.",
+)
+THREE_D: Final = SectionOptions(
+    ThreeDPart,
+    ("three_d",),
+    renamed={"steps": "three_d_steps", "most_cycles": "three_d_most_cycles"},
+    panel="In space (3D)",
+    flag="Resolve the flow in the lumens' space, too.",
+)
+COMPARE: Final = SectionOptions(
+    ComparePart,
+    ("compare",),
+    renamed={"points": "compare_points"},
+    panel="Comparison",
+    flag="Fidelities side by side, each against the ideal.",
+)
+DRIVING: Final = (
+    SectionOptions(FlowPart, panel=_STEADY),
+    SectionOptions(PulseOutlet, ("outlet",), prefix="outlet_", panel=_STEADY),
+    SectionOptions(LossPart, ("losses",), panel=_STEADY),
+    PULSE,
+)
+"""What flows, and what drives it."""
+SECTIONS: Final = (*DRIVING, ONE_D, THREE_D, COMPARE)
+_WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
+_SOLVED: Final = ("one_d", "three_d", "compare")
+_EVERY_OUTLET: Final = "outlet."
+_ALTERNATIVES: Final = (
+    {"inlet_flow_ml_min", "inlet_pressure_mmhg"},
+    {"viscosity_mpa_s", "viscosity"},
+    {_EVERY_OUTLET, "outlets"},
+    {f"pulse.{PULSE.fields()[name]}" for name in _WAVES},
+)
+"""Keys of which a section has one: what is typed takes the recipe's place."""
+_PRINT_POWER: Final = {
+    "inlet_flow_ml_min": 3,
+    "pulse.amplitude_ml_min": 3,
+    "pulse.wall_thickness_mm": 1,
+    "outlet.resistance_mmhg_min_ml": -3,
+    "outlet.proximal_mmhg_min_ml": -3,
+    "outlet.compliance_ml_mmhg": 3,
+}
+"""By which power of print_scale a print's value is above its design's."""
+_UNSCALED: Final = ("outlets", "pulse.table", "losses.stenoses")
+_HAS_NONE: Final = ", and the recipe has none"
+_GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
+_IN_SPACE: Final = ("three_d", "match_split", "ranks", "svmultiphysics")
+"""Options that solve in the lumens' space, which fillets round."""
+_NEED: Final = {
+    "ranks_python": "ranks",
+    **dict.fromkeys(("want", "match_percent", "least_lumen_mm"), "match_split"),
+}
+"""Options that mean nothing without another one."""
+_OTHERS: Final = SectionOptions(ThreeDPart, renamed=THREE_D.renamed)
+_TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
+    "edge_ratio": ("match_split", "ranks", "svmultiphysics"),
+    "inertia": ("match_split", "ranks"),
+}
+"""Options of --three-d that others who solve in space take, too."""
+
+
+def part_of(
+    asked: Mapping[str, Any], base: FlowPart | None = None, print_scale: float = 1.0
+) -> tuple[FlowPart, list[str]]:
+    """The section that options, by their names, stand for, and what they say in a run's place.
+
+    Parameters
+    ----------
+    base : FlowPart, optional
+        A run's section, whose conditions hold where no option says otherwise. What is solved is
+        what options ask for: the section's own 1D and 3D settings wait for --one-d and --three-d.
+    print_scale : float
+        Of the run. Numbers typed are the print's, the section's are its design's.
+
+    Raises
+    ------
+    UsageError
+        For options that don't go together, a value out of bounds, a fluid that can't be read.
+    """
+    waves = any(asked[key] is not None for key in _WAVES)
+    own_pulse = base is not None and base.pulse is not None
+    _refuse_without_wave(asked, waves or own_pulse, "" if base is None else _HAS_NONE)
+    refuse_idle_options(asked)
+    section = (
+        section_values(SECTIONS, _with_own_space(asked))
+        | fluid_section(asked["fluid"])
+        | shear_band(asked)
+    )
+    if asked["stenosis"]:
+        section.setdefault("losses", {})["stenoses"] = stenoses(asked["stenosis"])
+    typed: list[str] = []
+    if base is not None:
+        section, typed = _over(base, section, print_scale)
+    try:
+        return FlowPart(**section), typed
+    except ValidationError as exc:
+        raise wrong_option(exc, SECTIONS, "pulsatile flow" if waves else "flow") from exc
+
+
+def _over(
+    base: FlowPart, typed: dict[str, Any], print_scale: float
+) -> tuple[dict[str, Any], list[str]]:
+    """A run's section with what was typed in its place, and what that is.
+
+    Raises
+    ------
+    UsageError
+        For a typed table or stenosis of a print that isn't of its design's size.
+    """
+    known = base.model_dump(exclude_none=True)
+    if base.every_outlet is not None:
+        known["outlet"] = known.get("pulse", {}).pop("outlet", None) or known["outlet"]
+    known.get("compare", {}).pop("lattice", None)
+    section: dict[str, Any] = {
+        key: known.pop(key, {}) | typed.pop(key) for key in _SOLVED if key in typed
+    }
+    held = _flat({key: value for key, value in known.items() if key not in _SOLVED})
+    said = []
+    for key, value in _flat(typed).items():
+        rivals = [other for other in held if other == key or _alternatives(key, other)]
+        old = ", ".join(f"{other} {_shown(held.pop(other))}" for other in rivals)
+        said.append(f"{key} {_shown(value)}" + (f" in place of {old}" if old else ""))
+        if print_scale != 1.0 and key in _UNSCALED:
+            raise UsageError(
+                f"{key} is of the design's size, and this run is printed {print_scale:g} times as "
+                "large; say it in the recipe"
+            )
+        power = _PRINT_POWER.get(key, 0)
+        held[key] = value / print_scale**power if power else value
+    for key, value in held.items():
+        part, _, name = key.rpartition(".")
+        (section.setdefault(part, {}) if part else section)[name] = value
+    return section, said
+
+
+def _flat(section: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by key, those of sections as ``pulse.period_s``; a fluid is one value."""
+    made: dict[str, Any] = {}
+    for key, value in section.items():
+        if isinstance(value, dict) and key != "viscosity":
+            made |= {f"{key}.{name}": one for name, one in value.items()}
+        else:
+            made[key] = value
+    return made
+
+
+def _alternatives(key: str, other: str) -> bool:
+    """Whether a section has one of two keys; those of ``outlet`` go together."""
+    pair = {_EVERY_OUTLET if one.startswith(_EVERY_OUTLET) else one for one in (key, other)}
+    return len(pair) > 1 and any(pair <= group for group in _ALTERNATIVES)
+
+
+def conditions_said(part: FlowPart, typed: list[str], print_scale: float) -> str:
+    """Sentence on a run's conditions: what holds, and what was typed in the recipe's place."""
+    inlet = "inlet_flow_ml_min" if part.inlet_pressure_mmhg is None else "inlet_pressure_mmhg"
+    main = {inlet: getattr(part, inlet)}
+    if part.viscosity is None:
+        main["viscosity_mpa_s"] = part.viscosity_mpa_s
+    own = _flat(part.model_dump(exclude_defaults=True, exclude={*_SOLVED, "exports"}))
+    held = ", ".join(f"{key} {_shown(value)}" for key, value in (main | own).items())
+    size = "" if print_scale == 1.0 else f", of the design's size (print_scale {print_scale:g})"
+    if not typed:
+        return f"the recipe's{size}: {held}"
+    return f"the recipe's with what was typed{size}: {held}; typed: {'; '.join(typed)}"
+
+
+def _shown(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def space_of(asked: Mapping[str, Any]) -> ThreeDPart:
+    """What was typed of lumens in space, for those that don't solve as --three-d does.
+
+    Raises
+    ------
+    UsageError
+        For a value out of bounds.
+    """
+    try:
+        return ThreeDPart(**_OTHERS.typed(asked))
+    except ValidationError as exc:
+        raise wrong_option(exc, [_OTHERS], "3D flow") from exc
+
+
+def _with_own_space(asked: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The options without those of --three-d that are given for another who solves in space.
+
+    Raises
+    ------
+    UsageError
+        For an option of --three-d that the others don't take.
+    """
+    solving = [name for name in _IN_SPACE if asked[name]]
+    if asked["three_d"] or not solving:
+        return asked
+    takes = [name for name, by in _TAKEN.items() if set(solving) & set(by)]
+    typed = [name for name in THREE_D.fields() if asked[name] is not None]
+    for name in typed:
+        if name not in takes:
+            word = f"no_{name}" if asked[name] is False else name
+            raise UsageError(
+                f"{option(word)} is for --three-d; {option(solving[0])} takes "
+                f"{' and '.join(map(option, takes))} alone. Add --three-d to solve here, too, or "
+                "leave it out"
+            )
+    return {**asked, **dict.fromkeys(typed)}
+
+
+def refuse_idle_options(asked: Mapping[str, Any]) -> None:
+    """Refuse an option that does nothing without another one.
+
+    Raises
+    ------
+    UsageError
+    """
+    for key, other in _NEED.items():
+        # An option that may be given again is an empty list where it isn't given.
+        if asked[key] not in (None, [], ()) and not asked[other]:
+            raise needs_another(key, other)
+    if asked["fillet_ratio"] is not None and not any(asked[key] for key in _IN_SPACE):
+        raise UsageError(
+            "--fillet-ratio rounds the lumens that 3D flow is solved in; give --three-d, "
+            "--match-split, --ranks or --svmultiphysics, or leave it out"
+        )
+
+
+def _refuse_without_wave(asked: Mapping[str, Any], waves: bool, why: str) -> None:
+    if waves:
+        return
+    idle = next((name for name in PULSE.fields() if asked[name] is not None), None)
+    if idle is not None:
+        raise UsageError(f"{option(idle)} is for pulsatile flow{why}; {_GIVE_WAVE}")
+    for key, does in (("svoned", "writes a pulsatile problem"), ("one_d", "follows a pulse")):
+        if asked[key]:
+            raise UsageError(f"{option(key)} {does}{why}; {_GIVE_WAVE}")
+
+
+def shear_band(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """The range of wall shear that is wanted, as the section says it; empty where none is.
+
+    Raises
+    ------
+    UsageError
+        For what isn't two numbers.
+    """
+    text = asked["shear_band_dyn_cm2"]
+    if text is None:
+        return {}
+    return {"shear_band_dyn_cm2": numbers(text, "--shear-band-dyn-cm2", "LOW,HIGH", 2)}

@@ -9,37 +9,280 @@ from typing import Annotated, Any
 
 import typer
 
-from printctl.cli.history_options import (
-    LimitOption,
-    ProfileOption,
-    ReverseFlag,
-    SearchOption,
-    SinceOption,
-    SortOption,
-    StateOption,
-    UntilOption,
-    WhoOption,
-    query_of,
-)
-from printctl.cli.history_records import bundle, key, repeat, show, verify
+from design.files import write_bytes
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
-from printctl.history.table import csv_lines, local_time
+from printctl.history.bundle import filed, write_bundle
+from printctl.history.repeat import RepeatPlan, entry_of_bundle, make_job, plan_repeat
+from printctl.history.signing import known_lab_key, lab_key, read_public_file, signing_missing
+from printctl.history.table import csv_lines, day_begins, day_ends, local_time, outcome
+from printctl.history.timeline import time_line
+from printctl.history.verify import verify_bundle
 from printctl.machine.link.find_link import alive
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
 from printctl.machine.link.history_query import HistoryQuery, SortBy
 from printctl.machine.link.record import JOURNAL
+from printctl.machine.link.states import ENDED
+from printctl.pipeline.evidence import evidence
+
+# Options of `printctl history` that filter, sort and limit prints, and the query made of them.
+
+STATES = (*sorted(state.value for state in ENDED), INTERRUPTED)
+SearchOption = Annotated[
+    str,
+    typer.Option("--search", help="Words that must all occur: file, hash, profile, alarm ..."),
+]
+StateOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--state",
+        help=f"How it ended, any of those given: {', '.join(STATES)}.",
+        show_default=False,
+    ),
+]
+ProfileOption = Annotated[str, typer.Option("--profile", help="The printer's profile.")]
+WhoOption = Annotated[str, typer.Option("--who", help="The operator.")]
+SinceOption = Annotated[str, typer.Option("--since", metavar="DAY", help="First day: 2026-11-01.")]
+UntilOption = Annotated[str, typer.Option("--until", metavar="DAY", help="Last day: 2026-11-30.")]
+SortOption = Annotated[SortBy, typer.Option("--sort", help="The latest or last name first.")]
+ReverseFlag = Annotated[bool, typer.Option("--reverse", help="The other way round.")]
+LimitOption = Annotated[
+    int | None, typer.Option("--limit", min=1, help="At most so many.", show_default=False)
+]
+
+
+def query_of(
+    search: str = "",
+    state: list[str] | None = None,
+    profile: str = "",
+    who: str = "",
+    since: str = "",
+    until: str = "",
+    sort: SortBy = SortBy.STARTED,
+    reverse: bool = False,
+    limit: int | None = None,
+) -> HistoryQuery:
+    """Convert the options to a query of the history.
+
+    Raises
+    ------
+    UsageError
+        For a state or a day that there isn't.
+    """
+    for one in state or ():
+        if one not in STATES:
+            raise UsageError(f"--state {one!r} isn't one of {', '.join(STATES)}")
+    return HistoryQuery(
+        words=search,
+        states=tuple(state or ()),
+        profile=profile,
+        who=who,
+        since=day_begins(since, "--since"),
+        until=day_ends(until, "--until"),
+        sort=sort,
+        descending=not reverse,
+        limit=limit,
+    )
+
+
+# Commands of `printctl history` about one print: show, bundle, verify, key, repeat.
+
+IdArg = Annotated[
+    str,
+    typer.Argument(
+        metavar="ID",
+        help="The print, as `printctl history` names it in brackets; its beginning will do.",
+        show_default=False,
+    ),
+]
+
+
+def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
+    """Show one print: what, when, what happened, what there is of it.
+
+    Example: `printctl history show 1795267901`
+    """
+    entry = PrintHistory().one(print_id)
+    record = evidence(entry)
+    try:
+        line = time_line(entry.journal)
+    except OSError:
+        line = None
+    if as_json:
+        print_json({
+            "print": filed(entry).model_dump(mode="json"),
+            "journal": str(entry.journal),
+            "gcode": str(record.gcode) if record.gcode else None,
+            "run": str(record.run) if record.run else None,
+            "report": {name: str(path) for name, path in record.report.items()},
+            "verdict": record.verdict,
+            "note": record.note(),
+            "missing": list(record.missing),
+            "events": [asdict(event) for event in line.events] if line else [],
+        })  # fmt: skip
+        return
+    print_lines(
+        f"{entry.file}, {entry.state}: {entry.message}",
+        f"id       {entry.id}",
+        f"sha256   {entry.sha256}",
+        f"begun    {local_time(entry.started)}, over {local_time(entry.ended) or 'never'}",
+        f"lines    {entry.done} of {entry.total}",
+        f"operator {entry.by} at {entry.host}",
+        f"printer  {entry.profile} at {entry.port}",
+        f"verdict  {outcome(record.verdict) or 'none'}",
+        f"report   {record.report.get('report.html', 'none')}",
+        f"journal  {entry.journal}",
+        *(f"missing  {text}" for text in record.missing),
+        "",
+        *(f"{e.after_s:9.1f} s  {e.kind:<10} {e.text}" for e in (line.events if line else ())),
+    )
+
+
+def bundle(
+    print_id: IdArg,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The zip; print_ID.zip by default.")
+    ] = None,
+    unsigned: Annotated[bool, typer.Option("--unsigned", help="Without a signature.")] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Pack a print's journal, G-code, recipe, profiles and report into one signed zip.
+
+    Example: `printctl history bundle 1795267901 --out heart_3.zip`
+    """
+    missing = signing_missing()
+    if missing and not unsigned:
+        raise UsageError(f"{missing}; or pack it --unsigned")
+    entry = PrintHistory().one(print_id)
+    path = out or Path(f"print_{entry.id}.zip")
+    manifest = write_bundle(path, entry, None if unsigned else lab_key())
+    if as_json:
+        print_json({"bundle": str(path), "manifest": manifest.model_dump(mode="json")})
+        return
+    signed = f"signed by key {manifest.signed_by}" if manifest.signed_by else "unsigned"
+    print_lines(f"{path}: {len(manifest.files)} files, {signed}")
+    print_lines(*(f"  not in it: {text}" for text in manifest.missing or ("nothing is missing",)))
+
+
+def verify(
+    file: Annotated[Path, typer.Argument(help="The bundle.", show_default=False)],
+    keys: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--key",
+            help="A public key (PEM) that you know to be the lab's; this machine's own by default.",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Tell whether a bundle is as it was filed, and who signed it; nothing is unpacked.
+
+    Exit code 0: whole, and signed by a trusted key; 1: anything else.
+
+    Example: `printctl history verify heart_3.zip --key lab.pem`
+    """
+    own = known_lab_key() if not keys else None
+    trusted = [read_public_file(path) for path in keys or ()] + ([own] if own else [])
+    result = verify_bundle(file, trusted)
+    if as_json:
+        print_json({
+            "whole": result.whole,
+            "signature": result.signature.value,
+            "fingerprint": result.fingerprint,
+            "changed": list(result.changed),
+            "print": result.manifest.print.model_dump(mode="json") if result.manifest else None,
+        })  # fmt: skip
+    else:
+        print_lines(*result.lines())
+        if result.whole and result.manifest:
+            entry = result.manifest.print
+            print_lines(f"  {entry.file}, {entry.state}, {local_time(entry.started)}, {entry.who}")
+    if not result.good:
+        raise typer.Exit(1)
+
+
+def key(
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Write the public key here (PEM).")
+    ] = None,
+) -> None:
+    """Show the lab's key, made at the first call; give the public one to whoever verifies.
+
+    Example: `printctl history key --out lab.pem`
+    """
+    public = lab_key().public
+    if out is not None:
+        write_bytes(out, public.pem())
+    print_lines(
+        f"fingerprint {public.fingerprint}",
+        *([str(out)] if out else [public.pem().decode().strip()]),
+    )
+
+
+def repeat(
+    print_id: Annotated[
+        str, typer.Argument(metavar="[ID]", help="The print; not needed with --bundle.")
+    ] = "",
+    out: Annotated[
+        Path, typer.Option("--to", help="Folder for the job; of a page's workspace, its jobs.")
+    ] = Path("jobs"),
+    bundle: Annotated[
+        Path | None,
+        typer.Option("--bundle", help="Take the G-code from this bundle.", show_default=False),
+    ] = None,
+    check_only: Annotated[
+        bool, typer.Option("--check", help="Only tell what differs from then.")
+    ] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Make a job of the same bytes again, and tell what isn't as it was then; nothing is started.
+
+    Example: `printctl history repeat 1795267901 --to work/jobs`
+    """
+    if not print_id and bundle is None:
+        raise UsageError("give the print's ID, or --bundle FILE.zip")
+    entry = PrintHistory().one(print_id) if print_id else entry_of_bundle(bundle or Path())
+    plan = plan_repeat(entry, bundle)
+    made = None if check_only else make_job(plan, out)
+    if as_json:
+        print_json({
+            "job": str(made) if made else None,
+            "differences": [asdict(one) for one in plan.differences],
+            "unknown": list(plan.unknown),
+            "set_up": plan.set_up,
+        })  # fmt: skip
+        return
+    print_lines(*_plan_lines(plan, made))
+
+
+def _plan_lines(plan: RepeatPlan, made: Path | None) -> list[str]:
+    lines = [f"the G-code is the one that was printed ({plan.entry.sha256})"]
+    lines += [f"differs: {one.line()}" for one in plan.differences] or ["nothing known differs"]
+    lines += [f"not known: {text}" for text in plan.unknown]
+    return [*lines, *([f"job: {made}; nothing was started"] if made else [])]
+
 
 history = typer.Typer(
     help="Past prints: list and search, show one, file its record, print it again.",
     invoke_without_command=True,
     rich_markup_mode="markdown",
 )
+
+
 history.command("show")(show)
+
+
 history.command("bundle")(bundle)
+
+
 history.command("verify")(verify)
+
+
 history.command("key")(key)
+
+
 history.command("repeat")(repeat)
 
 

@@ -32,6 +32,13 @@ from printctl.observe.records import (
 )
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 
+FrameFile = Annotated[
+    Path, typer.Option("--frame", help="File of `printctl observe frame`.", show_default=False)
+]
+LimitOption = Annotated[
+    float, typer.Option("--limit-um", help="Shift at the dish up to which a frame holds.", min=1)
+]
+
 
 def looks(run: RunArg, as_json: JsonFlag = False) -> None:
     """List the looks at a print: what was found, decided and asked.

@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from printctl.cli.option_group import with_options_of
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
-from printctl.cli.scan_options import ScanFile, ScanOptions
+from printctl.cli.scan import ScanFile, ScanOptions
+from printctl.cli.section_options import with_options_of
 from printctl.pipeline.overlaying import (
     HTML,
     chosen_layers,

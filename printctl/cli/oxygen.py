@@ -17,17 +17,26 @@ from design.units import PA_PER_MMHG
 from printctl.analysis.networks import Drive, Source, load_source
 from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_write
 from printctl.cli.measure import tissue_around
-from printctl.cli.network_options import (
+from printctl.cli.options import (
     InletFlowOption,
+    JsonFlag,
     SourceArg,
     TissueOption,
     TissueUnitOption,
     UnitOption,
     ViscosityOption,
+    folder_to_write,
+    messages,
+    print_json,
+    print_lines,
 )
-from printctl.cli.option_group import with_options
-from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
-from printctl.cli.section_options import SectionOptions, parameters, section_values, wrong_option
+from printctl.cli.section_options import (
+    SectionOptions,
+    parameters,
+    section_values,
+    with_options,
+    wrong_option,
+)
 from printctl.recipe.parts import OxygenPart
 
 NUMBERS = "oxygen.json"

@@ -3,18 +3,237 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
+import yaml
+from typer.core import TyperGroup
 
-from firmware_profiles import Syringe, load, profile_doubts, shipped
-from printctl.cli.options import JsonFlag, print_json, print_lines
-from printctl.cli.profiles_probe import probe
-from printctl.cli.profiles_show import ProfileGroup, find_profile, show
+from design.files import write_text
+from firmware_profiles import (
+    Bath,
+    Dish,
+    Facts,
+    Ink,
+    Needle,
+    Plate,
+    Printer,
+    ProfileError,
+    Syringe,
+    load,
+    profile_doubts,
+    read_keys,
+    shipped,
+    shipped_text,
+)
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.errors import UsageError
+from printctl.machine.link.families import link_facts
+from printctl.machine.probing import Row, compare, corrected_profile, query_settings
+
+# `printctl profiles show`: list the known profiles, or print one.
+
+KINDS: dict[str, type[Facts]] = {
+    "printer": Printer,
+    "needle": Needle,
+    "syringe": Syringe,
+    "ink": Ink,
+    "bath": Bath,
+    "dish": Dish,
+    "plate": Plate,
+}
+
+
+class ProfileGroup(TyperGroup):
+    """``printctl profiles NAME`` shows a profile: what is no subcommand is a name."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put ``show`` in front where no subcommand is named."""
+        if not args or (args[0] not in self.commands and args[0] not in ("--help", "-h")):
+            args = ["show", *args]
+        return super().parse_args(ctx, args)
+
+
+def show(
+    name: Annotated[
+        str | None, typer.Argument(help="Show one profile whole: its shipped name or a .yaml file.")
+    ] = None,
+    write: Annotated[
+        Path | None,
+        typer.Option("--write", help="Copy the shipped profile to this new file, to correct it."),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """List the shipped profiles, or show one with its source.
+
+    `printctl profiles NAME` is short for it. A file of your own is shown with its defaults.
+    """
+    if write is not None:
+        _copy(name, write)
+    profiles = _all() if name is None else _one(name)
+    if as_json:
+        print_json(profiles)
+        return
+    for kind, entries in profiles.items():
+        for entry, facts in entries.items():
+            print_lines(f"{kind:<8} {entry:<18} {facts['name']}{_sizes(kind, facts)}")
+            if name is not None:
+                print_lines(*(f"  {key}: {value}" for key, value in facts.items()))
+
+
+def _copy(name: str | None, to: Path) -> None:
+    """Write a shipped profile to a file of the user's.
+
+    Raises
+    ------
+    UsageError
+        When the file is there already, isn't called .yaml, or nothing shipped is named.
+    """
+    if to.suffix not in (".yaml", ".yml"):
+        raise UsageError(f"--write {to}: a profile's file ends in .yaml")
+    if to.exists():
+        raise UsageError(f"--write {to}: it is there already; name a new file")
+    if name is None or name.endswith((".yaml", ".yml")):
+        raise UsageError("--write copies a shipped profile: name one of `printctl profiles`")
+    kind, _ = find_profile(name)
+    write_text(to, shipped_text(KINDS[kind], name))
+    messages().print(f"wrote {to}: give it in place of {name}", markup=False)
+
+
+def _sizes(kind: str, facts: dict[str, Any]) -> str:
+    """What one chooses a needle or a syringe by."""
+    if kind == "needle":
+        return f": bore {facts['inner_mm']:g}, outer {facts['outer_mm']:g} mm"
+    if kind == "syringe":
+        return f": bore {facts['inner_mm']:g} mm, dead volume {facts['dead_volume_ul']:g} µL"
+    if kind == "plate":
+        count = facts["rows"] * facts["columns"]
+        return f": {count} wells, {facts['well_x_mm']:g} mm, {facts['well_depth_mm']:g} mm deep"
+    return ""
+
+
+def find_profile(name: str) -> tuple[str, Facts]:
+    """Sort and facts of a shipped name or of a file, which itself doesn't say its sort.
+
+    Raises
+    ------
+    ProfileError
+        When there is none; of a file that is no profile it says what the sort wants whose keys
+        it has most of.
+    """
+    if not name.endswith((".yaml", ".yml")):
+        for kind, model in KINDS.items():
+            if name in shipped(model):
+                return kind, load(model, name)
+        raise ProfileError(
+            f"no profile {name!r}; `printctl profiles` lists the shipped ones, a file of your own "
+            "ends in .yaml"
+        )
+    if not Path(name).is_file():
+        raise ProfileError(f"profile file {name} doesn't exist; check the path")
+    kind = _likeliest(name)
+    return kind, load(KINDS[kind], name)
+
+
+def _likeliest(file: str) -> str:
+    """The sort of profile that most of a file's keys belong to."""
+    keys = set(read_keys(file)) - set(Facts.model_fields)
+    shared = {kind: len(keys & set(model.model_fields)) for kind, model in KINDS.items()}
+    kind = max(shared, key=lambda one: shared[one])
+    if not shared[kind]:
+        raise ProfileError(
+            f"{file} has no key of any sort of profile ({', '.join(KINDS)}); "
+            "`printctl profiles NAME` shows a shipped one with all its keys"
+        )
+    return kind
+
+
+def _all() -> dict[str, dict[str, Any]]:
+    return {
+        kind: {entry: load(model, entry).model_dump(mode="json") for entry in shipped(model)}
+        for kind, model in KINDS.items()
+    }
+
+
+def _one(name: str) -> dict[str, dict[str, Any]]:
+    kind, facts = find_profile(name)
+    return {kind: {name: facts.model_dump(mode="json")}}
+
+
+# `printctl profiles probe`: compare a printer's own settings with its profile.
+
+
+def probe(
+    port: Annotated[
+        str, typer.Option("--port", help="Serial port or tcp:HOST:PORT.", show_default=False)
+    ],
+    profile: Annotated[
+        str,
+        typer.Option("--profile", help="A shipped name or a .yaml file.", show_default=False),
+    ],
+    baud: Annotated[int | None, typer.Option("--baud", help="In place of the profile's.")] = None,
+    write: Annotated[
+        Path | None,
+        typer.Option("--write", help="Write the profile with the printer's values to this file."),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Read a printer's settings and show where they differ from a profile.
+
+    Nothing is changed on the printer. The port is refused while a print holds it. Exit code 1 when
+    something differs.
+    """
+    printer = load(Printer, profile)
+    settings = query_settings(port, printer, baud)
+    rows = compare(settings, printer)
+    kin = link_facts(printer).says in settings.firmware.lower()
+    differs = [row for row in rows if not row.same]
+    if as_json:
+        print_json(
+            {
+                "profile": printer.name,
+                "firmware": settings.firmware,
+                "family_agrees": kin,
+                "rows": [asdict(row) for row in rows],
+                "notes": list(settings.notes),
+                "same": kin and not differs,
+            }
+        )
+    else:
+        print_lines(f"{settings.firmware or 'a firmware that says no name'} on {port}")
+        if not kin:
+            print_lines(f"DIFFERS firmware: the profile says {printer.firmware}")
+        notes = [f"note    {note}" for note in (*settings.notes, *_untold(printer, rows))]
+        print_lines(*(_line(row) for row in rows), *notes)
+    if write is not None:
+        text = yaml.safe_dump(
+            corrected_profile(printer, rows, port, date.today().isoformat()),
+            sort_keys=False,
+            allow_unicode=True,
+            width=100,
+        )
+        write_text(write, text)
+        messages().print(f"wrote {write}; `printctl profiles check {write}` looks it over")
+    if differs or not kin:
+        raise typer.Exit(1)
+
+
+def _line(row: Row) -> str:
+    mark = "same   " if row.same else "DIFFERS"
+    starting = ", a starting value" if row.starting and not row.same else ""
+    return f"{mark} {row.key:<26} printer {row.printer!s:>10}  profile {row.profile!s}{starting}"
+
+
+def _untold(printer: Printer, rows: list[Row]) -> list[str]:
+    """What the profile calls a starting value and the printer can't tell."""
+    reported = {row.key.partition(".")[0] for row in rows}
+    left = [name for name in printer.starting_values if name.partition(".")[0] not in reported]
+    return [f"not told by the printer, measure: {', '.join(left)}"] if left else []
+
 
 # `printctl profiles check`: check a profile for invalid keys and contradictory values.
-
-
 def check(
     file: Annotated[
         str, typer.Argument(help="A .yaml file, or a shipped name.", show_default=False)
@@ -50,6 +269,12 @@ def check(
 profiles = typer.Typer(
     cls=ProfileGroup, help="Known printers and materials: list, show, check, ask a printer."
 )
+
+
 profiles.command("show")(show)
+
+
 profiles.command("check")(check)
+
+
 profiles.command("probe")(probe)

@@ -1,4 +1,4 @@
-"""`printctl recipe`: print the recipe's schema, or migrate an older recipe."""
+"""`printctl recipe` and `init`: write, check and migrate recipes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from firmware_profiles.yaml_file import read_yaml
 from printctl.cli.options import RecipeArg, print_json, print_lines, print_note
 from printctl.errors import UsageError
 from printctl.recipe import SCHEMA, Recipe, parse_recipe
-from printctl.recipe.load import Step, migrated_text, read_mapping, steps_from
+from printctl.recipe.load import STARTER, Step, migrated_text, read_mapping, steps_from
 
 recipe = typer.Typer(help="The recipe's schema, and recipes of an older one.")
 
@@ -72,3 +72,16 @@ def _backup(file: Path, schema: int) -> Path:
 
 def _step_lines(steps: tuple[Step, ...]) -> list[str]:
     return [f"schema {step.old} to {step.old + 1}: {step.why}" for step in steps]
+
+
+def init(
+    path: Annotated[Path, typer.Argument(help="Where to write the recipe.")] = Path("recipe.yaml"),
+) -> None:
+    """Write a commented starter recipe that runs as it stands.
+
+    It prints on the simulated printer. A file that is there isn't overwritten.
+    """
+    if path.exists():
+        raise UsageError(f"{path} exists and isn't overwritten; give another name")
+    write_text(path, STARTER.read_text(encoding="utf-8"))
+    print_lines(f"{path}", f"next: printctl run {path}")

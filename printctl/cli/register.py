@@ -1,37 +1,209 @@
-"""`printctl register`: align a scan with its design and measure the deviations."""
+"""`printctl register`: compare a scan with its design or its print; options and entry."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, TypeVar
 
 import typer
+from pydantic import BaseModel, ValidationError
 
+from design.units import LengthUnit
 from printctl.cli.kernels_ready import have_kernels
-from printctl.cli.option_group import with_options_of
-from printctl.cli.options import JsonFlag, print_json, print_lines, print_note
-from printctl.cli.pdf_option import PdfFlag
-from printctl.cli.progress_option import ProgressFileOption, Steps
-from printctl.cli.register_options import (
-    ConformanceOption,
-    DatumsOption,
-    DiameterOption,
-    LumensFlag,
-    ModelOption,
-    ModelUnit,
-    NetworkOption,
-    OutOption,
-    PrintOption,
-    RecordOption,
-    RmsOption,
-    RuleOption,
-    ToleranceOption,
+from printctl.cli.options import (
+    JsonFlag,
+    PdfFlag,
+    ProgressFileOption,
+    Steps,
+    folder_to_write,
+    print_json,
+    print_lines,
+    print_note,
 )
-from printctl.cli.scan_options import ScanFile, ScanOptions
+from printctl.cli.scan import ScanFile, ScanOptions
+from printctl.cli.section_options import with_options_of
+from printctl.errors import UsageError
 from printctl.garbage_collection import collected_rarely
+from printctl.recipe.making import RegistrationPart
+from printctl.recipe.record import RecordPart
+from printctl.recipe.tolerances import TolerancesPart
 from printctl.run_folder.artefacts import HTML, PDF
 from printctl.second_process import SecondProcess
+from registration.measuring.judging.tolerance import DecisionRule, Tolerances
+
+# Typer options of `printctl register`: design, output folder, datums, tolerances, record.
+
+ModelOption = Annotated[
+    Path, typer.Option("--model", help="A run folder, or the design's STL.", show_default=False)
+]
+OutOption = Annotated[
+    Path,
+    typer.Option(
+        "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
+    ),
+]
+NetworkOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--network",
+        help="network.csv in mm; else the one beside the model, or the lumens found in an STL.",
+    ),
+]
+LumensFlag = Annotated[
+    bool | None,
+    typer.Option(
+        "--lumens/--whole",
+        help="With a run folder: only its lumens were scanned, or the whole part. If not given, "
+        "the lumens of an embedded print, the whole part of FRESH layers. With an STL and no "
+        "network: the STL is the lumens.",
+        show_default=False,
+    ),
+]
+ModelUnit = Annotated[LengthUnit, typer.Option("--unit", help="Unit of an STL model.")]
+PrintOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--print", help="The print that was scanned: its folder or file; else the run's own."
+    ),
+]
+RecordOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--record",
+        help="YAML file of the measurement record: instrument, certificate, operator, "
+        "temperature (docs/registration.md).",
+    ),
+]
+ToleranceOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--tolerance", help="YAML file of limits by vessel and feature (docs/registration.md)."
+    ),
+]
+DatumsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--datums",
+        help="Datum features, primary first, like 'face -z, face -x, axis 3'; also 'inlet 0', "
+        "'outlet 3', 'ports'; else best fit.",
+    ),
+]
+RmsOption = Annotated[
+    float | None,
+    typer.Option(
+        "--tolerance-um",
+        help="RMS deviation of the scaled fit above which the print doesn't pass; else 100.",
+        min=0.1,
+    ),
+]
+RuleOption = Annotated[
+    DecisionRule | None,
+    typer.Option(
+        "--decision-rule",
+        help="How limits count uncertainty: conformance (probability that the vessel conforms), "
+        "guarded (ISO 14253-1), shared_risk (the value alone); else conformance.",
+    ),
+]
+ConformanceOption = Annotated[
+    float | None,
+    typer.Option(
+        "--conformance-percent",
+        help="Probability from which on a vessel passes by the rule conformance; else 95.",
+    ),
+]
+DiameterOption = Annotated[
+    str | None,
+    typer.Option(
+        "--diameter-tolerance-percent",
+        help="Error of any section's diameter beyond which it doesn't, like 10 or +10/-5; else 10.",
+    ),
+]
+
+
+# Read and validate a YAML file with one section of a recipe, such as a measurement record.
+
+PartT = TypeVar("PartT", bound=BaseModel)
+
+
+def read_part(path: Path, part: type[PartT], what: str, remedy: str) -> PartT:
+    """Read and check a file.
+
+    Parameters
+    ----------
+    path : Path
+    part : type
+        The part's model.
+    what, remedy : str
+        What the file holds and how to write one, for messages.
+
+    Raises
+    ------
+    RecipeError
+        When it isn't there or isn't YAML.
+    UsageError
+        With each wrong key, its value and the remedy.
+    """
+    # Loads the schema of a whole recipe; without such a file nobody waits for it.
+    from printctl.recipe.load import read_mapping, refusal
+
+    data = read_mapping(path, what, remedy)
+    try:
+        return part.model_validate(data)
+    except ValidationError as exc:
+        raise UsageError(refusal(exc, str(path), list)) from exc
+
+
+def read_record(path: Path) -> RecordPart:
+    """Read a measurement record; see `read_part`."""
+    return read_part(path, RecordPart, "record", "one line does: `operator: A. Smith`")
+
+
+# Read a print's acceptance limits from command-line options: a tolerance file or single limits.
+
+_REMEDY: Final = "one line does: `diameter_percent: 10`"
+
+
+def tolerances_of(
+    file: Path | None,
+    rms_um: float | None,
+    diameter_percent: str | None,
+    decision_rule: DecisionRule | None = None,
+    conformance_percent: float | None = None,
+) -> Tolerances:
+    """Read the limits that a print is judged by.
+
+    Raises
+    ------
+    UsageError
+        For a limit that can't be used, or one that is given twice.
+    """
+    # Loads the schema of a whole recipe; without such options nobody waits for it.
+    from printctl.recipe.load import refusal
+
+    given = {
+        "tolerance_um": rms_um,
+        "diameter_tolerance_percent": _number_or_text(diameter_percent),
+        "decision_rule": decision_rule,
+        "conformance_percent": conformance_percent,
+        "tolerances": None
+        if file is None
+        else read_part(file, TolerancesPart, "tolerances", _REMEDY),
+    }
+    try:
+        part = RegistrationPart.model_validate({k: v for k, v in given.items() if v is not None})
+    except ValidationError as exc:
+        raise UsageError(refusal(exc, "tolerances", list)) from exc
+    return part.all_tolerances()
+
+
+def _number_or_text(value: str | None) -> float | str | None:
+    """Return a number where the text is one; `RegistrationPart` judges the rest."""
+    try:
+        return None if value is None else float(value)
+    except ValueError:
+        return value
+
 
 PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""
@@ -70,20 +242,18 @@ def register(
     have_kernels("register")
     with collected_rarely(), SecondProcess(PAGES) as second, steps.whole():
         steps.begin("reading")
-        from printctl.cli.register_design import read_design  # help waits for no mesh library
+        from printctl.cli.register_work import read_design  # help waits for no mesh library
 
         design = read_design(model, network, lumens, unit, printed_in, out, print_note)
         drawn = second.call(PAGES, "network_drawing", design.vessels)
         # Loaded only now, beside what the second process loads.
-        from printctl.cli.datum_options import datums_of
-        from printctl.cli.part_file import read_record
         from printctl.cli.register_work import (
             Measuring,
+            datums_of,
             judge_registration,
             note,
             read_and_register,
         )
-        from printctl.cli.tolerance_options import tolerances_of
         from printctl.recipe.record import RecordPart
 
         stated = RecordPart() if record is None else read_record(record)

@@ -1,35 +1,70 @@
-"""`printctl run`: run a recipe from tissue design through print and scan to the report."""
+"""`printctl run`, `design` and `toolpath`: work off a recipe, whole or in part."""
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from printctl.cli.kernels_ready import kernels_for_a_run
+from design.files import atomic_replacement
+from printctl.checks import preflight
+from printctl.cli.kernels_ready import have_kernels, kernels_for_a_run
 from printctl.cli.observe_looks import looks_lines
 from printctl.cli.options import (
     JsonFlag,
+    PdfFlag,
+    ProgressFileOption,
     RecipeArg,
     YesFlag,
     folder_to_write,
+    message_of,
     messages,
     print_json,
     print_lines,
     print_note,
+    refuse_input_as_output,
 )
-from printctl.cli.pdf_option import PdfFlag
-from printctl.cli.process_lines import process_lines
-from printctl.cli.progress_option import ProgressFileOption, message_of
+from printctl.errors import UsageError
 from printctl.history.table import outcome
-from printctl.pipeline.run import RunOptions, run_recipe
-from printctl.pipeline.run_options import DESIGN_NAMES
+from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
+from printctl.pipeline.run_options import DESIGN_NAMES, names_until
 from printctl.progress_file import ProgressFile
 from printctl.recipe import Recipe, load_recipe
 from printctl.recipe.growth import Growth
-from printctl.run_folder.artefacts import HTML, PDF
+from printctl.run_folder.artefacts import GCODE, HTML, LINE_MAP, PDF, PLATE_PICTURE, PLATE_TABLE
+
+
+def process_lines(dry_run: Mapping[str, Any]) -> list[str]:
+    """Time against what the ink's cells have, ink against what is loaded, the needle's shaft."""
+    shaft = dry_run.get("clearance")
+    return [_time(dry_run), _ink(dry_run), *(preflight.shaft_lines(shaft) if shaft else [])]
+
+
+def _time(facts: Mapping[str, Any]) -> str:
+    changes = int(facts["changes_of_syringe"])
+    timed = facts.get("changes_timed", True)
+    with_ = f" with {changes} changes of syringe" if changes and timed else ""
+    without = f" and {changes} changes of syringe, whose time isn't known" if not timed else ""
+    return (
+        f"print time {facts['print_time_s'] / 60:.1f} min{with_}{without}; time that the cells "
+        f"have: {facts['time_the_cells_have']}"
+    )
+
+
+def _ink(facts: Mapping[str, Any]) -> str:
+    fillings = int(facts["fillings"])
+    each = "a filling" if fillings == 1 else f"each of {fillings} fillings"
+    return (
+        f"ink {facts['ink_needed_ul']:.4g} µL: {facts['ink_pushed_ul']:.4g} pushed, "
+        f"{facts['ink_left_per_filling_ul']:.3g} left behind by {each}; full, it holds "
+        f"{facts['fillings_hold_ul']:.4g} µL"
+    )
+
 
 OutOption = Annotated[
     Path | None,
@@ -120,3 +155,158 @@ def pdfs(data: dict[str, Any], folder: Path) -> list[str]:
     if "plate" not in data:
         return [str(folder / PDF)]
     return [str((folder / row["report"]).parent / PDF) for row in data["scanned"]]
+
+
+# `printctl design`: make network, flow table and solid files of a recipe, without printing.
+
+UntilDesignOption = Annotated[
+    str | None,
+    typer.Option(
+        "--until",
+        metavar="STAGE",
+        help=f"Last stage: {', '.join(DESIGN_NAMES[:-1])} or {DESIGN_NAMES[-1]} (default).",
+    ),
+]
+
+
+def design(
+    recipe: RecipeArg,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
+        ),
+    ],
+    until: UntilDesignOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Design only: network.csv, network.vtp, lumen.stl, solid.stl, solid.3mf and flow.csv.
+
+    Nothing is sliced or printed. Files that are there are replaced, each by a whole new one. With
+    --until the stages after that one aren't run; a later design goes on from there.
+    """
+    last = _last_stage(until)
+    loaded = load_recipe(recipe, print_note)
+    have_kernels("design")
+    data = design_recipe(loaded, recipe.resolve().parent, out, messages(), last)
+    if as_json:
+        print_json(data)
+    else:
+        print_lines(*_made(data), *([f"done as far as {last}"] if until else []), str(out))
+
+
+def _last_stage(until: str | None) -> str:
+    """Name of the last stage that is run.
+
+    Raises
+    ------
+    UsageError
+        For a stage that isn't known, or comes after design.
+    """
+    name = DESIGN_NAMES[-1] if until is None else names_until(until)[-1]
+    if name not in DESIGN_NAMES:
+        raise UsageError(
+            f"--until {until}: printctl design ends at {DESIGN_NAMES[-1]}; give one of "
+            f"{', '.join(DESIGN_NAMES)}, or use printctl run --until {until}"
+        )
+    return name
+
+
+def _made(data: dict[str, Any]) -> list[str]:
+    """Say what the stages that were run have made."""
+    lines = []
+    if "network" in data:
+        network = data["network"]
+        lines.append(
+            f"{network['vessels']} vessels, {network['diameter_min_mm']:.3g} to "
+            f"{network['diameter_max_mm']:.3g} mm, {network['volume_mm3']:.3g} mm³"
+        )
+    if "flow" in data:
+        flow = data["flow"]
+        lines.append(
+            f"pressure drop {flow['pressure_drop_mmhg']:.3g} mmHg at "
+            f"{flow['inlet_flow_ml_min']:.3g} mL/min"
+        )
+    return lines
+
+
+# `printctl toolpath`: write a recipe's checked G-code, and a map of lines to vessels or layers.
+
+
+# Terminal text on vessels left unwritten and joints left open by an embedded toolpath.
+def plan_lines(plan: Mapping[str, Any]) -> Iterator[str]:
+    """Name every vessel that isn't written and every open joint, from ``summary.plan``."""
+    left, cut = plan.get("left_out", ()), plan.get("cut_off", ())
+    if left:
+        yield (
+            f"{len(left)} vessels aren't written, since the needle would pass through ink in any "
+            f"order (toolpath.leave_out); {len(cut)} written ones lose their supply"
+            + (f": {', '.join(map(str, cut))}" if cut else "")
+        )
+    yield from map(_left_out, left)
+    for one in plan.get("open", ()):
+        if "barred_by" in one:
+            yield _open(one)
+
+
+def _left_out(one: Mapping[str, Any]) -> str:
+    text = (
+        f"vessel {one['vessel']} isn't written: too near to vessel {one['other']} at "
+        f"{_place(one)}; they would have to be at least {one['apart_mm']:.3f} mm further apart"
+    )
+    if one["needle_mm"] > 0:
+        text += f", or the needle's tip {one['needle_mm']:.3f} mm wide outside"
+    return text
+
+
+def _open(one: Mapping[str, Any]) -> str:
+    text = f"joint of vessels {one['vessel']} and {one['other']} at {_place(one)} stays open"
+    if one["barred_by"] >= 0:
+        text += f": vessel {one['barred_by']} is in the shaft's way on either side"
+    if one["needle_mm"] > 0:
+        text += (
+            f"; a quarter of the overlap has room with that vessel {one['apart_mm']:.3f} mm "
+            f"further off sideways, or a tip {one['needle_mm']:.3f} mm wide outside"
+        )
+    return text
+
+
+def _place(one: Mapping[str, Any]) -> str:
+    x, y, z = one["place_mm"]
+    return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
+
+
+def toolpath(
+    recipe: RecipeArg,
+    out: Annotated[Path, typer.Option("--out", help="G-code file to write.", show_default=False)],
+    as_json: JsonFlag = False,
+) -> None:
+    """Write a recipe's G-code after its dry run, with FILE.map.npz (line to vessel or layer).
+
+    Of a plate with FILE.wells.csv and a picture, FILE.svg.
+    """
+    if out.is_dir():
+        raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
+    refuse_input_as_output(out, recipe)
+    loaded = load_recipe(recipe, print_note)
+    with tempfile.TemporaryDirectory() as scratch:
+        data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())
+        beside = [(LINE_MAP, out.with_suffix(".map.npz")), (GCODE, out)]
+        if loaded.plate is not None:
+            beside += [
+                (PLATE_TABLE, out.with_suffix(".wells.csv")),
+                (PLATE_PICTURE, out.with_suffix(".svg")),
+            ]
+        for name, place in beside:
+            with atomic_replacement(place) as draft:
+                shutil.copyfile(Path(scratch) / name, draft)
+    if as_json:
+        print_json(data)
+        return
+    print_lines(
+        f"{data['toolpath']['lines']} lines, {data['toolpath']['written_ul']:.4g} µL, "
+        f"{data['dry_run']['duration_s'] / 60:.1f} min",
+        *process_lines(data["dry_run"]),
+        *plan_lines(data["toolpath"].get("plan", {})),
+        str(out),
+    )

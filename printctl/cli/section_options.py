@@ -1,17 +1,15 @@
-"""Command-line options made from fields of a recipe's sections, and sections from what was typed.
-
-Fields that are numbers, words, flags or files become options; help and default are the field's.
-"""
+"""Command-line options made from a recipe's sections, or shared by several commands."""
 
 from __future__ import annotations
 
 import inspect
 import re
 import types
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import typer
 from pydantic import BaseModel, ValidationError
@@ -201,3 +199,60 @@ def _value(name: str, value: Any) -> Any:
     if not value.is_file():
         raise UsageError(f"{option(name)} {value} isn't there, or no file; check the path")
     return str(value.resolve())
+
+
+# Add options to a command that several commands share, or that a recipe's section declares.
+
+_KEYWORD = inspect.Parameter.KEYWORD_ONLY
+
+
+def with_options_of(group: type[Any], name: str) -> Callable[[Callable[..., None]], Any]:
+    """Give a command the fields of ``group`` as options, and its parameter ``name`` their values.
+
+    Parameters
+    ----------
+    group : dataclass
+        Each field's type is what typer takes of a parameter; each has a default.
+    name : str
+        A parameter of the command, of type ``group``: its options stand in the help where it does.
+    """
+    hints = get_type_hints(group, include_extras=True)
+    options = [
+        inspect.Parameter(one.name, _KEYWORD, default=one.default, annotation=hints[one.name])
+        for one in fields(group)
+    ]
+    return with_options(options, name, lambda typed: group(**typed))
+
+
+def with_options(
+    options: Sequence[inspect.Parameter], name: str, value: Callable[[dict[str, Any]], Any]
+) -> Callable[[Callable[..., None]], Any]:
+    """Give a command ``options`` where its parameter ``name`` stands, which gets what they say.
+
+    Parameters
+    ----------
+    value : callable
+        Takes what was typed, by the options' names; returns what the parameter gets.
+    """
+
+    def grouped(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def called(**given: Any) -> None:
+            typed = {one.name: given.pop(one.name) for one in options}
+            command(**given, **{name: value(typed)})
+
+        called.__signature__ = _replaced(command, name, options)  # type: ignore[attr-defined]
+        return called
+
+    return grouped
+
+
+def _replaced(
+    command: Callable[..., None], name: str, options: Sequence[inspect.Parameter]
+) -> inspect.Signature:
+    """The command's signature with ``options`` in the place of one parameter."""
+    plain = inspect.signature(command, eval_str=True)
+    parameters: list[inspect.Parameter] = []
+    for one in plain.parameters.values():
+        parameters += options if one.name == name else [one.replace(kind=_KEYWORD)]
+    return plain.replace(parameters=parameters)

@@ -15,22 +15,20 @@ from printctl.checks.set_up import ProfileNames, refusal_of, set_up
 from printctl.cli import simulate_options as options
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
-    JsonFlag,
-    PrinterOption,
-    StartOption,
-    SyringeOption,
-    messages,
-    print_json,
-    print_lines,
-    read_gcode_file,
-)
-from printctl.cli.set_up_options import (
     BathDepthOption,
     BathOption,
     DishCentreOption,
     DishOption,
+    JsonFlag,
     NeedleOption,
+    PrinterOption,
+    StartOption,
+    SyringeOption,
     ThinnestBoreOption,
+    messages,
+    print_json,
+    print_lines,
+    read_gcode_file,
 )
 from printctl.cli.start_position import read_start_position
 from printctl.failures import error_facts

@@ -23,7 +23,7 @@ from printctl.checks.bead import (
 )
 from printctl.checks.gcode_view import read_line_map
 from printctl.checks.set_up import SetUp
-from printctl.cli.lumens_read import place_of_filaments, read_designed
+from printctl.cli.lumens import place_of_filaments, read_designed
 from printctl.cli.options import messages, print_lines
 from printctl.cli.simulate_options import BeadChoices
 from printctl.errors import UsageError

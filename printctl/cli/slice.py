@@ -4,25 +4,27 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from design.toolpath.fresh import Adaptive, Filling, FreshOptions
+import typer
+
+from design.toolpath.fresh import Adaptive, Filling, FreshOptions, Infill
+from design.units import LengthUnit
 from firmware_profiles import Dish, Printer, load
 from firmware_profiles.tools import THINNEST_BORE
 from kernels import freed_memory_returned
 from printctl.checks.preflight.bore import bore_check
 from printctl.checks.set_up import loads_of, of_each, refuse_failed
-from printctl.cli import slice_options as options
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
     PrinterOption,
+    ThinnestBoreOption,
     messages,
     print_json,
     print_lines,
     refuse_input_as_output,
 )
-from printctl.cli.set_up_options import ThinnestBoreOption
 from printctl.errors import UsageError
 from printctl.pipeline.slicing import (
     JobFigures,
@@ -33,31 +35,106 @@ from printctl.pipeline.slicing import (
     slice_parts,
 )
 
+# Typer option types of `printctl slice`: meshes, heads, profiles, layers, lines, infill, speed.
+
+Models = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="MESH...",
+        help="STL, 3MF, PLY, OBJ or OFF; closed. Several, in one frame: each by a head of its "
+        "own; where two overlap the later one counts.",
+        show_default=False,
+    ),
+]
+Out = Annotated[Path, typer.Option("--out", help="G-code file to write.", show_default=False)]
+Unit = Annotated[
+    LengthUnit | None, typer.Option("--unit", help="Of the meshes; a 3MF says it itself.")
+]
+Heads = Annotated[
+    str | None,
+    typer.Option(
+        "--heads", help="Head of each mesh, counted from 0, like 0,1,1; if not given 0,1,..."
+    ),
+]
+SyringeOfEach = Annotated[
+    str, typer.Option("--syringe", help="Syringe profile; of several heads: left,right.")
+]
+InkOfEach = Annotated[str, typer.Option("--ink", help="Ink profile; of several heads: left,right.")]
+NeedleOfEach = Annotated[
+    str,
+    typer.Option(
+        "--needle",
+        help="Needle profile, of several heads: left,right; what a pneumatic head lays needs it.",
+    ),
+]
+DishName = Annotated[
+    str | None,
+    typer.Option("--dish", help="Dish profile: several heads are changed above its wall."),
+]
+Layer = Annotated[float, typer.Option("--layer-um", help="Height of a layer, µm.", min=5, max=2000)]
+Thinnest = Annotated[
+    float | None,
+    typer.Option(
+        "--thinnest-layer-um",
+        help="Layers down to this height where walls are slanted, µm; all alike if not given.",
+        min=5,
+        max=2000,
+    ),
+]
+Stair = Annotated[
+    float,
+    typer.Option(
+        "--stair-um",
+        help="With --thinnest-layer-um: depth of a slanted wall's stair from which on layers "
+        "become thinner, µm.",
+        min=1,
+        max=500,
+    ),
+]
+Line = Annotated[
+    str, typer.Option("--line-um", help="Width of a line, µm; of several heads: left,right.")
+]
+Walls = Annotated[int, typer.Option("--walls", help="Along every boundary.", min=1, max=50)]
+InfillKind = Annotated[Infill, typer.Option("--infill", help="What fills the inside of the walls.")]
+InfillPercent = Annotated[
+    float,
+    typer.Option("--infill-percent", help="Share of the inside that is filled.", min=0, max=100),
+]
+Modifier = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--modifier",
+        metavar="MESH:SETTING=VALUE,...",
+        help="Inside this mesh the part is filled in another way: infill, infill-percent, "
+        "infill-angles (45/135), or written by another head. Again for each.",
+    ),
+]
+Speed = Annotated[float, typer.Option("--speed", help="Writing, mm/s.", min=0.01)]
 _HEIGHT_PART = 0.01
 """Of the part's height: what layers may be off by before it is told."""
 _LINES_UM = (10.0, 5000.0)
 
 
 def slice_mesh(
-    models: options.Models,
-    out: options.Out,
-    unit: options.Unit = None,
+    models: Models,
+    out: Out,
+    unit: Unit = None,
     printer: PrinterOption = "generic_marlin",
-    heads: options.Heads = None,
-    syringe: options.SyringeOfEach = "hamilton_1ml",
-    ink: options.InkOfEach = "collagen_fresh",
-    needle: options.NeedleOfEach = "fresh_150um",
+    heads: Heads = None,
+    syringe: SyringeOfEach = "hamilton_1ml",
+    ink: InkOfEach = "collagen_fresh",
+    needle: NeedleOfEach = "fresh_150um",
     thinnest_bore: ThinnestBoreOption = THINNEST_BORE,
-    dish: options.DishName = None,
-    layer_um: options.Layer = 60.0,
-    thinnest_um: options.Thinnest = None,
-    stair_um: options.Stair = 20.0,
-    line_um: options.Line = "150",
-    walls: options.Walls = 2,
-    infill: options.InfillKind = "lines",
-    infill_percent: options.InfillPercent = 100.0,
-    modifier: options.Modifier = None,
-    speed: options.Speed = 20.0,
+    dish: DishName = None,
+    layer_um: Layer = 60.0,
+    thinnest_um: Thinnest = None,
+    stair_um: Stair = 20.0,
+    line_um: Line = "150",
+    walls: Walls = 2,
+    infill: InfillKind = "lines",
+    infill_percent: InfillPercent = 100.0,
+    modifier: Modifier = None,
+    speed: Speed = 20.0,
     as_json: JsonFlag = False,
 ) -> None:
     """Slice meshes into FRESH layers whose lumens keep their size; write G-code and its line map.

@@ -5,36 +5,408 @@ from __future__ import annotations
 import os
 import sys
 import webbrowser
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final, Literal
 
+import numpy as np
 import typer
 
+from design.files import write_bytes
+from design.geometry.surface import Surface
+from design.network import VesselNetwork
 from design.network_files.by_suffix import READ
-from printctl.analysis.networks import Drive
-from printctl.cli import view_options as options
-from printctl.cli.gcode_options import (
-    FilamentOption,
-    FlowOption,
-    GcodePrinterOption,
-    GcodeSyringeOption,
-    LayerHeightOption,
-    LayerOption,
-    ModelOption,
-    PlaceOption,
-)
-from printctl.cli.network_options import (
+from design.solids import read_solid
+from design.units import LengthUnit
+from firmware_profiles import Printer, Syringe, load
+from printctl.analysis.networks import Drive, Source, load_source
+from printctl.checks.gcode_view import Pushing, read_job, read_line_map
+from printctl.checks.gcode_view.outline import PartOutlines
+from printctl.cli.lumens import read_part
+from printctl.cli.options import (
     InletFlowOption,
+    JsonFlag,
     TissueOption,
     TissueUnitOption,
     UnitOption,
     ViscosityOption,
+    messages,
+    print_json,
+    print_lines,
+    read_gcode_file,
+    three_numbers,
 )
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.cli.view_gcode import SUFFIXES, GcodeViewOptions, is_gcode, view_gcode
-from printctl.cli.view_network import NetworkViewOptions, view_network
 from printctl.errors import UsageError
+from printctl.run_folder.artefacts import SURFACE
+from registration.report import NetworkPage, ReportSurface, write_network_html
+from registration.report.gcode import GcodeJob, GcodePage, draw_layer, write_gcode_html
+from registration.report.gcode.colouring import PLAIN, Colouring, colourings
 from registration.report.network_view import MAX_PIECES
+from registration.report.picture import PictureOptions, Quantity, View, draw_picture, quantities
+
+# Typer options of `printctl view` for networks and all files: page, picture, colour, view.
+
+Shown = Literal[
+    "radius", "flow", "pressure", "shear", "order", "tree", "deviation",
+    "width", "kind", "speed", "height", "vessel",
+]  # fmt: skip
+"""`registration.report.picture.Colour` for networks, `registration.report.gcode.GcodeColour` for
+G-code; the order is the vessels' in the one, that of writing in the other."""
+SourceArg = Annotated[
+    Path,
+    typer.Argument(
+        help="A run folder, a network (.csv, .vtp, .swc, .json, .npz, .txt), or G-code (.gcode).",
+        show_default=False,
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", help="The page; view.html in the run, NAME.view.html beside a file."),
+]
+PngOption = Annotated[
+    Path | None,
+    typer.Option("--png", help="Draw a picture for a paper; without --out no page."),
+]
+ColourOption = Annotated[
+    Shown | None,
+    typer.Option(
+        "--colour",
+        "--color",
+        help="What is coloured by at first: radius to deviation a network (kind where it has "
+        "several, else radius), width to vessel and order G-code (width; height z of a job in "
+        "passes).",
+    ),
+]
+FromOption = Annotated[View, typer.Option("--from", help="Where the picture is seen from.")]
+WidthOption = Annotated[int, typer.Option("--width", min=300, max=6000, help="Of --png.")]
+PaletteFlag = Annotated[
+    bool, typer.Option("--palette", help="Keep --png to 256 colours: a third of the size.")
+]
+OpenOption = Annotated[
+    bool | None,
+    typer.Option("--open/--no-open", help="Open the page in the browser; on a desktop, do."),
+]
+MostPiecesOption = Annotated[
+    int,
+    typer.Option("--most-pieces", min=1, help="Beyond it the page leaves out the thinnest."),
+]
+
+
+# Typer options of `printctl view FILE.gcode`: layer, syringe, filament, flow, designed part.
+
+LayerOption = Annotated[
+    int | None,
+    typer.Option(
+        "--layer",
+        min=1,
+        help="G-code: layer or pass shown first, or drawn, counted from 1; the middle.",
+    ),
+]
+GcodePrinterOption = Annotated[
+    str | None,
+    typer.Option(
+        "--printer",
+        help="G-code: whose head writes, by profile (a valve's file needs it); generic_marlin.",
+    ),
+]
+GcodeSyringeOption = Annotated[
+    str | None,
+    typer.Option("--syringe", help="G-code: profile whose bore makes E a volume; hamilton_1ml."),
+]
+FilamentOption = Annotated[
+    float | None,
+    typer.Option(
+        "--filament-mm",
+        min=0.01,
+        max=100,
+        help="G-code: diameter that E is counted in, instead of a syringe's; as the file says.",
+    ),
+]
+FlowOption = Annotated[
+    float | None,
+    typer.Option(
+        "--flow-ul-s", min=1e-9, help="G-code: of a pneumatic head; as the profile measured it."
+    ),
+]
+LayerHeightOption = Annotated[
+    float | None,
+    typer.Option(
+        "--layer-um",
+        min=1,
+        max=5000,
+        help="G-code: height of the lines; as the file says, or the spacing of its levels.",
+    ),
+]
+ModelOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--model",
+        help="G-code: the part's mesh; its outline is drawn in each layer, coloured by how far "
+        "ink lies beyond it.",
+    ),
+]
+PlaceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--place",
+        metavar="X,Y,Z",
+        help="G-code: the --model's origin in the printer's frame, mm; found from what is written.",
+    ),
+]
+
+
+# `printctl view FILE.gcode`: write its layers as an HTML page, or one layer as a picture.
+
+SUFFIXES: Final = (".gcode", ".gco", ".g", ".nc", ".ngc", ".gc")
+_SYRINGE: Final = "hamilton_1ml"
+_PRINTER: Final = "generic_marlin"
+_NEEDS: Final = {
+    "kind": "the file has no comments like ;TYPE:",
+    "width": "the flow isn't known; say --flow-ul-s",
+    "height": "only a job in passes is coloured by it",
+    "vessel": "it takes the FILE.map.npz of a job that writes vessel by vessel",
+}
+
+
+@dataclass(frozen=True)
+class GcodeViewOptions:
+    """What the user asks of a G-code file; None is left to the file or to a default."""
+
+    colour: str | None = None
+    layer: int | None = None
+    printer: str | None = None
+    syringe: str | None = None
+    filament_mm: float | None = None
+    flow_ul_s: float | None = None
+    layer_um: float | None = None
+    width: int = 1600
+    palette: bool = False
+    model: Path | None = None
+    unit: LengthUnit | None = None
+    place: str | None = None
+
+
+def is_gcode(source: Path) -> bool:
+    """Whether a file's name says that it is G-code."""
+    return source.suffix.lower() in SUFFIXES and not source.is_dir()
+
+
+def view_gcode(
+    source: Path, page: Path | None, png: Path | None, settings: GcodeViewOptions
+) -> tuple[dict[str, Path], tuple[str, ...]]:
+    """Write the page and the picture that are asked for.
+
+    Returns
+    -------
+    written : dict of kind to Path
+    notes : tuple of str
+        For the user.
+
+    Raises
+    ------
+    UsageError
+        When the file can't be shown, or not as asked.
+    """
+    _check_model(settings, png)
+    job = _read(source, settings)
+    outlines = _outlines(job, settings)
+    colouring = _chosen(job, settings.colour, source)
+    layer = _layer(job, settings.layer, source)
+    written: dict[str, Path] = {}
+    if png is not None:
+        outline = None if outlines is None else outlines.at(layer)
+        if outline is not None and not outline.rings:
+            raise UsageError(
+                f"layer {layer + 1}, {job.layers.z_mm[layer]:g} mm high, lies above or below "
+                f"{settings.model}; check --place {settings.place} (its Z: the part's origin in "
+                "the printer's frame), or take another --layer"
+            )
+        write_bytes(
+            png, draw_layer(job, layer, colouring, settings.width, settings.palette, outline)
+        )
+        written["picture"] = png
+    if page is not None:
+        first = PLAIN if outlines is not None and settings.colour is None else colouring
+        write_gcode_html(page, job, GcodePage(first.key, layer), outlines)
+        written["page"] = page
+    return written, job.notes
+
+
+def _check_model(settings: GcodeViewOptions, png: Path | None) -> None:
+    if settings.model is None and settings.unit is not None:
+        raise UsageError(f"--unit {settings.unit}: it is for a network, or of the --model; drop it")
+    if settings.model is None and settings.place is not None:
+        raise UsageError(f"--place {settings.place}: it is of the --model; give one, or drop it")
+    if settings.model is not None and settings.colour is not None and png is not None:
+        raise UsageError("--colour and --model both colour the picture; give one")
+
+
+def _outlines(job: GcodeJob, settings: GcodeViewOptions) -> PartOutlines | None:
+    part = read_part(settings.model, None, settings.unit)
+    if part is None:
+        return None
+    if job.layers.passes:
+        raise UsageError(f"--model {settings.model}: {job.name} isn't written in layers")
+    place = None if settings.place is None else np.array(three_numbers(settings.place, "--place"))
+    return PartOutlines(job, part, place)
+
+
+def _read(source: Path, settings: GcodeViewOptions) -> GcodeJob:
+    pushing = _pushing(settings)
+    data = read_gcode_file(source)
+    if not data.strip():
+        raise UsageError(f"{source} is empty; give a G-code file with moves")
+    messages().print(f"reading {source.name} ...", markup=False)
+    line_map, notes = read_line_map(source, data.count(b"\n") + (not data.endswith(b"\n")))
+    for note in notes:
+        messages().print(note, style="dim", markup=False)
+    return read_job(data, source.name, pushing, line_map)
+
+
+def _pushing(settings: GcodeViewOptions) -> Pushing:
+    printer = load(Printer, settings.printer or _PRINTER)
+    if settings.filament_mm is not None and settings.syringe is not None:
+        raise UsageError("--filament-mm and --syringe both say what E is counted in; give one")
+    if printer.pneumatic is not None:
+        for option, value in (
+            ("--filament-mm", settings.filament_mm),
+            ("--syringe", settings.syringe),
+        ):
+            if value is not None:
+                raise UsageError(f"{option}: {printer.name} has no plunger; give --flow-ul-s")
+    elif settings.flow_ul_s is not None:
+        raise UsageError(
+            f"--flow-ul-s: {printer.name} has a plunger, whose E says what flows; name a printer "
+            "with a pneumatic head (--printer)"
+        )
+    syringe = load(Syringe, settings.syringe or _SYRINGE)
+    bore, source = settings.filament_mm, "--filament-mm"
+    if settings.syringe is not None:
+        bore, source = syringe.inner_mm, syringe.name
+    return Pushing(
+        printer=printer,
+        bore_mm=bore,
+        bore_said=source,
+        syringe_mm=syringe.inner_mm,
+        syringe_said=f"{syringe.name}, as neither the file nor --syringe says another",
+        flow_ul_s=settings.flow_ul_s,
+        layer_mm=None if settings.layer_um is None else settings.layer_um * 1e-3,
+    )
+
+
+def _layer(job: GcodeJob, asked: int | None, source: Path) -> int:
+    """Layer from 0: the middle one of layers, the last of passes, unless the user says."""
+    count = len(job.layers)
+    if asked is None:
+        return count - 1 if job.layers.passes else (count - 1) // 2
+    if asked > count:
+        noun = "passes" if job.layers.passes else "layers"
+        raise UsageError(f"--layer {asked}: {source} has {count} {noun}")
+    return asked - 1
+
+
+def _chosen(job: GcodeJob, colour: str | None, source: Path) -> Colouring:
+    known = colourings(job)
+    if colour is None:
+        return known[0]
+    for each in known:
+        if each.key == colour:
+            return each
+    there = ", ".join(each.key for each in known)
+    why = f" ({_NEEDS[colour]})" if colour in _NEEDS else ""
+    raise UsageError(f"--colour {colour}: nothing is known of it in {source}{why}; known: {there}")
+
+
+# `printctl view NETWORK`: write a network in its tissue as an HTML page or a PNG picture.
+
+_NETWORK_NEEDS = {
+    "deviation": "it takes a run folder with a registered scan",
+    "order": "vessels with loops have no orders",
+}
+
+
+@dataclass(frozen=True)
+class NetworkViewOptions:
+    """What the user asks of a network."""
+
+    colour: str | None
+    seen_from: View
+    width: int
+    palette: bool
+    unit: LengthUnit | None
+    tissue: Path | None
+    tissue_unit: LengthUnit | None
+    drive: Drive
+    most_pieces: int
+
+
+def view_network(
+    source: Path, page: Path | None, png: Path | None, settings: NetworkViewOptions
+) -> tuple[dict[str, Path], tuple[str, ...]]:
+    """Write the page and the picture that are asked for.
+
+    Returns
+    -------
+    written : dict of kind to Path
+    notes : tuple of str
+        For the user.
+
+    Raises
+    ------
+    UsageError
+        When the network can't be shown, or not as asked.
+    """
+    loaded = load_source(source, settings.unit, settings.drive)
+    surface = _tissue(settings.tissue, settings.tissue_unit, loaded)
+    known = quantities(loaded.network, loaded.known)
+    chosen = _chosen_network(known, settings.colour or _telling(loaded.network), source)
+    written: dict[str, Path] = {}
+    if png is not None:
+        messages().print("drawing ...")
+        options = PictureOptions(settings.seen_from, settings.width, settings.palette)
+        flow = loaded.known.flow.get("flow_ml_min")
+        write_bytes(png, draw_picture(loaded.network, chosen, surface, options, flow))
+        written["picture"] = png
+    if page is not None:
+        content = NetworkPage(loaded.name, chosen.key, loaded.notes, settings.most_pieces)
+        write_network_html(page, loaded.network, known, _shown(surface), content)
+        written["page"] = page
+    return written, loaded.notes
+
+
+def _telling(network: VesselNetwork) -> str:
+    """What a network is coloured by unless the user says: its kinds, where it has several."""
+    return "kind" if len(np.unique(network.kind)) > 1 else "radius"
+
+
+def _chosen_network(known: list[Quantity], colour: str, source: Path) -> Quantity:
+    """The quantity that the user named."""
+    for quantity in known:
+        if quantity.key == colour:
+            return quantity
+    there = ", ".join(quantity.key for quantity in known)
+    why = f" ({_NETWORK_NEEDS[colour]})" if colour in _NETWORK_NEEDS else ""
+    raise UsageError(f"--colour {colour}: nothing is known of it in {source}{why}; known: {there}")
+
+
+def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> Surface | None:
+    if path is None:
+        return loaded.surface
+    if path.is_dir():
+        path, unit = path / SURFACE, "mm"
+    if not path.is_file():
+        raise UsageError(f"--tissue {path} isn't there; give a mesh or a run folder")
+    if unit is None:
+        raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
+    solid = read_solid(path, unit=unit)
+    for note in solid.notes:
+        messages().print(note, style="dim", markup=False)
+    return solid
+
+
+def _shown(surface: Surface | None) -> list[ReportSurface]:
+    return [ReportSurface("Tissue", surface)] if surface else []
+
 
 _FOR_NETWORKS: Final = (
     "seen_from", "tissue", "tissue_unit", "inlet_flow_ml_min", "viscosity_mpa_s",
@@ -54,20 +426,20 @@ _FOR_GCODE: Final = (
 
 def view(
     context: typer.Context,
-    source: options.SourceArg,
-    out: options.OutOption = None,
-    png: options.PngOption = None,
-    colour: options.ColourOption = None,
-    seen_from: options.FromOption = "oblique",
-    width: options.WidthOption = 1600,
-    palette: options.PaletteFlag = False,
-    open_page: options.OpenOption = None,
+    source: SourceArg,
+    out: OutOption = None,
+    png: PngOption = None,
+    colour: ColourOption = None,
+    seen_from: FromOption = "oblique",
+    width: WidthOption = 1600,
+    palette: PaletteFlag = False,
+    open_page: OpenOption = None,
     unit: UnitOption = None,
     tissue: TissueOption = None,
     tissue_unit: TissueUnitOption = None,
     inlet_flow_ml_min: InletFlowOption = None,
     viscosity_mpa_s: ViscosityOption = None,
-    most_pieces: options.MostPiecesOption = MAX_PIECES,
+    most_pieces: MostPiecesOption = MAX_PIECES,
     layer: LayerOption = None,
     printer: GcodePrinterOption = None,
     syringe: GcodeSyringeOption = None,

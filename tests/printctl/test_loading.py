@@ -89,9 +89,9 @@ BEGUN = (
 )
 """Stations, links, their clients, the stop process, recipes, a command's help, the server."""
 STEPS = (
-    ("printctl.machine.link", "printctl.checks.gate", "printctl.cli.status"),
+    ("printctl.machine.link", "printctl.checks.gate", "printctl.cli.running_print"),
     BEGUN,
-    ("printctl.cli.run", "printctl.cli.toolpath"),
+    ("printctl.cli.run", "printctl.cli.run"),
 )
 """What all of them together don't load, none of them does."""
 WORK = (
@@ -103,7 +103,7 @@ WORK = (
 
 
 def test_a_link_and_the_status_of_a_print_need_no_numpy(loaded_so_far):
-    assert "printctl.cli.status" in loaded_so_far[0]
+    assert "printctl.cli.running_print" in loaded_so_far[0]
     assert "numpy" not in loaded_so_far[0]
 
 

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from printctl.cli.observe_looks import answer, looks
-from printctl.cli.status import status
+from printctl.cli.running_print import status
 from printctl.errors import UsageError
 from printctl.observe.records import answer_of, look_folder
 from printctl.web.workspace import Workspace

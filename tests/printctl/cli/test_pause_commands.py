@@ -14,14 +14,18 @@ from typer.testing import CliRunner
 
 from firmware_profiles import Printer, load
 from printctl.cli import print_job
-from printctl.cli.alive import alive
 from printctl.cli.main import app, main
-from printctl.cli.pause import PauseAfter, pause
-from printctl.cli.recover import recover
-from printctl.cli.reload import reload
-from printctl.cli.resume import resume
-from printctl.cli.status import status
-from printctl.cli.stop import kill, stop
+from printctl.cli.running_print import (
+    PauseAfter,
+    kill,
+    pause,
+    recover,
+    reload,
+    resume,
+    status,
+    stop,
+)
+from printctl.cli.running_print import confirm_presence as alive
 from printctl.errors import PrintctlError, SafetyError, UsageError
 from printctl.machine.link import Care, LinkError, LinkState, PrintClient, PrintOutcome, start_print
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, zigzag
@@ -120,7 +124,7 @@ def test_print_is_ended_from_another_terminal(tmp_path, profile, capsys, end, st
 
 
 def test_a_stop_that_takes_long_says_that_it_is_asked_for(tmp_path, profile, capsys, monkeypatch):
-    monkeypatch.setattr("printctl.cli.stop.STOP_S", 0.1)
+    monkeypatch.setattr("printctl.cli.running_print.STOP_S", 0.1)
     with pty_printer(FakeMarlin(), hold_at=40) as served:
         client = begun(tmp_path, profile, served.name)
         assert served.held.wait(10)

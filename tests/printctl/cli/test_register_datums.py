@@ -8,7 +8,7 @@ import pytest
 
 from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.solids import write_stl
-from printctl.cli.register_design import read_design
+from printctl.cli.register_work import read_design
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from firmware_profiles import Printer, WatchedGauge, load
 from printctl.checks.preflight.firmware import firmware_checks
-from printctl.cli.status import waiting_lines
+from printctl.cli.running_print import waiting_lines
 from printctl.machine.link import kill
 from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock

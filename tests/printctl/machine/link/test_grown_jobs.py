@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from printctl.cli.status import waiting_lines
+from printctl.cli.running_print import waiting_lines
 from printctl.machine.link.errors import Refused
 from printctl.machine.link.find_link import read_outcome
 from printctl.machine.link.flow_check import check_factor, check_flow
