@@ -4,10 +4,30 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
+from printctl.run_folder.manifest import digest_file
 from printctl.web.errors import BadRequestError, NotFoundError
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file, 64 hex digits; read again when its size or time of change is another.
+
+    Raises
+    ------
+    OSError
+        When the file can't be read.
+    """
+    stat = path.stat()
+    return _hash(path, stat.st_size, stat.st_mtime_ns)
+
+
+@lru_cache(maxsize=256)
+def _hash(path: Path, size: int, changed_ns: int) -> str:
+    return digest_file(path)
+
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _FOLDERS: Final = ("recipes", "runs", "jobs", "scans", "station", "records", ".printctl")

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from firmware_profiles.errors import wording
 from printctl.errors import RecipeError
 from printctl.recipe.load import parse_recipe
-from printctl.web.api.errors import answer_errors
+from printctl.web.api import answer_errors
 
 
 class Part(BaseModel):

@@ -13,7 +13,7 @@ import pytest
 from design.on_demand import exported_names
 from printctl.pipeline.run_options import WHOLE_NAMES
 from printctl.pipeline.sequences import WHOLE
-from printctl.web.rooms import ROOMS
+from printctl.web.app import ROOMS
 
 HEAVY = (
     "cv2",
@@ -91,7 +91,7 @@ BEGUN = (
 STEPS = (
     ("printctl.machine.link", "printctl.checks.gate", "printctl.cli.running_print"),
     BEGUN,
-    ("printctl.cli.run", "printctl.cli.run"),
+    ("printctl.cli.run",),
 )
 """What all of them together don't load, none of them does."""
 WORK = (

@@ -1,15 +1,14 @@
-"""Read, set, remove and list a recipe's values by key path; find the form field of a key path.
-
-A place is a path of keys and indices, as the user's file has them.
-"""
+"""The recipe's form: values, changes, and targets picked on the tissue."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
+from printctl.recipe.anatomy import INLETS
 from printctl.web.design.schema import FormField, Node
 
 Path = tuple[str | int, ...]
@@ -144,3 +143,73 @@ def user_path(form: Node, data: Any, loc: tuple[str | int, ...]) -> Path:
         _, node = child_of(node, data, key)
         data = value_at(data, (key,))
     return tuple(path)
+
+
+# Recipe fields that a click on the tissue surface can set.
+
+_DIGITS: Final = 3
+"""Of a place, mm."""
+_AT: Final = ("vasculature",)
+
+
+@dataclass(frozen=True)
+class PickTarget:
+    """What a picked place is for.
+
+    Attributes
+    ----------
+    name : str
+        As the page calls it.
+    path : tuple of str or int
+        Field that is written.
+    key : str or int or None
+        Within it: an inlet's name or number; None where the field is the place itself.
+    """
+
+    name: str
+    path: Path
+    key: str | int | None = None
+
+    def value(self, data: Any, at: Sequence[float]) -> Any:
+        """Return what the field is to hold with the place ``at``, mm."""
+        place = [round(x, _DIGITS) for x in at]
+        if self.key is None:
+            return place
+        written = value_at(data, self.path)
+        if isinstance(self.key, str):
+            return {**(written if isinstance(written, dict) else {}), self.key: {"at_mm": place}}
+        kept = list(written) if isinstance(written, list) else []
+        return [*kept[: self.key], {"at_mm": place}, *kept[self.key + 1 :]]
+
+
+def pick_targets(data: Any) -> tuple[PickTarget, ...]:
+    """Return what can be picked for a recipe's vessels; nothing where these aren't grown."""
+    part = value_at(data, _AT)
+    return tuple(_targets(part)) if isinstance(part, Mapping) else ()
+
+
+def _targets(part: Mapping[str, Any]) -> Iterator[PickTarget]:
+    grow, anatomy = part.get("grow"), part.get("anatomy")
+    if grow == "tree" and isinstance(anatomy, Mapping):
+        for name in INLETS.get(str(anatomy.get("template")), ()):
+            yield PickTarget(name.replace("_", " "), (*_AT, "anatomy", "inlets"), name)
+    elif grow == "tree":
+        inlets = part.get("inlets")
+        count = len(inlets) if isinstance(inlets, list) else 0
+        yield PickTarget("a further inlet", (*_AT, "inlets"), count)
+        for k in range(count):
+            yield PickTarget(f"inlet {k + 1}", (*_AT, "inlets"), k)
+    elif grow == "closed_loop":
+        yield PickTarget("the artery's inlet", (*_AT, "root_mm"))
+        yield PickTarget("the vein's outlet", (*_AT, "vein_root_mm"))
+    elif grow == "forest":
+        yield from _of_forest(part.get("networks"))
+
+
+def _of_forest(networks: Any) -> Iterator[PickTarget]:
+    for n, network in enumerate(networks if isinstance(networks, list) else ()):
+        trees = network.get("trees") if isinstance(network, Mapping) else None
+        for k, tree in enumerate(trees if isinstance(trees, list) else ()):
+            kind = tree.get("kind", "tree") if isinstance(tree, Mapping) else "tree"
+            path = (*_AT, "networks", n, "trees", k, "root_mm")
+            yield PickTarget(f"network {n + 1}: {kind} {k + 1}", path)

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from printctl.web.core import Core
-from printctl.web.design.recipes import Recipes
-from printctl.web.design.run_processes import Runs
+from printctl.web.design.recipes import Recipes, read_text
 from printctl.web.design.run_views import (
     Comparison,
     Figure,
@@ -17,7 +16,7 @@ from printctl.web.design.run_views import (
     network_page,
     tissue_page,
 )
-from printctl.web.design.yaml_text import read_text
+from printctl.web.design.runs import Runs
 from printctl.web.errors import NotFoundError
 
 ARTEFACTS: Final[dict[str, str]] = {

@@ -1,18 +1,193 @@
-"""Build a past print's page: facts, scan verdict, timeline, notes, photos, repeat, bundle."""
+"""One past print on the page: facts, notes, files, print again."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+from urllib.parse import quote
+
 from nicegui import ui
 
+from printctl.history.repeat import RepeatPlan
 from printctl.history.table import local_time, outcome
+from printctl.history.timeline import TimeLine
 from printctl.pipeline.evidence import PHOTOS
-from printctl.web.api.answers import API
-from printctl.web.history.layout import STYLE, card, cell, download, facts, head, heading
-from printctl.web.history.notes import note_card
-from printctl.web.history.repeating import repeat_card
+from printctl.web.api import API
+from printctl.web.history.layout import (
+    STYLE,
+    VERDICTS,
+    card,
+    cell,
+    download,
+    duration,
+    facts,
+    head,
+    heading,
+    state_words,
+)
 from printctl.web.history.service import RUNNING, HistoryService, PastPrintDetails
-from printctl.web.history.strip import strip
-from printctl.web.history.wording import VERDICTS, duration, state_words
+from printctl.web.shell.frame import run_or_notify
+
+# Notes card of the History page: an operator's lots, cells, steps and remarks on a print.
+
+NAMES: Final = {
+    "operator": "Operator",
+    "ink_lot": "Lot of the ink",
+    "bath_lot": "Lot of the bath",
+    "needle_lot": "Lot of the needle",
+    "cells": "Cells",
+    "passage": "Passage",
+    "density_per_ml": "Density, cells per mL",
+    "viability_percent": "Viability when mixed, %",
+    "mixed_at": "Mixed",
+    "viability_min": "Time the cells have, min",
+    "sterility": "Sterility",
+    "ticked": "Checklist",
+}
+_LISTS: Final = {"steps": "Steps after the print", "notes": "Notes"}
+_UNNAMED: Final = ("text", "note", "step", "name")
+_MOST: Final = 500
+_LONGEST: Final = 4000
+
+
+def note_card(note: Mapping[str, Any]) -> None:
+    """Show the record; nothing where nothing was noted."""
+    rows = list(filled_values(note))
+    lists = {name: note[key] for key, name in _LISTS.items() if isinstance(note.get(key), list)}
+    if not rows and not any(lists.values()):
+        return
+    with card("What the operator noted"):
+        facts(rows)
+        for name, entries in lists.items():
+            if entries:
+                ui.label(name).classes("ph-bad")
+                with ui.element("ul"):
+                    for entry in entries[:_MOST]:
+                        with ui.element("li"):
+                            ui.label(format_entry(entry)).style("white-space:pre-wrap")
+
+
+def filled_values(note: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Names and values; those that nobody filled in are left out."""
+    values = note.get("values")
+    if not isinstance(values, dict):
+        return
+    for key, value in values.items():
+        if value in (None, "", {}, []):
+            continue
+        if key == "ticked" and isinstance(value, dict):
+            done = [name for name, ticked in value.items() if ticked is True]
+            value = f"{len(done)} of {len(value)} points ticked before the start"
+        elif key == "mixed_at" and isinstance(value, int | float):
+            value = local_time(float(value))
+        elif isinstance(value, float):
+            value = f"{value:,.0f}".replace(",", "\N{THIN SPACE}") if value >= 1e4 else f"{value:g}"
+        yield NAMES.get(key, str(key).replace("_", " ")), str(value)[:_LONGEST]
+
+
+def format_entry(entry: Any) -> str:
+    """One step or note in a line: when, who, what."""
+    if not isinstance(entry, dict):
+        return str(entry)[:_LONGEST]
+    at = entry.get("at")
+    when = local_time(float(at)) if isinstance(at, int | float) else ""
+    rest = {k: v for k, v in entry.items() if k not in ("at", "who") and v not in (None, "")}
+    words = [_words(k, v) for k, v in rest.items()]
+    return "  ".join(filter(None, (when, str(entry.get("who") or ""), *words)))[:_LONGEST]
+
+
+def _words(key: str, value: Any) -> str:
+    if isinstance(value, bool):
+        return f"({key})" if value else f"(not {key})"
+    return str(value) if key in _UNNAMED else f"{key}: {value}"
+
+
+# Repeat card of the History page: list differences, then prepare the same job again.
+
+
+def repeat_card(service: HistoryService, shown: PastPrintDetails) -> None:
+    """The card with its button and what it finds."""
+    with card("Print it again"):
+        ui.label(
+            "The same G-code, byte for byte, as a new job. What isn't as it was then is told "
+            "first; the print is started by you, on the Job page."
+        )
+        place = ui.element("div").props("role=status")
+
+        async def look() -> None:
+            plan = await run_or_notify(service.plan_repeat, shown.entry.id)
+            if plan is not None:
+                place.clear()
+                with place:
+                    _tell(service, plan)
+
+        button = ui.button("Compare with today", on_click=look).props("outline no-caps")
+        button.style("min-height:44px")
+        if shown.found.gcode is None:
+            button.disable()
+            ui.label(f"Not possible here: {shown.found.missing[0]}.")
+
+
+def _tell(service: HistoryService, plan: RepeatPlan) -> None:
+    ui.label("The G-code is the one that was printed (its SHA-256 agrees).")
+    with ui.element("ul"):
+        for text in [one.line() for one in plan.differences] or ["Nothing that is known differs."]:
+            with ui.element("li"):
+                ui.label(text)
+        for text in plan.unknown:
+            with ui.element("li"):
+                ui.label(f"Not known: {text}.")
+    place = ui.element("div")
+
+    async def make() -> None:
+        job = await run_or_notify(service.repeat, plan.entry.id)
+        if job is not None:
+            button.disable()
+            with place:
+                ui.label(f"Job {job.partition('~')[2]} is ready.")
+                ui.link("Go to the Job page", f"/job?job={quote(job)}").classes("pc-way")
+
+    button = ui.button("Make the job", on_click=make).props("no-caps").style("min-height:44px")
+    button.move(place)
+
+
+# Timeline strip of a print's states on the History page, drawn to scale with a legend.
+
+COLOURS: Final = {
+    "connecting": "#8a94a3",
+    "checking": "#5c6675",
+    "printing": "#2f7d4f",
+    "pausing": "#c48a00",
+    "paused": "#c48a00",
+    "looking": "#7a5bb5",
+    "resuming": "#5b8def",
+    "stopping": "#b3261e",
+}
+_OTHER: Final = "#8a94a3"
+
+
+def strip(line: TimeLine) -> None:
+    """Draw it."""
+    whole = sum(one.end_s - one.start_s for one in line.stretches)
+    if whole <= 0:
+        return
+    sums: dict[str, float] = {}
+    for one in line.stretches:
+        sums[one.state] = sums.get(one.state, 0.0) + one.end_s - one.start_s
+    times = ", ".join(f"{state} {duration(s) or '0 s'}" for state, s in sums.items())
+    drawn = ui.element("div").classes("ph-strip").props("role=img")
+    drawn.props["aria-label"] = f"Times in each state: {times}"
+    with drawn:
+        for one in line.stretches:
+            share = (one.end_s - one.start_s) / whole
+            colour = COLOURS.get(one.state, _OTHER)
+            ui.element("div").style(f"flex:{share:.6f} 1 0;background:{colour}")
+    with ui.element("div").classes("ph-row").style("margin:8px 0"):
+        for state, seconds in sums.items():
+            with ui.element("span").classes("ph-row").style("gap:6px"):
+                mark = ui.element("span").classes("ph-mark")
+                mark.style(f"background:{COLOURS.get(state, _OTHER)}")
+                ui.label(f"{state} {duration(seconds) or '0 s'}")
 
 
 def show_print(service: HistoryService, shown: PastPrintDetails) -> None:

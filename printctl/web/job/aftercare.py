@@ -1,21 +1,313 @@
-"""Record ticked steps, notes and photos after a print; start bath warming; give the flush limit."""
+"""Notes after a print: photographs, viability, steps due, the record."""
 
 from __future__ import annotations
 
+import csv
+import io
 import threading
+import time
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
 
+import yaml
+from PIL import Image, ImageOps
+
+from design.files import write_bytes
 from firmware_profiles import Bath, load
+from printctl.checks.set_up import Budget
+from printctl.machine.link.errors import LinkError
 from printctl.web.controls import Principal
 from printctl.web.core import Core
-from printctl.web.errors import BadRequestError, NotFoundError
+from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.job.machine import Printing
-from printctl.web.job.photos import keep_photo, photo_file
-from printctl.web.job.record import Records
+from printctl.web.job.record import PrintRecord, Records
 from printctl.web.job.set_up import JobSetUp
-from printctl.web.job.steps_after import FlushLimit, Ramp, checklist, flush_limit, steps_for
+from printctl.web.workspace import checked_name
+
+# Validate and re-encode uploaded photos of a print.
+
+MOST_BYTES: Final = 30_000_000
+_MOST_PIXELS: Final = 100_000_000
+_LONGEST: Final = 2560
+_FORMATS: Final = ("JPEG", "PNG", "WEBP", "TIFF")
+
+
+def keep_photo(folder: Path, data: bytes) -> str:
+    """Write a picture as JPEG, without what else was in its file; give its name.
+
+    Raises
+    ------
+    BadRequestError
+        When it is too large or no picture.
+    """
+    if len(data) > MOST_BYTES:
+        raise BadRequestError(
+            f"the photo has {len(data) / 1e6:.0f} MB, more than {MOST_BYTES / 1e6:g} MB; make it "
+            "smaller"
+        )
+    try:
+        with Image.open(io.BytesIO(data), formats=_FORMATS) as seen:
+            if seen.width * seen.height > _MOST_PIXELS:
+                raise BadRequestError(
+                    f"the photo has {seen.width} x {seen.height} pixels, more than "
+                    f"{_MOST_PIXELS / 1e6:g} million; make it smaller"
+                )
+            seen.verify()
+        with Image.open(io.BytesIO(data), formats=_FORMATS) as read:
+            picture = ImageOps.exif_transpose(read).convert("RGB")
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as exc:
+        raise BadRequestError(
+            "that is no picture that can be read (JPEG, PNG, WebP or TIFF)"
+        ) from exc
+    picture.thumbnail((_LONGEST, _LONGEST))
+    out = io.BytesIO()
+    picture.save(out, "JPEG", quality=88)
+    name = f"{time.strftime('%Y%m%d-%H%M%S', time.gmtime())}-{time.monotonic_ns() % 10**6:06d}.jpg"
+    write_bytes(folder / name, out.getvalue())
+    return name
+
+
+def photo_file(folder: Path, name: str) -> Path:
+    """File of a photo.
+
+    Raises
+    ------
+    NotFoundError, BadRequestError
+    """
+    path = folder / checked_name(name)
+    if path.suffix != ".jpg" or not path.is_file():
+        raise NotFoundError(f"there is no photo {name!r} of this print")
+    return path
+
+
+# Read checklists; warm the bath slowly; compute the safe flushing pressure.
+
+_EVERY_S: Final = 2.0
+_FILE: Final = Path(__file__).with_name("checklist.yaml")
+
+
+@lru_cache(maxsize=1)
+def checklist() -> dict[str, Any]:
+    """The lists before and after a print, and starting values."""
+    steps: dict[str, Any] = yaml.safe_load(_FILE.read_text(encoding="utf-8"))
+    return steps
+
+
+def steps_for(bath: Bath | None) -> list[dict[str, str]]:
+    """Steps after a print; those that the bath has no use for are left out."""
+    return [
+        {"id": step["id"], "text": step["text"]}
+        for step in checklist()["after"]
+        if bath is None or "needs" not in step or getattr(bath, step["needs"]) is not None
+    ]
+
+
+@dataclass(frozen=True)
+class FlushLimit:
+    """How hard the channels may be flushed.
+
+    Attributes
+    ----------
+    pressure_pa : float, Pa
+        Between inlet and outlet.
+    wall_shear_pa : float, Pa
+        That is allowed at the wall of the vessel that is sheared most.
+    vessel : str
+        That vessel.
+    """
+
+    pressure_pa: float
+    wall_shear_pa: float
+    vessel: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object."""
+        return asdict(self)
+
+
+def flush_limit(flow_csv: Path, wall_shear_pa: float) -> FlushLimit | None:
+    """Pressure at which the run's steady flow shears no wall more than allowed.
+
+    Flow, pressure and wall shear of a Newtonian fluid in open, round channels grow together
+    (Poiseuille), so the solved ones are scaled. None where the run solved no flow.
+
+    Parameters
+    ----------
+    flow_csv : Path
+        Table of the stage ``flow``.
+    wall_shear_pa : float, Pa
+    """
+    try:
+        with flow_csv.open(encoding="utf-8", newline="") as handle:
+            rows = list(csv.DictReader(handle))
+        shear = [abs(float(row["wall_shear_pa"])) for row in rows]
+        pressures = [float(row[k]) for row in rows for k in ("pressure_in_pa", "pressure_out_pa")]
+    except (OSError, KeyError, ValueError):
+        return None
+    if not shear or max(shear) <= 0:
+        return None
+    worst = max(range(len(rows)), key=shear.__getitem__)
+    drop = max(pressures) - min(pressures)
+    name = rows[worst].get("vessel", "")
+    return FlushLimit(drop * wall_shear_pa / shear[worst], wall_shear_pa, str(name))
+
+
+class Ramp:
+    """Warms one heater at a rate; at its end, or let go of, the heater keeps its target.
+
+    Parameters
+    ----------
+    printing : Printing
+    heater : str
+    target_c : float, °C
+    rate_c_min : float, °C/min
+
+    Raises
+    ------
+    ConflictError
+        When the printer has no such heater.
+    """
+
+    def __init__(self, printing: Printing, heater: str, target_c: float, rate_c_min: float) -> None:
+        there = printing.temperatures()
+        if heater not in there:
+            raise ConflictError(
+                f"there is no heater {heater!r} (there is {', '.join(there) or 'none'}); connect "
+                "the printer, or warm the bath by hand"
+            )
+        self.heater, self.target_c, self.rate_c_min = heater, target_c, rate_c_min
+        self._printing = printing
+        self._from_c, self._since = there[heater][0], time.monotonic()
+        self._ended = threading.Event()
+        self.message = "warming"
+        self._thread = threading.Thread(target=self._work, name="ramp", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Stop raising the target."""
+        self._ended.set()
+        self._thread.join(5.0)
+
+    @property
+    def going_on(self) -> bool:
+        """Whether the target is still being raised."""
+        return self._thread.is_alive()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object, with what the heater has now."""
+        now_c, set_c = self._printing.temperatures().get(self.heater, (None, None))
+        return {
+            "heater": self.heater,
+            "target_c": self.target_c,
+            "rate_c_min": self.rate_c_min,
+            "now_c": now_c,
+            "set_c": set_c,
+            "going_on": self.going_on,
+            "message": self.message,
+        }
+
+    def _work(self) -> None:
+        while not self._ended.is_set():
+            wanted = ramped_c(
+                self._from_c, self.target_c, self.rate_c_min, time.monotonic() - self._since
+            )
+            try:
+                self._printing.heat(self.heater, round(wanted, 1))
+            except (LinkError, ConflictError) as exc:
+                self.message = f"given up: {exc}"
+                return
+            if wanted == self.target_c:
+                self.message = "the target is set"
+                return
+            self._ended.wait(_EVERY_S)
+        self.message = "let go of; the heater keeps its target"
+
+
+def ramped_c(from_c: float, target_c: float, rate_c_min: float, seconds: float) -> float:
+    """Where a ramp stands after so many seconds, °C; it never goes beyond its target."""
+    way = rate_c_min * seconds / 60.0
+    if target_c >= from_c:
+        return min(from_c + way, target_c)
+    return max(from_c - way, target_c)
+
+
+# Compare the time since cells were mixed in with their limit and the print's remaining time.
+
+
+@dataclass(frozen=True)
+class Viability:
+    """State of the cells' time limit.
+
+    Attributes
+    ----------
+    minutes : float or None, min
+        Since they were mixed; None where nobody said when.
+    limit_min : float or None, min
+        How long they have; None where nobody knows.
+    source : str
+        Who says so.
+    words : str
+        For the page.
+    state : "unknown", "in time", "close", "late"
+        ``late`` when the limit is passed, or will be before the print's end.
+    """
+
+    minutes: float | None
+    limit_min: float | None
+    source: str
+    words: str
+    state: Literal["unknown", "in time", "close", "late"]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object."""
+        return asdict(self)
+
+
+def viability(
+    record: PrintRecord, budget: Budget | None, now: float, remaining_s: float | None
+) -> Viability:
+    """Tell it.
+
+    Parameters
+    ----------
+    record : PrintRecord
+    budget : Budget or None
+        Of the ink or the form; what the record says comes first.
+    now : float
+        Wall-clock time, s since 1970.
+    remaining_s : float or None, s
+        Of the print; None when none goes on.
+    """
+    limit = record.viability_min or (budget.minutes if budget else None)
+    source = "the record" if record.viability_min else budget.source if budget else ""
+    if record.mixed_at is None:
+        text = "Nobody said when cells and ink were mixed; note it in the record."
+        return Viability(None, limit, source, text, "unknown")
+    minutes = (now - record.mixed_at) / 60.0
+    if limit is None:
+        text = f"{minutes:.0f} min since mixing; how long the cells have isn't known."
+        return Viability(minutes, None, "", text, "unknown")
+    of = f"{minutes:.0f} of {limit:.0f} min since mixing ({source})"
+    end = minutes + (remaining_s or 0.0) / 60.0
+    if minutes > limit:
+        return Viability(
+            minutes, limit, source, f"{of}: {minutes - limit:.0f} min too long already.", "late"
+        )
+    if end > limit:
+        late = f"{of}: the print is expected to end after {end:.0f} min, too late."
+        return Viability(minutes, limit, source, late, "late")
+    close = end > 0.9 * limit
+    return Viability(
+        minutes,
+        limit,
+        source,
+        f"{of}; {limit - end:.0f} min to spare{', which is close' if close else ''}.",
+        "close" if close else "in time",
+    )
+
 
 _LONGEST_NOTE = 10_000
 

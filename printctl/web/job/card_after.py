@@ -8,8 +8,9 @@ from urllib.parse import quote
 
 from nicegui import events, ui
 
-from printctl.web.api.answers import API
+from printctl.web.api import API
 from printctl.web.controls import Principal
+from printctl.web.job.aftercare import MOST_BYTES, checklist
 from printctl.web.job.layout import (
     Folds,
     button,
@@ -20,10 +21,8 @@ from printctl.web.job.layout import (
     small,
     subheading,
 )
-from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.service import JobService
-from printctl.web.job.steps_after import checklist
-from printctl.web.shell.uploading import upload
+from printctl.web.shell.frame import upload
 
 
 async def add_after(service: JobService, who: Principal, job: str, folds: Folds) -> None:

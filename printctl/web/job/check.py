@@ -1,8 +1,4 @@
-"""Dry-run and check a job, and write its progress table, in a process of `run_worker`.
-
-A line of JSON comes in (`Question`), one goes out: what `check_job` gives, or ``{"error": ...}``.
-The job's table (`printctl.machine.printing.job_table`) is written beside the answer's file.
-"""
+"""Check a job in a process of its own; its tables."""
 
 from __future__ import annotations
 
@@ -12,7 +8,11 @@ import sys
 from dataclasses import replace
 from typing import Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_profiles import ProfileError
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.checks.preflight import (
     Check,
@@ -29,12 +29,123 @@ from printctl.errors import PrintctlError, UsageError
 from printctl.failures import message_and_code
 from printctl.machine.link.job import Job, parse_job
 from printctl.machine.printing import with_reloads_of
-from printctl.machine.printing.job_table import JobTable
-from printctl.web.job.check_request import Question
-from printctl.web.job.tabulating import make_table
-from printctl.web.low_priority import lower_priority
-from registration.report.gcode import GcodeJob
+from printctl.machine.printing.job_table import NONE, JobTable
+from printctl.web.job.set_up import Question
+from printctl.web.worker import lower_priority
+from registration.report.gcode import Act, GcodeJob
 from sim.gcode.dry_run.run import DryRun, dry_run
+
+# Build a job's per-line progress table (time, ink, tip, layer, vessel) from its dry run.
+
+
+def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | None) -> JobTable:
+    """Make the table of a job.
+
+    Parameters
+    ----------
+    job : Job
+        As the link counts its commands.
+    run : DryRun
+    volume_ul : (rows,) float64, µL
+        What each row of the run's program writes (`printctl.checks.preflight.volumes`).
+    view : GcodeJob or None
+        Layers and vessels; None for a job in which nothing is written.
+    """
+    line = np.array([0, *job.file_lines], np.int64)
+    last = max(int(run.program.line.max(initial=0)), int(line.max()))
+    layer, layers = (
+        _parts(view.line, view.layer, view.act, line) if view is not None else _none(line)
+    )
+    vessel, vessels = _none(line)
+    if view is not None and view.vessel is not None:
+        vessel, vessels = _parts(view.line, view.vessel, view.act, line)
+    return JobTable(
+        time_s=_times(run, line, last),
+        ink_ul=_ink(run, volume_ul, last)[line],
+        plunger_mm=_plunger(run, line, last),
+        file_line=line,
+        layer=layer,
+        vessel=vessel,
+        layers_done=_done(line, view, None if view is None else view.layer),
+        vessels_done=_done(line, view, None if view is None else view.vessel),
+        tip_mm=_tip(run, line, last),
+        layer_count=layers,
+        vessel_count=vessels,
+        passes=view is not None and view.layers.passes,
+    )
+
+
+def _times(run: DryRun, line: IntArray, last: int) -> FloatArray:
+    """When the dry run has executed each line, s; its whole time at the end."""
+    result, executed = np.zeros(last + 1), run.executed
+    if len(executed):
+        of_command = np.zeros(int(run.program.command.max()) + 1, np.int64)
+        of_command[run.program.command] = run.program.line
+        known = executed.line >= 0
+        end = executed.time_end[known] - executed.time_start[0]
+        np.maximum.at(result, of_command[executed.line[known]], end)
+    times = np.minimum(np.maximum.accumulate(result)[line], run.duration_s)
+    times[-1] = run.duration_s
+    return np.asarray(times)
+
+
+def _ink(run: DryRun, volume_ul: FloatArray, last: int) -> FloatArray:
+    """What has been written after each line, µL: what a plunger takes back comes out again."""
+    result = np.zeros(last + 1)
+    for tool in np.unique(run.program.tool):
+        of = np.where(run.program.tool == tool, volume_ul, 0.0)
+        whole = np.cumsum(np.bincount(run.program.line, of, last + 1))
+        result += np.maximum.accumulate(np.maximum(whole, 0.0))
+    return result
+
+
+def _plunger(run: DryRun, line: IntArray, last: int) -> FloatArray:
+    """Where the plunger stands after each line, mm; lines that aren't its keep it."""
+    plunger = np.concatenate([[0.0], run.program.plunger])
+    return np.asarray(plunger[_rows(run, last)][line])
+
+
+def _tip(run: DryRun, line: IntArray, last: int) -> FloatArray:
+    """Where the tip stands after each line, mm."""
+    tips = np.concatenate([run.program.start[None, :3], run.program.target[:, :3]])
+    return np.asarray(tips[_rows(run, last)][line])
+
+
+def _rows(run: DryRun, last: int) -> IntArray:
+    """Rows of the program up to each line of the file, that line included."""
+    at = np.zeros(last + 1, np.int64)
+    np.maximum.at(at, run.program.line, np.arange(1, len(run.program.line) + 1))
+    return np.maximum.accumulate(at)
+
+
+def _none(line: IntArray) -> tuple[IntArray, int]:
+    return np.full(len(line), NONE, np.int64), 0
+
+
+def _parts(
+    at: IntArray, part: IntArray, act: NDArray[np.uint8], line: IntArray
+) -> tuple[IntArray, int]:
+    """Part that is written at each line, or next; numbered from 0 in the order of writing."""
+    writes = (act == Act.WRITE) & (part >= 0)
+    if not writes.any():
+        return _none(line)
+    names = part[writes]
+    first = np.sort(np.unique(names, return_index=True)[1])
+    rank = np.full(int(names.max()) + 1, NONE, np.int64)
+    rank[names[first]] = np.arange(len(first))
+    here = np.searchsorted(at[writes], line, side="left")
+    return rank[names[np.minimum(here, len(names) - 1)]], len(first)
+
+
+def _done(line: IntArray, view: GcodeJob | None, part: IntArray | None) -> IntArray:
+    """How many parts have been written to their end after each line."""
+    if view is None or part is None:
+        return np.zeros(len(line), np.int64)
+    writes = (view.act == Act.WRITE) & (part >= 0)
+    ends = np.zeros(int(part[writes].max(initial=0)) + 1, np.int64)
+    np.maximum.at(ends, part[writes], view.line[writes])
+    return np.searchsorted(np.sort(ends[ends > 0]), line, side="right").astype(np.int64)
+
 
 _BUDGET: Final = "print time"
 """How the names of the checks begin that `file_checks` makes without changes of syringe."""
@@ -73,7 +184,7 @@ def check_job(asked: Question) -> dict[str, Any]:
         "vessels": table.vessel_count,
         "passes": table.passes,
         "ink_ul": float(table.ink_ul[-1]),
-        **_ink(run, mounted, len(at)),
+        **_ink_of_check(run, mounted, len(at)),
         **viability_facts(time, asked.set_up.budget(mounted)),
     }
 
@@ -122,7 +233,7 @@ def _view(asked: Question, data: bytes, mounted: SetUp) -> GcodeJob | None:
         return None
 
 
-def _ink(run: DryRun, mounted: SetUp, reloads: int) -> dict[str, Any]:
+def _ink_of_check(run: DryRun, mounted: SetUp, reloads: int) -> dict[str, Any]:
     """Ink to be mixed; left out of several heads, each of which has its own."""
     if mounted.printer.heads or mounted.printer.pneumatic is not None:
         return {}

@@ -66,7 +66,7 @@ class PrintReport:
         return self.truth.progress
 
     def to_dict(self) -> dict[str, Any]:
-        """As a JSON object; what `printctl.web.events` is told."""
+        """As a JSON object; what `printctl.web.core` is told."""
         return {"job": self.job, **self.truth.to_dict()}
 
 

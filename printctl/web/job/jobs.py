@@ -14,10 +14,9 @@ from printctl.errors import PrintctlError
 from printctl.recipe.model import Recipe
 from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.hashes import file_hash
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.security.uploads import save_upload
-from printctl.web.workspace import Workspace, checked_name
+from printctl.web.workspace import Workspace, checked_name, file_hash
 
 ENDINGS: Final = (".gcode", ".gco", ".g", ".nc")
 _HEAD_BYTES: Final = 512

@@ -12,19 +12,15 @@ from nicegui import background_tasks, run, ui
 from printctl.machine.link.inserts import file_count
 from printctl.machine.printing.mend_strokes import MendStrokes
 from printctl.web.job.card_after import add_after
-from printctl.web.job.card_camera import add_camera
-from printctl.web.job.card_jobs import add_jobs
-from printctl.web.job.card_looks import LooksCard
-from printctl.web.job.card_preflight import add_preflight
-from printctl.web.job.card_print import PrintCard, last_report
-from printctl.web.job.card_start import add_start
+from printctl.web.job.cards_before import add_preflight, add_start
+from printctl.web.job.cards_looking import LooksCard, add_camera
+from printctl.web.job.cards_print import PrintCard, add_jobs, last_report
 from printctl.web.job.first_job import first_job, make_scene
 from printctl.web.job.layout import Folds, card, run_or_explain, small
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
-from printctl.web.live.element import LiveView, live_view, preload
-from printctl.web.shell.browser_session import this_browser
-from printctl.web.shell.frame import frame
+from printctl.web.live.routes import LiveView, live_view, preload
+from printctl.web.shell.frame import frame, this_browser
 
 REFRESH_S: Final = 0.5
 _BEGUN_S: Final = 0.05

@@ -16,10 +16,9 @@ from printctl.checks.set_up import Check
 from printctl.errors import SafetyError
 from printctl.machine.printing.job_table import JobTable
 from printctl.web.errors import BadRequestError
-from printctl.web.hashes import file_hash
-from printctl.web.job.check_request import Question
-from printctl.web.job.set_up import JobSetUp
+from printctl.web.job.set_up import JobSetUp, Question
 from printctl.web.worker import run_worker
+from printctl.web.workspace import file_hash
 
 _VERSION: Final = 2
 _LONGEST_S: Final = 900.0

@@ -1,27 +1,304 @@
-"""REST routes for jobs and prints: upload, preflight, start, control, record, recovery, notes."""
+"""REST of jobs and their print: models of what is asked and answered, and routes."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 from fastapi import APIRouter, Depends, File, Path, Query, Request, UploadFile
 from fastapi.responses import FileResponse
+from pydantic import BaseModel, ConfigDict, Field
 
 from printctl.machine.link.states import Status
-from printctl.web.api.answers import API
+from printctl.web.api import API
 from printctl.web.controls import Principal
 from printctl.web.errors import NotFoundError
-from printctl.web.job import models as m
+from printctl.web.job import looks as look_routes
+from printctl.web.job.aftercare import MOST_BYTES, checklist
 from printctl.web.job.camera.routes import add_routes
 from printctl.web.job.following import PrintReport
-from printctl.web.job.looks import routes as look_routes
 from printctl.web.job.machine import Machine
-from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
-from printctl.web.job.steps_after import checklist
+from printctl.web.job.set_up import JobSetUp, Millimetre
 from printctl.web.live.routes import router as live_router
+
+# Request and response types of the Job page's REST routes.
+
+
+class RequestModel(BaseModel):
+    """What is sent; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class ResponseModel(BaseModel):
+    """What is answered."""
+
+
+class JobResponse(ResponseModel):
+    """A job, and what is known of it without a dry run."""
+
+    id: str = Field(description="run~NAME or file~NAME.")
+    name: str
+    sha256: str
+    size: int = Field(description="Bytes.")
+    changed: float = Field(description="s since 1970.")
+    duration_s: float | None = Field(description="By the dry run; null before the first.")
+    ink_ul: float | None
+    layers: int | None = Field(description="Passes of an embedded print.")
+    vessels: int | None
+    commands: int | None
+
+
+class CheckResponse(ResponseModel):
+    """One check before the print."""
+
+    check: str = Field(description="What was looked at.")
+    result: Literal["passed", "failed", "warning"]
+    value: float | None = Field(description="What was found, in `unit`.")
+    limit: float | None = Field(description="What is allowed, in `unit`.")
+    unit: str
+    passed: bool
+    place: str = Field(description="Line of the G-code, or key of a profile.")
+    remedy: str
+    weight: Literal["refuses", "warns"]
+
+
+class PreflightResponse(ResponseModel):
+    """The list of checks, and what the dry run found."""
+
+    model_config = ConfigDict(extra="allow")
+
+    job: str
+    key: str = Field(description="Of the job's content and the set-up.")
+    passed: bool = Field(description="Whether nothing refuses the print.")
+    checks: list[CheckResponse]
+    sha256: str
+    duration_s: float
+    layers: int
+    vessels: int
+    ink_ul: float
+    accepted: list[str] = Field(description="What failed and was accepted; the journal keeps it.")
+    reload_at: list[int] = Field(description="Commands before each change of syringe.")
+
+
+class MachineResponse(ResponseModel):
+    """The printer that is connected."""
+
+    profile: str
+    port: str
+    ready: bool
+    message: str
+    words: str = Field(description="What `confirmed` must say at the start.")
+    tip_mm: tuple[float, float, float] | None
+    mounted: dict[str, str]
+    ul_left: float | None
+
+
+class FormResponse(ResponseModel):
+    """The set-up filled in, and the printer."""
+
+    set_up: JobSetUp
+    machine: MachineResponse | None
+    checklist: list[dict[str, str]] = Field(description="Points to tick before the start.")
+
+
+class PreflightRequest(RequestModel):
+    """A set-up to check the job with; as it is filled in where it is left out."""
+
+    set_up: JobSetUp | None = None
+
+
+class StartRequest(RequestModel):
+    """A start."""
+
+    set_up: JobSetUp | None = Field(default=None, description="As it is filled in if left out.")
+    confirmed: str = Field(max_length=500, description="The machine, as `machine.words` says it.")
+
+
+class ToStartRequest(RequestModel):
+    """A move of the tip to where a job starts."""
+
+    start_mm: tuple[Millimetre, Millimetre, Millimetre] | None = Field(
+        default=None, description="As the set-up is filled in if left out."
+    )
+
+
+class TipResponse(BaseModel):
+    """Where the tip stands now."""
+
+    tip_mm: tuple[float, float, float] | None
+
+
+class PauseRequest(RequestModel):
+    """When to pause."""
+
+    after: Literal["now", "layer", "vessel"] = "now"
+
+
+class ResumeRequest(RequestModel):
+    """What was put in at a change of syringe."""
+
+    plunger_mm: Annotated[float, Field(ge=0, le=1000)] | None = Field(
+        default=None, description="Travel that the new syringe's plunger has used up; 0 when full."
+    )
+    syringe: Annotated[str, Field(max_length=300)] | None = Field(
+        default=None, description="Its profile, where it is another."
+    )
+    unchanged: bool = Field(default=False, description="The syringe wasn't changed after all.")
+
+
+class RecoverRequest(RequestModel):
+    """Where the rest of a print begins."""
+
+    from_line: Annotated[int, Field(ge=1, le=2**31)] | None = Field(
+        default=None, description="Line of the job's file; the last checkpoint if left out."
+    )
+
+
+class RecoveryResponse(ResponseModel):
+    """How to go on after the position was lost."""
+
+    lines_left_out: int = Field(description="Commands of the job that aren't printed again.")
+    steps: list[str] = Field(description="What a person does first, in order.")
+    start_mm: tuple[float, float, float] | None
+
+
+class RestResponse(ResponseModel):
+    """The rest of a print, as a job of its own."""
+
+    job: str
+    steps: list[str]
+
+
+class ReloadRequest(RequestModel):
+    """Of several heads, whose syringe."""
+
+    head: Annotated[int, Field(ge=0, le=15)] | None = None
+
+
+class StatusResponse(ResponseModel):
+    """A print as its link process tells it."""
+
+    model_config = ConfigDict(extra="allow")
+
+    state: str
+    lines_done: int
+    lines_executed: int
+    lines_total: int
+    message: str
+    waits_for: str
+    position_known: bool
+    deadman_left_s: float | None
+    look: dict[str, Any] | None = Field(
+        default=None, description="The look that it is held for (state looking): number, mark, ..."
+    )
+
+
+class ActionResponse(ResponseModel):
+    """What may be done to a print now."""
+
+    action: Literal["pause", "resume", "stop", "kill", "go_on", "recover", "give_up"]
+    possible: bool
+    reason: str = Field(description="Why not; empty where it is possible.")
+    needs: Literal["", "syringe", "from_line"] = Field(description="What must be given with it.")
+    from_line: int = Field(
+        default=0, description="Line to begin with where nobody says otherwise; 0: nobody knows."
+    )
+
+
+class PrintResponse(StatusResponse):
+    """A print, and how far it has come."""
+
+    job: str
+    folder: str
+    print_id: str = Field(description="Identity of the print, as the history names it.")
+    started: float = Field(description="s since 1970.")
+    share: float = Field(description="Of the time where that is known, else of the lines; 0 to 1.")
+    words: dict[str, str] = Field(description="State, time, layer, vessel, ink, as people read.")
+    time_left_s: float | None = Field(description="null for a print that is over.")
+    actions: list[ActionResponse] = Field(description="Each action, and if it is possible now.")
+    progress: dict[str, Any] | None = Field(
+        description="By time, layer, vessel and ink; null until the job's table is made."
+    )
+
+
+class ViabilityResponse(ResponseModel):
+    """The clock of the cells."""
+
+    minutes: float | None
+    limit_min: float | None
+    source: str
+    words: str
+    state: Literal["unknown", "in time", "close", "late"]
+
+
+class TickRequest(RequestModel):
+    """A step done, or not after all."""
+
+    done: bool = True
+
+
+class NoteRequest(RequestModel):
+    """A note."""
+
+    text: Annotated[str, Field(min_length=1, max_length=10_000)]
+
+
+class RampRequest(RequestModel):
+    """Warming at a rate."""
+
+    heater: Annotated[str, Field(max_length=40)] = "bed"
+    target_c: Annotated[float, Field(ge=0, le=60)]
+    rate_c_min: Annotated[float, Field(gt=0, le=20)] = 1.0
+
+
+class RampResponse(ResponseModel):
+    """Warming as it stands."""
+
+    heater: str
+    target_c: float
+    rate_c_min: float
+    now_c: float | None
+    set_c: float | None
+    going_on: bool
+    message: str
+
+
+class FlushResponse(ResponseModel):
+    """How hard the channels may be flushed."""
+
+    pressure_pa: float
+    wall_shear_pa: float
+    vessel: str
+
+
+class StepResponse(ResponseModel):
+    """A step after the print."""
+
+    id: str
+    text: str
+    done: bool
+    at: float | None
+    who: str
+
+
+class NoteResponse(ResponseModel):
+    """A note of a print."""
+
+    at: float
+    who: str
+    text: str
+
+
+class PhotoResponse(ResponseModel):
+    """A photo of a print."""
+
+    at: float
+    who: str
+    name: str
+
 
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
 FromLine = Annotated[int | None, Query(ge=1, le=2**31, description="Of the job's file.")]
@@ -57,35 +334,35 @@ def routers(service: JobService) -> tuple[APIRouter, ...]:
 
 def _jobs(routes: APIRouter, service: JobService) -> None:
     @routes.get("/jobs", tags=["jobs"], summary="Every job, the newest first")
-    def list_jobs() -> list[m.JobResponse]:
-        return [m.JobResponse.model_validate(one.to_dict()) for one in service.jobs()]
+    def list_jobs() -> list[JobResponse]:
+        return [JobResponse.model_validate(one.to_dict()) for one in service.jobs()]
 
     @routes.post("/jobs", tags=["jobs"], summary="Upload a G-code file; nothing in it is run")
-    def upload(file: Annotated[UploadFile, File()]) -> m.JobResponse:
+    def upload(file: Annotated[UploadFile, File()]) -> JobResponse:
         entry = service.upload(file.filename or "", file.file)
-        return m.JobResponse.model_validate(entry.to_dict())
+        return JobResponse.model_validate(entry.to_dict())
 
     @routes.get("/jobs/{job}", tags=["jobs"], summary="One job")
-    def one_job(job: Job) -> m.JobResponse:
-        return m.JobResponse.model_validate(service.job(job).to_dict())
+    def one_job(job: Job) -> JobResponse:
+        return JobResponse.model_validate(service.job(job).to_dict())
 
     @routes.get("/jobs/{job}/form", tags=["jobs"], summary="The set-up filled in, the printer")
-    def form(job: Job) -> m.FormResponse:
-        return m.FormResponse(
+    def form(job: Job) -> FormResponse:
+        return FormResponse(
             set_up=service.set_up(job),
             machine=machine_response(service.machine()),
             checklist=checklist()["before"],
         )
 
     @routes.post("/jobs/{job}/preflight", tags=["jobs"], summary="Check before the print")
-    def preflight(job: Job, given: m.PreflightRequest) -> m.PreflightResponse:
+    def preflight(job: Job, given: PreflightRequest) -> PreflightResponse:
         set_up = given.set_up or service.set_up(job)
-        return m.PreflightResponse.model_validate(service.preflight(job, set_up))
+        return PreflightResponse.model_validate(service.preflight(job, set_up))
 
     @routes.post("/jobs/{job}/to-start", tags=["jobs"], summary="Move the tip to the job's start")
-    def to_start(job: Job, given: m.ToStartRequest, who: Who) -> m.TipResponse:
+    def to_start(job: Job, given: ToStartRequest, who: Who) -> TipResponse:
         start_mm = given.start_mm or service.set_up(job).start_mm
-        return m.TipResponse(tip_mm=service.to_start(who, job, start_mm).tip_mm)
+        return TipResponse(tip_mm=service.to_start(who, job, start_mm).tip_mm)
 
     @routes.get("/jobs/{job}/record", tags=["jobs"], summary="What is written down")
     def record(job: Job) -> PrintRecord:
@@ -101,44 +378,44 @@ def _prints(routes: APIRouter, service: JobService) -> None:
     tags: Final = ["prints"]
 
     @routes.get("/prints", tags=[*tags], summary="Prints that were started, as they stand")
-    def prints() -> list[m.PrintResponse]:
+    def prints() -> list[PrintResponse]:
         reports = (service.heard(one.id) for one in service.jobs())
         return [print_response(one) for one in reports if one is not None]
 
     @routes.post("/prints/{job}/start", tags=[*tags], summary="Start; harmless when it goes on")
-    def start(job: Job, given: m.StartRequest, who: Who) -> m.PrintResponse:
+    def start(job: Job, given: StartRequest, who: Who) -> PrintResponse:
         set_up = given.set_up or service.set_up(job)
         return print_response(service.start(who, job, set_up, given.confirmed))
 
     @routes.get("/prints/{job}", tags=[*tags], summary="State and progress")
-    def status(job: Job) -> m.PrintResponse:
+    def status(job: Job) -> PrintResponse:
         reports = service.heard(job)
         if reports is None:
             raise NotFoundError(f"no print of {job} was ever started")
         return print_response(reports)
 
     @routes.get("/prints/{job}/viability", tags=[*tags], summary="The clock of the cells")
-    def viability(job: Job) -> m.ViabilityResponse:
-        return m.ViabilityResponse.model_validate(service.viability(job).to_dict())
+    def viability(job: Job) -> ViabilityResponse:
+        return ViabilityResponse.model_validate(service.viability(job).to_dict())
 
     @routes.post("/prints/{job}/pause", tags=[*tags], summary="Hold, now or at a mark")
-    def pause(job: Job, given: m.PauseRequest, who: Who) -> m.StatusResponse:
+    def pause(job: Job, given: PauseRequest, who: Who) -> StatusResponse:
         return status_response(service.hands.pause(who, job, given.after))
 
     @routes.post("/prints/{job}/resume", tags=[*tags], summary="Go on, with a new syringe's data")
-    def resume(job: Job, given: m.ResumeRequest, who: Who) -> m.StatusResponse:
+    def resume(job: Job, given: ResumeRequest, who: Who) -> StatusResponse:
         return status_response(service.hands.resume(who, job, **given.model_dump()))
 
     @routes.post("/prints/{job}/reload", tags=[*tags], summary="Make room to change the syringe")
-    def reload(job: Job, given: m.ReloadRequest, who: Who) -> m.StatusResponse:
+    def reload(job: Job, given: ReloadRequest, who: Who) -> StatusResponse:
         return status_response(service.hands.reload(who, job, given.head))
 
     @routes.post("/prints/{job}/alive", tags=[*tags], summary="Somebody is there")
-    def alive(job: Job, who: Who) -> m.StatusResponse:
+    def alive(job: Job, who: Who) -> StatusResponse:
         return status_response(service.hands.alive(who, job))
 
     @routes.post("/prints/{job}/cancel", tags=[*tags], summary="Controlled stop; for everybody")
-    def cancel(job: Job) -> m.StatusResponse:
+    def cancel(job: Job) -> StatusResponse:
         return status_response(service.hands.cancel(job))
 
 
@@ -147,22 +424,22 @@ def _broken_off(routes: APIRouter, service: JobService) -> None:
     tags: Final = ["prints"]
 
     @routes.post("/prints/{job}/go-on", tags=[*tags], summary="Go on after a print broke off")
-    def go_on(job: Job, who: Who) -> m.StatusResponse:
+    def go_on(job: Job, who: Who) -> StatusResponse:
         return status_response(service.hands.go_on(who, job))
 
     @routes.get("/prints/{job}/recovery", tags=[*tags], summary="Plan the rest; nothing is written")
-    def recovery(job: Job, from_line: FromLine = None) -> m.RecoveryResponse:
+    def recovery(job: Job, from_line: FromLine = None) -> RecoveryResponse:
         plan = service.hands.recovery(job, from_line)
-        return m.RecoveryResponse(
+        return RecoveryResponse(
             lines_left_out=plan.begin, steps=list(plan.steps), start_mm=plan.start
         )
 
     @routes.post("/prints/{job}/recover", tags=[*tags], summary="Write the rest as a job")
-    def recover(job: Job, given: m.RecoverRequest, who: Who) -> m.RestResponse:
-        return m.RestResponse.model_validate(service.hands.recover(who, job, given.from_line))
+    def recover(job: Job, given: RecoverRequest, who: Who) -> RestResponse:
+        return RestResponse.model_validate(service.hands.recover(who, job, given.from_line))
 
     @routes.post("/prints/{job}/give-up", tags=[*tags], summary="Don't go on; write its end down")
-    def give_up(job: Job, who: Who) -> m.StatusResponse:
+    def give_up(job: Job, who: Who) -> StatusResponse:
         return status_response(service.hands.give_up(who, job))
 
 
@@ -170,31 +447,29 @@ def _after(routes: APIRouter, service: JobService) -> None:
     after, tags = service.after, ["after a print"]
 
     @routes.get("/prints/{job}/steps", tags=[*tags], summary="Steps after the print")
-    def steps(job: Job) -> list[m.StepResponse]:
-        return [m.StepResponse.model_validate(one) for one in after.steps(job)]
+    def steps(job: Job) -> list[StepResponse]:
+        return [StepResponse.model_validate(one) for one in after.steps(job)]
 
     @routes.put("/prints/{job}/steps/{step}", tags=[*tags], summary="Tick a step, or take it back")
-    def tick(job: Job, step: str, given: m.TickRequest, who: Who) -> list[m.StepResponse]:
-        return [
-            m.StepResponse.model_validate(one) for one in after.tick(who, job, step, given.done)
-        ]
+    def tick(job: Job, step: str, given: TickRequest, who: Who) -> list[StepResponse]:
+        return [StepResponse.model_validate(one) for one in after.tick(who, job, step, given.done)]
 
     @routes.get("/prints/{job}/notes", tags=[*tags], summary="Notes")
-    def notes(job: Job) -> list[m.NoteResponse]:
-        return [m.NoteResponse.model_validate(one) for one in after.notes(job)]
+    def notes(job: Job) -> list[NoteResponse]:
+        return [NoteResponse.model_validate(one) for one in after.notes(job)]
 
     @routes.post("/prints/{job}/notes", tags=[*tags], summary="Add a note")
-    def note(job: Job, given: m.NoteRequest, who: Who) -> list[m.NoteResponse]:
-        return [m.NoteResponse.model_validate(one) for one in after.note(who, job, given.text)]
+    def note(job: Job, given: NoteRequest, who: Who) -> list[NoteResponse]:
+        return [NoteResponse.model_validate(one) for one in after.note(who, job, given.text)]
 
     @routes.get("/prints/{job}/photos", tags=[*tags], summary="Photos")
-    def photos(job: Job) -> list[m.PhotoResponse]:
-        return [m.PhotoResponse.model_validate(one) for one in after.photos(job)]
+    def photos(job: Job) -> list[PhotoResponse]:
+        return [PhotoResponse.model_validate(one) for one in after.photos(job)]
 
     @routes.post("/prints/{job}/photos", tags=[*tags], summary="Add a photo; it is written anew")
-    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[m.PhotoResponse]:
+    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[PhotoResponse]:
         photo = after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
-        return [m.PhotoResponse.model_validate(one) for one in photo]
+        return [PhotoResponse.model_validate(one) for one in photo]
 
     @routes.get(
         "/prints/{job}/photos/{name}",
@@ -207,37 +482,37 @@ def _after(routes: APIRouter, service: JobService) -> None:
         return FileResponse(after.photo(job, name), media_type="image/jpeg")
 
     @routes.get("/prints/{job}/flush", tags=[*tags], summary="How hard to flush; null if unknown")
-    def flush(job: Job, wall_shear_pa: float | None = None) -> m.FlushResponse | None:
+    def flush(job: Job, wall_shear_pa: float | None = None) -> FlushResponse | None:
         photo = after.flush(job, wall_shear_pa)
-        return None if photo is None else m.FlushResponse.model_validate(photo.to_dict())
+        return None if photo is None else FlushResponse.model_validate(photo.to_dict())
 
     @routes.post("/melt-out", tags=[*tags], summary="Warm a heater at a rate")
-    def melt_out(given: m.RampRequest, who: Who) -> m.RampResponse:
-        return m.RampResponse.model_validate(after.melt_out(who, **given.model_dump()))
+    def melt_out(given: RampRequest, who: Who) -> RampResponse:
+        return RampResponse.model_validate(after.melt_out(who, **given.model_dump()))
 
     @routes.get("/melt-out", tags=[*tags], summary="The warming as it stands; null for none")
-    def melting() -> m.RampResponse | None:
+    def melting() -> RampResponse | None:
         photo = after.melting()
-        return None if photo is None else m.RampResponse.model_validate(photo)
+        return None if photo is None else RampResponse.model_validate(photo)
 
     @routes.delete("/melt-out", tags=[*tags], summary="Raise the target no further")
-    def stop_melting() -> m.RampResponse | None:
+    def stop_melting() -> RampResponse | None:
         photo = after.stop_melting()
-        return None if photo is None else m.RampResponse.model_validate(photo)
+        return None if photo is None else RampResponse.model_validate(photo)
 
 
-def machine_response(machine: Machine | None) -> m.MachineResponse | None:
+def machine_response(machine: Machine | None) -> MachineResponse | None:
     """The printer, as the API tells it."""
     if machine is None:
         return None
-    return m.MachineResponse.model_validate(asdict(machine) | {"words": machine.words})
+    return MachineResponse.model_validate(asdict(machine) | {"words": machine.words})
 
 
-def print_response(heard: PrintReport) -> m.PrintResponse:
+def print_response(heard: PrintReport) -> PrintResponse:
     """A print, as the API tells it."""
-    return m.PrintResponse.model_validate(heard.to_dict())
+    return PrintResponse.model_validate(heard.to_dict())
 
 
-def status_response(status: Status) -> m.StatusResponse:
+def status_response(status: Status) -> StatusResponse:
     """A status, as the API tells it."""
-    return m.StatusResponse.model_validate(status.to_dict())
+    return StatusResponse.model_validate(status.to_dict())

@@ -20,26 +20,27 @@ from printctl.machine.station.status import NO_PRINTER
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
-from printctl.web.job.aftercare import Aftercare
-from printctl.web.job.camera.camera_service import CameraService
-from printctl.web.job.declared_start import declared_of
+from printctl.web.job.aftercare import Aftercare, Viability, viability
+from printctl.web.job.camera.routes import CameraService
 from printctl.web.job.following import PrintReport
 from printctl.web.job.jobs import JobEntry, add_job, entry_of, list_jobs
-from printctl.web.job.looks.look_service import LookService
+from printctl.web.job.looks import LookService
 from printctl.web.job.machine import Machine, Printing, mounted_checks, set_up_of
-from printctl.web.job.observing import observer_order, observer_ready
 from printctl.web.job.preflight import Preflight, Preflights, refuse, row
 from printctl.web.job.print_commands import PrintCommands
 from printctl.web.job.prints import Prints
 from printctl.web.job.record import PrintRecord, Records
 from printctl.web.job.set_up import JobSetUp, refuse_foreign_files
-from printctl.web.job.set_ups import SetUps
-from printctl.web.job.starting import order_of, refuse_unconfirmed
-from printctl.web.job.station_printing import StationPrinting
-from printctl.web.job.to_start import Place
-from printctl.web.job.viability import Viability, viability
+from printctl.web.job.set_ups import Place, SetUps, declared_of
+from printctl.web.job.starting import (
+    StationPrinting,
+    observer_order,
+    observer_ready,
+    order_of,
+    refuse_unconfirmed,
+)
 from printctl.web.live import JobSource
-from printctl.web.live.maker_client import SceneMaker
+from printctl.web.live.routes import SceneMaker
 from printctl.web.profile_store import ProfileStore
 
 

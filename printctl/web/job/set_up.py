@@ -1,7 +1,9 @@
-"""Print set-up of a job as REST type: printer, mounted profiles, start, supervision."""
+"""A job's set-up, and what a check of it is asked."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -121,3 +123,32 @@ def refuse_foreign_files(said: JobSetUp, root: Path, known: frozenset[str]) -> N
                 f"{key} {name[:80]!r} is a file outside the workspace {root}; give a shipped "
                 "profile's name, or put the file into the workspace"
             )
+
+
+@dataclass(frozen=True)
+class Question:
+    """Job and set-up to check.
+
+    Attributes
+    ----------
+    gcode : Path
+    set_up : JobSetUp
+    table : Path
+        Where the job's table goes.
+    """
+
+    gcode: Path
+    set_up: JobSetUp
+    table: Path
+
+    def to_json(self) -> str:
+        """One line of text that `from_json` reads."""
+        set_up = self.set_up.model_dump(mode="json")
+        return json.dumps({"gcode": str(self.gcode), "set_up": set_up, "table": str(self.table)})
+
+    @staticmethod
+    def from_json(text: str) -> Question:
+        """Read `to_json`."""
+        data = json.loads(text)
+        set_up = JobSetUp.model_validate(data["set_up"])
+        return Question(Path(data["gcode"]), set_up, Path(data["table"]))

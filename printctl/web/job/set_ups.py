@@ -1,15 +1,88 @@
-"""Store each job's print set-up as last filled in; else derive it from recipe and G-code."""
+"""Set-ups remembered for jobs, and where their print begins."""
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
 from design.files import write_text
-from printctl.web.job.declared_start import declared_of
+from firmware_profiles import Dish, Printer, ProfileError, load
+from printctl.checks.gate import RIM_MARGIN_MM
+from printctl.errors import SafetyError
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.job import load_job
+from printctl.machine.link.job_start import declared_start
+from printctl.machine.station import Station, StationStatus
 from printctl.web.job.jobs import recipe_of, set_up_of_recipe
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.workspace import Workspace
+
+# Move the tip to a job's start: straight up, across, straight down.
+
+Place = tuple[float, float, float]
+
+
+def places_to(tip: Place, start: Place, over_mm: float | None) -> list[Place]:
+    """The places that a tip goes to, one after the other, the last being the start.
+
+    Parameters
+    ----------
+    tip, start : (3,), mm
+    over_mm : float or None, mm
+        Height at which the tip clears the dish's rim; None where no dish is known.
+    """
+    high = max(tip[2], start[2], *(() if over_mm is None else (over_mm,)))
+    return [(tip[0], tip[1], high), (start[0], start[1], high), start]
+
+
+def go_to(station: Station, start: Place) -> StationStatus:
+    """Bring the tip to a place; the station refuses what its soft limits forbid.
+
+    Raises
+    ------
+    SafetyError
+        When nobody knows where the tip stands.
+    LinkError
+        What the station refuses; the tip then stands where the way so far has led.
+    """
+    status = station.status
+    tip = status.position_mm
+    if tip is None or not status.position_trusted:
+        raise SafetyError(
+            "nobody knows where the tip stands; home it without the needle, or say where it is "
+            "(page Printer), then it can be moved to the start"
+        )
+    for x, y, z in places_to(tip, start, _over(status)):
+        status = station.move_to(x, y, z)
+    return status
+
+
+def _over(status: StationStatus) -> float | None:
+    mounted = status.mounted
+    if not mounted.dish or mounted.floor_mm is None:
+        return None
+    return mounted.floor_mm + load(Dish, mounted.dish).wall_mm + RIM_MARGIN_MM
+
+
+def declared_of(path: Path, printer: str) -> Place | None:
+    """Tip position that the job declares to the firmware; None where it doesn't, or can't.
+
+    The file is read once for each printer profile; again when its size or time of change is
+    another.
+    """
+    stat = path.stat()
+    return _declared(path, printer, stat.st_size, stat.st_mtime_ns)
+
+
+@lru_cache(maxsize=256)
+def _declared(path: Path, printer: str, size: int, changed_ns: int) -> Place | None:
+    try:
+        job = load_job(path, load(Printer, printer))
+        return declared_start(job)
+    except (LinkError, ProfileError):
+        return None
+
 
 PRINTED: Final = "set_up.json"
 """In a print's folder: what it was started with."""

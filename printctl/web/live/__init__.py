@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from printctl.web.live.errors import SceneError
     from printctl.web.live.scene import LiveScene, make_scene
-    from printctl.web.live.source import JobSource
+    from printctl.web.live.source import JobSource, SceneError
 
 __all__ = ["JobSource", "LiveScene", "SceneError", "make_scene"]
 

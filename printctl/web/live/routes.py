@@ -1,20 +1,247 @@
-"""REST routes of the live view: a job's scene, and its scripts."""
+"""Live view: scripts, page element, client of the scene's process, REST."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import hashlib
+import json
+import os
+import re
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
 
 from fastapi import APIRouter, HTTPException, Request, Response
+from nicegui.element import Element
 
-from printctl.web.live.errors import SceneError
-from printctl.web.live.maker_client import SceneMaker
-from printctl.web.live.modules import static_files
-from printctl.web.live.source import JobSource
+from printctl.web.live.source import JobSource, SceneError, cached_scene
+from printctl.web.worker import BEHIND, NOW
+
+# Load the live view's scripts and styles for serving, with modules shared with the report.
+#
+# A page of the server may have an import map of its own, so the modules that the report shares name
+# each other here by where they lie instead of by bare names.
+
+_STATIC: Final = Path(__file__).parent / "static"
+_TYPES: Final = {".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+_BARE: Final = re.compile(rb'"(?:viewer|live)/(\w+)"')
+_VIEWER: Final = ("flat.js", "lines.js", "page.js", "scale.js", "stage.js")
+"""Modules of the reports' viewer that the live view needs."""
+
+
+@dataclass(frozen=True)
+class StaticFile:
+    """A file as it is sent.
+
+    Attributes
+    ----------
+    data : bytes
+    media_type : str
+    tag : str
+        Changes with the file.
+    """
+
+    data: bytes
+    media_type: str
+    tag: str
+
+
+@cache
+def static_files() -> dict[str, StaticFile]:
+    """All of them, by name."""
+    report = Path(__file__).parents[3] / "registration" / "report"
+    paths = {path.name: path for path in sorted(_STATIC.iterdir()) if path.suffix in _TYPES}
+    paths |= {name: report / "viewer" / name for name in _VIEWER}
+    paths["three.js"] = report / "vendor" / "three.module.min.js"
+    paths["orbit.js"] = report / "vendor" / "OrbitControls.js"
+    return {name: _read(name, path) for name, path in paths.items()}
+
+
+def _read(name: str, path: Path) -> StaticFile:
+    data = path.read_bytes()
+    if path.suffix == ".js" and name != "three.js":
+        data = _BARE.sub(rb'"./\1.js"', data)
+        for bare, url in ((b"three", b"./three.js"), (b"three/orbit", b"./orbit.js")):
+            data = re.sub(rb"""from ['"]%b['"]""" % bare, b'from "%b"' % url, data)
+    tag = f'"{hashlib.sha256(data).hexdigest()[:16]}"'
+    return StaticFile(data, _TYPES[path.suffix], tag)
+
+
+# NiceGUI element that shows the live 3D view of a print.
+
+_NOT_AT_ONCE: Final = ("element.js", "flat_painter.js")
+"""NiceGUI's own, and what only browsers without WebGL draw with."""
+
+
+class LiveView(Element, component="static/element.js"):
+    """The live view of one job.
+
+    The browser fetches the moves by itself, so that an open page costs the server no more than what
+    `tell` sends.
+    """
+
+    def __init__(self, job: str, *, live: bool = False) -> None:
+        """Put the view where the page stands.
+
+        Parameters
+        ----------
+        job : str
+            Name of the job in the URL, as `printctl.web.live.routes.router` knows it.
+        live : bool
+            Whether the job is being printed, and nothing of it has been reported yet; otherwise all
+            of it is shown as planned.
+        """
+        super().__init__()
+        self._props["scene"] = _scene(job)
+        self._props["live"] = live
+        self.classes("w-full h-full")
+
+    def tell(self, status: Mapping[str, Any]) -> None:
+        """Send this page how far the print is.
+
+        Parameters
+        ----------
+        status : mapping
+            ``lines_executed``, ``lines_done``, ``position`` and ``mends`` (lines that were put in,
+            `printctl.machine.printing.mend_strokes`), each only if it is known.
+        """
+        self.run_method("update", dict(status))
+
+
+def live_view(job: str, *, live: bool = False) -> LiveView:
+    """Put the live view of a job into the page; as `LiveView`."""
+    return LiveView(job, live=live)
+
+
+def preload(job: str) -> str:
+    """HTML for the head of a page with a job's view.
+
+    With it the browser fetches the moves and the scripts while it reads those of the page, about a
+    second earlier.
+    """
+    scripts = [name for name in static_files() if name.endswith(".js") and name not in _NOT_AT_ONCE]
+    moves = f'<link rel="preload" as="fetch" crossorigin href="{_scene(job)}">'
+    return moves + "".join(
+        f'<link rel="modulepreload" href="/live/static/{name}">' for name in scripts
+    )
+
+
+def _scene(job: str) -> str:
+    return f"/live/{quote(job, safe='')}/scene"
+
+
+# Start the process that makes live-view scenes, and ask it for a job's scene file.
+
+_LONGEST_S: Final = 120.0
+"""For a job of 50 million moves."""
+# Arrays of a large job come and go by the dozen: glibc otherwise hands each back to the system and
+# asks for it again, a tenth of the time that a scene takes. The process holds 0.7 GB after a
+# million moves instead; other systems ignore these.
+_KEEP_MEMORY: Final = {
+    "MALLOC_MMAP_THRESHOLD_": "4000000000",
+    "MALLOC_TRIM_THRESHOLD_": "4000000000",
+}
+
+
+class SceneMaker:
+    """Makes scenes, one at a time, without the event loop waiting for any of it.
+
+    While a print goes on they are made behind it; else somebody waits for them. The process begins
+    with `start`, best when the server does (importing and loading the kernels takes seconds), or
+    with the first job; it begins again when it died.
+
+    Parameters
+    ----------
+    printing : callable
+        Tells whether a print goes on.
+    longest_s : float, s
+        That a scene may take.
+    """
+
+    def __init__(
+        self, printing: Callable[[], bool] = lambda: False, longest_s: float = _LONGEST_S
+    ) -> None:
+        self._printing = printing
+        self._longest_s = longest_s
+        self._process: asyncio.subprocess.Process | None = None
+        self._one = asyncio.Lock()
+
+    async def start(self) -> None:
+        """Begin the process unless it runs."""
+        if self._process is not None and self._process.returncode is None:
+            return
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "printctl.web.live",
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            env=os.environ | _KEEP_MEMORY,
+        )
+
+    async def close(self) -> None:
+        """End the process."""
+        process, self._process = self._process, None
+        if process is not None and process.returncode is None:
+            process.kill()
+            await process.wait()
+
+    async def scene_file(self, source: JobSource) -> Path:
+        """The file of a job's scene, made now unless it is there.
+
+        Raises
+        ------
+        SceneError
+            When the job can't be shown; the message is for the user.
+        """
+        path = await asyncio.to_thread(cached_scene, source)
+        if path.is_file():
+            return path
+        async with self._one:
+            return Path(await self._made(source))
+
+    async def _made(self, source: JobSource) -> str:
+        await self.start()
+        try:
+            async with asyncio.timeout(self._longest_s):
+                when = BEHIND if await asyncio.to_thread(self._printing) else NOW
+                answer = await self._ask(f"{when} {source.to_json()}")
+        except TimeoutError as exc:
+            await self.close()
+            raise SceneError(
+                f"the view of {source.gcode.name} wasn't made in {self._longest_s:g} s; "
+                "the print isn't touched by it"
+            ) from exc
+        except BaseException:
+            # Whoever asked is gone: the answer still to come mustn't meet the next question.
+            await self.close()
+            raise
+        if "error" in answer:
+            raise SceneError(answer["error"])
+        return answer["scene"]
+
+    async def _ask(self, line: str) -> dict[str, str]:
+        process = self._process
+        if process is None or process.stdin is None or process.stdout is None:
+            raise SceneError("the process that makes views was closed")
+        try:
+            process.stdin.write(line.encode() + b"\n")
+            await process.stdin.drain()
+            said = await process.stdout.readline()
+        except OSError as exc:
+            raise SceneError(f"the process that makes views: {exc.strerror}") from exc
+        if not said:
+            raise SceneError("the process that makes views ended; look into the server's messages")
+        reply: dict[str, str] = json.loads(said)
+        return reply
+
 
 Jobs = Callable[[str], JobSource]
 """Finds a job by its name in the URL; raises `KeyError` for one that isn't there."""
-
 # Asked for again each time, answered by 304 unless it changed: an update of the program must not
 # meet the scripts of the one before.
 _KEPT = {"Cache-Control": "private, no-cache"}
@@ -50,7 +277,7 @@ def router(jobs: Jobs, maker: SceneMaker) -> APIRouter:
         },
     )
     async def scene(job: str, request: Request) -> Response:
-        """A job's moves, packed as `printctl.web.live.pack` says."""
+        """A job's moves, packed as `printctl.web.live.scene_worker` says."""
         try:
             source = await asyncio.to_thread(jobs, job)
         except KeyError as exc:

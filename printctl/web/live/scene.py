@@ -41,7 +41,7 @@ class LiveScene:
     time_s : (n,) float32, s
         At which the move ends, from the feeds alone.
     about : dict
-        Numbers and names for the view, as `printctl.web.live.pack` lists them.
+        Numbers and names for the view, as `printctl.web.live.scene_worker` lists them.
     """
 
     points: NDArray[np.uint16]

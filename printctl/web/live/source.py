@@ -6,11 +6,17 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from firmware_profiles import Printer, Syringe, load
 from printctl.checks.gcode_view import Pushing
-from printctl.web.hashes import file_hash
+from printctl.errors import UsageError
+from printctl.web.workspace import file_hash
+
+
+class SceneError(UsageError):
+    """A job can't be shown; the message says why."""
+
 
 Outline = tuple[tuple[float, float, float], ...]
 """Corners of a line, mm, the printer's frame; closed where the last is the first."""
@@ -87,3 +93,21 @@ class JobSource:
         parts = (version, self.printer, self.syringe, self.flow_ul_s, self.outlines)
         digest.update(repr(parts).encode())
         return digest.hexdigest()[:32]
+
+
+VERSION: Final = 1
+"""Of the scenes' format (`printctl.web.live.scene_worker`)."""
+
+
+def cached_scene(source: JobSource) -> Path:
+    """Path of a job's scene, whether it exists or not.
+
+    Raises
+    ------
+    SceneError
+        When the job can't be read.
+    """
+    try:
+        return source.cache / f"{source.key(VERSION)}.scene"
+    except OSError as exc:
+        raise SceneError(f"{source.gcode} can't be read: {exc.strerror}") from exc

@@ -14,9 +14,15 @@ from printctl.calibration.readings import Readings, read_readings
 from printctl.errors import PrintctlError
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.printer.calibration_requests import CalibrationFiles, CalibrationRequest, Read
-from printctl.web.printer.printer_access import PrinterAccess
-from printctl.web.printer.wizards import BY_NAME, WIZARDS, Wizard
+from printctl.web.printer.calibration_requests import (
+    BY_NAME,
+    WIZARDS,
+    CalibrationFiles,
+    CalibrationRequest,
+    Read,
+    Wizard,
+)
+from printctl.web.printer.printer_commands import PrinterAccess
 from printctl.web.profile_store import ProfileStore
 
 if TYPE_CHECKING:

@@ -24,8 +24,7 @@ from printctl.calibration.writing import (
     measured_key,
     save_measured,
 )
-from printctl.web.printer.calibration_requests import CalibrationRequest, Read
-from printctl.web.printer.wizards import BY_NAME
+from printctl.web.printer.calibration_requests import BY_NAME, CalibrationRequest, Read
 from printctl.web.profile_store import ProfileStore
 
 

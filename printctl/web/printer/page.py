@@ -7,20 +7,18 @@ from typing import Final
 
 from nicegui import ui
 
-from printctl.web.printer.card_calibrating import add_calibrating
-from printctl.web.printer.card_changing import add_changing
-from printctl.web.printer.card_connection import add_connection
-from printctl.web.printer.card_console import add_console
-from printctl.web.printer.card_jog import add_jog
-from printctl.web.printer.card_macros import add_macros
-from printctl.web.printer.card_mounted import add_mounted
-from printctl.web.printer.card_plots import add_plots
-from printctl.web.printer.card_plunger import add_plunger
-from printctl.web.printer.card_touching import add_touching
+from printctl.web.printer.cards_calibrating import add_calibrating
+from printctl.web.printer.cards_console import add_console, add_macros, add_plots
+from printctl.web.printer.cards_moving import add_jog, add_plunger
+from printctl.web.printer.cards_set_up import (
+    add_changing,
+    add_connection,
+    add_mounted,
+    add_touching,
+)
 from printctl.web.printer.layout import Refresh
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.browser_session import this_browser
-from printctl.web.shell.frame import frame
+from printctl.web.shell.frame import frame, this_browser
 
 REFRESH_S: Final = 0.5
 _STYLE: Final = Path(__file__).with_name("printer.css")

@@ -1,16 +1,17 @@
-"""Declare a new syringe or needle to the station; purge bubbles in small, limited steps."""
+"""Change a mounted part; touch off."""
 
 from __future__ import annotations
 
+import statistics
 import threading
-from typing import Final
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final, Literal
 
 from firmware_profiles import Ink, Needle, Syringe
 from printctl.machine.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.printer.printer_access import PrinterAccess
-from printctl.web.printer.printer_commands import fastest_ul_s
+from printctl.web.printer.printer_commands import PrinterAccess, fastest_ul_s
 from printctl.web.profile_store import ProfileStore
 
 PURGE_STEP_UL: Final = 5.0
@@ -96,3 +97,170 @@ class Changing:
         station = self._access.ask(who)
         given = self._store.given(Needle, name)
         return self._access.heard(station.mount(needle=given, floor_mm=None, bath_level_mm=None))
+
+
+# Touch-off guide: height of dish floor or bath surface from three tip readings that agree.
+
+Surface = Literal["floor", "bath"]
+READINGS: Final = 3
+SPREAD_MM: Final = 0.05
+THICKEST_FOIL_MM: Final = 2.0
+STEPS_MM: Final = (0.1, 0.02)
+LIFT_MM: Final = 1.0
+
+
+@dataclass(frozen=True)
+class Touching:
+    """What was read of a surface so far.
+
+    Attributes
+    ----------
+    surface : str
+        ``floor`` of the dish, or the ``bath``'s level.
+    foil_mm : float, mm
+        Thickness of the foil that the tip stands on.
+    readings_mm : tuple of float, mm
+        Height of the tip, printer's frame.
+    """
+
+    surface: Surface
+    foil_mm: float = 0.0
+    readings_mm: tuple[float, ...] = ()
+
+    @property
+    def last(self) -> tuple[float, ...]:
+        """The readings that count."""
+        return self.readings_mm[-READINGS:]
+
+    @property
+    def spread_mm(self) -> float | None:
+        """Highest less lowest of those; None before there are enough."""
+        return max(self.last) - min(self.last) if len(self.last) == READINGS else None
+
+    @property
+    def agrees(self) -> bool:
+        """Whether there are enough, close enough together."""
+        # Heights have two or three decimals; 0.05 apart must pass whatever the floats say.
+        return self.spread_mm is not None and self.spread_mm <= SPREAD_MM + 1e-9
+
+    @property
+    def height_mm(self) -> float | None:
+        """Middle one of the readings that count, with the foil under the tip."""
+        return statistics.median(self.last) if self.agrees else None
+
+    def said(self) -> str:
+        """How far it is, in words."""
+        count = len(self.readings_mm)
+        if self.spread_mm is None:
+            return f"{count} of {READINGS} readings"
+        verdict = "agree" if self.agrees else "don't agree: take another, the last three count"
+        return (
+            f"the last {READINGS} of {count} readings are within {self.spread_mm:.3f} mm (at most "
+            f"{SPREAD_MM:g} mm): they {verdict}"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object."""
+        return {
+            **asdict(self),
+            "spread_mm": self.spread_mm,
+            "agrees": self.agrees,
+            "said": self.said(),
+        }
+
+
+class Guide:
+    """One touching at a time, the same for all browsers.
+
+    Parameters
+    ----------
+    access : PrinterAccess
+    """
+
+    def __init__(self, access: PrinterAccess) -> None:
+        self._access = access
+        self._lock = threading.Lock()
+        self._now: Touching | None = None
+
+    @property
+    def touching(self) -> Touching | None:
+        """What goes on; None when nothing does."""
+        return self._now
+
+    def start(self, who: Principal, surface: Surface, foil_mm: float = 0.0) -> Touching:
+        """Begin anew; what was known of the surface is forgotten, for the tip must pass it.
+
+        Raises
+        ------
+        BadRequestError
+            For a foil that is none.
+        ConflictError
+            When no needle is named, or for the floor no dish.
+        """
+        if not 0 <= foil_mm <= THICKEST_FOIL_MM:
+            raise BadRequestError(
+                f"a foil of {foil_mm:g} mm: give 0 to {THICKEST_FOIL_MM:g} mm, 0 for none"
+            )
+        station = self._access.ask(who)
+        mounted = station.status.mounted
+        if not mounted.needle or (surface == "floor" and not mounted.dish):
+            raise ConflictError(
+                "say which needle and dish are mounted first (What is mounted): without them no "
+                "soft limit can be kept"
+            )
+        forgotten = "floor_mm" if surface == "floor" else "bath_level_mm"
+        self._access.heard(station.mount(**{forgotten: None}))
+        return self._keep(Touching(surface, foil_mm))
+
+    def read(self, who: Principal) -> Touching:
+        """Take the tip's height as one reading.
+
+        Raises
+        ------
+        ConflictError
+            When nothing was started, or the printer doesn't tell where it stands.
+        """
+        station = self._access.ask(who)
+        with self._lock:
+            now = self._started()
+            place = station.status.position_mm
+            if place is None:
+                raise ConflictError("the printer hasn't told its position; home it first")
+            self._now = replace(now, readings_mm=(*now.readings_mm, place[2]))
+            return self._now
+
+    def use(self, who: Principal) -> StationStatus:
+        """Tell the station the height that the readings agree on.
+
+        Raises
+        ------
+        ConflictError
+            When they don't agree.
+        """
+        station = self._access.ask(who)
+        with self._lock:
+            now = self._started()
+            if now.height_mm is None:
+                raise ConflictError(f"{now.said()}; touch again")
+            if now.surface == "floor":
+                status = station.touch_off(now.height_mm, foil_mm=now.foil_mm)
+            else:
+                status = station.mount(bath_level_mm=round(now.height_mm - now.foil_mm, 4))
+            self._now = None
+        return self._access.heard(status)
+
+    def give_up(self, who: Principal) -> None:
+        """Forget the readings."""
+        self._access.core.controls.require(who)
+        with self._lock:
+            self._now = None
+
+    def _keep(self, touching: Touching) -> Touching:
+        with self._lock:
+            self._now = touching
+        return touching
+
+    def _started(self) -> Touching:
+        if self._now is None:
+            raise ConflictError("nothing is being touched off; start it first")
+        return self._now

@@ -9,15 +9,11 @@ from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
 from printctl.web.printer.calibration import Calibrating
-from printctl.web.printer.console import Console
-from printctl.web.printer.following import Follower
-from printctl.web.printer.macros import Macros
-from printctl.web.printer.part_change import Changing
-from printctl.web.printer.plots import Plots
+from printctl.web.printer.console import Console, Macros
+from printctl.web.printer.following import Follower, Plots
+from printctl.web.printer.part_change import Changing, Guide
 from printctl.web.printer.ports import FoundPort, ports_with_profiles
-from printctl.web.printer.printer_access import PrinterAccess
-from printctl.web.printer.printer_commands import PrinterCommands
-from printctl.web.printer.touch_off import Guide
+from printctl.web.printer.printer_commands import PrinterAccess, PrinterCommands
 from printctl.web.profile_store import ProfileStore
 
 

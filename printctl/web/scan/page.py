@@ -1,27 +1,257 @@
-"""Lay out the Scan page at /scan: choose or upload a scan, register it with a run, show results."""
+"""The scan page."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Final
+from urllib.parse import urlencode
 
 from nicegui import events, ui
+from pydantic import ValidationError
 
+from firmware_profiles.errors import wording
+from printctl.web.design.embed import embed, follow_theme, run_in_thread
 from printctl.web.design.page import room_style
-from printctl.web.design.run_processes import RunProgress
-from printctl.web.design.widgets.embed import follow_theme
-from printctl.web.design.widgets.in_thread import run_in_thread
+from printctl.web.design.runs import RunProgress
 from printctl.web.errors import WebError
-from printctl.web.scan.answers import ScanMetadataRequest
-from printctl.web.scan.findings import Findings
+from printctl.web.scan.findings import Findings, VesselFinding
+from printctl.web.scan.routes import ScanMetadataRequest
 from printctl.web.scan.service import ScanService
-from printctl.web.scan.widgets.metadata_form import MetadataForm
-from printctl.web.scan.widgets.result_card import ResultCard
-from printctl.web.scan.widgets.slices_card import SlicesCard
-from printctl.web.shell.dialogs import dialog_named
-from printctl.web.shell.frame import frame
-from printctl.web.shell.run_or_notify import run_or_notify
-from printctl.web.shell.uploading import upload
+from printctl.web.scan.slices import AXES, Axis, OpenScan
+from printctl.web.shell.frame import dialog_named, frame, run_or_notify, upload
+
+# Form for the metadata that a scan's file lacks, such as voxel size.
+
+Said = Callable[[ScanMetadataRequest], Awaitable[None]]
+
+
+class MetadataForm:
+    """Fields of what can be said of a scan.
+
+    Parameters
+    ----------
+    said : function
+        Told of what was said.
+    """
+
+    def __init__(self, on_change: Said) -> None:
+        self._said = on_change
+        self._box = ui.expansion("What the file doesn't say").classes("w-full pc-part")
+        with self._box:
+            self._why = ui.label().classes("pc-message")
+            with ui.element("div").classes("pc-fields"):
+                self._voxel = [
+                    ui.number(f"voxel along {axis} (µm)", min=0.01, format="%.6g") for axis in "xyz"
+                ]
+                self._modality = _choice("modality", ["oct", "microct", "confocal"])
+                self._scale = _choice("intensity", ["linear", "db"])
+                self._index = ui.number("refractive index", min=1, max=2)
+                self._optical = _choice("depth voxel counts", ["optical path", "length"])
+                self._down = _choice("depth index grows", ["down", "up"])
+                self._window = [
+                    ui.number(f"dB of the {end} count") for end in ("lowest", "highest")
+                ]
+                self._counts = [ui.number(f"the {end} count") for end in ("lowest", "highest")]
+                self._slope = ui.number("or counts per dB", min=0)
+                self._zero = ui.number("dB of count 0")
+                self._axes = ui.input("order of axes, slowest first", placeholder="zyx")
+            numbers = (*self._window, *self._counts, self._slope, self._zero)
+            for one in (*self._voxel, self._index, self._axes, *numbers):
+                one.props("outlined dense stack-label").classes("pc-field")
+            ui.button("Say so", on_click=self._say)
+
+    def ask(self, why: str) -> None:
+        """Open with the reason why something has to be said."""
+        self._why.text = why
+        self._box.value = bool(why)
+
+    async def _say(self) -> None:
+        size = [one.value for one in self._voxel]
+        try:
+            metadata = ScanMetadataRequest(
+                voxel_um=tuple(size) if any(size) else None,
+                refractive_index=self._index.value,
+                optical_depth=_either(self._optical.value, "optical path", "length"),
+                scale=self._scale.value,
+                modality=self._modality.value,
+                depth_down=_either(self._down.value, "down", "up"),
+                axes=self._axes.value or None,
+                db_range=_both(self._window),
+                count_range=_both(self._counts),
+                counts_per_db=self._slope.value,
+                db_at_zero=self._zero.value,
+            )
+        except ValidationError as exc:
+            first = exc.errors()[0]
+            ui.notify(f"{'.'.join(map(str, first['loc']))}: {wording(first)}", type="negative")
+            return
+        await self._said(metadata)
+
+
+def _choice(label: str, options: list[str]) -> ui.select:
+    select = ui.select(options, label=label, clearable=True)
+    return select.props("outlined dense stack-label").classes("pc-field")
+
+
+def _both(ends: list[ui.number]) -> tuple[float, float] | None:
+    """Two numbers, None where neither was given."""
+    low, high = (one.value for one in ends)
+    return None if low is None and high is None else (low, high)
+
+
+def _either(value: str | None, yes: str, no: str) -> bool | None:
+    return {yes: True, no: False}.get(value or "")
+
+
+# Result view of the Scan page: verdict, alignment, vessels, report, files.
+
+_OUTCOMES = {
+    "pass": "Passed",
+    "fail": "Not passed",
+    "undecided": "Undecided: neither pass nor fail is proven",
+    "": "No verdict yet",
+}
+
+
+class ResultCard:
+    """Shows one registration."""
+
+    def __init__(self) -> None:
+        self._box = ui.column().classes("w-full gap-2")
+
+    def clear(self) -> None:
+        """Show nothing."""
+        self._box.clear()
+
+    def show(self, base: str, findings: Findings, files: list[str], has_report: bool) -> None:
+        """Show findings; ``base`` is the registration's address in the API."""
+        self._box.clear()
+        with self._box:
+            _heading("Verdict")
+            ui.label(_OUTCOMES[findings.outcome]).classes("pc-state-line").props("role=status")
+            for reason in findings.reasons:
+                ui.label(reason)
+            _heading("Alignment")
+            with ui.element("dl").classes("pc-figures pc-wide"):
+                for name, value in findings.alignment:
+                    with ui.element("div"):
+                        with ui.element("dt"):
+                            ui.label(name)
+                        with ui.element("dd"):
+                            ui.label(value)
+            _heading("Vessels")
+            _vessels(findings.vessels)
+            _heading("Files")
+            with ui.row().classes("gap-3"):
+                for file in files:
+                    ui.link(file, f"{base}/files/{file}").classes("pc-file")
+            if has_report:
+                _heading("Deviation and report")
+                embed(f"{base}/report", "Report of the registration")
+
+
+def _heading(text: str) -> None:
+    ui.label(text).classes("pc-h2").props("role=heading aria-level=2")
+
+
+def _vessels(rows: tuple[VesselFinding, ...]) -> None:
+    names = {
+        "vessel": "Vessel",
+        "kind": "Kind",
+        "designed_um": "Designed (µm)",
+        "measured_um": "Measured (µm)",
+        "error_percent": "Error (%)",
+        "rms_um": "RMS (µm)",
+        "offset_um": "Axis off by (µm)",
+        "verdict": "Verdict",
+    }
+    columns = [
+        {"name": key, "label": name, "field": key, "sortable": True, "align": "right"}
+        for key, name in names.items()
+    ]
+    shown = [{key: _shown(value) for key, value in vars(row).items()} for row in rows]
+    table = ui.table(rows=shown, columns=columns, row_key="vessel", pagination=15)
+    table.props("flat bordered dense").classes("w-full")
+
+
+def _shown(value: object) -> object:
+    return f"{value:.1f}" if isinstance(value, float) else value
+
+
+# Slice card of the Scan page: three planes, with sliders for position, window and threshold.
+
+_SEEN: Final[dict[Axis, str]] = {
+    "z": "Along z (from above)",
+    "y": "Along y",
+    "x": "Along x",
+}
+_MOST_STEPS: Final = 400
+
+
+class SlicesCard:
+    """Shows one scan."""
+
+    def __init__(self) -> None:
+        self._scan = ""
+        self._opened: OpenScan | None = None
+        self._images: dict[Axis, ui.element] = {}
+        self._at: dict[Axis, ui.slider] = {}
+        self._box = ui.column().classes("w-full gap-2")
+
+    def show(self, scan: str, opened: OpenScan) -> None:
+        """Show a scan that was read."""
+        self._scan, self._opened = scan, opened
+        self._images, self._at = {}, {}
+        self._box.clear()
+        with self._box:
+            self._controls(opened)
+            with ui.element("div").classes("pc-slices"):
+                for axis in AXES:
+                    self._plane(axis, opened)
+        self._draw()
+
+    def _controls(self, opened: OpenScan) -> None:
+        low, high = opened.low, opened.high
+        step = (high - low) / _MOST_STEPS
+        with ui.row().classes("w-full items-end gap-4"):
+            self._black = self._control("Black at", low, low - (high - low) / 2, high, step)
+            self._white = self._control("White at", high, low, high + (high - low) / 2, step)
+            self._tinted = ui.switch("Tint what is above the threshold", on_change=self._draw)
+            self._threshold = self._control("Threshold", opened.threshold, low, high, step)
+
+    def _control(self, name: str, value: float, low: float, high: float, step: float) -> ui.slider:
+        with ui.column().classes("pc-control gap-0"):
+            ui.label(name).classes("pc-quiet")
+            slider = ui.slider(min=low, max=high, step=step, value=value, on_change=self._draw)
+            return slider.props(f'aria-label="{name}" label debounce=150')
+
+    def _plane(self, axis: Axis, opened: OpenScan) -> None:
+        count = opened.scan.volume.shape[AXES[axis]]
+        x, y, z = opened.size_mm
+        width, height = {"z": (x, y), "y": (x, z), "x": (y, z)}[axis]
+        with ui.element("figure").classes("pc-slice"):
+            with ui.element("figcaption"):
+                ui.label(f"{_SEEN[axis]}, {width:.3g} × {height:.3g} mm")
+            image = ui.element("img").style(f"aspect-ratio: {width} / {height}")
+            self._images[axis] = image
+            slider = ui.slider(min=0, max=count - 1, value=count // 2, on_change=self._draw)
+            slider.props(f'aria-label="Slice along {axis}" label debounce=60')
+            self._at[axis] = slider
+
+    def _draw(self) -> None:
+        for axis, image in self._images.items():
+            index = int(self._at[axis].value)
+            asked = {"low": self._black.value, "high": self._white.value}
+            if asked["low"] >= asked["high"]:
+                return
+            if self._tinted.value:
+                asked["threshold"] = self._threshold.value
+            query = urlencode({key: f"{value:.7g}" for key, value in asked.items()})
+            image.props["src"] = f"/api/v1/scans/{self._scan}/slices/{axis}/{index}?{query}"
+            image.props["alt"] = f"Slice {index} of the scan along {axis}"
+            image.update()
 
 
 def register(service: ScanService) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 from printctl.run_folder.artefacts import HTML, NETWORK, SOLID
 from printctl.web.core import Core
 from printctl.web.design.recipes import Recipes
-from printctl.web.design.run_processes import DetachedProcesses, RunProgress, Runs
+from printctl.web.design.runs import DetachedProcesses, RunProgress, Runs
 from printctl.web.design.service import ARTEFACTS
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.scan.findings import Findings, findings

@@ -1,30 +1,208 @@
-"""Scans stored in the workspace: upload, name, describe, find.
-
-A scan is ``file~NAME``, a file or folder in ``scans``, or ``run~NAME``, the scan that a run made
-of its simulated print.
-"""
+"""Scans of the workspace: take in uploads, unpack archives within limits."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import secrets
 import shutil
+import stat
 import tempfile
+import zipfile
+import zlib
 from dataclasses import asdict, dataclass
-from pathlib import Path, PurePath
-from typing import IO, Any, Final
+from pathlib import Path, PurePath, PurePosixPath
+from typing import IO, Any, BinaryIO, Final
 
 from design.files import write_text
+from printctl.system_errors import is_known
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.scan.unpacked_size import refuse_growth
-from printctl.web.scan.unpacking import is_stack, unpack_stack
 from printctl.web.security.uploads import save_upload
 from printctl.web.workspace import Workspace, checked_name, is_name
 from registration.errors import ScanFileError
 from registration.files.readers import ScanOverrides
 from registration.files.readers.metadata import find_sidecar
 from registration.files.readers.read import recognise
+from registration.files.readers.tiff import has_slices, read_tiff_folder
+
+# Refuse an uploaded scan file that would unpack too large: zip, gzip, NIfTI, gzipped NRRD.
+#
+# What a gzip stream gives is counted as it comes out; of a zip its own sizes count, which Python's
+# reader never exceeds.
+
+_PIECE: Final = 1 << 16
+_OUT: Final = 1 << 20
+_RATIO: Final = 200
+"""Most bytes out for a byte in, from `_RATIO_FROM` bytes out."""
+_RATIO_FROM: Final = 200_000_000
+"""A mask of few voxels packs a thousandfold, and may be so large."""
+_GZIP: Final = b"\x1f\x8b"
+_NRRD: Final = b"NRRD"
+_LONGEST_HEAD: Final = 1 << 20
+
+
+def check_growth(total: int, packed: int, most_bytes: int) -> None:
+    """Refuse an archive that has given ``total`` bytes out of ``packed``, if that is too much.
+
+    Raises
+    ------
+    BadRequestError
+    """
+    if total > most_bytes:
+        raise BadRequestError(
+            f"the archive unpacks to more than {total / 1e6:.0f} MB; at most "
+            f"{most_bytes / 1e6:g} MB are taken"
+        )
+    if total > _RATIO_FROM and total > _RATIO * packed:
+        raise BadRequestError(
+            f"the archive unpacks to more than {_RATIO} times its size; pack it anew "
+            "without emptiness, or send the files alone"
+        )
+
+
+def refuse_growth(path: Path, most_bytes: int) -> None:
+    """Refuse a file that unpacks to more than may be, or grows too much in doing so.
+
+    Raises
+    ------
+    BadRequestError
+    """
+    packed = path.stat().st_size
+    if zipfile.is_zipfile(path):
+        with contextlib.suppress(zipfile.BadZipFile, NotImplementedError):  # the reader's to tell
+            with zipfile.ZipFile(path) as archive:
+                total = sum(one.file_size for one in archive.infolist())
+            check_growth(total, packed, most_bytes)
+        return
+    with path.open("rb") as handle:
+        if _at_gzip(handle):
+            _count(handle, packed, most_bytes)
+
+
+def _at_gzip(handle: BinaryIO) -> bool:
+    """Go to where a gzip stream begins in the file, if one does."""
+    head = handle.read(_LONGEST_HEAD)
+    start = 0 if head.startswith(_GZIP) else -1
+    if head.startswith(_NRRD):
+        ends = [end for mark in (b"\n\n", b"\r\n\r\n") if (end := head.find(mark) + len(mark)) >= 4]
+        start = next((end for end in sorted(ends) if head[end : end + 2] == _GZIP), -1)
+    if start >= 0:
+        handle.seek(start)
+    return start >= 0
+
+
+def _count(handle: BinaryIO, packed: int, most_bytes: int) -> None:
+    """Count what comes out; several streams may follow each other. Broken ones are the reader's."""
+    total, stream = 0, zlib.decompressobj(31)
+    data = handle.read(_PIECE)
+    try:
+        while data:
+            total += len(stream.decompress(data, _OUT))
+            check_growth(total, packed, most_bytes)
+            data = stream.unconsumed_tail
+            if stream.eof:
+                data, stream = stream.unused_data, zlib.decompressobj(31)
+            data = data or handle.read(_PIECE)
+    except zlib.error:
+        return
+
+
+# Unpack an uploaded zip of scan slices: confined to its folder, limited in size.
+#
+# A zip is believed in nothing: names are checked one by one, sizes are counted while they come.
+
+MOST_FILES: Final = 20_000
+MOST_DEPTH: Final = 6
+_ARCHIVE_PIECE: Final = 1 << 20
+_PART: Final = re.compile(r"[A-Za-z0-9._][A-Za-z0-9._ +-]{0,99}")
+
+
+def is_stack(path: Path) -> bool:
+    """Whether a file is a zip of slices, and not a format that is a zip itself (.npz, .oct)."""
+    if not zipfile.is_zipfile(path):
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [PurePosixPath(one.filename).name for one in archive.infolist()]
+    except (zipfile.BadZipFile, NotImplementedError):
+        return False
+    return "Header.xml" not in names and not all(name.endswith(".npy") for name in names)
+
+
+def unpack_stack(path: Path, folder: Path, most_bytes: int) -> Path:
+    """Unpack DICOM or TIFF slices or an OME-Zarr into a folder.
+
+    Parameters
+    ----------
+    path : Path
+        The zip.
+    folder : Path
+        New.
+    most_bytes : int
+        Of all that comes out.
+
+    Returns
+    -------
+    Path
+        What the readers read: the folder, or one in it.
+
+    Raises
+    ------
+    BadRequestError
+        For a name that leads elsewhere, a link, too much, or a broken archive.
+    """
+    folder.mkdir(parents=True)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _unpack(archive, folder, most_bytes)
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as exc:
+        if is_known(exc):
+            raise
+        raise BadRequestError(f"the archive can't be unpacked: {exc}") from exc
+    top = folder
+    while len(inside := sorted(top.iterdir())) == 1 and inside[0].is_dir():
+        top = inside[0]
+    if has_slices(top):
+        try:
+            read_tiff_folder(top)
+        except ScanFileError as exc:
+            raise BadRequestError(str(exc).replace(f"{top}: ", "")) from exc
+    return top
+
+
+def _unpack(archive: zipfile.ZipFile, folder: Path, most_bytes: int) -> None:
+    members = [one for one in archive.infolist() if not one.is_dir()]
+    if len(members) > MOST_FILES:
+        raise BadRequestError(f"the archive holds {len(members)} files; at most {MOST_FILES}")
+    total = sum(one.file_size for one in members)
+    check_growth(total, sum(one.compress_size for one in members), most_bytes)
+    left = most_bytes
+    for member in members:
+        left = _write(archive, member, folder / _place(member), left)
+
+
+def _place(member: zipfile.ZipInfo) -> PurePosixPath:
+    """Where a member goes, relative to the folder."""
+    name, mode = member.filename, member.external_attr >> 16
+    parts = name.split("/")
+    bad = stat.S_ISLNK(mode) or name.startswith("/") or len(parts) > MOST_DEPTH
+    if bad or any(not _PART.fullmatch(part) or part in (".", "..") for part in parts):
+        raise BadRequestError(f"the archive names {name[:80]!r}, which isn't unpacked")
+    return PurePosixPath(*parts)
+
+
+def _write(archive: zipfile.ZipFile, member: zipfile.ZipInfo, place: Path, left: int) -> int:
+    """Write a member; give what may still come."""
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with archive.open(member) as source, place.open("xb") as out:
+        while piece := source.read(_ARCHIVE_PIECE):
+            left -= len(piece)
+            if left < 0:
+                raise BadRequestError("the archive holds more than it says; it isn't unpacked")
+            out.write(piece)
+    return left
+
 
 UPLOADS: Final = ".arriving"
 _RUN_SCANS: Final = ("scan.tif", "scan.oct")

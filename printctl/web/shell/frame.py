@@ -1,19 +1,81 @@
-"""Frame of every web page: header, navigation, stop button.
-
-The header is plain HTML beside NiceGUI's app, with scripts of its own: it works when the app in
-the page or its connection doesn't.
-"""
+"""Frame of every page: header, dialogs, uploads, notices."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
-from typing import Final
+from typing import Any, Final
 
-from nicegui import ui
+from nicegui import run, ui
 
+from firmware_profiles import ProfileError
+from printctl.failures import message_and_code
+from printctl.web.controls import Principal
 from printctl.web.shell.assets import FOLDER, link
+
+
+def this_browser() -> Principal:
+    """The browser that the page being built or answering is for; set by the guard at the door."""
+    request = ui.context.client.request
+    principal = getattr(request.state, "principal", None) if request is not None else None
+    return principal or Principal("local", "this browser")
+
+
+def dialog_named(name: str) -> ui.dialog:
+    """A dialog; its name is read out when it opens."""
+    made = ui.dialog()
+    made.props["aria-label"] = name
+    return made
+
+
+async def run_or_notify(work: Callable[..., Any], *args: Any, **values: Any) -> Any:
+    """Call ``work`` in a thread; a refusal becomes a note on the page, and None is given back."""
+    try:
+        return await run.io_bound(work, *args, **values)
+    except Exception as exc:
+        known = message_and_code(exc)
+        if known is None and not isinstance(exc, ProfileError):
+            raise
+        ui.notify(
+            known[0] if known else str(exc),
+            type="negative",
+            multi_line=True,
+            timeout=0,
+            close_button="OK",
+        )
+        return None
+
+
+def upload(text: str, take: Callable[..., Any], kinds: str = "", **values: Any) -> ui.upload:
+    """A place to drop files, with a button that has a name for those who hear the page.
+
+    Parameters
+    ----------
+    text : str
+        The button's; the program's own.
+    take : function
+        Given the event of an upload.
+    kinds : str, optional
+        Suffixes or media types that can be chosen; empty for all.
+    **values
+        Further ones of `ui.upload`.
+    """
+    made = ui.upload(auto_upload=True, on_upload=take, **values)
+    made.props("flat bordered").classes("w-full pc-upload")
+    if kinds:
+        made.props["accept"] = kinds
+    made.add_slot(
+        "header",
+        f"""
+        <div class="row items-center q-pa-xs"><q-btn flat no-caps icon="add"
+          label="{escape(text)}" class="min-h-[48px]" @click="props.pickFiles"></q-btn>
+          <span class="q-px-sm">or drop it here</span>
+          <div style="display: none"><q-uploader-add-trigger></q-uploader-add-trigger></div></div>
+        """,
+    )
+    return made
+
 
 PAGES: Final = {
     "/printer": "Printer",
@@ -22,7 +84,6 @@ PAGES: Final = {
     "/scan": "Scan",
     "/history": "History",
 }
-
 BLUE: Final = "#0b5cad"
 """Of filled buttons: white on it has a contrast of 6.6 : 1, in light and dark."""
 

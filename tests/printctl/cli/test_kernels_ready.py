@@ -12,7 +12,7 @@ from printctl.cli import kernels_ready
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.main import app
 from printctl.progress_file import ProgressFile
-from printctl.web.design.run_processes.progress import read_progress
+from printctl.web.design.runs import read_progress
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,7 @@ import sys
 
 import pytest
 
-from printctl.web.low_priority import lower_priority, run_at_low_priority
+from printctl.web.worker import lower_priority, run_at_low_priority
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a process is behind as a whole")

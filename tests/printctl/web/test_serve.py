@@ -21,8 +21,7 @@ import pytest
 from printctl.cli import serve as cli_serve
 from printctl.errors import UsageError
 from printctl.web.listening import bind
-from printctl.web.serve import check
-from printctl.web.server_register import Running
+from printctl.web.serve import Running, check
 from printctl.web.settings import ServeSettings, is_loopback
 from tests.printctl.web.serving import ROOT, Process, server_process
 

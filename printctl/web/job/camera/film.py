@@ -14,7 +14,7 @@ from typing import Final
 from PIL import Image
 
 from design.files import atomic_replacement
-from printctl.web.low_priority import lower_priority
+from printctl.web.worker import lower_priority
 
 MOST_FRAMES: Final = 600
 LONGEST_PX: Final = 960

@@ -16,15 +16,19 @@ from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.load import STARTER
 from printctl.web.core import Core
 from printctl.web.design import form as forms
-from printctl.web.design.checking import check_data, check_text
-from printctl.web.design.recipes import EXAMPLES, Recipes
-from printctl.web.design.run_processes import RunProgress
+from printctl.web.design.editor import Editor
+from printctl.web.design.form_widgets import input_text, parse_typed, place_of
+from printctl.web.design.recipes import (
+    EXAMPLES,
+    Recipes,
+    check_data,
+    check_text,
+    read_text,
+    rewrite_yaml,
+)
+from printctl.web.design.runs import RunProgress
 from printctl.web.design.schema import recipe_form
 from printctl.web.design.service import DesignService
-from printctl.web.design.widgets.editor import Editor
-from printctl.web.design.widgets.field_text import input_text, parse_typed
-from printctl.web.design.widgets.pick_pane import place_of
-from printctl.web.design.yaml_text import read_text, rewrite_yaml
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
 from printctl.web.settings import ServeSettings

@@ -12,7 +12,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from printctl.history.signing import lab_key
-from printctl.web.history.print_filter import PrintFilter
+from printctl.web.history.page import PrintFilter
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.printctl.web.serving import Served, served
 

@@ -13,9 +13,9 @@ from printctl.machine.link.errors import Refused
 from printctl.machine.station import Station, connect
 from printctl.web.controls import Principal
 from printctl.web.core import Core
+from printctl.web.job.aftercare import checklist
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp
-from printctl.web.job.steps_after import checklist
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 from tests.printctl.machine.link.layered import layered

@@ -24,15 +24,13 @@ from printctl.machine.printing.journal_facts import read_so_far
 from printctl.machine.printing.progress import Filling, progress
 from printctl.machine.printing.remaining import Estimate, Remaining
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.job.declared_start import declared_of
+from printctl.web.job.aftercare import Ramp, flush_limit, ramped_c, viability
+from printctl.web.job.cards_print import facts
+from printctl.web.job.check import make_table
 from printctl.web.job.machine import Machine, mounted_checks, set_up_of
-from printctl.web.job.print_facts import facts
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
-from printctl.web.job.steps_after import Ramp, flush_limit, ramped_c
-from printctl.web.job.tabulating import make_table
-from printctl.web.job.to_start import places_to
-from printctl.web.job.viability import viability
+from printctl.web.job.set_ups import declared_of, places_to
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import load_job, parse_job
 from tests.printctl.machine.link.layered import layered

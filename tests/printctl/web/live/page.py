@@ -10,8 +10,7 @@ from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 
 from printctl.web.live import JobSource
-from printctl.web.live.maker_client import SceneMaker
-from printctl.web.live.routes import router
+from printctl.web.live.routes import SceneMaker, router
 
 PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Live view</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">

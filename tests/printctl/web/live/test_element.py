@@ -18,8 +18,8 @@ PAGE = """
 import socket, sys
 from pathlib import Path
 from nicegui import app, ui
-from printctl.web.live.element import live_view, preload
-from printctl.web.live.maker_client import SceneMaker
+from printctl.web.live.routes import live_view, preload
+from printctl.web.live.routes import SceneMaker
 from printctl.web.live.routes import router
 from tests.printctl.web.live import jobs
 

@@ -6,8 +6,7 @@ import pytest
 from fastapi import FastAPI
 
 from printctl.web.live import JobSource, SceneError
-from printctl.web.live.maker_client import SceneMaker
-from printctl.web.live.routes import router
+from printctl.web.live.routes import SceneMaker, router
 from tests.printctl.web.live import jobs
 from tests.printctl.web.live.oracle import read_packed
 

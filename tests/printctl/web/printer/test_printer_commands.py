@@ -16,7 +16,7 @@ from printctl.machine.station import StationState, StationStatus, Temperature
 from printctl.web.errors import BadRequestError, ConflictError, NotInControlError
 from printctl.web.printer import following
 from printctl.web.printer.calibration_requests import CalibrationRequest, Read
-from printctl.web.printer.macros import Macro
+from printctl.web.printer.console import Macro
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.printer.service import PrinterService

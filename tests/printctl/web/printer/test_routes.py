@@ -8,7 +8,7 @@ from fastapi.testclient import TestClient
 from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
 from starlette.responses import Response
 
-from printctl.web.api.errors import answer_errors
+from printctl.web.api import answer_errors
 from printctl.web.controls import Principal
 from printctl.web.printer.routes import router
 from printctl.web.printer.service import PrinterService

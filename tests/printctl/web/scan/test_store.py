@@ -15,12 +15,10 @@ import pytest
 import tifffile
 
 from printctl.web.errors import BadRequestError, NotFoundError
-from printctl.web.scan import unpacked_size
+from printctl.web.scan import store as unpacked_size
 from printctl.web.scan.findings import alignment, findings
 from printctl.web.scan.slices import TINT, Slices, picture, plane
-from printctl.web.scan.store import ScanStore, scan_name
-from printctl.web.scan.unpacked_size import refuse_growth
-from printctl.web.scan.unpacking import unpack_stack
+from printctl.web.scan.store import ScanStore, refuse_growth, scan_name, unpack_stack
 from printctl.web.workspace import Workspace
 from registration.files.readers import ScanOverrides, read_scan, write_scan_tiff
 from registration.scan import Scan
@@ -102,7 +100,7 @@ def test_an_archive_that_lies_about_its_size_is_refused(store: ScanStore) -> Non
 
 
 def test_too_many_files_are_refused(store: ScanStore, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("printctl.web.scan.unpacking.MOST_FILES", 3)
+    monkeypatch.setattr("printctl.web.scan.store.MOST_FILES", 3)
     with pytest.raises(BadRequestError, match="at most 3"):
         store.take("many.zip", io.BytesIO(_zip({f"{n}.dcm": b"x" for n in range(4)})))
 

@@ -1,0 +1,342 @@
+"""REST API basics: health, event stream, control lock, stop; error responses; API reference page.
+
+Goes in: HTTP requests. Comes out: JSON, and errors in one shape.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib import metadata
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Depends, FastAPI, Request, WebSocket, WebSocketDisconnect
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+from starlette.responses import HTMLResponse
+
+from design.errors import DesignError
+from firmware_profiles import ProfileError
+from firmware_profiles.errors import wording
+from printctl.errors import PrintctlError
+from printctl.machine.link.errors import LinkError
+from printctl.system_errors import explain
+from printctl.web.controls import Principal
+from printctl.web.core import Core
+from printctl.web.print_sockets import UNCONFIRMED, PrintSockets
+from printctl.web.shell.assets import link
+from registration.errors import RegistrationError
+
+# Documented REST error statuses with their JSON body, and the installed program version.
+
+API: Final = "/api/v1"
+
+
+class Problem(BaseModel):
+    """Why something was refused."""
+
+    error: str
+    message: str
+
+
+def _problem(text: str) -> dict[str, Any]:
+    return {"model": Problem, "description": text}
+
+
+Refusals = dict[int | str, dict[str, Any]]
+REFUSALS: Final[Refusals] = {
+    400: _problem("no HTTP/1.1 request, or a header that decides about access comes twice"),
+    401: _problem("no session and no token, or a wrong one"),
+    403: _problem("asked for by a page of another origin"),
+    409: _problem("not as things stand"),
+    413: _problem("larger than may be sent"),
+    421: _problem("asked for by a name that isn't this server's"),
+    422: _problem("the request can't be taken; the message says what is wrong"),
+    423: _problem("another browser holds the controls"),
+}
+GUARD_REFUSALS: Final[Refusals] = {status: REFUSALS[status] for status in (400, 401, 403, 413, 421)}
+"""What every route may answer."""
+
+
+def our_version() -> str:
+    """Version of the program, as installed."""
+    try:
+        return metadata.version("printctl")
+    except metadata.PackageNotFoundError:  # run from its sources, not installed
+        return "unknown"
+
+
+def serve_docs(app: FastAPI) -> None:
+    """Have the app show its API at ``/api/docs``."""
+
+    @app.get("/api/docs", include_in_schema=False)
+    def docs() -> HTMLResponse:
+        return HTMLResponse(
+            '<!doctype html><html lang="en"><head><title>API · printctl</title>'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f'<link rel="stylesheet" href="{link("shell.css")}">'
+            f'<link rel="stylesheet" href="{link("api.css")}">'
+            f'<script src="{link("api.js")}" defer></script></head>'
+            f'<body><main class="pc-api" data-api="{API}/openapi.json">'
+            '<h1>printctl: API</h1><p><a href="/printer">Back to the page</a></p>'
+            '<div id="api">Reading the description …</div></main></body></html>'
+        )
+
+
+# Turn exceptions into REST error responses: ``{"error": class, "message": text}`` and status.
+
+log = logging.getLogger("printctl.web")
+_CONFLICT = 409
+_SHOWN: Final = 60
+"""Longest value shown, characters."""
+
+
+def answer_errors(app: FastAPI) -> None:
+    """Have the app answer a refusal by its message."""
+    for kind in (PrintctlError, LinkError, ProfileError, DesignError, RegistrationError):
+        app.add_exception_handler(kind, _refused)
+    app.add_exception_handler(RequestValidationError, _invalid)
+    app.add_exception_handler(HTTPException, _http)
+    for trouble in (OSError, MemoryError):
+        app.add_exception_handler(trouble, _system)
+    app.add_exception_handler(Exception, _own)
+
+
+def answer_unknown(app: FastAPI, root: str) -> None:
+    """Have the app refuse whatever else is asked below ``root``, before its pages answer it.
+
+    Parameters
+    ----------
+    app : FastAPI
+        With all its routes but the pages'.
+    root : str
+        Where the API begins.
+    """
+
+    @app.api_route(
+        f"{root}/{{rest:path}}",
+        methods=["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"],
+        include_in_schema=False,
+    )
+    def unknown(request: Request) -> JSONResponse:
+        what = f"{request.method} {request.url.path}"
+        return error_response(
+            404, "NotFoundError", f"the API has no {what}; /api/docs lists what it has"
+        )
+
+
+async def _refused(request: Request, exc: Exception) -> JSONResponse:
+    return error_response(getattr(exc, "status", _CONFLICT), type(exc).__name__, str(exc))
+
+
+async def _invalid(request: Request, exc: Exception) -> JSONResponse:
+    problems = exc.errors() if isinstance(exc, RequestValidationError) else []
+    return error_response(
+        422, "BadRequestError", "; ".join(map(_sentence, problems)) or "the request can't be read"
+    )
+
+
+def _sentence(problem: Mapping[str, Any]) -> str:
+    """One wrong value of a request: its place, what it must be, and what it is."""
+    place, value = ".".join(map(str, problem["loc"])), repr(problem.get("input"))
+    if problem["type"] == "missing":
+        return f"{place} is missing; add it"
+    shown = value if len(value) <= _SHOWN else f"{value[:_SHOWN]}..."
+    return f"{place} {wording(problem)} (is {shown})"
+
+
+async def _system(request: Request, exc: Exception) -> JSONResponse:
+    """Answer what the system refused: a full disk, rights, too many files, memory."""
+    log.error("%s %s: %r", request.method, request.url.path, exc)
+    assert isinstance(exc, OSError | MemoryError)
+    explained = explain(exc)
+    return error_response(explained.status, explained.kind, explained.message)
+
+
+async def _own(request: Request, exc: Exception) -> JSONResponse:
+    """Answer a fault of ours; the server writes its trace into the log."""
+    name = type(exc).__name__
+    return error_response(
+        500, "ServerError", f"the server met an error of its own ({name}); its log has the details"
+    )
+
+
+async def _http(request: Request, exc: Exception) -> JSONResponse:
+    if isinstance(exc.__cause__, OSError):  # an upload that couldn't be kept while it came
+        return await _system(request, exc.__cause__)
+    status = getattr(exc, "status_code", 500)
+    names = {404: "NotFoundError", 405: "MethodNotAllowed"}
+    answer = error_response(
+        status, names.get(status, "HTTPException"), str(getattr(exc, "detail", exc))
+    )
+    answer.headers.update(getattr(exc, "headers", None) or {})
+    return answer
+
+
+def error_response(status: int, error: str, message: str) -> JSONResponse:
+    """An error's answer."""
+    return JSONResponse({"error": error, "message": message}, status)
+
+
+# REST routes for server health, user identity, control lock, emergency stop and event stream.
+
+BEAT_S: Final = 3.0
+"""So often a listener hears that the server lives, even without news."""
+_PATIENCE_S: Final = 2.5
+"""As the stop process waits for the word that a printer has halted."""
+
+
+class Health(BaseModel):
+    """That the server lives."""
+
+    ok: bool = True
+    version: str
+
+
+class ClientResponse(BaseModel):
+    """A browser or script."""
+
+    id: str
+    name: str
+
+
+class ControlsState(BaseModel):
+    """Who holds the controls, and who asks."""
+
+    holder: ClientResponse | None
+    you: ClientResponse
+
+
+class ControlRequest(BaseModel):
+    """A request for the controls."""
+
+    force: bool = Field(False, description="take them from whoever holds them")
+
+
+class StopResult(BaseModel):
+    """One print or station that was told to halt."""
+
+    folder: str
+    after_ms: float = Field(description="from the request to the byte in its socket, ms")
+    process: int = Field(description="that speaks to the machine: one for a station and its print")
+
+
+class StopAnswer(BaseModel):
+    """What went out. How each ended comes as an event."""
+
+    sent: list[StopResult]
+    message: str
+
+
+def requesting_user(request: Request) -> Principal:
+    """Who asks, as the guard found out."""
+    principal: Principal | None = getattr(request.state, "principal", None)
+    return principal or Principal("local", "this process")
+
+
+Asking = Annotated[Principal, Depends(requesting_user)]
+
+
+def router(core: Core, prints: PrintSockets) -> APIRouter:
+    """Routes that belong to no room."""
+    routes = APIRouter(prefix=API, tags=["server"], responses=REFUSALS)
+
+    @routes.get("/health", summary="Whether the server lives; open to all")
+    def health() -> Health:
+        return Health(version=our_version())
+
+    @routes.get("/controls", summary="Who holds the controls")
+    def holder(who: Asking) -> ControlsState:
+        return _state(core, who)
+
+    @routes.post("/controls", summary="Take the controls, or take them over")
+    def take(who: Asking, request: ControlRequest | None = None) -> ControlsState:
+        core.controls.take(who, force=request is not None and request.force)
+        publish_holder(core)
+        return _state(core, who)
+
+    @routes.delete("/controls", summary="Release the controls")
+    def release(who: Asking) -> ControlsState:
+        core.controls.release(who)
+        publish_holder(core)
+        return _state(core, who)
+
+    @routes.post("/stop", summary="Halt every printer past all queues; needs no controls")
+    async def stop() -> StopAnswer:
+        sent = await prints.kill(time.monotonic())
+        outcomes = await prints.outcomes(sent, _PATIENCE_S)
+        unconfirmed = any(one["message"] == UNCONFIRMED for one in outcomes)
+        machines = len({one.process or one.folder for one in sent})
+        message = (
+            f"a halt to {machines} printer{'s' if machines > 1 else ''}; "
+            + (f"{UNCONFIRMED}; " if unconfirmed else "")
+            + "each status tells whether it has halted; positions are unknown now"
+            if sent
+            else "nothing is connected to a printer here: nothing to stop; if something moves, "
+            "cut its power"
+        )
+        return StopAnswer(sent=[StopResult(**asdict(one)) for one in sent], message=message)
+
+    @routes.websocket("/events")
+    async def events(socket: WebSocket) -> None:
+        await socket.accept()
+        who: Principal = getattr(socket.state, "principal", None) or Principal("local")
+        work = [_tell(core, socket), _beat(core, socket, who), _until_gone(socket)]
+        tasks = [asyncio.create_task(one) for one in work]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    return routes
+
+
+def publish_holder(core: Core) -> None:
+    """Tell all who holds the controls, if they don't know yet."""
+    holder = core.controls.holder
+    public = None if holder is None else {"id": holder.id, "name": holder.name}
+    if "controls" not in core.events.latest or core.events.latest["controls"]["holder"] != public:
+        core.events.publish("controls", holder=public)
+
+
+async def watch_holder(core: Core, every_s: float = 1.0) -> None:
+    """Tell when the controls fall free or change hands otherwise."""
+    while True:
+        publish_holder(core)
+        await asyncio.sleep(every_s)
+
+
+def _state(core: Core, who: Principal) -> ControlsState:
+    held = core.controls.holder
+    return ControlsState(
+        holder=None if held is None else ClientResponse(id=held.id, name=held.name),
+        you=ClientResponse(id=who.id, name=who.name),
+    )
+
+
+async def _tell(core: Core, socket: WebSocket) -> None:
+    async for message in core.events.listen():
+        await socket.send_json(message)
+
+
+async def _beat(core: Core, socket: WebSocket, who: Principal) -> None:
+    beat: dict[str, Any] = {"event": "alive", "you": {"id": who.id, "name": who.name}}
+    while True:
+        core.controls.seen(who)
+        await socket.send_json(beat)
+        await asyncio.sleep(BEAT_S)
+
+
+async def _until_gone(socket: WebSocket) -> None:
+    try:
+        while True:
+            await socket.receive_text()
+    except (WebSocketDisconnect, KeyError):
+        return

@@ -1,0 +1,272 @@
+"""Looks at a running print: service, small pictures and REST."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi import Path as PathParam
+from PIL import Image
+from pydantic import BaseModel, ConfigDict, Field
+
+from printctl.observe.look_words import outcome_words, proposal_words, seen_words
+from printctl.observe.records import (
+    ANSWERS,
+    Answer,
+    LookRecord,
+    answer_look,
+    answer_of,
+    held_for,
+    look_picture,
+    read_looks,
+    refuse_unheard,
+)
+from printctl.web.controls import Principal
+from printctl.web.core import Core
+from printctl.web.errors import ConflictError, NotFoundError
+from printctl.web.job.following import PrintReport
+
+_KEPT: Final = 64
+_FORMATS: Final = ("PNG", "JPEG", "TIFF", "WEBP", "BMP")
+
+
+@lru_cache(maxsize=_KEPT)
+def small_picture(path: Path, changed_ns: int, width_px: int) -> bytes | None:
+    """Return a picture as JPEG, at most so wide; None where it can't be read.
+
+    Parameters
+    ----------
+    path : Path
+    changed_ns : int
+        When the file was changed last: another time is another picture.
+    width_px : int
+    """
+    del changed_ns
+    try:
+        with Image.open(path, formats=_FORMATS) as seen:
+            picture = seen.convert("RGB")
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return None
+    if picture.width > width_px:
+        high = max(1, round(picture.height * width_px / picture.width))
+        picture = picture.resize((width_px, high), Image.Resampling.LANCZOS, reducing_gap=2.0)
+    out = io.BytesIO()
+    picture.save(out, "JPEG", quality=85)
+    return out.getvalue()
+
+
+# Service behind the Job page's Looks card: inspection records, pictures, operator's answer.
+
+
+@dataclass(frozen=True)
+class LookTold:
+    """One look as the page tells it.
+
+    Attributes
+    ----------
+    record : LookRecord
+    answer : "approve", "go_on", "stop" or None
+        The operator's word; None while there is none.
+    waits : bool
+        Whether the print is held for the operator's word on this look.
+    pictured : float
+        When its picture was written, s since 1970; 0 for no picture.
+    """
+
+    record: LookRecord
+    answer: Answer | None
+    waits: bool
+    pictured: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object, with the words that a person is told."""
+        record = {name: value for name, value in asdict(self.record).items() if name != "control"}
+        return {
+            **record,
+            "answer": self.answer,
+            "waits": self.waits,
+            "pictured": self.pictured,
+            "seen": seen_words(self.record),
+            "proposed": proposal_words(self.record),
+            "outcome": outcome_words(self.record, self.answer),
+        }
+
+
+class LookService:
+    """Looks at the workspace's prints; any thread may call.
+
+    Parameters
+    ----------
+    core : Core
+    heard : function
+        Gives a job's print as it was heard of last.
+    """
+
+    def __init__(self, core: Core, heard: Callable[[str], PrintReport | None]) -> None:
+        self._core, self._heard = core, heard
+
+    def looks(self, job: str) -> list[LookTold]:
+        """Every look at the job's last print, in their order; none of an earlier print's.
+
+        Raises
+        ------
+        NotFoundError
+        """
+        heard = self._print(job)
+        looks = read_looks(heard.folder, heard.journal.started)
+        return [self._told(heard, one) for one in looks]
+
+    def picture(self, job: str, number: int, width_px: int) -> bytes:
+        """A look's picture with what was expected and found, as JPEG.
+
+        Parameters
+        ----------
+        job : str
+        number : int
+        width_px : int
+            It is made narrower than that where it is wider.
+
+        Raises
+        ------
+        NotFoundError
+        """
+        path = look_picture(self._core.workspace.print_folder(job), number)
+        picture = None if path is None else small_picture(path, path.stat().st_mtime_ns, width_px)
+        if picture is None:
+            raise NotFoundError(f"there is no picture of look {number} of {job}")
+        return picture
+
+    def answer(self, who: Principal, job: str, number: int, word: Answer) -> LookTold:
+        """Leave the operator's word for the observer; a stop needs no controls.
+
+        Saying the same again does no harm.
+
+        Raises
+        ------
+        NotInControlError, NotFoundError
+        ConflictError
+            When the print isn't held for that look, it was answered otherwise, or nobody listens.
+        """
+        if word != "stop":
+            self._core.controls.require(who)
+        look = next((one for one in self.looks(job) if one.record.number == number), None)
+        if look is None:
+            raise NotFoundError(f"there is no look {number} at the print of {job}")
+        if look.answer == word:
+            return look
+        heard = self._print(job)
+        _refuse_unheard(heard, look)
+        try:
+            refuse_unheard(heard.folder)
+            answer_look(heard.folder, number, word)
+        except ValueError as exc:
+            raise ConflictError(str(exc)) from exc
+        return self._told(heard, look.record)
+
+    def _print(self, job: str) -> PrintReport:
+        heard = self._heard(job)
+        if heard is None:
+            raise NotFoundError(f"no print of {job} was ever started")
+        return heard
+
+    def _told(self, heard: PrintReport, record: LookRecord) -> LookTold:
+        answer = answer_of(heard.folder, record.number) if record.asked else None
+        waits = bool(record.asked) and answer is None and held_for(heard.status, record.number)
+        picture = look_picture(heard.folder, record.number)
+        at = 0.0 if picture is None else picture.stat().st_mtime
+        return LookTold(record, answer, waits, at)
+
+
+def _refuse_unheard(heard: PrintReport, look: LookTold) -> None:
+    """Refuse an answer that nobody waits for."""
+    number = look.record.number
+    if look.answer is not None:
+        raise ConflictError(f"look {number} was answered before: {look.answer}")
+    if not look.waits:
+        raise ConflictError(
+            f"the print doesn't wait for a word on look {number} (it is "
+            f"{heard.status.state.value}); nothing was done. Words are {', '.join(ANSWERS)}, while "
+            "it is paused by that look"
+        )
+
+
+# REST routes for a print's inspections (looks): records, pictures, the operator's answer.
+
+Job = Annotated[str, PathParam(max_length=80, description="run~NAME or file~NAME.")]
+Number = Annotated[int, PathParam(ge=1, le=10**6, description="Of the look, from 1.")]
+Width = Annotated[int, Query(ge=64, le=4096, description="At most so wide, px.")]
+
+
+class LookResponse(BaseModel):
+    """One look at an observed print."""
+
+    number: int = Field(description="From 1.")
+    mark: str = Field(description="What had ended there.")
+    done: int = Field(description="Command lines of the growing job that were taken.")
+    job_line: int = Field(description="The same, without inserts.")
+    at: float = Field(description="s since 1970.")
+    decision: Literal["go_on", "flow", "mend", "pause", "stop"]
+    why: str
+    asked: Literal["", "mend", "flow", "pause"] = Field(
+        description="What the operator is asked to approve; empty for nothing."
+    )
+    factor: float | None = Field(description="Flow factor that was put in force, or is proposed.")
+    found: dict[str, Any] = Field(
+        description="Figures: seen_share, coverage, width_ratio, gaps, shift_mm, blobs, ink."
+    )
+    seconds: dict[str, float]
+    answer: Literal["approve", "go_on", "stop"] | None = Field(
+        description="The operator's word; null while there is none."
+    )
+    waits: bool = Field(description="Whether the print is held for the operator's word on it.")
+    pictured: float = Field(description="Of its picture, s since 1970; 0 for none.")
+    seen: str = Field(description="How much was seen, as people read.")
+    proposed: str = Field(description="What is proposed, as people read; empty for nothing.")
+    outcome: str = Field(description="What came of it, as people read.")
+
+
+class AnswerRequest(BaseModel):
+    """The operator's word on a look, as ``printctl observe answer`` takes it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    answer: Literal["approve", "go_on", "stop"]
+
+
+def add_routes(
+    routes: APIRouter, service: LookService, who: Callable[[Request], Principal]
+) -> None:
+    """Add them to the job's room; ``who`` gives the requesting user."""
+
+    @routes.get("/prints/{job}/looks", tags=["looks"], summary="Looks at the last print")
+    def looks(job: Job) -> list[LookResponse]:
+        return [_response(one) for one in service.looks(job)]
+
+    @routes.get(
+        "/prints/{job}/looks/{number}/picture",
+        tags=["looks"],
+        summary="A look's picture, with what was expected and found",
+        response_class=Response,
+        responses={200: {"content": {"image/jpeg": {}}}},
+    )
+    def picture(job: Job, number: Number, width: Width = 1600) -> Response:
+        jpeg = service.picture(job, number, width)
+        return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-cache"})
+
+    @routes.post(
+        "/prints/{job}/looks/{number}/answer",
+        tags=["looks"],
+        summary="Answer a look that asks; 409 where the print doesn't wait for it",
+    )
+    def answer(job: Job, number: Number, given: AnswerRequest, request: Request) -> LookResponse:
+        asking: Principal = who(request)
+        return _response(service.answer(asking, job, number, given.answer))
+
+
+def _response(look: LookTold) -> LookResponse:
+    return LookResponse.model_validate(look.to_dict())
