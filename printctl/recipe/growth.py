@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -202,6 +202,14 @@ class Growth(NetworkSection):
     )
     root_mm: Point | None = None
     root_direction: Point | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_polish(cls, data: Any) -> Any:
+        """Read recipes and runs that were written with ``polish: false``, its former default."""
+        if isinstance(data, dict) and data.get("polish") is False:
+            return {key: value for key, value in data.items() if key != "polish"}
+        return data
 
     @model_validator(mode="after")
     def _growth_is_possible(self) -> Growth:

@@ -6,6 +6,7 @@ Level 4, cells and structures are not read.
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from registration.files.readers.metadata import NAMES
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 
-_TYPES = {"double": "f8", "single": "f4"} | {
+_TYPES = {"double": "f8", "single": "f4", "logical": "u1"} | {
     f"{sign}int{8 * size}": f"{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)
 }
 """NumPy's types of MATLAB's numeric classes."""
@@ -58,8 +59,19 @@ def read_matlab(path: Path) -> FileVolume:
         (volume,) = named
         check_available(shapes[volume], types[volume], path.stat().st_size * DEFLATE_RATIO, path)
         small = [n for n in NAMES if n in shapes and math.prod(shapes[n]) <= _MAX_METADATA_SIZE]
-        values = loadmat(path, variable_names=[volume, *small], mat_dtype=True)
-        return FileVolume(values[volume], {name: _plain(values[name]) for name in small})
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", np.exceptions.ComplexWarning)
+            try:
+                values = loadmat(path, variable_names=[volume, *small], mat_dtype=True)
+            except np.exceptions.ComplexWarning as exc:
+                raise ScanFileError(
+                    f"{path}: {volume} holds complex numbers; save abs({volume}) in its place"
+                ) from exc
+        counts = values[volume]
+        return FileVolume(
+            counts.view("u1") if counts.dtype == bool else counts,
+            {name: _plain(values[name]) for name in small},
+        )
 
 
 def _plain(value: Any) -> Any:

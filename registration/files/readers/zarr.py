@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -118,11 +119,14 @@ def read_zarr(path: Path) -> FileVolume:
     """
     zarr = import_extra("zarr", path)
     with scan_file_errors(path, "OME-Zarr"):
-        attributes = zarr.open_group(path, mode="r", use_consolidated=False).attrs.asdict()
+        form = 3 if (path / "zarr.json").is_file() else 2
+        attributes = _attributes(zarr, path, form)
         attributes |= attributes.get("ome", {})
+        if "multiscales" not in attributes:
+            raise ScanFileError(f"{path}: has no image metadata (multiscales); export it again")
         image = attributes["multiscales"][0]
         name = _inside(str(image["datasets"][0]["path"]), path)
-        array = zarr.open_array(path / name, mode="r")
+        array = zarr.open_array(path / name, mode="r", zarr_format=form)
         axes = [str(axis["name"]) for axis in image["axes"]]
         known = _known(image, axes, path)
         ours = attributes.get("printctl")
@@ -131,6 +135,14 @@ def read_zarr(path: Path) -> FileVolume:
         _check_sizes(array, path)
         notes = _missing(array, path)
         return FileVolume(_volume(array, axes, path), known, anatomical(image, path), notes)
+
+
+def _attributes(zarr: Any, path: Path, form: int) -> dict[str, Any]:
+    """The group's attributes; of version 2 also where its ``.zgroup`` is missing."""
+    if form == 2 and not (path / ".zgroup").is_file():
+        return dict(json.loads((path / ".zattrs").read_text(encoding="utf-8")))
+    group = zarr.open_group(path, mode="r", use_consolidated=False, zarr_format=form)
+    return dict(group.attrs.asdict())
 
 
 def _inside(name: str, path: Path) -> str:
