@@ -159,12 +159,6 @@ def test_heads_that_can_t_share_a_layer_are_refused(regions, heads, words):
         FreshLayers(SOLID, OPTIONS, regions, heads)
 
 
-def test_an_open_region_of_a_head_is_refused() -> None:
-    region = Region(Solid(SOLID.vertices, SOLID.faces[1:]), Filling(), 1)
-    with pytest.raises(ToolpathError, match="region 0 can't be sliced"):
-        planned(SOLID, [region])
-
-
 # Regions with their own infill: changes only inside the region and inside walls.
 
 OPTIONS_FRESH_REGIONS = FreshOptions(walls=1, filling=Filling(angles_deg=(0.0,)))

@@ -85,9 +85,6 @@ class Replay:
                 self.strokes.append((self.head, *tip, pushed))
 
 
-"""SHA-256 of a job for each shipped printer with one head, from before there were several."""
-
-
 def test_a_job_of_one_head_is_what_it_was():
     path = replace(PATH, tool=np.zeros_like(PATH.tool))
     plain = write_gcode(path, ONE, SMALL, PLACE, GcodeOptions(start_mm=(60, 70, 30)))
