@@ -9,7 +9,7 @@ import pytest
 from manifold3d import Manifold
 
 from design.errors import GrowthError, TissueError
-from design.tissue import block, depth_demand, function_demand, part_demands, parts_of
+from design.tissue import depth_demand, function_demand, part_demands, parts_of
 from design.tissue.zones import surface_of
 from design.vasculature import (
     DepthPenalty,
@@ -32,8 +32,7 @@ SMALL = Manifold.cube((6.0, 6.0, 6.0)).translate((20.0, 0.0, 0.0))
 
 
 def _tissue(whole):
-    found = surface_of(whole, "the test's tissue")
-    return kept_tissue(found)
+    return kept_tissue(surface_of(whole, "the test's tissue"))
 
 
 @pytest.fixture(scope="module")
@@ -112,15 +111,9 @@ SIZE = (20.0, 16.0, 12.0)
 
 
 @pytest.fixture(scope="module")
-def even():
-    shape = block(SIZE)
-    return kept_tissue(shape)
-
-
-@pytest.fixture(scope="module")
-def uneven(even):
+def uneven(box):
     """The half of small x asks for four times as much."""
-    return replace(even, demand=function_demand(even, lambda p: np.where(p[:, 0] < 10, 4.0, 1.0)))
+    return replace(box, demand=function_demand(box, lambda p: np.where(p[:, 0] < 10, 4.0, 1.0)))
 
 
 def tips_of(tree):
@@ -131,17 +124,17 @@ def tip_flows(tree):
     return tree.flow_ul_s[tree.children[:, 0] < 0]
 
 
-def test_terminals_are_denser_where_demand_is_higher(even, uneven):
+def test_terminals_are_denser_where_demand_is_higher(box, uneven):
     options = GrowthOptions(terminals=500)
     rich = (tips_of(grow_tree(uneven, options))[:, 0] < 10).mean()
-    plain = (tips_of(grow_tree(even, options))[:, 0] < 10).mean()
+    plain = (tips_of(grow_tree(box, options))[:, 0] < 10).mean()
     assert rich == pytest.approx(0.8, abs=0.05)
     assert plain == pytest.approx(0.5, abs=0.05)
 
 
-def test_demand_is_ignored_where_the_user_says_so(even, uneven):
+def test_demand_is_ignored_where_the_user_says_so(box, uneven):
     options = GrowthOptions(terminals=200, follow_demand=False)
-    one, two = grow_tree(even, options), grow_tree(uneven, options)
+    one, two = grow_tree(box, options), grow_tree(uneven, options)
     np.testing.assert_array_equal(one.distal, two.distal)
 
 
@@ -155,12 +148,6 @@ def test_flows_by_demand_are_what_an_independent_solver_finds(uneven):
 
 
 # Position penalty on branch points.
-
-
-@pytest.fixture(scope="module")
-def box():
-    shape = block((20.0, 16.0, 12.0))
-    return kept_tissue(shape)
 
 
 def joints_of(tree):
@@ -199,11 +186,11 @@ def test_impossible_functions_are_refused(box):
         grow_tree(box, GrowthOptions(terminals=5, penalty=lambda p: p))
 
 
-def test_territories_are_those_of_a_grid_of_terminals(even):
+def test_territories_are_those_of_a_grid_of_terminals(box):
     """On a regular grid every territory is a box; its demand is an integral done by hand."""
     axes = [np.arange(s / 8, s, s / 4) for s in SIZE]
     tips = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    linear = replace(even, demand=function_demand(even, lambda p: 1.0 + p[:, 0]))
+    linear = replace(box, demand=function_demand(box, lambda p: 1.0 + p[:, 0]))
     points, weight = demand_points(linear, 200_000, 3)
     expected = (1 + tips[:, 0]) / (1 + tips[:, 0]).sum()
     np.testing.assert_allclose(territory_demand(points, weight, tips), expected, rtol=0.02)

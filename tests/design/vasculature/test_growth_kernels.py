@@ -1,17 +1,30 @@
-"""Cost of growth and its derivatives, against Karch's recursion and differences."""
+"""Kernels of growth: cost and its derivatives, pruning, collisions, against slow oracles."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from design.vasculature import GrowthOptions, tree_from_topology, tree_radii
+from design.errors import NetworkError
+from design.vasculature import (
+    GrowthOptions,
+    check_network,
+    collisions,
+    tree_from_topology,
+    tree_radii,
+)
 from design.vasculature.growth.fit import best_place, split_value
 from design.vasculature.growth.propose import trial
+from design.vasculature.growth.prune import prune
 from design.vasculature.growth.state import SEGMENT, Sprout, climb, place, refresh, spread_down
+from design.vasculature.growth.surroundings import Surroundings
+from design.vasculature.growth.tree_growth import TreeGrowth
 from design.vasculature.options import Law
+from tests.design.networks import network, polyline
 from tests.design.vasculature import oracles
 from tests.slower import examples
 
@@ -188,3 +201,118 @@ def test_best_place_beats_a_fine_search_by_nobody():
         grid = [p + a * (d - p) + b * (t - p) for a, b in zip(u.ravel(), v.ravel(), strict=True)]
         best = min(value(b) for b in grid)
         assert found <= best * (1 + 2e-3)
+
+
+# Pruning of trees with too-wide vessels.
+
+
+TERMINALS = 3000
+
+
+def whole(segments):
+    """Whether parents, children, ends and numbers of terminals agree."""
+    inner = np.flatnonzero(segments["left"] >= 0)
+    for side in ("left", "right"):
+        child = segments[side][inner]
+        assert (segments["parent"][child] == inner).all()
+        for axis in "xyz":
+            assert (segments[f"p{axis}"][child] == segments[f"d{axis}"][inner]).all()
+    below = sum(segments["terminals"][segments[side][inner]] for side in ("left", "right"))
+    assert (segments["terminals"][inner] == below).all()
+    assert (segments["terminals"][segments["left"] < 0] == 1).all()
+    return len(segments) == 2 * segments["terminals"][0] - 1
+
+
+@pytest.fixture
+def growth(box):
+    growth = TreeGrowth.open(box, GrowthOptions(terminals=TERMINALS), Surroundings(), 1.7, 0)
+    growth.start()
+    growth.grow()
+    growth.audit()
+    return growth
+
+
+def pruned(growth, smallest):
+    args = growth.segments, growth.count, growth.index, growth.room, growth.options.law
+    growth.progress["count"] = prune(*args, smallest)
+    return growth.segments[: growth.count]
+
+
+@pytest.mark.parametrize("smallest", [0.0, np.inf], ids=["tips may move", "tips stay"])
+def test_a_vessel_that_is_too_wide_loses_what_makes_it_thin_enough(growth, smallest):
+    s = growth.segments[: growth.count]
+    wide = int(np.argmin(np.abs(s["terminals"] - 800)))
+    fed = int(s["terminals"][wide])
+    s["allowed"] = np.inf
+    s["allowed"][wide] = 0.97 * s["radius"][wide]
+    left = pruned(growth, smallest)
+    assert whole(left)
+    lost = TERMINALS - left["terminals"][0]
+    thin_enough = 1.0 - (0.98 * 0.97) ** growth.options.law.gamma
+    assert thin_enough * fed - 2 <= lost <= thin_enough * fed + 2
+
+
+def test_terminals_in_the_way_cost_few_others(growth):
+    # A vessel is seldom straight enough to do without its branch: those that aren't must not take
+    # the branches above with them, up to the root.
+    s = growth.segments[: growth.count]
+    s["allowed"] = np.inf
+    tips = np.flatnonzero(s["left"] < 0)[::10]
+    s["allowed"][tips] = 0.9 * s["radius"][tips]
+    left = pruned(growth, 0.0)
+    assert whole(left)
+    assert TERMINALS - left["terminals"][0] <= 1.05 * len(tips)
+
+
+# Collisions, against all pairs.
+
+
+def straight(*ends, radius=0.5):
+    """Vessels between points given as pairs; equal points are one node."""
+    points = [tuple(p) for pair in ends for p in pair]
+    nodes = list(dict.fromkeys(points))
+    return network(nodes, np.reshape([nodes.index(p) for p in points], (-1, 2)), radius)
+
+
+def test_crossing_vessels_are_refused_by_name_place_and_gap():
+    crossed = straight(((0, 0, 0), (10, 0, 0)), ((5, -5, 0.4), (5, 5, 0.4)))
+    with pytest.raises(NetworkError, match=r"vessels 0 and 1 .* 0\.6 mm at \(5, 0, 0\.2\)"):
+        check_network(crossed)
+
+
+def test_vessels_nearer_than_the_clearance_are_refused():
+    beside = straight(((0, 0, 0), (10, 0, 0)), ((0, 2, 0), (10, 2, 0)))
+    check_network(beside, clearance_mm=0.99)
+    with pytest.raises(NetworkError, match="are only 1 mm apart"):
+        check_network(beside, clearance_mm=1.01)
+
+
+def test_a_bent_vessel_is_checked_against_itself_and_one_without_length_refused():
+    points = np.array([[0, 0, 0], [9, 0, 0], [9, 3, 0], [5, 3, 0], [5, 0.8, 0]], dtype=float)
+    with pytest.raises(NetworkError, match="vessels 0 and 0 overlap"):
+        check_network(polyline(points, 0.5))
+    with pytest.raises(NetworkError, match="vessel 0 has no length"):
+        check_network(network(np.zeros((2, 3)), [(0, 1)], 0.5))
+
+
+@settings(deadline=None, max_examples=examples(60))
+@given(
+    st.integers(0, 10_000),
+    st.integers(2, 40),
+    st.sampled_from([(0.0, 0.0), (0.3, 0.0), (0.0, 0.5)]),
+)
+def test_collisions_agree_with_all_pairs(seed, count, clearance):
+    rng = np.random.default_rng(seed)
+    nodes = rng.uniform(0, 10, (count, 3))
+    ends = {(int(rng.integers(0, n)), n) for n in range(1, count)}
+    tree = network(nodes, sorted(ends), rng.uniform(0.05, 0.8, len(ends)))
+    found = collisions(tree, *clearance)
+    colliding, joints = oracles.colliding_pairs(tree, *clearance)
+    assert set(map(tuple, found.pieces.tolist())) == colliding
+    assert set(map(tuple, found.joint_pieces.tolist())) == joints
+
+
+def test_a_hairpin_with_a_long_way_around_collides():
+    hairpin = [(0, 0, 0), (9, 0, 0), (9, 3, 0), (5, 3, 0), (5, 0.8, 0)]
+    found = collisions(straight(*itertools.pairwise(hairpin)))
+    assert found.vessels.tolist() == [[0, 3]]
