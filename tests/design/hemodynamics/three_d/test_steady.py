@@ -11,8 +11,7 @@ import pytest
 pytest.importorskip("ngsolve", reason='the extra "flow3d" isn\'t installed')
 
 from design.errors import FlowError
-from design.hemodynamics import FlowConditions, PulsatileConditions, ResistanceOutlet
-from design.hemodynamics.conditions import OutletLoad
+from design.hemodynamics import FlowConditions, OutletLoad, PulsatileConditions, ResistanceOutlet
 from design.hemodynamics.three_d import (
     FlowOptions,
     LumenMesh,

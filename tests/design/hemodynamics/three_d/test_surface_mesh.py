@@ -11,8 +11,8 @@ from design.errors import FlowError
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straighten_edges
 from design.hemodynamics.three_d.mesh import MeshOptions, SurfaceOptions, lumen_mesh, surface_mesh
-from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
+from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight, voxels_of_tube
 from tests.slower import first_rows
 
@@ -98,17 +98,11 @@ def test_an_interrupted_lumen_is_refused() -> None:
         surface_mesh(both, np.concatenate([faces, faces + len(one)]), straight(RADIUS, LENGTH))
 
 
-def test_options_are_bounded() -> None:
+def test_options_are_bounded_and_networks_need_ends() -> None:
     with pytest.raises(FlowError, match="smooth_passes -1"):
         SurfaceOptions(smooth_passes=-1)
-
-
-def test_network_without_ends_is_refused() -> None:
     points, faces = faceted_tube(RADIUS, LENGTH, 8, 0.0)
     ring = straight(RADIUS, LENGTH)
-    loop = VesselNetwork(
-        ring.nodes, np.array([[0, 1], [1, 0]]), np.zeros(2, np.int64), np.zeros(2, np.int64),
-        np.array([0, 2, 4]), np.concatenate([ring.nodes, ring.nodes[::-1]]), np.full(4, RADIUS),
-    )  # fmt: skip
+    loop = network_of(ring.nodes, [(0, 1), (1, 0)], RADIUS)
     with pytest.raises(FlowError, match="no free ends"):
         surface_mesh(points, faces, loop)

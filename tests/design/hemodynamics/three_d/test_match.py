@@ -1,4 +1,4 @@
-"""Vessel radii adjusted to wanted 3D flows."""
+"""Vessel radii adjusted to wanted 3D flows; effective resistances of 3D flow."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from design.errors import FlowError
-from design.hemodynamics import FlowConditions, solve_flow
-from design.hemodynamics.probes import Probes
+from design.hemodynamics import FlowConditions, Probes, solve_flow
 from design.hemodynamics.three_d import FlowOptions, probe_steady, solve_steady, straighten_edges
-from design.hemodynamics.three_d.effective import effective_network
+from design.hemodynamics.three_d.effective import effective_network, flow_error
 from design.hemodynamics.three_d.match import (
     MatchOptions,
     free_radii,
@@ -24,6 +23,7 @@ from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.network import VesselNetwork
 from design.vasculature import planar_four_vessel
 from tests.design.hemodynamics.networks import network_of
+from tests.design.hemodynamics.three_d.lumens import pipe
 
 pytest.importorskip("ngsolve")
 
@@ -121,3 +121,50 @@ def test_the_planar_network_comes_within_a_thousandth() -> None:
     probes = Probes(np.array([5, 6, 7, 8]), np.full(4, 0.5))
     flow = probe_steady(done.network, probes, again.field).flow[:, 0]
     assert flow == pytest.approx(done.target.flow[5:9], abs=0.0015 * 4.1667)
+
+
+# Effective resistances, and the reduced model built from them.
+
+
+pytest.importorskip("ngsolve")
+
+CONDITIONS = FlowConditions(1e-3, inlet_flow_ul_s=4.0)
+
+
+def _slow_fork() -> VesselNetwork:
+    nodes = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [5.0, 1.6, 0.0], [5.2, -1.2, 0.0]]
+    return network_of(nodes, [(0, 1), (1, 2), (1, 3)], [0.5, 0.4, 0.35])
+
+
+def test_a_pipe_resists_as_poiseuille_says_and_loses_nothing_at_its_ends() -> None:
+    network = network_of([[0, 0, 0], [0, 0, 4.0]], [(0, 1)], 0.5)
+    solution = solve_steady(pipe(2, 8), CONDITIONS)
+    found = effective_network(network, CONDITIONS, solution)
+    assert found.resistance == pytest.approx(found.nominal, rel=1e-3)
+    assert found.clear == pytest.approx([1.0], abs=2e-3)
+    assert found.flow == pytest.approx([4.0], rel=1e-6)
+    assert np.abs(found.loss).max() < 2e-3 * np.ptp(found.pressure)
+    assert found.network.radius == pytest.approx(network.radius, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_pipe_wider_than_drawn_has_the_wider_radius() -> None:
+    """The lumen is that of 0.5 mm; the network says 0.45."""
+    network = network_of([[0, 0, 0], [0, 0, 4.0]], [(0, 1)], 0.45)
+    found = effective_network(network, CONDITIONS, solve_steady(pipe(2, 8), CONDITIONS))
+    assert found.network.radius == pytest.approx(np.full(2, 0.5), rel=1e-3)
+    assert found.clear == pytest.approx([(0.45 / 0.5) ** 4], rel=3e-3)
+
+
+def test_the_reduced_network_has_the_flows_and_pressures_of_3d() -> None:
+    network = _slow_fork()
+    mesh, _ = straighten_edges(lumen_mesh(network, MeshOptions(edge_ratio=0.8)))
+    solution = solve_steady(mesh, CONDITIONS, FlowOptions(order=2))
+    found = effective_network(network, CONDITIONS, solution)
+    assert found.told.all()
+    before, after = (flow_error(each, CONDITIONS, found) for each in (network, found.network))
+    assert after.flow < 1e-3 < before.pressure
+    assert after.pressure < 2e-3
+    fall = found.pressure[network.vessel_nodes] @ [1.0, -1.0]
+    assert fall == pytest.approx(found.resistance * found.flow, rel=1e-9)
+    assert found.clear == pytest.approx(np.ones(3), abs=0.03)
