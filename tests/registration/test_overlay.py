@@ -35,8 +35,7 @@ from registration.overlay import (
     statuses,
 )
 from registration.scan import Scan
-from registration.segmentation import GelField, Segmentation
-from registration.segmentation.volume import Strength
+from registration.segmentation import GelField, Segmentation, Strength
 from tests.registration.parts import solid
 
 Gel = Callable[[FloatArray, FloatArray, FloatArray], NDArray[np.bool_]]
