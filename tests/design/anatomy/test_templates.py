@@ -244,9 +244,12 @@ def test_cortex_has_pial_arteries_and_arterioles_at_right_angles_to_its_surface(
     assert middle[~deep][:, 2].mean() > middle[deep][:, 2].mean()
 
 
-def test_too_few_terminals_are_refused():
+def test_too_few_terminals_and_a_ball_without_a_hilum_are_refused():
     with pytest.raises(GrowthError, match="too few"):
         grow_heart(heart_tissue(), GrowthOptions(terminals=12))
+    found = trimesh.creation.icosphere(4, 15.0)
+    with pytest.raises(TissueError, match="no hilum is found"):
+        grow_kidney(tissue_from_surface(found.vertices, found.faces), KIDNEY)
 
 
 @pytest.mark.parametrize(
@@ -263,12 +266,6 @@ def test_too_few_terminals_are_refused():
 def test_places_that_a_heart_cant_have_are_refused(anatomy, why):
     with pytest.raises((GrowthError, TissueError), match=why):
         grow_heart(heart_tissue(), HEART, anatomy)
-
-
-def test_a_ball_has_no_hilum():
-    found = trimesh.creation.icosphere(4, 15.0)
-    with pytest.raises(TissueError, match="no hilum is found"):
-        grow_kidney(tissue_from_surface(found.vertices, found.faces), KIDNEY)
 
 
 def with_shell(outer: trimesh.Trimesh, inner: trimesh.Trimesh) -> Tissue:

@@ -299,8 +299,10 @@ def test_points_lie_on_the_path_with_unit_tangents_and_normals(tmp_path: Path) -
         np.testing.assert_allclose(dot, 0.0, atol=1e-12)
         total = np.linalg.norm(np.diff(found["control"], axis=0), axis=1).sum()
         assert length.sum() == pytest.approx(total)
+    (tmp_path / "refused").mkdir()
     with pytest.raises(NetworkError, match="spacing_mm"):
-        write_simvascular_paths(tmp_path, fork(), spacing_mm=0.0)
+        write_simvascular_paths(tmp_path / "refused", fork(), spacing_mm=0.0)
+    assert list((tmp_path / "refused").iterdir()) == []
 
 
 @settings(deadline=None, max_examples=examples(40))

@@ -76,11 +76,14 @@ def test_the_ladder_opens_at_both_faces_and_has_the_graphs_handles() -> None:
         assert depths(construct, np.array([axis_point]))[0][0] == pytest.approx(0.5, abs=2e-3)
 
 
-def test_a_lumen_without_port_is_a_cavity() -> None:
+def test_a_lumen_without_port_is_a_cavity_and_is_left_to_the_whole_cut() -> None:
     network = channels([[3, 4, 1.5], [9, 4, 1.5]], [(0, 1)], 0.4)
     assert open_ends(network, block(), 1.0).tolist() == []
     construct = construct_solid(block(), lumen_solid(network))
     assert surface_genus(construct.faces) == (construct_genus(network, np.array([])), 2)
+    inner = lumen_solid(channels([[3, 4, 1.5], [9, 4, 1.5]], [(0, 1)], 0.4))
+    assert subtract_near(block(), inner, "it") is None
+    assert subtract_near(construct_solid(block(), inner), _lumen(), "it") is None
 
 
 def test_ends_below_the_surface_stay_closed_but_within_a_radius_of_it_open() -> None:
@@ -107,13 +110,19 @@ def test_open_and_inverted_surfaces_are_refused() -> None:
         solid_from_surface(box.vertices, flipped)
 
 
-def test_nothing_left_is_refused() -> None:
+def test_nothing_left_and_fittings_that_open_into_each_other_are_refused() -> None:
     with pytest.raises(SolidError, match="construct is empty"):
         construct_solid(block(), block_solid((18, 10, 5), (-1, -1, -1)))
     with pytest.raises(SolidError, match="three sides above 0"):
         block_solid((1, 0, 2))
     with pytest.raises(SolidError, match="dimple of 0 mm"):
         construct_solid(block(), None, [((0, 0, 0), 0.0)])
+    placed = [
+        PlacedConnector(Connector("luer_female", 1.0), np.array([x, 6.0, 6.0]), UP, name=name)
+        for x, name in ((4.5, "node 0"), (7.5, "node 2"))
+    ]
+    with pytest.raises(SolidError, match="node 0 and node 2, 3 mm apart, open into each other"):
+        with_connectors(slab(), placed)
 
 
 # Large lumens subtracted near the surface alone: as by the whole boolean.
@@ -133,12 +142,6 @@ def test_a_ladder_open_at_both_faces_is_cut_as_by_the_whole_boolean(fillet: floa
     assert len(find_crossings(near.vertices, near.faces).pairs) == 0
     assert np.array_equal(near.vertices, near.vertices.astype(np.float32))
     assert check_made(near) is not None
-
-
-def test_a_lumen_that_meets_no_face_and_a_body_of_two_shells_are_left_to_it() -> None:
-    inner = lumen_solid(channels([[3, 4, 1.5], [9, 4, 1.5]], [(0, 1)], 0.4))
-    assert subtract_near(block(), inner, "it") is None
-    assert subtract_near(construct_solid(block(), inner), _lumen(), "it") is None
 
 
 def test_dimples_are_half_balls() -> None:
@@ -205,15 +208,6 @@ def test_a_fitting_leaves_its_neighbours_bore_open() -> None:
     along = np.linspace(-0.9, 3.9, 25)[:, None] * UP
     assert not enclosed(tree, np.concatenate([at + along for at in ats])).any()
     assert surface_genus(body.faces) == (0, 1)
-
-
-def test_fittings_that_open_into_each_other_are_refused() -> None:
-    placed = [
-        PlacedConnector(Connector("luer_female", 1.0), np.array([x, 6.0, 6.0]), UP, name=name)
-        for x, name in ((4.5, "node 0"), (7.5, "node 2"))
-    ]
-    with pytest.raises(SolidError, match="node 0 and node 2, 3 mm apart, open into each other"):
-        with_connectors(slab(), placed)
 
 
 @pytest.mark.parametrize(("gap", "places"), [(4.0, [6.0, 4.0]), (0.3, [14.0, np.inf])])

@@ -74,12 +74,20 @@ def test_torus_keeps_its_hole_outside():
     np.testing.assert_array_equal(tissue.contains(points)[clear], (ring < 0)[clear])
 
 
-def test_overlapping_solids_count_once():
+def test_overlapping_solids_count_once_nested_ones_and_an_inside_out_one_as_meant():
     one, two = surfaces.sphere(6.0), surfaces.sphere(6.0).translate((5.0, 0.0, 0.0))
     tissue = tissue_from_surface(*surfaces.joined(*map(surfaces.surface, (one, two))))
     union = surfaces.surface(one + two)
     assert tissue.volume_mm3 == pytest.approx(union.volume_mm3, rel=1e-3)
     assert tissue.contains(np.array([[2.5, 0.0, 0.0]])).all()
+    tissue = kept_tissue(surfaces.nested_shells())
+    along = np.array([1.5, 4.5, 7.0, 9.0, 10.5])
+    points = along[:, None] * np.array([[0.6, 0.0, 0.8]])
+    assert tissue.contains(points).tolist() == [False, True, False, True, False]
+    shape = surfaces.hollow_sphere()
+    tissue = kept_tissue(Surface(shape.vertices, shape.faces[:, ::-1]))
+    assert tissue.volume_mm3 == pytest.approx(shape.volume_mm3)
+    assert tissue.contains(np.array([[8.0, 0, 0], [0, 0, 0]])).tolist() == [True, False]
 
 
 def test_reads_are_never_deeper_than_exact_by_more_than_stated(hollow):
@@ -249,13 +257,6 @@ def test_segment_distance_of_a_surface_is_the_least_of_its_triangles(slit):
         assert segment_distance(tree, *a, *b, 1e-3) == min(*each, 1e-3)
 
 
-def test_nested_shells_are_told_apart():
-    tissue = kept_tissue(surfaces.nested_shells())
-    along = np.array([1.5, 4.5, 7.0, 9.0, 10.5])
-    points = along[:, None] * np.array([[0.6, 0.0, 0.8]])
-    assert tissue.contains(points).tolist() == [False, True, False, True, False]
-
-
 def test_wall_of_a_third_of_a_millimetre_is_seen():
     tissue = kept_tissue(surfaces.thin_box(0.3))
     assert tissue.thinnest_wall_mm == pytest.approx(0.3, abs=1e-6)
@@ -263,13 +264,6 @@ def test_wall_of_a_third_of_a_millimetre_is_seen():
     points = np.array([[6.0, 6.0, z] for z in (11.5, 11.75, 11.85, 11.95, 12.1)])
     assert tissue.contains(points).tolist() == [False, True, True, True, False]
     np.testing.assert_allclose(tissue.grid.distance(points[2:3]), -0.15, atol=0.02)
-
-
-def test_inside_out_mesh_is_turned():
-    shape = surfaces.hollow_sphere()
-    tissue = kept_tissue(Surface(shape.vertices, shape.faces[:, ::-1]))
-    assert tissue.volume_mm3 == pytest.approx(shape.volume_mm3)
-    assert tissue.contains(np.array([[8.0, 0, 0], [0, 0, 0]])).tolist() == [True, False]
 
 
 # Growth in cut, imaged or repaired tissues: trees stay inside.

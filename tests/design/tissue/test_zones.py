@@ -49,6 +49,7 @@ from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 from tests.slower import first_of
 
+BALL = surfaces.surface(surfaces.sphere(4.0))
 CUBE = block((10.0, 10.0, 10.0))
 NEEDLE = CylinderZone((2.0, 5.0, -1.0), (8.0, 5.0, 11.0), 0.4)
 
@@ -60,6 +61,7 @@ NEEDLE = CylinderZone((2.0, 5.0, -1.0), (8.0, 5.0, 11.0), 0.4)
         (SphereZone((5, 5, 5), 2.0), 32 * pi / 3),
         (BlockZone((9, 9, 9), (1, 1, 1)), 512.0),
         (BlockZone((-5, -5, -5), (5, 5, 5)), 125.0),
+        (MeshZone(Surface(BALL.vertices + 5.0, BALL.faces)), BALL.volume_mm3),
     ],
 )
 def test_zone_takes_its_volume_out(zone, volume):
@@ -67,14 +69,6 @@ def test_zone_takes_its_volume_out(zone, volume):
     assert notes == ()
     assert surfaces.closed(found)
     assert 1000 - found.volume_mm3 == pytest.approx(volume, rel=0.01)
-
-
-def test_a_mesh_takes_its_volume_out():
-    ball = surfaces.surface(surfaces.sphere(4.0))
-    found, notes = carve(CUBE, [MeshZone(Surface(ball.vertices + 5.0, ball.faces))])
-    assert notes == ()
-    assert surfaces.closed(found)
-    assert 1000 - found.volume_mm3 == pytest.approx(ball.volume_mm3, rel=0.01)
 
 
 def test_what_is_kept_free_is_free_and_what_is_kept_within_is_within():

@@ -82,12 +82,14 @@ def test_needle_crosses_at_the_safe_height_alone():
                      MoveKind.RETRACT, MoveKind.PRIME]  # fmt: skip
 
 
-def test_nothing_to_do_and_a_part_above_the_travels_are_refused():
+def test_nothing_to_do_no_lag_and_a_part_above_the_travels_are_refused():
     path = part()
     with pytest.raises(ToolpathError, match="no head purges or writes"):
         priming(path.start[0], 0, [HeadPriming(0.02, 0.4)], AROUND, path)
     with pytest.raises(ToolpathError, match=r"above the 0\.5 mm"):
         priming(path.start[0], 0, [head()], replace(AROUND, safe_mm=0.5), path)
+    with pytest.raises(ToolpathError, match="lag_s"):
+        compensate_lag(tapered(0.3, 0.6), 0.0, RATE)
 
 
 def test_purge_alone_is_taken_back_once_and_given_again():
@@ -183,11 +185,6 @@ def test_a_step_of_thickness_is_made_in_place() -> None:
     kinds = path.kind.tolist()
     assert kinds[0] == MoveKind.PRIME
     assert kinds[kinds.index(MoveKind.WRITE) :].count(MoveKind.RETRACT) == 2
-
-
-def test_a_lag_that_is_none_is_refused() -> None:
-    with pytest.raises(ToolpathError, match="lag_s"):
-        compensate_lag(tapered(0.3, 0.6), 0.0, RATE)
 
 
 # The way from one well to the next.

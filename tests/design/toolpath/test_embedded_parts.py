@@ -112,6 +112,15 @@ def shaft_gap(places, needle):
     return np.minimum(found, discs.min(axis=0, initial=np.inf))
 
 
+def test_vessels_touch_where_they_overlap_and_nowhere_else():
+    crossed = parts_of(CROSSED).touches
+    assert set(map(tuple, crossed.vessel.tolist())) == {(0, 1)}
+    assert crossed.arc == pytest.approx(2.0, abs=0.3)
+    assert crossed.overlap.max() == pytest.approx(0.2, abs=0.02)
+    for net in (random_tree(6, 8, 0, 0.1), cage(4, 2, 3), TILTED_RING):
+        assert len(parts_of(net).touches.overlap) == 0
+
+
 def meetings_of(net, parts):
     """Of two vessels, (way along one, way along other, gap) at each node and touch."""
     length = np.add.reduceat(parts.elements.length, parts.elements.first[:-1])

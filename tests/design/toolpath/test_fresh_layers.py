@@ -64,17 +64,6 @@ def test_every_line_holds_the_volume_of_its_bead(plan):
         assert near.all()
 
 
-def test_retracted_ink_is_primed_again_and_moves_join(plan):
-    toolpath = plan.toolpath
-    plunger = np.isin(toolpath.kind, (MoveKind.PRIME, MoveKind.RETRACT))
-    assert plunger.any()
-    assert toolpath.volume_ul[plunger].sum() == pytest.approx(0, abs=1e-12)
-    write = toolpath.kind == MoveKind.WRITE
-    assert toolpath.written_ul == pytest.approx(toolpath.volume_ul[write].sum(), rel=1e-12)
-    assert np.array_equal(plan.toolpath.start[1:], plan.toolpath.end[:-1])
-    assert (plan.toolpath.lengths[plan.toolpath.kind == MoveKind.WRITE] > 0).all()
-
-
 def test_written_volume_is_the_solids(plan):
     volume = as_solid(planar_block()).volume_mm3
     # Lines' round sides leave notches along the solid's sides, as deep on the mean as `inset_mm`.
@@ -87,12 +76,19 @@ def test_written_volume_is_the_solids(plan):
     assert plan.report.material_ul == pytest.approx(volume, rel=0.002)
 
 
-def test_tip_is_at_the_layers_top_while_writing(plan):
+def test_tip_is_at_the_layers_top_retracted_ink_is_primed_again_and_moves_join(plan):
     toolpath = plan.toolpath
     write = toolpath.kind == MoveKind.WRITE
     tops = (toolpath.source[write] + 1) * 0.06
     assert toolpath.end[write, 2] == pytest.approx(tops, abs=1e-6)
     assert np.unique(toolpath.source).tolist() == list(range(50))
+    plunger = np.isin(toolpath.kind, (MoveKind.PRIME, MoveKind.RETRACT))
+    assert plunger.any()
+    assert toolpath.volume_ul[plunger].sum() == pytest.approx(0, abs=1e-12)
+    write = toolpath.kind == MoveKind.WRITE
+    assert toolpath.written_ul == pytest.approx(toolpath.volume_ul[write].sum(), rel=1e-12)
+    assert np.array_equal(plan.toolpath.start[1:], plan.toolpath.end[:-1])
+    assert (plan.toolpath.lengths[plan.toolpath.kind == MoveKind.WRITE] > 0).all()
 
 
 @pytest.mark.parametrize("layer", [0, 1, 24, 25])
@@ -146,12 +142,16 @@ def test_walls_that_leave_less_than_a_wall_between_them_are_filled():
     assert report.unfilled[0] < 0.12
 
 
-def test_solid_thinner_than_a_line_or_open_is_refused():
+def test_solid_thinner_than_a_line_or_open_and_a_lumen_too_thin_are_refused():
     with pytest.raises(ToolpathError, match=r"as wide as 0\.4 of a line of 0\.15 mm"):
         fresh_toolpath(as_solid(block(2, 0.05, 0.5)), FreshOptions())
     solid = as_solid(block(2, 2, 1))
     with pytest.raises(ToolpathError, match="closed manifold"):
         fresh_toolpath(Solid(solid.vertices, solid.faces[1:]), FreshOptions())
+    nodes = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
+    check_lumens(network(nodes, [(0, 1), (1, 2)], [0.2, 0.075]), FreshOptions())
+    with pytest.raises(ToolpathError, match=r"vessel 1: lumen of 0\.100 mm.*0\.150 mm"):
+        check_lumens(network(nodes, [(0, 1), (1, 2)], [0.2, 0.05]), FreshOptions())
 
 
 @pytest.mark.parametrize(
@@ -172,13 +172,6 @@ def test_impossible_options_are_refused(change, message):
     (kind,) = [one for one in kinds if set(change) <= set(one.__dataclass_fields__)]
     with pytest.raises(ToolpathError, match=message):
         kind(**change)
-
-
-def test_lumen_that_lines_would_close_is_refused_by_number():
-    nodes = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
-    check_lumens(network(nodes, [(0, 1), (1, 2)], [0.2, 0.075]), FreshOptions())
-    with pytest.raises(ToolpathError, match=r"vessel 1: lumen of 0\.100 mm.*0\.150 mm"):
-        check_lumens(network(nodes, [(0, 1), (1, 2)], [0.2, 0.05]), FreshOptions())
 
 
 # Adaptive layer heights: stair-step limit, floors met exactly, volume by height.

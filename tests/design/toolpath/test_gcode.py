@@ -76,16 +76,12 @@ def test_maps_name_source_and_last_move_of_each_line():
     assert gcode.source_kind == "vessel"
 
 
-def test_header_sets_modes_and_the_job_never_homes():
+def test_header_sets_modes_the_job_never_homes_and_goes_in_from_above():
     machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE).data)
     modes = ["G21", "G90", "M82", "M220 S100", "M221 S100", "M200 D0"]
     assert machine.lines[:9] == ["M85 S600", *modes, "M302 P1", "G92 E0"]
     assert not any(text.startswith("G28") for text in machine.lines)
     assert not any(mark in text for text in machine.commands for mark in ";()")
-
-
-def test_way_in_goes_up_across_and_down_from_an_unknown_place():
-    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE).data)
     assert machine.lines[9:12] == ["G0 Z25.8 F300", "G0 X60.075 Y70.075 F1200", "G0 Z20.06 F300"]
 
 

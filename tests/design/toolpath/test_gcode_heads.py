@@ -120,13 +120,19 @@ def test_heads_are_changed_above_everything_with_the_idle_one_raised():
             assert min(before[2], after[2]) >= 25.0  # only straight up and down beside the part
 
 
-def test_volumes_of_each_head_add_up():
+def test_volumes_of_each_head_add_up_and_the_dry_run_finds_nothing_wrong():
     job = Replay(write_gcode(PATH, TWO, SMALL, PLACE, OPTIONS).data)
     for head, syringe in enumerate((SMALL, LARGE)):
         per_ul = 4 / (np.pi * syringe.inner_mm**2)
         volume = PATH.volume_ul[PATH.tool == head].sum()
         ends_here = head == 0  # the last one is relieved once more
         assert job.pushed[head] == pytest.approx((volume - 0.02 * ends_here) * per_ul, abs=1e-4)
+    run = dry_run(write_gcode(PATH, TWO, SMALL, PLACE, OPTIONS).data, TWO, (60, 70, 30))
+    assert run.findings == []
+    for head, syringe in enumerate((SMALL, LARGE)):
+        area = np.pi / 4 * syringe.inner_mm**2
+        written = PATH.volume_ul[PATH.tool == head].sum()
+        assert run.of_head(head).plunger_max_mm * area == pytest.approx(written, rel=0.05)
 
 
 def test_what_the_toolpath_doesn_t_relieve_the_writer_does_and_primes_again():
@@ -170,12 +176,3 @@ def test_a_lower_head_lifts_the_carriage_by_as_much_more():
     job = Replay(write_gcode(PATH, printer, SMALL, PLACE, OPTIONS).data)
     assert max(after[2] for _, (_, after), *_ in job.rows) == 25.0 + 7.0
     assert {begin[2] for head, begin, *_ in job.strokes if head == 1} == {PLACE[2] + 1.0 + 7.0}
-
-
-def test_the_dry_run_finds_nothing_wrong_with_what_is_written():
-    run = dry_run(write_gcode(PATH, TWO, SMALL, PLACE, OPTIONS).data, TWO, (60, 70, 30))
-    assert run.findings == []
-    for head, syringe in enumerate((SMALL, LARGE)):
-        area = np.pi / 4 * syringe.inner_mm**2
-        written = PATH.volume_ul[PATH.tool == head].sum()
-        assert run.of_head(head).plunger_max_mm * area == pytest.approx(written, rel=0.05)

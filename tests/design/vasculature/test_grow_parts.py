@@ -59,29 +59,23 @@ def test_each_part_gets_vessels_and_flow_by_its_volume(two):
     assert grow_parts(two, OPTIONS).trees[1].distal.tolist() == grown.trees[1].distal.tolist()
 
 
-def test_demand_of_a_part_sets_its_share(two):
+def test_demand_of_a_part_sets_its_share_and_one_without_an_inlet_is_refused(two):
     deep = replace(two, demand=depth_demand(two, [0.0, 3.0, 3.5], [0.0, 0.0, 1.0]))
     demand = part_demands(deep, parts_of(deep))
     assert demand.tolist() == [1.0, 0.0]
     grown = grow_parts(deep, OPTIONS)
     assert [one.terminals for one in grown.supply] == [60, 0]
-
-
-def test_a_part_without_an_inlet_is_refused_by_size_and_place(two):
     with pytest.raises(TissueError, match=r"no vessel ends in the part of 216 mm³ around \(23, 3"):
         grow_parts(two, OPTIONS, [Inlet((5.0, 5.0, 10.0))])
 
 
-def test_a_lobe_behind_a_neck_gets_an_inlet_of_its_own(dumbbell):
+def test_a_lobe_behind_a_neck_gets_an_inlet_of_its_own_or_is_told(dumbbell):
     grown = grow_parts(dumbbell, OPTIONS)
     ends, _ = terminals_of(grown.trees)
     assert len(ends) == 60
     share = float((ends[:, 0] > 6.5).mean())
     assert share == pytest.approx(125 / (216 + 125), abs=0.06)
     assert "1 more were added" in grown.notes[0]
-
-
-def test_a_lobe_that_one_tree_misses_is_told_by_size_and_place(dumbbell):
     tree = grow_tree(dumbbell, OPTIONS)
     supply, notes = check_supply(dumbbell, *terminals_of([tree]))
     assert len(supply) == 1

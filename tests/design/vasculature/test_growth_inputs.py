@@ -133,13 +133,6 @@ def test_what_is_no_tree_is_refused(ends, message):
         trunk_of(network_of(ends))
 
 
-def test_a_trunk_with_an_end_outside_the_tissue_is_refused_with_its_place(box):
-    nodes = np.array([[1.0, 8, 6], [6.0, 8, 6], [15.0, 12, 6], [15.0, 4, -3]])
-    trunk = network(nodes, [(0, 1), (1, 2), (1, 3)], 0.4)
-    with pytest.raises(GrowthError, match=r"1 of the trunk's 2 ends .*\(15, 4, -3\) mm, 3 mm from"):
-        grow_tree(box, GrowthOptions(terminals=20), trunk=trunk)
-
-
 def test_each_stage_keeps_its_own_parameters(box):
     stages = (
         GrowthStage(40, length_to_radius=8.0, turn_angle_degrees=(0.0, 60.0), clearance_mm=0.3),
@@ -170,13 +163,17 @@ def test_a_stricter_stage_grows_on_what_a_milder_one_grew(box, strict):
     assert collisions(tree_to_network(tree), 0.02, options.clearance_ratio).count == 0
 
 
-def test_stages_must_ascend_to_all():
+def test_stages_must_ascend_to_all_and_a_search_places_the_root_alone(slab):
     with pytest.raises(GrowthError, match=r"stages reach \[50, 40\] of 40"):
         GrowthOptions(terminals=40, stages=(GrowthStage(50), GrowthStage(40)))
     with pytest.raises(GrowthError, match=r"stages reach \[50\] of 200"):
         GrowthOptions(terminals=200, stages=(GrowthStage(50),))
     with pytest.raises(GrowthError, match=r"flow_ratio is 0\.9"):
         GrowthOptions(terminals=50, stages=(GrowthStage(50, flow_ratio=0.9),))
+    with pytest.raises(GrowthError, match="either root_point_mm or root_candidates"):
+        GrowthOptions(root_candidates=3, root_point_mm=(0.0, 0.0, 0.0))
+    with pytest.raises(GrowthError, match="give each of several trees its"):
+        grow_forest(slab, [GrowthOptions(terminals=5, root_candidates=3)])
 
 
 # Given terminals: all reached, or named.
@@ -250,16 +247,17 @@ def test_forests_keep_given_flows(box):
     assert collisions(both, 0.02, options.clearance_ratio).count == 0
 
 
-def test_points_outside_are_told_with_number_and_place(box):
+def test_points_and_ends_outside_or_without_room_are_refused_with_their_place(box):
     points = [[5, 5, 5], [10, 8, 30], [9, 8, 6]]
     with pytest.raises(GrowthError, match=r"1 of 3 given.*outside.*number 1 at \(10, 8, 30\)"):
         grow_tree(box, GrowthOptions(terminal_points_mm=points))
-
-
-def test_a_point_that_no_vessel_fits_at_is_named(box):
     points = np.concatenate([WELLS, [[10.0, 8.0, 0.02]]])
     with pytest.raises(GrowthError, match=r"1 of 49 given.*can't be joined.*10, 8, 0\.02.*0\.02"):
         grow_tree(box, GrowthOptions(terminal_points_mm=points, smallest_radius_mm=0.1), attempts=1)
+    nodes = np.array([[1.0, 8, 6], [6.0, 8, 6], [15.0, 12, 6], [15.0, 4, -3]])
+    trunk = network(nodes, [(0, 1), (1, 2), (1, 3)], 0.4)
+    with pytest.raises(GrowthError, match=r"1 of the trunk's 2 ends .*\(15, 4, -3\) mm, 3 mm from"):
+        grow_tree(box, GrowthOptions(terminals=20), trunk=trunk)
 
 
 # Root search: the cheapest root of those tried.
@@ -291,13 +289,6 @@ def test_the_cheapest_candidate_wins_and_the_note_says_so(slab):
     again = grow_tree(slab, options)
     assert again.distal.tobytes() == tree.distal.tobytes()
     assert again.notes == tree.notes
-
-
-def test_a_search_goes_with_nothing_that_places_the_root(slab):
-    with pytest.raises(GrowthError, match="either root_point_mm or root_candidates"):
-        GrowthOptions(root_candidates=3, root_point_mm=(0.0, 0.0, 0.0))
-    with pytest.raises(GrowthError, match="give each of several trees its"):
-        grow_forest(slab, [GrowthOptions(terminals=5, root_candidates=3)])
 
 
 # Radii under diameter-dependent viscosity.

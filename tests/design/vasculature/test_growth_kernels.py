@@ -274,20 +274,14 @@ def straight(*ends, radius=0.5):
     return network(nodes, np.reshape([nodes.index(p) for p in points], (-1, 2)), radius)
 
 
-def test_crossing_vessels_are_refused_by_name_place_and_gap():
+def test_vessels_that_cross_come_too_near_or_have_no_length_are_refused():
     crossed = straight(((0, 0, 0), (10, 0, 0)), ((5, -5, 0.4), (5, 5, 0.4)))
     with pytest.raises(NetworkError, match=r"vessels 0 and 1 .* 0\.6 mm at \(5, 0, 0\.2\)"):
         check_network(crossed)
-
-
-def test_vessels_nearer_than_the_clearance_are_refused():
     beside = straight(((0, 0, 0), (10, 0, 0)), ((0, 2, 0), (10, 2, 0)))
     check_network(beside, clearance_mm=0.99)
     with pytest.raises(NetworkError, match="are only 1 mm apart"):
         check_network(beside, clearance_mm=1.01)
-
-
-def test_a_bent_vessel_is_checked_against_itself_and_one_without_length_refused():
     points = np.array([[0, 0, 0], [9, 0, 0], [9, 3, 0], [5, 3, 0], [5, 0.8, 0]], dtype=float)
     with pytest.raises(NetworkError, match="vessels 0 and 0 overlap"):
         check_network(polyline(points, 0.5))

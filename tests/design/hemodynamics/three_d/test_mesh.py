@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -108,9 +110,11 @@ def test_finer_meshes_have_the_same_lumen() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("network", [crowded(), ring(), cross()])
-def test_junctions_loops_and_crowds_are_meshed(network: VesselNetwork) -> None:
-    _sound(network)
+@pytest.mark.parametrize(
+    "make", [crowded, ring, cross, thick_and_thin, *(partial(random_fork, k) for k in range(30))]
+)
+def test_forks_loops_crowds_and_radii_of_20_to_1_are_meshed(make: Any) -> None:
+    _sound(make())
 
 
 @pytest.mark.slow
@@ -179,14 +183,3 @@ def test_options_out_of_bounds_are_refused() -> None:
     for name, value in (("edge_ratio", 2.0), ("fillet_ratio", 0.0), ("growth", 3.0)):
         with pytest.raises(FlowError, match=f"{name} {value:g} of a 3D mesh"):
             replace(MeshOptions(), **{name: value})
-
-
-@pytest.mark.slow
-def test_radii_of_20_to_1_are_meshed() -> None:
-    _sound(thick_and_thin())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(30))
-def test_forks_of_any_angle_and_radii_are_meshed(seed: int) -> None:
-    _sound(random_fork(seed))

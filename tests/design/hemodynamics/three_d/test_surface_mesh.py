@@ -85,20 +85,14 @@ def test_curved_edges_bulge_out_to_the_round_wall() -> None:
     assert np.abs(off.mean()) < 1e-3 * RADIUS
 
 
-def test_a_surface_that_misses_a_port_is_refused_by_node() -> None:
+def test_what_has_no_ends_and_what_misses_them_is_refused() -> None:
     points, faces = faceted_tube(RADIUS, LENGTH, 24, -0.2)
     with pytest.raises(FlowError, match=r"doesn't reach node 0 at \(0, 0, 0\) mm"):
         surface_mesh(points, faces, straight(RADIUS, LENGTH))
-
-
-def test_an_interrupted_lumen_is_refused() -> None:
     one, faces = faceted_tube(RADIUS, 0.6, 24, 0.1)
     both = np.concatenate([one, one + [0.0, 0.0, LENGTH - 0.6]])
     with pytest.raises(FlowError, match="interrupted: its part at node 0 has no outlet"):
         surface_mesh(both, np.concatenate([faces, faces + len(one)]), straight(RADIUS, LENGTH))
-
-
-def test_options_are_bounded_and_networks_need_ends() -> None:
     with pytest.raises(FlowError, match="smooth_passes -1"):
         SurfaceOptions(smooth_passes=-1)
     points, faces = faceted_tube(RADIUS, LENGTH, 8, 0.0)
