@@ -1,7 +1,5 @@
 """Way points: a move that is lost, doubled or left away is told; a look's way up and back isn't."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

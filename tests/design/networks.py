@@ -1,7 +1,5 @@
 """Test networks: straight vessels, polylines, random graphs and trees."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Test parts for registration: solids by manifold3d, deposits by analytic distance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path

@@ -3,8 +3,6 @@
 No scanner and no alignment in between: what is gauged here is gauged against analytic truth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Alignment of analytic surface points: convergence, mirror images, symmetry, scale."""
 
-from __future__ import annotations
-
 import manifold3d
 import numpy as np
 import pytest

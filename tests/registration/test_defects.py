@@ -1,7 +1,5 @@
 """Planted defects are found with place and size, none in clean phantoms; leaks; topology."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast

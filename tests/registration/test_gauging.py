@@ -1,7 +1,5 @@
 """Sections, diameters and deviations, on known shapes."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 from functools import cache
 

@@ -4,8 +4,6 @@ The block lies in the scan turned by 90° about the vertical and shifted, in vox
 raster's pixels. Five layers of 0.1 mm; lines of 0.2 mm along x; a free strip from y 1.4 to 2.0.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

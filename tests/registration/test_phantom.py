@@ -1,7 +1,5 @@
 """Registration of an independent phantom scan: block in weakly scattering liquid."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scan readers: round trips, broken files, slabs of volumes larger than memory."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

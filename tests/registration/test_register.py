@@ -1,7 +1,5 @@
 """Complete registrations on simulated scans of analytic parts; their files and pictures."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import json

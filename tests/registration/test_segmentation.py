@@ -1,7 +1,5 @@
 """Surface nets, thresholds and light compensation on shapes with known answers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

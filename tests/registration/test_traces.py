@@ -1,7 +1,5 @@
 """Traces of lumens: what brightens them, flow through them, sizes of short changes, walls."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

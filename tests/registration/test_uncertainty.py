@@ -1,7 +1,5 @@
 """Uncertainty: budgets, intervals of an alignment, cross-check by another program."""
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Executed motion from the places it goes through."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Checkers of shapes: collisions, containment, distances, windings; against plain arithmetic."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """Hearts keep their main branches; trunks in the way of each other; remedies that were tried."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache

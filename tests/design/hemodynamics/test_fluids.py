@@ -1,7 +1,5 @@
 """Fluids, losses, loops balanced, sensitivities: steady 0D flow beyond plain tubes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pulsatile 0D flow, a vessel's coefficients, waveforms: against transfer functions and books."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Steady 0D flow: closed forms, dense oracles, mass conservation, refusals."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

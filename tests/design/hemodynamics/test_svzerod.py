@@ -1,7 +1,5 @@
 """svZeroDSolver's files: written from networks, run by its package, refused with one message."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

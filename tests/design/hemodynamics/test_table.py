@@ -1,7 +1,5 @@
 """Flow tables and summaries for users; 0D solutions at probes between vessel ends."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Lattices: unit cells, clipping, ports."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import networkx

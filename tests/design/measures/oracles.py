@@ -1,7 +1,5 @@
 """Slow oracles for network measures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from design.network import VesselNetwork

@@ -1,7 +1,5 @@
 """Measures of networks (orders, forks, paths, distances, oxygen), against closed forms."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

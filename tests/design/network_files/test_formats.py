@@ -1,7 +1,5 @@
 """Network files: round trips, units never guessed, errors named with their line."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable

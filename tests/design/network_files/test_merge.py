@@ -1,7 +1,5 @@
 """Vessels that run along each other are one, those side by side are not; X-CAVATE's files."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from itertools import pairwise

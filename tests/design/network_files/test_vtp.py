@@ -1,7 +1,5 @@
 """`network.vtp`, decoded here by the rules of VTK's XML format, and SimVascular's path files."""
 
-from __future__ import annotations
-
 import base64
 import xml.etree.ElementTree as ET
 import zlib

@@ -1,7 +1,5 @@
 """Test networks and bodies for solids."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Constructs: bodies minus lumens, walls, fittings, text; STEP as Open CASCADE reads it back."""
 
-from __future__ import annotations
-
 import sys
 from functools import cache
 from pathlib import Path

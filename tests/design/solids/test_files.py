@@ -1,7 +1,5 @@
 """Mesh files, judged after being read back; 3MF's roles, parts and damage."""
 
-from __future__ import annotations
-
 import base64
 import re
 import zipfile

@@ -1,7 +1,5 @@
 """Lumen solids, against closed forms, and their rounded junctions, against a rolled ball."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lumens found in a model without its network; crossings of rounded surfaces mended."""
 
-from __future__ import annotations
-
 import manifold3d
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Tissues that many tests grow in, made once in a process; an independent judge of lumens."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from pathlib import Path

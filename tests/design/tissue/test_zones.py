@@ -1,7 +1,5 @@
 """Shapes, zones that cut them, parts, demand."""
 
-from __future__ import annotations
-
 import io
 import json
 import sys

@@ -1,7 +1,5 @@
 """Random networks of six kinds, and needles, for planner and checker tests."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from design.network import VesselNetwork

@@ -1,7 +1,5 @@
 """Test solids and networks of closed-form geometry."""
 
-from __future__ import annotations
-
 import manifold3d
 import numpy as np
 import shapely

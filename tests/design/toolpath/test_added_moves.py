@@ -1,7 +1,5 @@
 """Moves added to a plan: priming, ways between wells, compensation of lag."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """Compensation of a network and a solid, against results worked out by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

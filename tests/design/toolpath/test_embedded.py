@@ -1,7 +1,5 @@
 """Embedded writing: order, joints, filament law, two heads, bundles of strands, refusals."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

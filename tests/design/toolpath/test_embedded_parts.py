@@ -1,7 +1,5 @@
 """Steps of the embedded planner, one by one, against slow oracles that sample tip and ink."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Embedded plans judged by independent checkers: shapes, travels, vessels left out, old wakes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """FRESH layers in several inks: each head stays on its side of a border."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

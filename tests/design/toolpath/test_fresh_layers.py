@@ -1,7 +1,5 @@
 """Complete FRESH layers: volume, coverage, adaptive heights, what is too narrow, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

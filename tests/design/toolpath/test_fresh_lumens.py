@@ -1,7 +1,5 @@
 """Lumens in FRESH layers: size against exact stadiums, leads, hops, compensation."""
 
-from __future__ import annotations
-
 import manifold3d
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Two-head jobs: active plunger, tip positions, head changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

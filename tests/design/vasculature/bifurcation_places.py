@@ -5,8 +5,6 @@ Costs are `traversed_cost` of the whole tree, the optimum is Nelder and Mead's o
 shares code with growth.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba

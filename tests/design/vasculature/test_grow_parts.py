@@ -1,7 +1,5 @@
 """Trees for every part of a tissue, and the check of what each part gets."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kernels of growth: cost and its derivatives, pruning, collisions, against slow oracles."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Comparison of prints: known variances and trends; gauge studies against a published one."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small simulated dye videos with their marks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

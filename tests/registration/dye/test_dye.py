@@ -1,7 +1,5 @@
 """Dye arrivals, patency and verdicts, on videos of known flow."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

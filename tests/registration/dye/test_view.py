@@ -1,7 +1,5 @@
 """Camera views from marks: tilted cameras, lenses, ambiguous and broken marks."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

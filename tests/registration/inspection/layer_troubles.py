@@ -3,8 +3,6 @@
 Each works on the plane that `layer_painter.paint` paints (its ``overlay``), before the camera.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import cv2

@@ -1,7 +1,5 @@
 """Painted layers and scans as the tests ask for them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

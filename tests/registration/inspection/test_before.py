@@ -1,7 +1,5 @@
 """Fresh ink over older ink, told by a picture taken before; the simulated camera's pictures."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import product
 from typing import Any

@@ -1,7 +1,5 @@
 """Filaments in a bath: of several widths and depths, short ones, glints, one over another."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

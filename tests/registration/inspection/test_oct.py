@@ -1,7 +1,5 @@
 """Layers and filaments seen in OCT volumes: touching lines, slopes, rims, turned volumes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

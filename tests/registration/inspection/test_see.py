@@ -1,7 +1,5 @@
 """Layers seen in painted pictures: widths, gaps, blobs, lumens, what spoils pictures, ridges."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

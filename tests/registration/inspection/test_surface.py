@@ -1,7 +1,5 @@
 """Layers in height maps: gaps, blobs, what a profiler lost, missing ink told by its height."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sample report.json contents, made up but consistent."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pages in Chromium: they start, follow keys and pointer, ask for nothing."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

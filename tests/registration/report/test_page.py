@@ -1,7 +1,5 @@
 """The report as a page and as PDF."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Files of other 1D solvers: openBF's read key by key, svOneDSolver's written card by card."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path

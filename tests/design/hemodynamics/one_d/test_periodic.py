@@ -1,7 +1,5 @@
 """Periodic states of 1D flow, against linear theory, the lumped model and published cases."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Single waves of 1D flow: shocks, reflections, friction, rest, mass, convergence order."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Oxygen: Krogh's cylinder, slabs, wells; exchange with a grid; summaries and files."""
 
-from __future__ import annotations
-
 import base64
 import struct
 import zlib

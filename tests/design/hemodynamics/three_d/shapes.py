@@ -1,7 +1,5 @@
 """Test networks for 3D meshes, and volumes and areas by independent integrals."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from design.hemodynamics.three_d import LumenMesh

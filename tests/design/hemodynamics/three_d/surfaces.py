@@ -1,7 +1,5 @@
 """Surfaces of a tube along z for tests: of facets, and as voxels."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from design.network import VesselNetwork

@@ -1,7 +1,5 @@
 """Vessel radii adjusted to wanted 3D flows; effective resistances of 3D flow."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

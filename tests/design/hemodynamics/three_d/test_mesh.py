@@ -1,7 +1,5 @@
 """Curved meshes of lumens: volume, ports, wall and elements."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

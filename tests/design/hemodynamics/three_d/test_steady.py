@@ -1,7 +1,5 @@
 """Steady 3D flow, against Poiseuille's law, known resistances and its own balances."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 

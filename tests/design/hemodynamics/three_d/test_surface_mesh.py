@@ -1,7 +1,5 @@
 """Lumens meshed from surfaces: facets, voxels, and surfaces that can't be meshed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

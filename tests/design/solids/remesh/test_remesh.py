@@ -1,7 +1,5 @@
 """Remeshing: preserves shape and genus, produces the wanted triangles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

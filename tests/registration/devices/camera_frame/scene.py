@@ -1,7 +1,5 @@
 """A small camera over a small insert, painted once, and the frame that is fitted to it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime

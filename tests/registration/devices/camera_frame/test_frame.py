@@ -1,7 +1,5 @@
 """Camera frames by painted pictures of an insert; dish inserts; the needle's tip."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

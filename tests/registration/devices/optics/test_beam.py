@@ -1,7 +1,5 @@
 """The OCT's beam: refraction, known distortions recovered from a grid and a step."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

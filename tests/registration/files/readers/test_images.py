@@ -1,7 +1,5 @@
 """Readers of OME-TIFF, ImageJ, NIfTI, NRRD, raw, npz; grey values in dB; height maps; mosaics."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Readers of DICOM, HDF5, MATLAB and OME-Zarr; every orientation in every format."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import struct

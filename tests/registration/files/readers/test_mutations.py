@@ -1,7 +1,5 @@
 """Fuzzed scan files: read or refused, never another exception."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Readers of OCT files: Thorlabs, raw spectra with known reflectors, Bioptigen, Heidelberg."""
 
-from __future__ import annotations
-
 import struct
 import zipfile
 from functools import cache

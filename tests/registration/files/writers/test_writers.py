@@ -1,7 +1,5 @@
 """Scan writers: round trip, and metadata for other readers."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from pathlib import Path

@@ -3,8 +3,6 @@
 No scanner in between: zones are held against analytic truth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache

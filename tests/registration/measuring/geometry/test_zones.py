@@ -1,7 +1,5 @@
 """Tolerance zones of known shapes, and the reference frame of a part, laid on datums."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Decisions on features other than sections, on zones, in doubtful poses; decision rules."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Decisions on sections, vessels and prints against tolerances."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Simulated camera, OCT and laser line profiler as devices: one look at a printer's record."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

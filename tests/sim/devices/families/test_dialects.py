@@ -1,7 +1,5 @@
 """Simulated Duet, Klipper, Aerotech program: differences from Marlin, refusals, complete prints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Simulated Marlin: motion, faults, kill, reset, heat, time; its answers against a real one's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

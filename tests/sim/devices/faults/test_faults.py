@@ -1,7 +1,5 @@
 """Fault plans: strict reading, exact timing; faults of the ink, against ink known by arithmetic."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

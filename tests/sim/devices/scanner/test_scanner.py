@@ -1,7 +1,5 @@
 """Simulated scanners: signal physics, true pose, reproducibility."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numba

@@ -1,7 +1,5 @@
 """Assignment of executed blocks to G-code lines, despite lines inserted by a host."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

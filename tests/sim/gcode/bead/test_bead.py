@@ -1,7 +1,5 @@
 """Outflow of a needle, ink along a path, a bath: against volumes, exponential law, statics."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

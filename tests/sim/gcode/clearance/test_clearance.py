@@ -1,7 +1,5 @@
 """Shaft checker: planted collisions found, joints exempt, random jobs as by dense sampling."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

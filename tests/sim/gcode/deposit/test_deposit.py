@@ -1,7 +1,5 @@
 """Deposit model, against areas, volumes and a slow painter."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numba

@@ -1,7 +1,5 @@
 """Several heads, and valves of pneumatic ones: reader, simulation, firmwares, deposits."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Reading of G-code lines and files, by firmware family."""
 
-from __future__ import annotations
-
 import random
 import re
 from functools import reduce
