@@ -131,6 +131,13 @@ def test_a_vessel_wider_all_along_leaves_scale_and_offset_alone() -> None:
     assert abs(found.offset_mm) < 0.006
 
 
+def test_fewer_than_500_points_are_refused(construct: Solid) -> None:
+    points, _ = placed(surface_points(construct, 500, 1), 7, np.ones(3))
+    with pytest.raises(AlignmentError, match=r"499 surface points are too few .*needed: 500"):
+        align(ModelSurface.of(construct), points[1:], True, FAST)
+    align(ModelSurface.of(construct), points, True, FAST)
+
+
 def test_at_least_half_of_the_scanned_surface_must_fit() -> None:
     surface = ModelSurface.of(solid(manifold3d.Manifold.cube((4.0, 3.0, 2.0))))
     near, far = np.array([[1.0, 1.0, 0.9 * CLOSE_MM]]), np.array([[1.0, 1.0, 1.1 * CLOSE_MM]])

@@ -409,7 +409,7 @@ def test_a_window_over_other_counts_and_a_slope_say_the_same(tmp_path: Path) -> 
     [
         ({}, "--db-range LOW,HIGH"),
         ({"db_range": [20, -40]}, "the lower one first"),
-        ({"db_range": [0, 255]}, "spans 255 dB"),
+        ({"db_range": [-100, 101]}, r"spans 201 dB \(limit 200"),
         ({"db_range": [-40, 20], "counts_per_db": 4}, "not both"),
         ({"count_range": [0, 255]}, "without db_range"),
         ({"db_at_zero": 3}, "without counts_per_db"),
@@ -478,6 +478,20 @@ def test_saturated_voxels_are_told_with_their_share_and_refused_beyond_it(tmp_pa
     many = np.minimum(speckled(), -np.log(0.3))
     with pytest.raises(ScanFileError, match=r"1[3-7] % of its voxels are saturated .*limit 10 %"):
         read_scan(raw_oct(tmp_path / "b.raw", many.astype("<f4"), scale="linear"))
+
+
+@pytest.mark.parametrize(("scale", "share"), [("linear", 0.1), ("db", 0.8)])
+def test_just_so_many_voxels_may_lie_at_an_end_of_the_numbers(tmp_path, scale, share):
+    volume = (speckled() if scale == "linear" else in_db(speckled())).astype("<f4")
+    ranked, most = np.sort(volume, axis=None), round(share * volume.size)
+    at_end = (
+        (lambda n: np.minimum(volume, ranked[-n]))
+        if scale == "linear"
+        else (lambda n: np.maximum(volume, ranked[n - 1]))
+    )
+    read_scan(raw_oct(tmp_path / "a.raw", at_end(most), scale=scale))
+    with pytest.raises(ScanFileError, match=f"limit {100 * share:g} %"):
+        read_scan(raw_oct(tmp_path / "b.raw", at_end(most + 1), scale=scale))
 
 
 # Height maps and points of laser profilers

@@ -97,19 +97,21 @@ def test_a_header_that_lies_is_refused(tmp_path: Path, old: str, new: str, reaso
         read_scan(path)
 
 
-def test_giant_sizes_are_refused_before_memory_is_taken(tmp_path: Path) -> None:
+def test_giant_sizes_raw_spectra_alone_and_nan_are_refused(tmp_path: Path) -> None:
     path = thorlabs(tmp_path / "s.oct", counts().astype(np.float32))
     for size in ("30000", "300000000"):
         rewritten(path, "<SizeZ>9</SizeZ>", f"<SizeZ>{size}</SizeZ>")
         rewritten(path, 'SizeZ="9"', f'SizeZ="{size}"')
         with pytest.raises(ScanFileError, match=r"sizes are wrong|no scan is larger"):
             read_scan(path, INDEX)
-
-
-def test_raw_spectra_alone_name_the_remedy(tmp_path: Path) -> None:
     path = thorlabs(tmp_path / "s.oct", counts().astype(np.float32), folder="data/Raw")
     with pytest.raises(ScanFileError, match="store processed data"):
         read_scan(path, INDEX)
+    volume = counts().astype(np.float32)
+    volume[3, 2, 1] = np.nan
+    volume[3, 2, 2] = -np.inf
+    with pytest.raises(ScanFileError, match="2 of 504 voxels are NaN or infinite"):
+        read_scan(thorlabs(tmp_path / "s.oct", volume), INDEX)
 
 
 def test_names_that_climb_out_of_the_folder_write_nothing(tmp_path: Path) -> None:
@@ -120,14 +122,6 @@ def test_names_that_climb_out_of_the_folder_write_nothing(tmp_path: Path) -> Non
     read_scan(path, INDEX)
     files = sorted(place.name for place in tmp_path.rglob("*") if place.is_file())
     assert files == ["s.oct"]
-
-
-def test_nan_is_refused(tmp_path: Path) -> None:
-    volume = counts().astype(np.float32)
-    volume[3, 2, 1] = np.nan
-    volume[3, 2, 2] = -np.inf
-    with pytest.raises(ScanFileError, match="2 of 504 voxels are NaN or infinite"):
-        read_scan(thorlabs(tmp_path / "s.oct", volume), INDEX)
 
 
 def test_depth_already_divided_is_not_divided_again(tmp_path: Path) -> None:
@@ -166,7 +160,7 @@ def b_scan(scan: int) -> NDArray[np.uint16]:
 
 
 def write_raw(
-    path: Path, *, averaged: int = 1, leave: str = "", depths: int = RAW_SAMPLES // 2
+    path: Path, *, averaged: int = 1, leave: str = "", depths: int = RAW_SAMPLES // 2, way: int = 1
 ) -> Path:
     sizes = {"SizePixel": (depths, LINES, SCANS), "PixelSpacing": (0.003, 0.01, 0.02)}
     rows = "".join(
@@ -187,7 +181,7 @@ def write_raw(
         f"<DataFiles>{files}</DataFiles></Ocity>"
     )
     members = {f"data\\Spectral{n}.data": b_scan(n).tobytes() for n in range(SCANS)}
-    members |= {"Header.xml": header.encode(), "data\\Chirp.data": chirp().tobytes()}
+    members |= {"Header.xml": header.encode(), "data\\Chirp.data": chirp()[::way].tobytes()}
     with zipfile.ZipFile(path, "w") as archive:
         for name, data in members.items():
             if name != leave:
@@ -216,6 +210,8 @@ def test_raw_spectra_that_arent_certain_are_refused(tmp_path: Path) -> None:
         read_scan(write_raw(tmp_path / "c.oct", leave="data\\Chirp.data"), INDEX)
     with pytest.raises(ScanFileError, match="256 depths, but the image is Z 200"):
         read_scan(write_raw(tmp_path / "d.oct", depths=200), INDEX)
+    with pytest.raises(ScanFileError, match=r"chirp runs from 511 to 0 \(needed: rising"):
+        read_scan(write_raw(tmp_path / "e.oct", way=-1), INDEX)
 
 
 # Spectra in other files
