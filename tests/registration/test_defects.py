@@ -367,9 +367,9 @@ def test_lumens_as_bright_as_gel_are_neither_open_nor_closed() -> None:
 # Topology: Betti numbers and overlaps of known shapes.
 
 
-def torus(lying_tube: float = 3.0) -> np.ndarray:
+def torus(tube: float = 3.0) -> np.ndarray:
     z, y, x = np.meshgrid(*(np.arange(-16, 17),) * 3, indexing="ij")
-    return np.hypot(np.hypot(x, y) - 10, z) < lying_tube
+    return np.hypot(np.hypot(x, y) - 10, z) < tube
 
 
 def ball(radius: float) -> np.ndarray:

@@ -202,14 +202,11 @@ def test_what_lies_inside_passes():
     assert len(pieces_outside(fork(), BOX).pieces) == 0
 
 
-def test_a_planted_piece_outside_is_found_and_the_root_is_apart():
+def test_planted_pieces_outside_are_found_though_they_meet_no_surface():
     points = [[-2, 0, 0], [2, 0, 0], [4, 2, 0], [4, -9, 0]]
     found = pieces_outside(net_of(points, [[0, 1], [1, 2], [1, 3]], 0.1), BOX)
     assert found.pieces.tolist() == [2]
     assert np.isinf(found.excess_mm).all()
-
-
-def test_a_piece_wholly_outside_is_found_though_it_meets_no_surface():
     points = [[0, 0, 0], [9, 0, 0], [10, 1, 0], [10, -1, 0]]
     found = pieces_outside(net_of(points, [[0, 1], [1, 2], [1, 3]], 0.1), BOX)
     assert found.pieces.tolist() == [1, 2]
@@ -341,18 +338,12 @@ def test_winding_numbers_agree_with_brute_force():
     assert found.max() == 2
 
 
-def test_a_box_encloses_its_volume_and_reads_back():
+def test_a_box_reads_back_turned_outward_and_other_files_are_refused(tmp_path):
     box = box_triangles(np.array([1.0, 2, 3]), np.array([2.0, 4, 7]))
     assert enclosed_volume(box) == pytest.approx(8.0)
-
-
-def test_what_is_wound_inward_is_turned(tmp_path):
     box = box_triangles(np.zeros(3), np.ones(3))
     write_stl(tmp_path / "box.stl", box[:, ::-1])
     assert np.array_equal(read_stl(tmp_path / "box.stl"), box)
-
-
-def test_other_files_are_refused(tmp_path):
     (tmp_path / "a.stl").write_text("solid a\nendsolid a\n")
     with pytest.raises(ValueError, match="binary STL"):
         read_stl(tmp_path / "a.stl")

@@ -67,14 +67,10 @@ def test_a_missing_column_is_named(tmp_path):
         read_network(tmp_path / "n.csv")
 
 
-def test_murrays_law_is_kept_by_equal_branches_of_its_ratio():
+def test_murrays_law_is_kept_by_equal_branches_and_a_wrong_radius_told():
     branch = 0.1 * 2 ** (-1 / 3)
     assert murray_residual(fork([0.1, branch, branch])) < 1e-15
     assert murray_residual(fork([0.1, branch, branch]), exponent=2.0) > 0.2
-
-
-def test_a_wrong_radius_is_told():
-    branch = 0.1 * 2 ** (-1 / 3)
     assert murray_ratios(fork([0.1, branch, 2 * branch])) == pytest.approx([4.5])
     assert murray_residual(fork([0.1, branch, 2 * branch])) == pytest.approx(3.5)
 

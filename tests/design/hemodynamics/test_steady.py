@@ -299,9 +299,9 @@ LINE = network_of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [(0, 1), (1, 2)], 0.2)
         ({"inlet_flow_ul_s": math.nan}, "inlet_flow_ul_s is nan"),
         ({"inlet_pressure_pa": 1.0, "outlet_pressure_pa": math.inf}, "outlet_pressure_pa is inf"),
         ({"inlet_pressure_pa": 1.0, "outlet_flow_ul_s": {2: math.nan}}, "node 2 is nan"),
-        ({"viscosity": 0.0, "inlet_flow_ul_s": 1.0}, "viscosity"),
-        ({"viscosity": -1.0, "inlet_flow_ul_s": 1.0}, "viscosity"),
-        ({"viscosity": math.nan, "inlet_flow_ul_s": 1.0}, "viscosity"),
+        ({"viscosity_pa_s": 0.0, "inlet_flow_ul_s": 1.0}, "viscosity"),
+        ({"viscosity_pa_s": -1.0, "inlet_flow_ul_s": 1.0}, "viscosity"),
+        ({"viscosity_pa_s": math.nan, "inlet_flow_ul_s": 1.0}, "viscosity"),
         ({"inlet_flow_ul_s": 1.0, "outlets": ()}, "no outlet"),
         ({"inlet_flow_ul_s": 1.0, "inlets": (7,)}, "inlet 7 isn't a node"),
         ({"inlet_flow_ul_s": 1.0, "inlets": (0, 2)}, "node 2 is both"),
@@ -310,7 +310,7 @@ LINE = network_of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [(0, 1), (1, 2)], 0.2)
 )
 def test_conditions_must_be_whole_and_ends_nodes(given: dict[str, Any], message: str) -> None:
     with pytest.raises(FlowError, match=message):
-        solve_flow(LINE, FlowConditions(**{"viscosity": VISCOSITY, **given}))
+        solve_flow(LINE, FlowConditions(**{"viscosity_pa_s": VISCOSITY, **given}))
 
 
 def test_a_resistance_behind_an_outlet_is_as_a_vessel_more() -> None:

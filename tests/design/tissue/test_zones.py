@@ -47,7 +47,7 @@ from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 from tests.slower import first_of
 
-BALL = surfaces.surface(surfaces.sphere(4.0))
+BALL = trimesh.creation.icosphere(4, 4.0)
 CUBE = block((10.0, 10.0, 10.0))
 NEEDLE = CylinderZone((2.0, 5.0, -1.0), (8.0, 5.0, 11.0), 0.4)
 
@@ -59,7 +59,7 @@ NEEDLE = CylinderZone((2.0, 5.0, -1.0), (8.0, 5.0, 11.0), 0.4)
         (SphereZone((5, 5, 5), 2.0), 32 * pi / 3),
         (BlockZone((9, 9, 9), (1, 1, 1)), 512.0),
         (BlockZone((-5, -5, -5), (5, 5, 5)), 125.0),
-        (MeshZone(Surface(BALL.vertices + 5.0, BALL.faces)), BALL.volume_mm3),
+        (MeshZone(Surface(np.array(BALL.vertices) + 5.0, np.array(BALL.faces))), BALL.volume),
     ],
 )
 def test_zone_takes_its_volume_out(zone, volume):

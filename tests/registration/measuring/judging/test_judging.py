@@ -99,15 +99,12 @@ def test_what_wasnt_seen_or_measured_isnt_a_pass(name: str, said: str) -> None:
     assert any(said in reason(one) for one in found["judging"]["features"])
 
 
-def test_sides_of_a_tolerance_are_judged_apart() -> None:
+def test_sides_of_a_tolerance_are_judged_apart_and_the_tighter_limit_counts() -> None:
     tolerances = Tolerances(VesselLimits(Limit(minus_percent=5, plus_percent=10)))
     wide, narrow = (vessel(n, np.full(20, e), u_um=5.0) for n, e in ((0, 40.0), (1, -40.0)))
     found = judge(registration(wide, narrow), tolerances)
     assert [row["decision"] for row in found["vessels"]] == ["pass", "fail"]
     assert found["findings"][0]["limit"] == "+10/\N{MINUS SIGN}5 %"
-
-
-def test_the_tighter_of_percent_and_length_counts() -> None:
     limit = Limit(minus_percent=10, plus_percent=10, minus_um=20, plus_um=20)
     row = vessel(0, np.full(20, 40.0), u_um=5.0)
     found = judge(registration(row), Tolerances(VesselLimits(limit)))

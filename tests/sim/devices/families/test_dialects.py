@@ -74,15 +74,11 @@ def test_duet_moves_no_axis_before_it_is_homed_or_placed():
     assert b"insufficient" in said(printer, b"G1 Z11 F600\n")
 
 
-def test_what_a_duet_leaves_out_is_a_fault_to_the_link():
+def test_duet_tells_its_settings_and_what_it_leaves_out_in_its_own_words():
     printer, _ = printer_of("reprapfirmware")
     reply = said(printer, b"M113 S1\n").splitlines()[0]
     assert reply == b"Warning: M113: Command is not supported"
     assert made_protocol("reprapfirmware").sort(reply) is Sort.REFUSAL
-
-
-def test_duet_tells_its_settings_in_its_own_words():
-    printer, _ = printer_of("reprapfirmware")
     assert b"X: 18000.0, Y: 18000.0, Z: 300.0, E: 120.0, min. speed" in said(printer, b"M203\n")
     assert b"(mm/sec^2): X: 3000.0" in said(printer, b"M201\n")
     assert b"X0.0:200.0, Y0.0:200.0" in said(printer, b"M208\n")
@@ -96,9 +92,7 @@ def test_klipper_s_offset_shifts_places_until_it_is_taken_back():
     assert printer.executed().end[-1].tolist() == [50.0, 50.0, 11.75]
     said(printer, b"SET_GCODE_OFFSET X=0 Y=0 Z=0\nG1 X50 Z11\nM400\n")
     assert printer.executed().end[-1].tolist() == [50.0, 50.0, 11.0]
-
-
-def test_klipper_s_offset_outlives_being_told_where_the_tip_is():
+    # Being told where the tip is doesn't end it.
     printer, _ = printer_of("klipper")
     said(printer, PLACED + b"SET_GCODE_OFFSET Z=0.5\n" + PLACED)
     assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:9.500")

@@ -275,13 +275,10 @@ def test_answer_is_the_real_ones(line: str, answer: str) -> None:
     assert said(marlin(), line) == answer
 
 
-def test_code_112_kills_without_emergency_parser_however_it_is_written() -> None:
+def test_code_112_kills_however_it_is_written_after_its_line_was_refused() -> None:
     printer = marlin(emergency_parser=False)
     printer.exchange(b"M0112\n")
     assert printer.dead
-
-
-def test_line_is_refused_before_the_emergency_parsers_kill_is_done() -> None:
     answer = marlin().exchange(b"N5 M112\n")
     assert answer.index(b"Resend: 1\nok\n") < answer.index(b"echo:M112 Shutdown")
 
@@ -330,20 +327,14 @@ def test_stored_settings_outlast_a_reset_and_others_do_not() -> None:
     assert "M92 X81.00" in said(printer, "M501")
 
 
-def test_volume_of_m200_shortens_the_plungers_way() -> None:
+def test_m200_m205_and_m111_do_to_moves_what_they_say() -> None:
     printer = marlin()
     said(printer, "M200 D1.75", "G1 E10 F600", "M400")
     assert printer.executed().plunger_end[-1] == pytest.approx(4.158, abs=0.002)
-
-
-def test_nothing_moves_slower_than_m205_says() -> None:
     printer = marlin()
     said(printer, "M205 T50", "G1 X10 F60", "M400")
     executed = printer.executed()
     assert executed.time_end[-1] - executed.time_start[0] < 0.3
-
-
-def test_dry_run_flag_of_m111_keeps_plunger_and_heaters_off() -> None:
     printer = marlin()
     said(printer, "M111 S8", "M104 S50", "G1 X3 E3 F600", "M400")
     assert printer.executed().plunger_end[-1] == 0

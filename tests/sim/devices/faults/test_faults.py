@@ -166,19 +166,20 @@ def test_clog_ends_the_ink_where_it_begins_and_lets_it_come_again(tmp_path):
     assert len(np.unique(found.strands.stroke)) == 9
 
 
-def test_purge_clears_a_clog(tmp_path):
-    text = "{fault: clog, written_mm: 7, clears_ul: 0.4, passes: 0.25}"
-    mended = ink_of(tmp_path, text, rows(purge_after=2))
-    assert mended.written_ul == pytest.approx(DOSE * (8 - 0.75 * (15 - 7) / LENGTH))
-    never = ink_of(tmp_path, text.replace("0.4", "1.4"), rows(purge_after=2))
-    assert never.written_ul == pytest.approx(DOSE * (7 / 5 + 0.25 * 33 / 5))
-
-
-def test_drift_is_a_step_or_a_ramp(tmp_path):
-    step = ink_of(tmp_path, "{fault: drift, line: 4, factor: 1.3}")
-    assert step.written_ul == pytest.approx(DOSE * (1 + 7 * 1.3))
-    ramp = ink_of(tmp_path, "{fault: drift, written_mm: 10, factor: 0.7, over_mm: 20}")
-    assert ramp.written_ul == pytest.approx(DOSE * (2 + 4 * 0.85 + 2 * 0.7))
+@pytest.mark.parametrize(
+    ("text", "purge_after", "lines"),
+    [
+        ("clog, written_mm: 7, clears_ul: 0.4, passes: 0.25", 2, 8 - 0.75 * (15 - 7) / LENGTH),
+        ("clog, written_mm: 7, clears_ul: 1.4, passes: 0.25", 2, 7 / 5 + 0.25 * 33 / 5),
+        ("drift, line: 4, factor: 1.3", -1, 1 + 7 * 1.3),
+        ("drift, written_mm: 10, factor: 0.7, over_mm: 20", -1, 2 + 4 * 0.85 + 2 * 0.7),
+        ("empty, pushed_ul: 0.25, fades_ul: 0.1", -1, (0.25 + 0.05) / DOSE),
+    ],
+    ids=["a purge clears a clog", "or is too little", "a step", "a ramp", "empty"],
+)
+def test_what_is_laid_is_what_a_fault_leaves(tmp_path, text, purge_after, lines):
+    found = ink_of(tmp_path, f"{{fault: {text}}}", rows(purge_after=purge_after))
+    assert found.written_ul == pytest.approx(DOSE * lines)
 
 
 def test_bubble_is_missing_and_catches_up(tmp_path):
@@ -186,11 +187,6 @@ def test_bubble_is_missing_and_catches_up(tmp_path):
     found = ink_of(tmp_path, text)
     assert found.written_ul == pytest.approx(8 * DOSE - 0.05 + 0.03)
     assert found.strands.area_mm2.max() == pytest.approx(1.6 * WIDTH * HEIGHT)
-
-
-def test_empty_syringe_lays_nothing_more(tmp_path):
-    found = ink_of(tmp_path, "{fault: empty, pushed_ul: 0.25, fades_ul: 0.1}")
-    assert found.written_ul == pytest.approx(0.25 + 0.05)
 
 
 def test_skipped_steps_shift_what_follows(tmp_path):

@@ -121,15 +121,12 @@ def test_what_a_firmware_would_do_wrong_is_found(wrong, right, sort):
     assert sort in codes(JOB.replace(right, wrong, 1))
 
 
-def test_marlin_s_own_offset_shifts_the_frame_without_a_move_where_it_isn_t_homed():
+def test_marlin_s_own_offset_shifts_the_frame_and_moves_a_homed_carriage():
     printer = MarlinPrinter(TWO, (10, 0, 40))
     sent(printer, b"M302 P1\nM218 T1 X40 Y0 Z0\nT1 S1\n")
     assert b"X:50.00" in sent(printer, b"M114\n")
     sent(printer, b"G1 X50 Y1 F600\n")
     assert printer.executed().end[-1].tolist() == [10.0, 1.0, 40.0]
-
-
-def test_marlin_moves_a_homed_carriage_by_its_own_offset():
     printer = MarlinPrinter(TWO, (10, 0, 40))
     sent(printer, b"G28\nG1 X100 Y0 Z5 F3000\nM218 T1 X40 Y0 Z0\nT1\nM400\n")
     assert printer.executed().end[-1].tolist() == [60.0, 0.0, 5.0]

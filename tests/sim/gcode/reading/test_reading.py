@@ -100,17 +100,24 @@ def test_a_line_that_no_firmware_takes_is_refused_before_it_is_looked_at(text, p
     assert read_line(b"G1 X1 ;" + text, printer).text == b"G1 X1"
 
 
-@pytest.mark.parametrize(
-    ("family", "text"),
-    [
-        ("prusa", b"g1 x5"),
-        ("klipper", b"G4 S2"),
-        ("klipper", b"G2 X1 Y1 R5"),
-        ("reprapfirmware", b"G1X1E3"),
-        ("reprapfirmware", b"G1 H2 X5"),
-    ],
-)
-def test_families_refuse_what_they_read_otherwise(family, text):
+BEHIND_ANY_CODE = [b"M4321 M104 S250", b"M4321 G1 Z-5", b"T0 M104 S250"]
+SECOND_COMMAND_IN_A_TEXT = (
+    [b'M117 "x"M104 S250', b'M117 "x" G1 Z-50 F3000', b'M117 "x"G10 P0 S300', b'M117 a"b"M104 S250']
+    + [b'M117 "x""y"M104 S250', b'M118 S"a" M104 S250', b'M118 S"a""b"M104 S250', b"M0 M104 S250"]
+    + [b"M118 hi M104 S250", b'M98 P"a.g"G1 Z-5', b"M98 Pa.g M104 S250", b"G1 X1 G1 Y2"]
+    + [b"M104 S0 M140 S0", b'M117 "a;b"M104 S250', b"M84 M104 S250", b"M201 X5 G1 Z-5"]
+    + [b'M106 C"x"M104 S250', b"M28 \"x\"M104 S250"]
+)  # fmt: skip
+READ_OTHERWISE = [
+    ("prusa", b"g1 x5"), ("klipper", b"G4 S2"), ("klipper", b"G2 X1 Y1 R5"),
+    ("reprapfirmware", b"G1X1E3"), ("reprapfirmware", b"G1 H2 X5"),
+]  # fmt: skip
+READ_OTHERWISE += [("reprapfirmware", text) for text in SECOND_COMMAND_IN_A_TEXT]
+READ_OTHERWISE += [(family, text) for family in FAMILIES for text in BEHIND_ANY_CODE]
+
+
+@pytest.mark.parametrize(("family", "text"), READ_OTHERWISE)
+def test_families_refuse_what_they_read_otherwise_and_a_second_command(family, text):
     with pytest.raises(LineError):
         read_line(text, FAMILIES[family])
 
@@ -163,19 +170,6 @@ def test_the_short_road_reads_plain_moves_as_the_long_one(text, family):
 
 @pytest.mark.parametrize(
     "text",
-    [b'M117 "x"M104 S250', b'M117 "x" G1 Z-50 F3000', b'M117 "x"G10 P0 S300', b'M117 a"b"M104 S250']
-    + [b'M117 "x""y"M104 S250', b'M118 S"a" M104 S250', b'M118 S"a""b"M104 S250', b"M0 M104 S250"]
-    + [b"M118 hi M104 S250", b'M98 P"a.g"G1 Z-5', b"M98 Pa.g M104 S250", b"G1 X1 G1 Y2"]
-    + [b"M104 S0 M140 S0", b'M117 "a;b"M104 S250', b"M84 M104 S250", b"M201 X5 G1 Z-5"]
-    + [b'M106 C"x"M104 S250', b"M28 \"x\"M104 S250"],
-)  # fmt: skip
-def test_a_second_command_in_a_line_is_refused_where_the_firmware_would_carry_it_out(text):
-    with pytest.raises(LineError):
-        read_line(text, DUET)
-
-
-@pytest.mark.parametrize(
-    "text",
     [b"M117 {1} M104 S250", b"M117 {1} G1 Z-50 F6000", b"M117 {move.axes[0].max} M500", b"M117 {}"]
     + [b"M117 {1}{2} M104 S250", b"M117 (a) {1} M500", b"M117{1}M500", b'M117 {"x"} M500']
     + [b"M117\t{1}\tM500", b'M117 "{1}" M500', b"M117 a {b} M500", b"M117 a } M500"]
@@ -198,13 +192,6 @@ def test_braces_in_a_text_are_refused_where_the_firmware_works_them_out(text):
 )
 def test_a_text_that_reaches_to_the_lines_end_passes(text, sent):
     assert read_line(text, DUET).text == sent
-
-
-@pytest.mark.parametrize("printer", FAMILIES.values(), ids=FAMILIES)
-@pytest.mark.parametrize("text", [b"M4321 M104 S250", b"M4321 G1 Z-5", b"T0 M104 S250"])
-def test_a_second_command_behind_any_code_is_refused_in_each_family(text, printer):
-    with pytest.raises(LineError):
-        read_line(text, printer)
 
 
 # Whole files, against line-by-line reading and a slow oracle
