@@ -231,14 +231,11 @@ def test_a_scan_that_can_t_be_aligned_asks_for_a_pose() -> None:
         align_pose(scan, bare, solid(manifold3d.Manifold.cube((4.0, 3.0, 0.5))))
 
 
-def test_what_no_light_reached_is_not_seen() -> None:
+def test_what_no_light_reached_or_is_out_of_view_is_not_seen() -> None:
     numbers = measured(scanned(block, lit=0.24))
     assert statuses(numbers)[3:] == [LayerStatus.NOT_SEEN] * 2
     assert statuses(numbers)[0] == LayerStatus.PRINTED
     assert numbers[4].in_view == 1
-
-
-def test_what_is_out_of_view_is_not_seen() -> None:
     # The part's 0 lies 0.21 mm above the first plane: 28 planes reach to 0.33 mm.
     numbers = measured(scanned(block, slice(0, 28)))
     assert statuses(numbers) == [LayerStatus.PRINTED] * 3 + [LayerStatus.NOT_SEEN] * 2

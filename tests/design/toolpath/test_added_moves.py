@@ -62,6 +62,9 @@ def test_moves_end_where_the_part_begins_and_leave_nothing_in_it():
     # Besides the line, what is taken back is given again before the part.
     assert before.volume_ul.sum() == pytest.approx(8.0 * 0.05)
     assert before.kind[-1] == MoveKind.PRIME
+    one = HeadPriming(0.02, 0.4, purge=Purge(CUP, 5.0))
+    volumes = priming(path.start[0], 0, [one], AROUND, path).volume_ul
+    assert volumes[volumes != 0].tolist() == pytest.approx([5.0, -0.02, 0.02])
 
 
 def test_needle_crosses_at_the_safe_height_alone():
@@ -88,13 +91,6 @@ def test_nothing_to_do_no_lag_and_a_part_above_the_travels_are_refused():
         priming(path.start[0], 0, [head()], replace(AROUND, safe_mm=0.5), path)
     with pytest.raises(ToolpathError, match="lag_s"):
         compensate_lag(tapered(0.3, 0.6), 0.0, RATE)
-
-
-def test_purge_alone_is_taken_back_once_and_given_again():
-    path = part()
-    one = HeadPriming(0.02, 0.4, purge=Purge(CUP, 5.0))
-    volumes = priming(path.start[0], 0, [one], AROUND, path).volume_ul
-    assert volumes[volumes != 0].tolist() == pytest.approx([5.0, -0.02, 0.02])
 
 
 # Compensation of lag, against its equation integrated in small steps.

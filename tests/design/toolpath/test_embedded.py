@@ -248,7 +248,7 @@ HEAD_OF = (KIND == VEIN).astype(np.int64)
 HEADS = EmbeddedHeads((FIRST, SECOND), HEAD_OF)
 
 
-def test_each_vessel_is_written_by_its_own_head_and_changes_are_few_relieved_and_lifted():
+def test_each_vessel_is_written_by_its_own_head_relieved_and_primed_by_itself():
     path = plan_embedded(NETWORK, HEADS).toolpath
     writes = path.kind == MoveKind.WRITE
     np.testing.assert_array_equal(path.tool[writes], HEAD_OF[path.source[writes]])
@@ -261,10 +261,6 @@ def test_each_vessel_is_written_by_its_own_head_and_changes_are_few_relieved_and
         last_write = np.flatnonzero(before == MoveKind.WRITE)[-1]
         assert path.kind[last_write + 1] == MoveKind.RETRACT
         assert path.end[row, 2] > path.end[: row + 1][before == MoveKind.WRITE, 2].max()
-
-
-def test_each_head_s_relief_is_its_own_and_is_primed_again():
-    path = plan_embedded(NETWORK, HEADS).toolpath
     for head, options in enumerate((FIRST, SECOND)):
         own = path.tool == head
         reliefs = path.volume_ul[own & (path.kind == MoveKind.RETRACT)]

@@ -104,7 +104,7 @@ def test_ink_that_came_is_told_by_the_change_though_its_gaps_are_not(kind: str) 
     assert sum(one.length_mm for one in none.told.tail) > 0.9 * way
 
 
-def test_a_camera_whose_marks_stand_still_has_not_moved(painted: Stack) -> None:
+def test_a_camera_that_moved_by_pixels_is_told_unless_its_marks_stand_still(painted: Stack) -> None:
     """A part's shadow that grew on black glass "moved" it by 12 px, and a clog in part passed."""
     shaded = np.roll(painted.before, (4, -3), axis=(0, 1))
     findings = see_layer(
@@ -112,9 +112,6 @@ def test_a_camera_whose_marks_stand_still_has_not_moved(painted: Stack) -> None:
     )
     assert findings.moved_px == 0.0
     assert np.isfinite(findings.older_step)  # by the picture before
-
-
-def test_a_camera_that_moved_by_pixels_is_told_and_the_picture_before_left_out(painted):
     moved = np.roll(painted.before, (4, -3), axis=(0, 1))
     findings = see_layer(painted.picture, painted, expected(painted), before=moved)
     assert findings.moved_px > 3.0
