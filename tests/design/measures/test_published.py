@@ -63,6 +63,16 @@ def test_angles_and_asymmetry_of_a_fork_are_its_own():
     assert found == pytest.approx([70.0, 20.0, 50.0, 0.5, (0.16 + 0.04) / 0.25])
 
 
+def test_a_trees_first_fork_is_told_apart():
+    nodes = [[0, 0, 0], [10, 0, 0], [18, 4, 0], [16, -6, 0], [24, 4, 0], [22, 12, 0]]
+    ends = [[0, 1], [1, 2], [1, 3], [2, 4], [2, 5]]
+    net = network(nodes, ends, [0.5, 0.4, 0.2, 0.3, 0.27])
+    rows = compare_orders(net, "coronary")["forks"]
+    found = {row["at"]: row["ours"] for row in rows if row["measure"] == "between_deg"}
+    first, second = np.degrees([np.arctan(1 / 2) + np.pi / 4, np.arctan(2)])
+    assert found == pytest.approx({"first": first, "all": (first + second) / 2})
+
+
 @pytest.mark.parametrize("organ", ["kidney", "lung", "liver"])
 def test_what_is_not_published_is_told_and_not_judged(organ):
     found = compare_orders(fork(20.0, 50.0), organ)

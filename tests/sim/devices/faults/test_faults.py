@@ -224,3 +224,5 @@ def test_ink_of_a_second_syringe_counts_on():
         push > 0,
     )
     np.testing.assert_allclose(line.pushed_ul, [0, 40, 40, 40, 50, 50, 50, 52, 57, 57, 57.5])
+    # A purge is at least twice the median dose a mm, which is 5.
+    assert line.purged_ul[-1] == 40 + 10
