@@ -17,29 +17,8 @@ from benchmarks.scans.rows import shared_designs
 from benchmarks.scans.truth import sections
 from tests.slower import first_of
 
-STILL = [
-    "--yaw",
-    "0",
-    "--tilt",
-    "0,0",
-    "--roughness-um",
-    "0",
-    "--reflection-db",
-    "-90",
-    "--tail",
-    "0",
-]
-FLAT = [
-    *STILL,
-    "--attenuation-per-mm",
-    "0",
-    "--rolloff-db-mm",
-    "0",
-    "--rayleigh-mm",
-    "1000",
-    "--snr-db",
-    "60",
-]
+STILL = ["--yaw=0", "--tilt=0,0", "--roughness-um=0", "--reflection-db=-90", "--tail=0"]
+FLAT = [*STILL, "--attenuation-per-mm=0", "--rolloff-db-mm=0", "--rayleigh-mm=1000", "--snr-db=60"]
 
 
 def asked(design, *options):

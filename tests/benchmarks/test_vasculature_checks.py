@@ -50,17 +50,14 @@ def test_a_wrong_radius_is_seen_by_flow_murray_and_ratios(tmp_path):
     ]
 
 
-def test_a_planted_collision_is_seen(tmp_path):
-    crossing = [list(p) for p in POINTS]
-    crossing[4], crossing[6] = [8, 2, 3.5], [2, 2, 3.52]
-    found = written(tmp_path, crossing)
-    assert broken(found) == ["colliding pairs"]
-    assert found.first_colliding == [[3, 5]]
-
-
-def test_a_planted_piece_outside_is_seen(tmp_path):
-    outside = [list(p) for p in POINTS]
-    outside[7] = [8, 8, -1]
-    found = written(tmp_path, outside)
-    assert broken(found) == ["segments out of tissue"]
-    assert found.first_outside == [6]
+@pytest.mark.parametrize(
+    ("moved", "goal", "places"),
+    [
+        ({4: [8, 2, 3.5], 6: [2, 2, 3.52]}, "colliding pairs", ([[3, 5]], [])),
+        ({7: [8, 8, -1]}, "segments out of tissue", ([], [6])),
+    ],
+)
+def test_a_planted_collision_and_a_piece_outside_are_seen(tmp_path, moved, goal, places):
+    found = written(tmp_path, [moved.get(k, point) for k, point in enumerate(POINTS)])
+    assert broken(found) == [goal]
+    assert (found.first_colliding, found.first_outside) == places

@@ -1,7 +1,5 @@
 """Way points: a move that is lost, doubled or left away is told; a look's way up and back isn't."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -22,13 +20,10 @@ def log_of(*moves: tuple[str, int]) -> StepLog:
     return StepLog(records)
 
 
-def test_a_move_below_the_planners_least_goes_with_the_next():
+def test_a_move_below_the_least_goes_with_the_next_and_a_way_up_and_back_is_an_excursion():
     ways = way_points(FILE)
     assert ways == [(80, 40, 0, 50), (84, 40, 200, 50), (0, 40, 200, 100)]
     assert follow(log_of(*MADE), ways).exact
-
-
-def test_a_way_up_and_back_is_an_excursion():
     up = [("E", -20), ("Z", 300), ("Z", -300), ("E", 20)]
     found = follow(log_of(*MADE[:3], *up, *MADE[3:], *up), way_points(FILE))
     assert found.exact

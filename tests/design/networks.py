@@ -1,6 +1,7 @@
-"""Test networks of all kinds, for file formats."""
+"""Test networks: straight vessels, polylines, random graphs and trees."""
 
-from __future__ import annotations
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
@@ -8,6 +9,37 @@ from hypothesis import strategies as st
 from design.network import VesselKind, VesselNetwork
 
 TOWARDS_ROOT = (int(VesselKind.VEIN), int(VesselKind.LYMPH))
+
+
+def network(
+    nodes: Any, ends: Any, radius: Any, kind: Any = VesselKind.ARTERY, tree: Any = 0
+) -> VesselNetwork:
+    """Straight vessels between nodes (n, 3), mm; radius, kind and tree of all or of each."""
+    radii = np.full(len(ends), radius, dtype=float)
+    of_each = [np.full(len(ends), one, dtype=np.int64) for one in (kind, tree)]
+    return VesselNetwork.from_segments(np.array(nodes, float), np.array(ends), radii, *of_each)
+
+
+def polylines(lines: Any, radius: Any, kind: Any = VesselKind.ARTERY) -> VesselNetwork:
+    """A vessel along each line; equal ends are one node. Radius, mm, of all or of each point."""
+    ends = np.array([line[k] for line in lines for k in (0, -1)], dtype=float)
+    nodes, number = np.unique(ends, axis=0, return_inverse=True)
+    points = np.concatenate(lines).astype(float)
+    return VesselNetwork(
+        nodes=nodes,
+        vessel_nodes=number.reshape(-1, 2),
+        kind=np.full(len(lines), kind, dtype=np.int64),
+        tree=np.zeros(len(lines), dtype=np.int64),
+        offset=np.cumsum([0, *map(len, lines)]),
+        points=points,
+        radius=np.full(len(points), radius, dtype=float),
+    )
+
+
+def polyline(points: Any, radius: Any) -> VesselNetwork:
+    """One vessel from its first point to its last."""
+    made = polylines([np.asarray(points, float)], radius)
+    return replace(made, nodes=made.points[[0, -1]], vessel_nodes=np.array([[0, 1]]))
 
 
 def random_network(seed: int, vessels: int) -> VesselNetwork:

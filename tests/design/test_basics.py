@@ -15,8 +15,9 @@ import registration
 from design.display import LAB, Units
 from design.errors import DesignError, NetworkError
 from design.files import atomic_replacement, write_text
-from design.network import VesselKind, VesselNetwork
+from design.network import VesselNetwork
 from design.on_demand import exported_names
+from tests.design.networks import network
 
 
 @pytest.mark.parametrize(
@@ -55,22 +56,17 @@ def test_a_unit_that_is_not_known_is_refused_with_those_that_are():
 # Atomic file writing: a failed write leaves the old file.
 
 
-def test_success_replaces_the_old_file(tmp_path: Path) -> None:
+def test_success_replaces_the_old_file_and_a_full_disk_leaves_it(tmp_path: Path) -> None:
     path = tmp_path / "sub" / "a.txt"
     write_text(path, "old")
     write_text(path, "new")
     assert path.read_text() == "new"
     assert [entry.name for entry in path.parent.iterdir()] == ["a.txt"]
-
-
-def test_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.txt"
-    write_text(path, "old")
     with pytest.raises(OSError, match=r"full: .*a\.txt"), atomic_replacement(path) as draft:
         draft.write_text("half")
         raise OSError(errno.ENOSPC, "disk full")
-    assert path.read_text() == "old"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]
+    assert path.read_text() == "new"
+    assert [entry.name for entry in path.parent.iterdir()] == ["a.txt"]
 
 
 # Public names of the packages `design` and `registration`.
@@ -94,41 +90,26 @@ NODES = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 0], [6, 0, 0]])
 ENDS = np.array([[0, 1], [1, 2], [1, 3]])
 
 
-def network(radius: object = (1.0, 0.5, 0.5), nodes: object = NODES) -> VesselNetwork:
-    kinds = np.full(3, VesselKind.ARTERY)
-    return VesselNetwork.from_segments(
-        np.array(nodes), ENDS, np.array(radius), kinds, np.zeros(3, dtype=int)
-    )
+def forked(radius: object = (1.0, 0.5, 0.5), nodes: object = NODES) -> VesselNetwork:
+    return network(nodes, ENDS, radius)
 
 
-def test_lengths_and_radii_are_those_of_the_polylines() -> None:
-    made = network()
+def test_lengths_ends_and_moves_are_those_of_the_polylines() -> None:
+    made = forked()
     np.testing.assert_allclose(made.lengths(), [3, 4, 3])
     np.testing.assert_allclose(made.mean_radius(), [1, 0.5, 0.5])
-
-
-def test_inlets_and_outlets_follow_the_designed_direction() -> None:
-    made = network()
     assert made.inlets().tolist() == [0]
     assert made.outlets().tolist() == [2, 3]
     assert made.degree().tolist() == [1, 3, 1, 1]
-
-
-def test_moving_keeps_everything_but_the_place() -> None:
-    moved = network().moved(np.array([1.0, 2, 3]))
+    moved = forked().moved(np.array([1.0, 2, 3]))
     np.testing.assert_allclose(moved.nodes, NODES + [1, 2, 3])
-    np.testing.assert_allclose(moved.lengths(), network().lengths())
+    np.testing.assert_allclose(moved.lengths(), forked().lengths())
 
 
-@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
-def test_impossible_position_is_refused_with_its_vessel(bad: float) -> None:
-    nodes = NODES.copy()
-    nodes[3, 1] = bad
-    with pytest.raises(NetworkError, match="vessel 2: position"):
-        network(nodes=nodes)
-
-
-@pytest.mark.parametrize("bad", [0.0, -1.0])
-def test_radius_must_be_positive(bad: float) -> None:
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), 0.0, -1.0])
+def test_impossible_position_or_radius_is_refused_with_its_vessel(bad: float) -> None:
     with pytest.raises(NetworkError, match="vessel 1: radius"):
-        network(radius=(1.0, bad, 0.5))
+        forked(radius=(1.0, bad, 0.5))
+    if not np.isfinite(bad):
+        with pytest.raises(NetworkError, match="vessel 2: position"):
+            forked(nodes=[*NODES[:3], [6.0, bad, 0.0]])

@@ -1,21 +1,26 @@
 """Test parts for registration: solids by manifold3d, deposits by analytic distance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import manifold3d
 import numpy as np
 
-from design.network import VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.solids.solid import Solid
 from kernels.arrays import FloatArray
+from registration.alignment import Fit
 from registration.scan import Scan
+from registration.segmentation import GelField, Segmentation
+from registration.segmentation.mesh import surface_mesh
 from sim.devices.scanner import ScannerOutput
 from sim.gcode.deposit.lay import Deposit
+from tests.design.networks import network
 
+HERE = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
+"""A scan that lies where the part does."""
 PLACE = np.array([60.0, 50.0, 0.5])
 BLOCK = (16.0, 8.0, 3.0)
 DIMPLES = ((1.5, 1.0), (14.5, 1.0), (1.5, 7.0))
@@ -29,20 +34,14 @@ def planar_network() -> VesselNetwork:
     vessels += [(1, 6), (2, 7), (4, 9), (5, 10)]
     vessels += [(6, 7), (7, 8), (10, 9), (9, 8), (8, 11)]
     radius = [0.5] * 5 + [d / 2 for d in CHANNELS.values()] + [0.5] * 5
-    return VesselNetwork.from_segments(
-        np.array([(x, y, 1.5) for x, y in nodes], dtype=float),
-        np.array(vessels),
-        np.array(radius),
-        np.full(len(vessels), 4),
-        np.zeros(len(vessels)),
-    )
+    return network([(x, y, 1.5) for x, y in nodes], vessels, radius, VesselKind.CHANNEL)
 
 
 def bent_network() -> VesselNetwork:
-    nodes = np.array([[2, 2, 1], [5, 3, 3], [9, 2, 5], [8, 7, 4], [11, 9, 6], [4, 8, 6.0]])
-    ends = np.array([[0, 1], [1, 2], [1, 3], [3, 4], [3, 5]])
-    radius = np.array([0.6, 0.45, 0.5, 0.35, 0.35])
-    return VesselNetwork.from_segments(nodes, ends, radius, np.zeros(5), np.zeros(5))
+    nodes = [[2, 2, 1], [5, 3, 3], [9, 2, 5], [8, 7, 4], [11, 9, 6], [4, 8, 6]]
+    ends = [[0, 1], [1, 2], [1, 3], [3, 4], [3, 5]]
+    radius = [0.6, 0.45, 0.5, 0.35, 0.35]
+    return network(nodes, ends, radius)
 
 
 def rod(start: FloatArray, end: FloatArray, radius: float, sides: int = 32) -> manifold3d.Manifold:
@@ -58,9 +57,9 @@ def ball(centre: FloatArray, radius: float) -> manifold3d.Manifold:
     return manifold3d.Manifold.sphere(radius, 32).translate(tuple(centre))
 
 
-def lumens(network: VesselNetwork) -> manifold3d.Manifold:
+def lumens(net: VesselNetwork) -> manifold3d.Manifold:
     shapes = []
-    for points, radii in network.polylines():
+    for points, radii in net.polylines():
         for a, b, r in zip(points[:-1], points[1:], radii[:-1], strict=True):
             shapes += [rod(a, b, r), ball(a, r), ball(b, r)]
     return manifold3d.Manifold.batch_boolean(shapes, manifold3d.OpType.Add)
@@ -79,10 +78,10 @@ def planar_construct(dimples: tuple[tuple[float, float], ...] = DIMPLES) -> Soli
     return solid(shape)
 
 
-def lumen_distance(network: VesselNetwork, points: FloatArray) -> FloatArray:
+def lumen_distance(net: VesselNetwork, points: FloatArray) -> FloatArray:
     """Signed distance to the lumens' wall, negative inside; plain NumPy."""
     best = np.full(points.shape[:-1], np.inf)
-    starts, ends, radii, _, _ = network.pieces()
+    starts, ends, radii, _, _ = net.pieces()
     # By components: arrays of three-vectors take four times as long.
     for a, b, r in zip(starts, ends, radii, strict=True):
         x, y, z = (points[..., k] - a[k] for k in range(3))
@@ -123,6 +122,17 @@ def planar_deposit(voxel: float) -> Deposit:
     made = analytic_deposit(planar_distance, np.zeros(3), np.array(BLOCK), voxel)
     made.volume.flags.writeable = False
     return made
+
+
+def segmented(
+    values: FloatArray, voxel_mm: Any, origin_mm: Any, blur_mm: float = 0.0, **more: Any
+) -> Segmentation:
+    """The scan whose field has these shares of gel, (nz, ny, nx); ``more`` as for Segmentation."""
+    voxel = np.broadcast_to(voxel_mm, 3).astype(float)
+    share, origin = np.asarray(values, np.float32), np.asarray(origin_mm, float)
+    field = GelField(share, 0.5, 1.0, voxel, origin, blur_mm)
+    known = {"contrast": 10.0, "strength": None} | more
+    return Segmentation(field, *surface_mesh(field, None, 0.3), **known)
 
 
 def as_scan(scanned: ScannerOutput) -> Scan:

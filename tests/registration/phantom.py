@@ -3,8 +3,6 @@
 No scanner and no alignment in between: what is gauged here is gauged against analytic truth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 
@@ -13,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from design.network import VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.solids.solid import Solid
 from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.measuring.gauging import VesselTrace, trace_vessels
-from registration.segmentation import GelField, Segmentation
-from registration.segmentation.mesh import surface_mesh
-from tests.registration.parts import lumens, solid
+from registration.segmentation import Segmentation
+from tests.design.networks import network
+from tests.registration.parts import lumens, segmented, solid
 
 Radius = Callable[[int, FloatArray], FloatArray]
 """Vessel and distance along it (mm) to what is added to its radius (mm)."""
@@ -40,13 +38,7 @@ def ladder() -> VesselNetwork:
     nodes += [(7.3, y[0]), (7.3, y[2]), (7.3, y[1]), (9, y[1])]
     ends = [(0, 1), (1, 2), (1, 3), (2, 4), (3, 5), (4, 6), (5, 6), (6, 7)]
     radius = [0.35, 0.3, 0.3, 0.25, 0.3, 0.3, 0.3, 0.35]
-    return VesselNetwork.from_segments(
-        np.array([(*node, 1.3) for node in nodes], dtype=float),
-        np.array(ends),
-        np.array(radius),
-        np.full(8, 4),
-        np.zeros(8),
-    )
+    return network([(*node, 1.3) for node in nodes], ends, radius, VesselKind.CHANNEL)
 
 
 @cache
@@ -80,10 +72,7 @@ def block(
     if noise > 0:
         rough = gaussian_filter(np.random.default_rng(seed).normal(size=gel.shape), 1.0)
         gel = gel + noise * rough / rough.std()
-    values = np.clip(0.5 - gel / 0.3, 0, 1).astype(np.float32)
-    field = GelField(values, 0.5, 1.0, np.full(3, VOXEL), points[0, 0, 0], blur_mm=0.0)
-    surface, outward, seen = surface_mesh(field, None, 0.3)
-    return Segmentation(field, surface, outward, seen, 10.0, None)
+    return segmented(np.clip(0.5 - gel / 0.3, 0, 1), VOXEL, points[0, 0, 0])
 
 
 @cache

@@ -1,7 +1,5 @@
 """Whole registrations that several files assert on, made once a run."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Alignment of analytic surface points: convergence, mirror images, symmetry, scale."""
 
-from __future__ import annotations
-
 import manifold3d
 import numpy as np
 import pytest
@@ -9,14 +7,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels.arrays import FloatArray
 from registration.alignment import Alignment, AlignmentOptions, align
+from registration.alignment.align import CLOSE_MM, _refuse_misfit
 from registration.alignment.distance import ModelSurface, distance_grid
 from registration.errors import AlignmentError
 from registration.measuring.topology import agreement
-from tests.registration.parts import corners, lumens, planar_construct, planar_distance, rod, solid
+from tests.design.networks import network
+from tests.registration.parts import (
+    HERE,
+    corners,
+    lumens,
+    planar_construct,
+    planar_distance,
+    rod,
+    solid,
+)
 from tests.registration.phantom import BLOCK, IDENTITY, block, ladder, ladder_construct
 from tests.slower import examples, first_of
 
@@ -81,8 +88,7 @@ def test_a_surface_that_little_light_reached_proves_no_mirror_image(construct: S
 def test_symmetric_part_is_flagged_ambiguous() -> None:
     block = manifold3d.Manifold.cube((10, 6, 3))
     channel = manifold3d.Manifold.cube((12, 1, 1)).translate((-1, 2.5, 1))
-    mesh = (block - channel).to_mesh()
-    part = Solid(np.asarray(mesh.vert_properties[:, :3], float), np.asarray(mesh.tri_verts))
+    part = solid(block - channel)
     points, _ = placed(surface_points(part, 40_000, 0), 3, np.ones(3))
     found = align(ModelSurface.of(part), points, True, FAST)
     assert found.ambiguous
@@ -91,8 +97,7 @@ def test_symmetric_part_is_flagged_ambiguous() -> None:
 
 def test_thin_part_leaves_depth_unscaled() -> None:
     block = manifold3d.Manifold.cube((10, 6, 1.0)) - manifold3d.Manifold.cube((2, 3, 1))
-    mesh = block.to_mesh()
-    part = Solid(np.asarray(mesh.vert_properties[:, :3], float), np.asarray(mesh.tri_verts))
+    part = solid(block)
     points, _ = placed(surface_points(part, 40_000, 0), 3, np.array([0.98, 0.98, 0.9]))
     found = align(ModelSurface.of(part), points, True, FAST)
     assert not found.depth_fitted
@@ -124,6 +129,21 @@ def test_a_vessel_wider_all_along_leaves_scale_and_offset_alone() -> None:
     found = align(ModelSurface.of(solid(designed)), seen, True, FAST).scaled
     np.testing.assert_allclose(found.scale[:2], 1, atol=1.5e-3)
     assert abs(found.offset_mm) < 0.006
+
+
+def test_fewer_than_500_points_are_refused(construct: Solid) -> None:
+    points, _ = placed(surface_points(construct, 500, 1), 7, np.ones(3))
+    with pytest.raises(AlignmentError, match=r"499 surface points are too few .*needed: 500"):
+        align(ModelSurface.of(construct), points[1:], True, FAST)
+    align(ModelSurface.of(construct), points, True, FAST)
+
+
+def test_at_least_half_of_the_scanned_surface_must_fit() -> None:
+    surface = ModelSurface.of(solid(manifold3d.Manifold.cube((4.0, 3.0, 2.0))))
+    near, far = np.array([[1.0, 1.0, 0.9 * CLOSE_MM]]), np.array([[1.0, 1.0, 1.1 * CLOSE_MM]])
+    _refuse_misfit(surface, np.concatenate([near, far]), HERE)
+    with pytest.raises(AlignmentError, match=r"only 33 % of .* \(needed: 50 %\)"):
+        _refuse_misfit(surface, np.concatenate([near, far, far]), HERE)
 
 
 # Alignment from any pose: inverted, mirrored, partial, symmetric or nearly so.
@@ -224,9 +244,9 @@ def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
 
 # Scans of a part with defects and of other parts, by where their hollows are.
 
-OTHER = VesselNetwork.from_segments(
-    np.array([(0.0, 0.7, 0.6), (9.0, 3.7, 1.9), (0.0, 3.8, 1.3), (9.0, 0.7, 1.3)]),
-    np.array([[0, 1], [2, 3]]), np.array([0.3, 0.35]), np.full(2, 4), np.arange(2),
+OTHER = network(
+    [(0.0, 0.7, 0.6), (9.0, 3.7, 1.9), (0.0, 3.8, 1.3), (9.0, 0.7, 1.3)],
+    [[0, 1], [2, 3]], [0.3, 0.35], tree=np.arange(2),
 )  # fmt: skip
 
 

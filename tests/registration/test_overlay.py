@@ -4,8 +4,6 @@ The block lies in the scan turned by 90° about the vertical and shifted, in vox
 raster's pixels. Five layers of 0.1 mm; lines of 0.2 mm along x; a free strip from y 1.4 to 2.0.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -35,8 +33,7 @@ from registration.overlay import (
     statuses,
 )
 from registration.scan import Scan
-from registration.segmentation import GelField, Segmentation
-from registration.segmentation.volume import Strength
+from registration.segmentation import GelField, Segmentation, Strength
 from tests.registration.parts import solid
 
 Gel = Callable[[FloatArray, FloatArray, FloatArray], NDArray[np.bool_]]
@@ -234,14 +231,11 @@ def test_a_scan_that_can_t_be_aligned_asks_for_a_pose() -> None:
         align_pose(scan, bare, solid(manifold3d.Manifold.cube((4.0, 3.0, 0.5))))
 
 
-def test_what_no_light_reached_is_not_seen() -> None:
+def test_what_no_light_reached_or_is_out_of_view_is_not_seen() -> None:
     numbers = measured(scanned(block, lit=0.24))
     assert statuses(numbers)[3:] == [LayerStatus.NOT_SEEN] * 2
     assert statuses(numbers)[0] == LayerStatus.PRINTED
     assert numbers[4].in_view == 1
-
-
-def test_what_is_out_of_view_is_not_seen() -> None:
     # The part's 0 lies 0.21 mm above the first plane: 28 planes reach to 0.33 mm.
     numbers = measured(scanned(block, slice(0, 28)))
     assert statuses(numbers) == [LayerStatus.PRINTED] * 3 + [LayerStatus.NOT_SEEN] * 2

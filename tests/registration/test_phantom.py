@@ -1,7 +1,5 @@
 """Registration of an independent phantom scan: block in weakly scattering liquid."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +8,8 @@ import pytest
 from benchmarks.registration.phantom import Setting, Truth, planar, scan_of
 from design.network_files.csv_format import read_network_csv
 from design.solids.solid import Solid
-from registration import RegistrationReport, register_scan
+from registration import RegistrationReport, Scan, register_scan
 from registration.errors import SegmentationError
-from registration.scan import Scan
 
 pytestmark = pytest.mark.slow  # half a minute; registration by scans of the simulator is in CI
 

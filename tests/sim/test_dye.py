@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from design.hemodynamics import FlowConditions, solve_flow
-from design.network import VesselNetwork
+from design.network import VesselKind
 from design.vasculature.named import planar_four_vessel
 from sim.devices.dye import (
     Disturbance,
@@ -20,12 +20,10 @@ from sim.devices.dye import (
 )
 from sim.devices.dye.lumens import Transport
 from sim.errors import SimError
+from tests.design.networks import network
 
 INFLOW = 4.0
-NODES = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
-TUBE = VesselNetwork.from_segments(
-    NODES, np.array([[0, 1]]), np.array([0.25]), np.array([4]), np.array([0])
-)
+TUBE = network([[0, 0, 0], [10, 0, 0]], [[0, 1]], 0.25, VesselKind.CHANNEL)
 
 
 def test_dye_in_a_tube_follows_taylor() -> None:

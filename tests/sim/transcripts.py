@@ -1,4 +1,4 @@
-"""Read and replay recorded transcripts; used by the link benchmark, too."""
+"""Read and replay recorded transcripts."""
 
 import ast
 import re
@@ -134,12 +134,17 @@ def ping_pong(printer: MarlinPrinter, count: int) -> list[bytes]:
     """N1 … one by one, each a move of 2 s."""
     answers = []
     for number in range(1, count + 1):
-        printer.receive(numbered(number))
+        printer.receive(ping(number))
         printer.advance(PING_S)
         answers.append(printer.take_output())
     return answers
 
 
-def numbered(number: int) -> bytes:
-    body = b"N%d G1 X%d F600" % (number, 20 * (number % 2))
+def ping(number: int) -> bytes:
+    return numbered(number, f"G1 X{20 * (number % 2)} F600")
+
+
+def numbered(number: int, text: str) -> bytes:
+    """A line with its number and checksum."""
+    body = f"N{number} {text}".encode()
     return b"%s*%d\n" % (body, checksum(body))

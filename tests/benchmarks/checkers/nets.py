@@ -1,7 +1,5 @@
 """Small test networks with known checker results."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.checkers import Pieces, pieces_of

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.checkers.embedded_ink import STEP_MM, read_axes
 from benchmarks.checkers.embedded_judge import judge
 from benchmarks.checkers.read_gcode import read_moves
 
@@ -196,3 +197,15 @@ def test_relative_e_place_and_times(tmp_path: Path) -> None:
 def test_what_the_reader_doesnt_know_is_refused() -> None:
     with pytest.raises(ValueError, match="line 2: 'G2 X1 Y1 I1' isn't read"):
         read_moves("G90\nG2 X1 Y1 I1")
+
+
+def test_where_axes_cross_each_place_belongs_to_its_own(tmp_path: Path) -> None:
+    # The other axis has a dense point 12 µm away, the own one's nearest are 20 µm off.
+    own = [(0, 0, 0), (25 * STEP_MM, 0, 0)]
+    x = 10.5 * STEP_MM
+    other = [(x, -25 * STEP_MM, 0.012), (x, 25 * STEP_MM, 0.012)]
+    axes = read_axes(network(tmp_path / "network.csv", [(own, (0, 1)), (other, (2, 3))]))
+    gap, vessel, arc, _ = axes.nearest(np.array([[x, 0.0, 0.0], [x, 0.0, 0.012]]))
+    assert vessel.tolist() == [0, 1]
+    np.testing.assert_allclose(gap, 0, atol=1e-9)
+    np.testing.assert_allclose(arc, [x, 25 * STEP_MM])

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from benchmarks.checkers.link_order import Taken, body_of, judge, unreached
 
@@ -19,30 +20,27 @@ def test_body_is_read_with_and_without_number_and_checksum():
     assert body_of(b"N12 G1 X1*45") == (12, b"G1 X1")
     assert body_of(b"N-1 M110*3") == (-1, b"M110")
     assert body_of(b"M105") == (None, b"M105")
+    assert body_of(b"\x0bN999\x199 M105*23")[0] is None  # a fragment behind a control character
 
 
-def test_file_done_once_and_in_order_has_no_fault():
-    assert counts(taken(b"G1 X1", b"M114", b"G1 X2", b"G1 X3")) == (0, 0, 0, 0, 0)
-
-
-def test_lost_doubled_and_swapped_lines_are_counted():
-    assert counts(taken(b"G1 X1", b"G1 X3")) == (1, 0, 0, 0, 0)
-    assert counts(taken(b"G1 X1", b"G1 X1", b"G1 X2", b"G1 X3")) == (0, 1, 0, 0, 0)
-    assert counts(taken(b"G1 X2", b"G1 X1", b"G1 X3")) == (0, 0, 1, 0, 0)
+@pytest.mark.parametrize(
+    ("rows", "found"),
+    [
+        (taken(b"G1 X1", b"M114", b"G1 X2", b"G1 X3"), (0, 0, 0, 0, 0)),
+        (taken(b"G1 X1", b"G1 X3"), (1, 0, 0, 0, 0)),
+        (taken(b"G1 X1", b"G1 X1", b"G1 X2", b"G1 X3"), (0, 1, 0, 0, 0)),
+        (taken(b"G1 X2", b"G1 X1", b"G1 X3"), (0, 0, 1, 0, 0)),
+        ([*taken(b"G1 X1"), Taken(0.0, b"N0 M110 N0*1", b"M110 N0"), *taken(*FILE)], (0,) * 5),
+    ],
+    ids=["once and in order", "lost", "doubled", "swapped", "before the last renumbering"],
+)
+def test_lost_doubled_and_swapped_lines_are_counted(rows, found):
+    assert counts(rows) == found
 
 
 def test_lines_after_the_end_are_unfinished_not_lost():
     found = judge(FILE, taken(b"G1 X1", b"G1 X2"))
     assert (found.lost, found.unfinished) == (0, 1)
-
-
-def test_fragment_with_a_control_character_in_front_has_no_number():
-    assert body_of(b"\x0bN999\x199 M105*23")[0] is None
-
-
-def test_what_came_before_the_last_renumbering_is_no_part_of_the_print():
-    rows = [*taken(b"G1 X1"), Taken(0.0, b"N0 M110 N0*1", b"M110 N0"), *taken(*FILE)]
-    assert counts(rows) == (0, 0, 0, 0, 0)
 
 
 def test_slipped_line_is_counted_and_keeps_its_place():

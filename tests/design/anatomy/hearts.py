@@ -6,17 +6,17 @@ import numpy as np
 from manifold3d import Manifold
 
 from design.geometry.surface import Surface
-from design.tissue import Tissue, biventricle, shapes, tissue_from_surface
+from design.tissue import Tissue, biventricle, shapes
 from design.tissue.zones import arrays_of
 from design.vasculature import GrowthOptions
+from tests.design.tissue.kept import kept_tissue
 
 HEART = GrowthOptions(terminals=160, clearance_mm=0.05, murray_exponent=2.5, pressure_drop_pa=1100)
 
 
 @cache
 def heart_tissue() -> Tissue:
-    surface = biventricle(60.0)
-    return tissue_from_surface(surface.vertices, surface.faces)
+    return kept_tissue(biventricle(60.0))
 
 
 def closed_heart(

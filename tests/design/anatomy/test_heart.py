@@ -1,26 +1,43 @@
-"""Hearts keep their main branches while pressure drops and radii are chosen."""
+"""Hearts keep their main branches; trunks in the way of each other; remedies that were tried."""
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
+from design.anatomy.clear_trunks import clear_trunks
 from design.anatomy.grown import AnatomicTrees, grow_or_advise
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.heart_places import _across_rims, find_heart_places
 from design.anatomy.openness import sample_surface
-from design.anatomy.presets import PRESETS
+from design.anatomy.presets import PRESETS, trunk_ends
 from design.anatomy.trunk_depth import check_trunks, sink_trunk
-from design.anatomy.trunk_lines import lines_of
-from design.errors import LEAST_TERMINALS, TissueError, WideTrunkError
+from design.anatomy.trunk_lines import TrunkLines, lines_of
+from design.errors import (
+    LEAST_TERMINALS,
+    CrowdedError,
+    GrowthError,
+    NoRoomError,
+    TissueError,
+    WideTrunkError,
+)
 from design.measures.published_comparison import PublishedMatch
-from design.tissue import biventricle, block, tissue_from_surface
+from design.tissue import Tissue, biventricle, block
 from design.tissue import shapes as heart_shape
 from design.units import PA_PER_MMHG
-from design.vasculature.treemath import tree_from_topology, tree_radii
+from design.vasculature import GrowthOptions, tree_from_topology, tree_radii
 from tests.design.anatomy.hearts import HEART, closed_heart, heart_tissue, trunk_length
 from tests.design.tissue.kept import kept_tissue
+
+
+def grown_with_matches(monkeypatch, sd_then):
+    """A heart whose radii are found 2 sd away from the published ones, then so many."""
+    matches = iter([PublishedMatch(2.0, 1.1), *(PublishedMatch(sd, 1.0) for sd in sd_then)])
+    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
+    few = replace(HEART, terminals=40)
+    return grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
 
 
 @pytest.mark.slow
@@ -30,10 +47,7 @@ from tests.design.tissue.kept import kept_tissue
 def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_radii(
     monkeypatch, sd_then, factor
 ):
-    matches = iter([PublishedMatch(2.0, 1.1), *(PublishedMatch(sd, 1.0) for sd in sd_then)])
-    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
-    few = replace(HEART, terminals=40)
-    made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
+    made = grown_with_matches(monkeypatch, sd_then)
     wanted = HEART.pressure_drop_pa / factor**4
     assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx([wanted] * 2)
     assert any("pressure_drop_mmhg was taken as" in note for note in made.notes) == (factor != 1.0)
@@ -42,24 +56,18 @@ def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_ra
 @pytest.mark.slow
 def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     """A heart of 80 mm lost 29 % of its trunks to radii nearer to the published ones."""
-    matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(0.9, 1.0)] * 3])
     lengths = iter([100.0, 80.0, 80.0, 80.0])
-    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
     monkeypatch.setattr("design.anatomy.published_drop.trunks_mm", lambda _: next(lengths))
-    few = replace(HEART, terminals=40)
-    made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
-    assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx(
-        [HEART.pressure_drop_pa] * 2
-    )
+    made = grown_with_matches(monkeypatch, (0.9,) * 3)
+    drops = [tree.pressure_drop_pa for tree in made.trees]
+    assert drops == pytest.approx([HEART.pressure_drop_pa] * 2)
 
 
 def test_a_small_heart_keeps_its_main_branches():
     """The circumflex was taken away for the anterior descending beside it at their fork."""
-    shape = biventricle(60.0)
-    tissue = tissue_from_surface(shape.vertices, shape.faces)
     drop = PRESETS["heart"].pressure_drop_mmhg * PA_PER_MMHG
-    options = replace(HEART, terminals=160, clearance_mm=0.05, pressure_drop_pa=drop)
-    made = grow_heart(tissue, options, HeartAnatomy(trunk_ends=40))
+    options = replace(HEART, pressure_drop_pa=drop)
+    made = grow_heart(heart_tissue(), options, HeartAnatomy(trunk_ends=40))
     assert trunk_length(made.trees) > 600.0
     assert not any("were left out" in note for note in made.notes)
 
@@ -74,10 +82,8 @@ def test_forks_too_narrow_for_their_radii_lose_no_branch(monkeypatch):
         return planned[-1]
 
     monkeypatch.setattr("design.anatomy.heart.lines_of", lines_kept)
-    shape = biventricle(30.0)
-    tissue = tissue_from_surface(shape.vertices, shape.faces)
-    crowded = replace(HEART, terminals=160, pressure_drop_pa=970.0, seed=3)
-    made = grow_heart(tissue, crowded, HeartAnatomy(trunk_ends=40))
+    crowded = replace(HEART, pressure_drop_pa=970.0, seed=3)
+    made = grow_heart(kept_tissue(biventricle(30.0)), crowded, HeartAnatomy(trunk_ends=40))
     lines = planned[0]
     below = np.flatnonzero(lines.parent >= 0)
     pieces = lines.points[below] - lines.points[lines.parent[below]]
@@ -168,9 +174,7 @@ def test_a_trunk_too_wide_for_the_wall_fits_with_the_drop_that_is_advised():
     assert 0.5 * THICK - CLEARANCE < tree_radii(wide)[0] < 0.5 * THICK + CLEARANCE
     sunk = sink_trunk(tissue, wide, CLEARANCE)
     everywhere = np.arange(1, len(wide.parent))
-    with pytest.raises(
-        WideTrunkError, match=r"room for 2\.\d+ mm; give a higher pressure_drop"
-    ) as refused:
+    with pytest.raises(WideTrunkError, match=r"room for 2\.\d+ mm") as refused:
         check_trunks(tissue, (sunk,), everywhere, CLEARANCE)
     thinner = trunk(WIDE_PA * refused.value.drop_factor)
     assert tree_radii(thinner)[0] < 0.5 * THICK - CLEARANCE
@@ -202,15 +206,11 @@ def test_a_heart_raises_a_drop_of_its_own_choice_until_trunks_fit(monkeypatch):
 def test_a_heart_of_a_thin_right_wall_grows(monkeypatch):
     outer = heart_shape.RIGHT_OUTER
     monkeypatch.setattr(heart_shape, "RIGHT_INNER", tuple(axis - 2.0 for axis in outer))
-    shape = heart_shape.biventricle(60.0)
-    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    tissue = kept_tissue(heart_shape.biventricle(60.0))
     options = replace(HEART, terminals=40, pressure_drop_pa=500.0)
     with pytest.raises(WideTrunkError) as refused:
-        grow_or_advise(
-            lambda one: grow_heart(tissue, one, HeartAnatomy(trunk_ends=10)),
-            options,
-            LEAST_TERMINALS,
-        )
+        plain = HeartAnatomy(trunk_ends=10)
+        grow_or_advise(lambda one: grow_heart(tissue, one, plain), options, LEAST_TERMINALS)
     advised = re.search(r"pressure_drop_mmhg of ([\d.]+) or more", str(refused.value))
     assert advised is not None
     higher = replace(options, pressure_drop_pa=float(advised[1]) * PA_PER_MMHG)
@@ -218,3 +218,147 @@ def test_a_heart_of_a_thin_right_wall_grows(monkeypatch):
     made = grow_heart(tissue, options, HeartAnatomy(trunk_ends=10, published_radii=True))
     assert sum(int(tree.terminals[0]) for tree in made.trees) == 40
     assert any("wider trunks don't fit in the wall" in note for note in made.notes)
+
+
+# Branches of trunks in each other's way fork later, or are left away.
+
+
+OPTIONS = GrowthOptions(terminals=100, clearance_mm=0.2)
+
+
+@cache
+def thick_block() -> Tissue:
+    return kept_tissue(block((40.0, 40.0, 20.0)))
+
+
+def forked(degrees: float, steps: int = 12) -> tuple[TrunkLines, np.ndarray]:
+    """A stem along x in the block's middle that forks into two, a millimetre from node to node."""
+    low, high = thick_block().bounds
+    middle = 0.5 * (low + high)
+    begin = np.array([low[0] + 2.0, middle[1], middle[2]])
+    half = np.radians(degrees / 2)
+    points = [begin + [k, 0, 0] for k in range(6)]
+    parent = [-1, *range(5)]
+    for side in (1, -1):
+        for k in range(1, steps + 1):
+            parent.append(5 if k == 1 else len(points) - 1)
+            points.append(points[5] + k * np.array([np.cos(half), side * np.sin(half), 0]))
+    share = np.array([1.0] * 6 + [0.6] * steps + [0.4] * steps)
+    lines = TrunkLines(np.array(points), np.array(parent), np.zeros(len(points), int), share)
+    return lines, 0.8 * share ** (1 / OPTIONS.murray_exponent)
+
+
+def cleared(lines: TrunkLines, radius: np.ndarray) -> tuple[TrunkLines, np.ndarray]:
+    """As often as something is in the way."""
+    while (found := clear_trunks(thick_block(), lines, lines, radius, OPTIONS)) is not None:
+        lines, radius = found
+    return lines, radius
+
+
+@pytest.mark.parametrize("degrees", [20.0, 30.0, 45.0])
+def test_narrow_forks_move_on_and_no_end_is_lost(degrees):
+    before, radius = forked(degrees)
+    after, wide = cleared(before, radius)
+    assert (after.child_count() == 0).sum() == 2
+    assert (after.parent < np.arange(len(after.parent))).all()
+    fork = int(np.flatnonzero(after.child_count() == 2)[0])
+    assert after.points[fork, 0] > before.points[5, 0]
+    # What was the larger branch carries both up to the fork.
+    np.testing.assert_allclose(wide[fork], wide[0], rtol=1e-9)
+    np.testing.assert_allclose(after.share[fork], 1.0)
+
+
+def test_a_tree_that_keeps_no_trunk_is_an_error():
+    """It said that the trunk has no segments, and to grow without."""
+    one, radius = forked(100.0)
+    away = one.points + [0, 0, 300.0]
+    two = TrunkLines(
+        np.concatenate([one.points, away]),
+        np.concatenate([one.parent, np.where(one.parent >= 0, one.parent + len(away), -1)]),
+        np.repeat([0, 1], len(away)),
+        np.tile(one.share, 2) / 2,
+    )
+    with pytest.raises(GrowthError, match="trunks don't fit"):
+        cleared(two, np.tile(radius, 2))
+
+
+# Remedies named where a template's terminals don't fit.
+
+FITS = AnatomicTrees((), (), (), ())
+
+
+def asked(terminals: int) -> GrowthOptions:
+    return GrowthOptions(terminals=terminals, pressure_drop_pa=10 * PA_PER_MMHG)
+
+
+@pytest.mark.parametrize(("most", "advised"), [(491, 491), (400, 343)])
+def test_fewer_terminals_are_advised_only_where_they_were_grown(most: int, advised: int) -> None:
+    """A heart's advice of 982 terminals led to 547, then to 305; none was ever grown."""
+
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        if options.terminals > most:
+            raise CrowdedError(491, options.terminals)
+        return FITS
+
+    with pytest.raises(CrowdedError, match=f"ask for {advised} terminals, which were tried"):
+        grow_or_advise(grow, asked(540), LEAST_TERMINALS)
+    assert grow_or_advise(grow, asked(most), LEAST_TERMINALS) is FITS
+
+
+@pytest.mark.parametrize(("fits", "advised"), [(15, 15), (50, 60), (400, 480)])
+def test_a_higher_drop_is_advised_only_where_it_was_grown(fits: float, advised: float) -> None:
+    """24 terminals with the default drop were told to take a higher one, without a figure."""
+
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        if options.pressure_drop_pa < fits * PA_PER_MMHG:
+            raise WideTrunkError("too wide", drop_factor=1.5)
+        return FITS
+
+    with pytest.raises(WideTrunkError, match=f"too wide; give a pressure_drop_mmhg of {advised} "):
+        grow_or_advise(grow, asked(24), LEAST_TERMINALS)
+
+
+def test_too_few_terminals_and_too_few_trunk_ends_are_told_apart() -> None:
+    with pytest.raises(GrowthError, match=r"^3 terminals are too few .*; ask for 24 at least$"):
+        trunk_ends(600, 3, "heart")
+    with pytest.raises(GrowthError, match=r"^5 trunk_ends are too few .*; ask for 6 at least$"):
+        trunk_ends(5, 400, "heart")
+
+
+def _crowds(options: GrowthOptions) -> CrowdedError:
+    return CrowdedError(options.terminals // 2, options.terminals)
+
+
+@pytest.mark.parametrize(
+    ("change", "refuses", "error", "advice"),
+    [
+        ({}, lambda o: True, _crowds, r"^(?!.*ask for).*200 and 140 were tried"),
+        (
+            {},
+            lambda o: o.pressure_drop_pa < 25 * PA_PER_MMHG,
+            _crowds,
+            "give a pressure_drop_mmhg of 40, which was tried",
+        ),
+        (
+            {"smallest_radius_mm": 0.25},
+            lambda o: (o.smallest_radius_mm or 0.0) > 0.21,
+            lambda o: NoRoomError("too wide", drop_factor=2.0),
+            "give a smallest_diameter_mm of 0.42 or less, which",
+        ),
+        (
+            {"clearance_mm": 1.0},
+            lambda o: o.clearance_mm > 0.25,
+            lambda o: NoRoomError("no room", placed=10),
+            "give a clearance_mm of 0.2 or less, which",
+        ),
+    ],
+    ids=["nothing fits", "drop", "diameter", "clearance"],
+)
+def test_only_what_was_grown_is_advised(change, refuses, error, advice) -> None:
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        if refuses(options):
+            raise error(options)
+        return FITS
+
+    with pytest.raises((CrowdedError, NoRoomError), match=advice):
+        grow_or_advise(grow, replace(asked(400), **change), LEAST_TERMINALS)

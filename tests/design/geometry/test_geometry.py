@@ -1,7 +1,5 @@
 """Self-intersections of triangle meshes, against every pair by exact arithmetic."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import combinations
 from typing import Any

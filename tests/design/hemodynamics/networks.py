@@ -1,25 +1,17 @@
 """Small handmade networks for flow tests."""
 
-from __future__ import annotations
+from functools import partial
 
 import numpy as np
 
-from design.network import VesselNetwork
+from design.network import VesselKind, VesselNetwork
+from tests.design.networks import network
 
 VISCOSITY = 4e-3
 
 
-def network_of(
-    nodes: list[list[float]], ends: list[tuple[int, int]], radius: list[float] | float
-) -> VesselNetwork:
-    """Straight channels of constant radius."""
-    return VesselNetwork.from_segments(
-        np.array(nodes, dtype=float),
-        np.array(ends),
-        np.broadcast_to(np.asarray(radius, dtype=float), (len(ends),)),
-        np.full(len(ends), 4),
-        np.zeros(len(ends), dtype=np.int64),
-    )
+network_of = partial(network, kind=VesselKind.CHANNEL)
+"""Straight channels of constant radius."""
 
 
 def random_tree(seed: int, vessels: int, spread: float = 1.0) -> VesselNetwork:
@@ -29,7 +21,7 @@ def random_tree(seed: int, vessels: int, spread: float = 1.0) -> VesselNetwork:
     if vessels > 1:
         parent[1:] = [max(1, node) for node in parent[1:]]
     return network_of(
-        rng.normal(size=(vessels + 1, 3)).tolist(),
+        rng.normal(size=(vessels + 1, 3)),
         [(parent[k], k + 1) for k in range(vessels)],
-        np.exp(spread * rng.normal(size=vessels)).tolist(),
+        np.exp(spread * rng.normal(size=vessels)),
     )

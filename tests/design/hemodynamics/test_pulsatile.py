@@ -1,8 +1,7 @@
-"""Pulsatile 0D flow, against transfer functions, a dense solution and another solver's results."""
-
-from __future__ import annotations
+"""Pulsatile 0D flow, a vessel's coefficients, waveforms: against transfer functions and books."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,12 +18,19 @@ from design.hemodynamics import (
     end_waves,
     pulsatile_summary,
     pulsatile_table,
+    question_pressure,
     solve_pulsatile,
     vessel_resistance,
 )
-from design.hemodynamics.waveforms import Constant, Sine, shape
+from design.hemodynamics.vessel_coefficients import (
+    impedance_factor,
+    integral_of_power,
+    shear_factor,
+)
+from design.hemodynamics.waveforms import SHAPES, Constant, Sine, Tabulated, read_waveform, shape
 from design.network import VesselNetwork
 from tests.design.hemodynamics.networks import VISCOSITY, network_of, random_tree
+from tests.design.networks import polyline
 
 DENSITY = 1.06e-3
 TUBE = network_of([[0, 0, 0], [20, 0, 0]], [(0, 1)], 0.5)
@@ -32,19 +38,10 @@ TUBE = network_of([[0, 0, 0], [20, 0, 0]], [(0, 1)], 0.5)
 
 def _ladder() -> VesselNetwork:
     """Two loops one after the other, with two inlets and two outlets."""
-    nodes = [
-        [0, 0, 0],
-        [1, 0, 0],
-        [2, 1, 0],
-        [2, -1, 0],
-        [3, 0, 0],
-        [4, 1, 0],
-        [4, -1, 0],
-        [0, 2, 0],
-    ]
+    nodes = [[0, 0], [1, 0], [2, 1], [2, -1], [3, 0], [4, 1], [4, -1], [0, 2]]
     ends = [(0, 1), (1, 2), (1, 3), (2, 3), (2, 4), (3, 4), (4, 5), (4, 6), (7, 2)]
     radius = [0.5, 0.4, 0.3, 0.2, 0.3, 0.35, 0.3, 0.25, 0.3]
-    return network_of(nodes, ends, radius)
+    return network_of([(x, y, 0) for x, y in nodes], ends, radius)
 
 
 def _windkessel(omega: float, outlet: WindkesselOutlet) -> complex:
@@ -209,3 +206,128 @@ def test_what_has_no_solution_says_why() -> None:
         GelWall(-1.0)
     with pytest.raises(FlowError, match="resistance is 0 "):
         ResistanceOutlet(0.0)
+
+
+# Resistance, inertance and compliance of a vessel; Womersley flow.
+
+
+TAPER = polyline([[0.0, 0, 0], [2, 0, 0], [5, 0, 0]], [0.6, 0.4, 0.2])
+
+
+def test_walls_give_way_as_in_the_books() -> None:
+    r2, r3 = integral_of_power(TAPER, 2)[0], integral_of_power(TAPER, 3)[0]
+    assert GelWall(10e3).compliance(TAPER)[0] == pytest.approx(3 * np.pi * r2 / 10e3)
+    assert ThinWall(1e5, 0.1).compliance(TAPER)[0] == pytest.approx(3 * np.pi * r3 / (2 * 1e4))
+    with pytest.raises(FlowError, match="Poisson's ratio lies between"):
+        GelWall(1e4, poisson=0.7)
+
+
+def _by_finite_volumes(alpha: float, rings: int = 1500) -> tuple[complex, complex]:
+    """Pressure and wall shear per flow over Poiseuille's, from iα² u = G + ∇²u in unit radius."""
+    edge = np.arange(rings + 1) / rings
+    area = np.pi * np.diff(edge**2)
+    across = 2 * np.pi * edge[1:-1] * rings
+    wall = 2 * np.pi * 2 * rings
+    diagonal = 1j * alpha**2 * area
+    diagonal[:-1] += across
+    diagonal[1:] += across
+    diagonal[-1] += wall
+    # Thomas' algorithm, G = 1.
+    right = area.astype(complex)
+    for k in range(1, rings):
+        part = across[k - 1] / diagonal[k - 1]
+        diagonal[k] -= part * across[k - 1]
+        right[k] += part * right[k - 1]
+    u = right
+    u[-1] /= diagonal[-1]
+    for k in range(rings - 2, -1, -1):
+        u[k] = (right[k] + across[k] * u[k + 1]) / diagonal[k]
+    flow = (u * area).sum()
+    return np.pi / 8 / flow, (u[-1] * 2 * rings) / (4 * flow / np.pi)
+
+
+@pytest.mark.parametrize("alpha", [0.1, 0.29, 0.31, 2.0, 12.0])
+def test_oscillating_flow_solves_womersleys_equation(alpha: float) -> None:
+    pressure, shear = _by_finite_volumes(alpha)
+    assert impedance_factor(np.array([alpha]))[0] == pytest.approx(pressure, rel=2e-5)
+    assert shear_factor(np.array([alpha]))[0] == pytest.approx(shear, rel=2e-5)
+
+
+def test_a_million_millimetres_of_mercury_are_questioned() -> None:
+    question_pressure(133.322 * 500)
+    with pytest.raises(FlowError, match=r"1e\+06 mmHg.*another unit"):
+        question_pressure(133.322e6)
+
+
+@pytest.mark.parametrize("power", [2, 3, -2, -4])
+def test_tapers_are_integrated(power: int) -> None:
+    middle = (np.arange(50_000) + 0.5) / 50_000 * 5
+    radius = np.interp(middle, [0, 2, 5], TAPER.radius)
+    by_sum = (radius**power).mean() * 5
+    assert integral_of_power(TAPER, power)[0] == pytest.approx(by_sum, rel=1e-7)
+
+
+def test_the_series_and_the_functions_meet_and_large_numbers_dont_overflow() -> None:
+    below, above = impedance_factor(np.array([0.3 - 1e-9, 0.3]))
+    assert below == pytest.approx(above, rel=1e-8)
+    assert np.isfinite(impedance_factor(np.array([0.0, 1e4]))).all()
+
+
+# Waveforms.
+
+
+NAN = float("nan")
+
+
+def test_a_table_repeats_and_is_joined_by_lines_or_a_spline() -> None:
+    wave = Tabulated(np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0, 0.0]))
+    assert wave.period_s == 3.0
+    assert wave.at(np.array([0.5, 2.0, 3.5, -1.0])) == pytest.approx([1.0, 1.0, 1.0, 1.0])
+    open_end = Tabulated(np.array([0.0, 1.0]), np.array([0.0, 2.0]), period_s=2.0)
+    assert open_end.at(np.array([1.5])) == pytest.approx([1.0])
+    time = np.arange(24) / 12
+    wave = Tabulated(time, np.sin(np.pi * time), 2.0, "spline")
+    between = np.linspace(-1, 3, 97)
+    assert wave.at(between) == pytest.approx(np.sin(np.pi * between), abs=2e-4)
+
+
+def test_shapes_have_the_mean_they_are_asked_for() -> None:
+    for name in SHAPES:
+        wave = shape(name, 3.0, 0.8)
+        assert wave.at(np.arange(4000) * 0.8 / 4000).mean() == pytest.approx(3.0, rel=1e-4)
+    coronary = shape("kassab", 1.0, 0.7).at(np.arange(700) / 1000)
+    # The trunk's 23.9 and 42.3 of a mean of 32.0 mL/min (Huo & Kassab 2006).
+    assert (coronary.min(), coronary.max()) == pytest.approx((0.746, 1.322), abs=0.02)
+    # Half a sine over 0.4 of the cycle has a mean of 0.4 · 2/π of its peak.
+    peak = shape("ejection", 1.0, 1.0).at(np.array([0.2]))[0]
+    assert peak == pytest.approx(np.pi / 0.8, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("time", "value", "period", "words"),
+    [
+        ([0, 1, 2], [1, NAN, 1], None, r"sample 2 of the waveform is missing \(1 of 3"),
+        ([0, 1, 1], [1, 2, 1], None, "times don't rise: 1 s follows 1 s"),
+        ([0, 1, 2], [1, 2, 1], -2.0, "period is -2 s"),
+        ([0, 1, 2], [1, 2, 1], 1.5, "span 2 s, more than its period 1.5 s"),
+        ([0, 1, 2], [1, 2, 2], None, "ends at 2 and began at 1"),
+        ([0, 1], [1, 2, 1], None, "2 times and 3 values"),
+        ([0], [1], None, "1 samples"),
+    ],
+)
+def test_what_is_no_waveform_is_refused(time, value, period, words):
+    with pytest.raises(FlowError, match=words):
+        Tabulated(np.array(time, float), np.array(value, float), period)
+
+
+def test_files_say_which_line_is_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "wave.csv"
+    path.write_text("time_s,flow_ml_min\n0,1\n0.5,3\n1,1\n")
+    wave = read_waveform(path, "flow_ml_min", 10.0)
+    assert wave.at(np.array([0.25])) == pytest.approx([20.0])
+    path.write_text("time_s,flow_ml_min\n0,1\n0.5,\n1,1\n")
+    with pytest.raises(FlowError, match=r"wave.csv, line 3: '' is no number"):
+        read_waveform(path, "flow_ml_min")
+    path.write_text("t,q\n0,1\n")
+    with pytest.raises(FlowError, match="no column time_s"):
+        read_waveform(path, "flow_ml_min")

@@ -1,7 +1,5 @@
 """svZeroDSolver's files: written from networks, run by its package, refused with one message."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path
@@ -240,15 +238,12 @@ def test_a_faulty_case_ends_in_one_message(
     assert not out.exists()
 
 
-def test_a_crash_of_the_solver_is_named(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crash_of_the_solver_and_a_missing_package_are_named(
+    out: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(svzerod_run, "_SCRIPT", "import os; os.abort()")
     with pytest.raises(FlowError, match=r"crashed \(SIGABRT\).* without an inlet or outlet"):
         run_svzerod(_windkessel(), out)
-
-
-def test_a_case_without_the_package_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     monkeypatch.setattr(svzerod_run, "find_spec", lambda name: None)
     with pytest.raises(FlowError, match=r"pip install 'printctl\[svzerod\]'"):
         run_svzerod(_windkessel(), tmp_path / "svzerod.csv")

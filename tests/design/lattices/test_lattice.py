@@ -1,7 +1,5 @@
 """Lattices: unit cells, clipping, ports."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import networkx
@@ -23,25 +21,19 @@ KINDS = get_args(LatticeKind)
 
 @pytest.fixture(scope="module")
 def rod() -> Tissue:
-    surface = cylinder(24.0, 16.0)
-    return kept_tissue(surface)
+    return kept_tissue(cylinder(24.0, 16.0))
 
 
 @pytest.mark.parametrize(
-    ("kind", "nodes", "degree"),
-    [("grid", 1, 6), ("honeycomb", 4, 5), ("gyroid", 8, 3), ("diamond", 8, 4)],
+    ("kind", "nodes", "degree", "ring"),
+    [("grid", 1, 6, 4), ("honeycomb", 4, 5, 4), ("gyroid", 8, 3, 10), ("diamond", 8, 4, 6)],
 )
-def test_each_node_has_the_bonds_of_its_net(kind: LatticeKind, nodes: int, degree: int) -> None:
+def test_each_node_has_the_bonds_and_shortest_rings_of_its_net(kind, nodes, degree, ring) -> None:
     cell = unit_cell(kind)
     assert len(cell.nodes) == nodes
     np.testing.assert_array_equal(np.bincount(cell.bonds.ravel()), degree)
 
-
-@pytest.mark.parametrize(
-    ("kind", "ring"), [("grid", 4), ("honeycomb", 4), ("gyroid", 10), ("diamond", 6)]
-)
-def test_shortest_rings_are_those_of_the_net(kind: LatticeKind, ring: int) -> None:
-    _, bonds = tile(unit_cell(kind), (3, 3, 3))
+    _, bonds = tile(cell, (3, 3, 3))
     assert networkx.girth(networkx.Graph(bonds.tolist())) == ring
 
 
@@ -80,22 +72,17 @@ def test_flow_goes_through_every_lattice_and_its_measures_are_taken(rod, kind):
 
 
 def test_ports_lead_around_a_hole() -> None:
-    surface = annulus(30.0, 14.0, 12.0)
-    ring = kept_tissue(surface)
+    ring = kept_tissue(annulus(30.0, 14.0, 12.0))
     network = build_lattice(ring, LatticeOptions("grid", 3.0, 0.3, axis="x"))
     assert len(network.inlets()) == len(network.outlets()) == 1
     assert ring.contains(network.nodes[:-2]).all()
     assert np.hypot(*network.nodes[-2:, :2].T) == pytest.approx([15.0, 15.0], rel=0.02)
 
 
-def test_channels_that_would_meet_are_refused(rod: Tissue) -> None:
+def test_channels_that_would_meet_and_lattices_too_coarse_are_refused(rod: Tissue) -> None:
     with pytest.raises(NetworkError, match="enlarge the cell"):
         build_lattice(rod, LatticeOptions("gyroid", 2.0, 0.3))
-
-
-def test_a_lattice_too_coarse_for_its_tissue_is_refused() -> None:
-    surface = block((5.0, 5.0, 5.0))
-    cube = kept_tissue(surface)
+    cube = kept_tissue(block((5.0, 5.0, 5.0)))
     with pytest.raises(TissueError, match="fits into the tissue"):
         build_lattice(cube, LatticeOptions("diamond", 9.0, 0.3))
 

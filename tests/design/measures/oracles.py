@@ -1,11 +1,10 @@
 """Slow oracles for network measures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
+from tests.design.networks import network
 
 
 def wall_distances(network: VesselNetwork, points: FloatArray, steps: int = 2001) -> FloatArray:
@@ -33,10 +32,7 @@ def tree_network(
     ends = np.array([[p + 1, i + 1] for i, p in enumerate(parents)])
     if kind == 1:
         ends = ends[:, ::-1]
-    count = len(parents)
-    return VesselNetwork.from_segments(
-        nodes, ends, radius, np.full(count, kind), np.zeros(count, dtype=int)
-    )
+    return network(nodes, ends, radius, kind)
 
 
 def strahler(parents: list[int], i: int) -> int:

@@ -1,12 +1,11 @@
-"""`network.vtp`, decoded here by the rules of VTK's XML format."""
-
-from __future__ import annotations
+"""`network.vtp`, decoded here by the rules of VTK's XML format, and SimVascular's path files."""
 
 import base64
 import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Callable
-from itertools import permutations
+from dataclasses import replace
+from itertools import pairwise, permutations
 from pathlib import Path
 
 import numpy as np
@@ -17,23 +16,18 @@ from hypothesis import strategies as st
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
 from design.network_files.by_suffix import read_network
+from design.network_files.simvascular import _normals, vessel_runs, write_simvascular_paths
 from design.network_files.vtp import write_network_vtp
-from tests.design.networks import random_trees
+from tests.design.networks import network, networks, polylines, random_trees
 from tests.slower import examples
 
 DTYPES = {"Float64": "<f8", "Float32": "<f4", "Int64": "<i8", "Int32": "<i4"}
 
 
 def _network() -> VesselNetwork:
-    return VesselNetwork(
-        nodes=np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 0.1]]),
-        vessel_nodes=np.array([[0, 1], [1, 2]]),
-        kind=np.array([0, 1]),
-        tree=np.array([5, 6]),
-        offset=np.array([0, 3, 5]),
-        points=np.array([[0.0, 0, 0], [1, 1, 0], [3, 0, 0], [3, 0, 0], [3, 4, 0.1]]),
-        radius=np.array([0.5, 0.4, 0.3, 0.3, 0.1]),
-    )
+    lines = [[(0, 0, 0), (1, 1, 0), (3, 0, 0)], [(3, 0, 0), (3, 4, 0.1)]]
+    made = polylines(lines, [0.5, 0.4, 0.3, 0.3, 0.1], [0, 1])
+    return replace(made, tree=np.array([5, 6]))
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
@@ -252,3 +246,80 @@ def test_no_entity_is_followed(tmp_path: Path) -> None:
     path = written(tmp_path, entity + document(radius="&s;"))
     with pytest.raises(NetworkError):
         read_network(path, "mm")
+
+
+# SimVascular's paths, read as its own reader does.
+
+
+def fork() -> VesselNetwork:
+    nodes = [[0, 0, 0], [0, 0, 10], [0, 5, 15], [0, -2, 14]]
+    return network(nodes, [[0, 1], [1, 2], [1, 3]], [1.0, 0.5, 0.8])
+
+
+def vectors(parent: ET.Element, tag: str) -> np.ndarray:
+    return np.array([[float(e.attrib[c]) for c in "xyz"] for e in parent.iter(tag)])
+
+
+def read(path: Path) -> dict[str, np.ndarray]:
+    root = ET.parse(path).getroot()
+    assert root.tag == "path"
+    assert {"id", "method", "calculation_number", "spacing"} <= root.attrib.keys()
+    (element,) = root.findall("timestep/path_element")
+    rows = element.findall("path_points/path_point")
+    assert [int(row.attrib["id"]) for row in rows] == list(range(len(rows)))
+    assert int(element.attrib["calculation_number"]) == len(rows)
+    controls = element.find("control_points")
+    assert controls is not None
+    return {
+        "control": vectors(controls, "point"),
+        **{tag: vectors(element, tag) for tag in ("pos", "tangent", "rotation")},
+    }
+
+
+def test_the_widest_branch_goes_on_and_the_other_begins_at_the_fork(tmp_path: Path) -> None:
+    files = write_simvascular_paths(tmp_path / "Paths", fork())
+    assert [file.name for file in files] == ["path_0001.pth", "path_0002.pth"]
+    trunk, twig = (read(file)["control"] for file in files)
+    np.testing.assert_allclose(trunk, 0.1 * fork().nodes[[0, 1, 3]])
+    np.testing.assert_allclose(twig, 0.1 * fork().nodes[[1, 2]])
+
+
+def test_points_lie_on_the_path_with_unit_tangents_and_normals(tmp_path: Path) -> None:
+    for file in write_simvascular_paths(tmp_path, fork(), spacing_mm=0.3):
+        found = read(file)
+        step = np.diff(found["pos"], axis=0)
+        length = np.linalg.norm(step, axis=1)
+        assert length.max() <= 0.03 + 1e-12
+        np.testing.assert_allclose(step / length[:, None], found["tangent"][:-1], atol=1e-9)
+        for name in ("tangent", "rotation"):
+            np.testing.assert_allclose(np.linalg.norm(found[name], axis=1), 1.0)
+        dot = np.einsum("ij,ij->i", found["tangent"], found["rotation"])
+        np.testing.assert_allclose(dot, 0.0, atol=1e-12)
+        total = np.linalg.norm(np.diff(found["control"], axis=0), axis=1).sum()
+        assert length.sum() == pytest.approx(total)
+    (tmp_path / "refused").mkdir()
+    with pytest.raises(NetworkError, match="spacing_mm"):
+        write_simvascular_paths(tmp_path / "refused", fork(), spacing_mm=0.0)
+    assert list((tmp_path / "refused").iterdir()) == []
+
+
+@settings(deadline=None, max_examples=examples(40))
+@given(net=networks)
+def test_every_vessel_is_in_one_run_that_follows_the_flow(net: VesselNetwork) -> None:
+    runs = vessel_runs(net)
+    assert sorted(i for run in runs for i in run) == list(range(net.vessel_count))
+    for run in runs:
+        for one, two in pairwise(run):
+            assert net.vessel_nodes[one, 1] == net.vessel_nodes[two, 0]
+
+
+def test_the_normal_is_that_of_a_path_written_by_simvascular() -> None:
+    tangent = np.array(
+        [
+            [0.459604696925632, 0.399318918662815, -0.793289306471389],
+            [0.6, 0.8, 0.0],
+            [1.0, 0.0, 0.0],
+        ]
+    )
+    wanted = [[0, 0.89321949067228, 0.449620886395586], [0.8, -0.6, 0.0], [0, 0, 1]]
+    np.testing.assert_allclose(_normals(tangent), wanted, atol=1e-9)

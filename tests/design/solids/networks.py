@@ -1,37 +1,17 @@
 """Test networks and bodies for solids."""
 
-from __future__ import annotations
-
-from typing import Any
+from functools import partial
 
 import numpy as np
 
-from design.network import VesselNetwork
+from design.network import VesselKind, VesselNetwork
+from tests.design.networks import network, polyline
 
+channels = partial(network, kind=VesselKind.CHANNEL)
+"""Straight channels of constant radius between nodes."""
 
-def channels(nodes: Any, ends: Any, radius: Any) -> VesselNetwork:
-    """Straight channels of constant radius between ``nodes``."""
-    return VesselNetwork.from_segments(
-        np.asarray(nodes, dtype=float),
-        np.asarray(ends),
-        np.broadcast_to(np.asarray(radius, dtype=float), (len(ends),)),
-        np.full(len(ends), 4),
-        np.zeros(len(ends), dtype=np.int64),
-    )
-
-
-def vessel(points: Any, radius: Any) -> VesselNetwork:
-    """One vessel along ``points``."""
-    points = np.asarray(points, dtype=float)
-    return VesselNetwork(
-        nodes=points[[0, -1]],
-        vessel_nodes=np.array([[0, 1]]),
-        kind=np.array([4]),
-        tree=np.array([0]),
-        offset=np.array([0, len(points)]),
-        points=points,
-        radius=np.broadcast_to(np.asarray(radius, dtype=float), (len(points),)).copy(),
-    )
+vessel = polyline
+"""One vessel along points."""
 
 
 def ladder() -> VesselNetwork:

@@ -1,6 +1,4 @@
-"""Lumens found in a model without its network, against the network that it was made of."""
-
-from __future__ import annotations
+"""Lumens found in a model without its network; crossings of rounded surfaces mended."""
 
 import manifold3d
 import numpy as np
@@ -8,25 +6,32 @@ import pytest
 
 from design.errors import SolidError
 from design.network import VesselNetwork
+from design.solids import (
+    Solid,
+    block_solid,
+    find_crossings,
+    lumen_solid,
+    network_genus,
+    surface_genus,
+)
+from design.solids import lumen as lumen_module
 from design.solids.lumen_axes import found_lumens, unfollowed_ways
-from design.solids.topology import network_genus
+from design.solids.mend import mend_surface
+from design.solids.topology import corner_fans, is_closed
+from tests.design.solids.networks import channels
 from tests.registration.parts import lumens, solid
 
 BLOCK = manifold3d.Manifold.cube((9.0, 5.0, 2.6))
-FORKED = VesselNetwork.from_segments(
-    np.array([(-0.5, 2.5, 1.3), (2.5, 2.5, 1.3), (4.5, 1.2, 1.1), (4.5, 3.8, 1.5),
-              (6.5, 2.5, 1.3), (9.5, 2.0, 1.0)]),
-    np.array([(0, 1), (1, 2), (1, 3), (2, 4), (3, 4), (4, 5)]),
-    np.array([0.4, 0.25, 0.3, 0.25, 0.3, 0.35]),
-    np.full(6, 4),
-    np.zeros(6),
+FORKED = channels(
+    [(-0.5, 2.5, 1.3), (2.5, 2.5, 1.3), (4.5, 1.2, 1.1), (4.5, 3.8, 1.5),
+     (6.5, 2.5, 1.3), (9.5, 2.0, 1.0)],
+    [(0, 1), (1, 2), (1, 3), (2, 4), (3, 4), (4, 5)], [0.4, 0.25, 0.3, 0.25, 0.3, 0.35],
 )  # fmt: skip
 """In, two ways that each bend and meet again, and out, through both faces of the block."""
 
 
 def channel(start: tuple[float, ...], end: tuple[float, ...], radius: float) -> VesselNetwork:
-    ends, one = np.array([start, end], dtype=float), np.array([[0, 1]])
-    return VesselNetwork.from_segments(ends, one, np.array([radius]), np.array([4]), np.zeros(1))
+    return channels([start, end], [(0, 1)], radius)
 
 
 def off_axis_mm(found: VesselNetwork, designed: VesselNetwork) -> float:
@@ -69,9 +74,7 @@ def test_a_slanted_channel_reaches_both_faces_and_a_blind_one_its_end() -> None:
 def test_axes_go_on_to_slanted_faces_and_the_joints_of_acute_forks() -> None:
     places = np.array([(-0.5, 2.5, 1.3), (2.2, 2.5, 1.3), (9.5, 0.7, 1.5), (9.5, 4.0, 1.3),
                        (1.0, 4.2, -0.4), (3.54, 4.2, 3.0)])  # fmt: skip
-    net = VesselNetwork.from_segments(places, np.array([(0, 1), (1, 2), (1, 3), (4, 5)]),
-                                      np.array([0.4, 0.3, 0.26, 0.25]), np.full(4, 4),
-                                      np.zeros(4))  # fmt: skip
+    net = channels(places, [(0, 1), (1, 2), (1, 3), (4, 5)], [0.4, 0.3, 0.26, 0.25])
     found = found_lumens(solid(BLOCK - lumens(net)))
     assert (found.network.vessel_count, found.left, found.stretches) == (4, 0.0, ((),) * 4)
     fork = found.network.nodes[found.network.degree() == 3]
@@ -110,14 +113,88 @@ def test_a_groove_a_notch_and_a_dimple_are_no_lumens() -> None:
 
 def test_a_closed_ring_and_lumens_a_wall_apart_are_found() -> None:
     turn = np.linspace(0, 2 * np.pi, 33)[:-1]
-    ring = VesselNetwork.from_segments(
-        np.column_stack([3 + 1.2 * np.cos(turn), 2.5 + 1.2 * np.sin(turn), np.full(32, 1.3)]),
-        np.column_stack([np.arange(32), np.roll(np.arange(32), -1)]),
-        np.full(32, 0.3), np.full(32, 4), np.zeros(32),
-    )  # fmt: skip
+    nodes = np.column_stack([3 + 1.2 * np.cos(turn), 2.5 + 1.2 * np.sin(turn), np.full(32, 1.3)])
+    ring = channels(nodes, [(k, (k + 1) % 32) for k in range(32)], 0.3)
     one = channel((7.0, -0.5, 1.3), (7.0, 5.5, 1.3), 0.3)
     two = channel((7.65, -0.5, 1.3), (7.65, 5.5, 1.3), 0.3)
     found = found_lumens(solid(BLOCK - lumens(ring) - lumens(one) - lumens(two)))
     assert sorted(found.network.lengths()) == pytest.approx([5.0, 5.0, 2.4 * np.pi], abs=0.1)
     assert (found.left, found.stretches) == (0.0, ((),) * 3)
     assert network_genus(found.network) == 1
+
+
+# Mending of crossings that rounding makes.
+
+
+def _bundle() -> Solid:
+    """Six winding vessels that run along one another, so far away that rounding moves them 1 µm."""
+    rng = np.random.default_rng(2)
+    along = np.linspace(0.0, 1.0, 20)
+    nodes, pairs = np.empty((0, 3)), []
+    for vessel in range(6):
+        waves = np.sin(3.0 * along[:, None] * np.arange(1, 5)) @ rng.normal(0, 0.15, (4, 2))
+        line = np.column_stack([10.0 * along + rng.uniform(-1, 1), waves])
+        nodes = np.concatenate([nodes, line])
+        pairs += [(20 * vessel + k, 20 * vessel + k + 1) for k in range(19)]
+    radius = np.repeat(rng.uniform(0.3, 0.5, 6), 19)
+    return lumen_solid(channels(nodes + 1e4, pairs, radius), tolerance_mm=0.01)
+
+
+@pytest.fixture
+def unmended(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Unions as rounding leaves them."""
+    none = np.empty(0, np.int64)
+    monkeypatch.setattr(lumen_module, "mended_solid", lambda solid, _: (solid, none))
+    return monkeypatch
+
+
+def test_vessels_along_one_another_unite_without_crossings(unmended: pytest.MonkeyPatch) -> None:
+    rough = _bundle()
+    assert len(find_crossings(rough.vertices, rough.faces).faces) > 0
+    unmended.undo()
+    mended = _bundle()
+    assert len(find_crossings(mended.vertices, mended.faces).faces) == 0
+    assert is_closed(mended.faces)
+    assert surface_genus(mended.faces) == surface_genus(rough.faces)
+    assert mended.volume_mm3 == pytest.approx(rough.volume_mm3, rel=1e-6)
+    assert np.array_equal(mended.vertices, mended.vertices.astype(np.float32))
+
+
+def test_a_surface_without_crossings_stays_as_it_is() -> None:
+    block = block_solid((1, 2, 3))
+    faces = block.faces.astype(np.int64)
+    vertices, kept, left = mend_surface(block.vertices, faces, 1e-3)
+    assert vertices is block.vertices
+    assert kept is faces
+    assert len(left) == 0
+
+
+def test_what_would_move_the_surface_too_far_is_told() -> None:
+    cube = block_solid((1, 1, 1))
+    turn, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))
+    vertices = np.concatenate([cube.vertices, (cube.vertices @ turn.T + 0.5)])
+    vertices = vertices.astype(np.float32).astype(np.float64)
+    faces = np.concatenate([cube.faces, cube.faces + 8]).astype(np.int64)
+    moved, kept, left = mend_surface(vertices, faces, 1e-3)
+    assert len(left) > 0
+    assert is_closed(kept)
+    assert np.abs(moved - vertices).max() < 2e-3
+
+
+def test_bodies_that_touch_in_a_vertex_are_drawn_apart() -> None:
+    """Each vertex is then of one fan of faces, as other programs ask of a two-manifold."""
+    cube = block_solid((1, 1, 1))
+    corner = cube.vertices.max(axis=0)
+    touching = np.flatnonzero((cube.vertices == cube.vertices.min(axis=0)).all(axis=1))[0]
+    its = np.flatnonzero((cube.vertices == corner).all(axis=1))[0]
+    second = cube.faces.astype(np.int64) + len(cube.vertices)
+    second[second == touching + len(cube.vertices)] = its
+    vertices = np.concatenate([cube.vertices, cube.vertices + corner - cube.vertices.min(axis=0)])
+    faces = np.concatenate([cube.faces.astype(np.int64), second])
+    assert corner_fans(faces).max() + 1 > len(np.unique(faces))
+    apart, kept, left = mend_surface(vertices, faces, 1e-3)
+    assert len(left) == 0
+    assert is_closed(kept)
+    assert corner_fans(kept).max() + 1 == len(np.unique(kept))
+    assert len(np.unique(apart[np.unique(kept)], axis=0)) == 16
+    assert np.array_equal(apart, apart.astype(np.float32))

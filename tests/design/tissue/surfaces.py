@@ -1,6 +1,7 @@
-"""Test surfaces: spheres, tori, shells."""
+"""Test surfaces: spheres, tori, shells; whether one is closed."""
 
 import numpy as np
+import trimesh
 from manifold3d import Manifold
 
 from design.tissue import Surface
@@ -12,6 +13,18 @@ def surface(solid):
         np.array(mesh.vert_properties, dtype=np.float64)[:, :3],
         np.array(mesh.tri_verts, dtype=np.int32),
     )
+
+
+def closed(shape):
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+    return mesh.is_watertight and mesh.is_winding_consistent
+
+
+def joined(*shapes):
+    """Vertices and faces of several surfaces as one."""
+    first = np.cumsum([0, *(len(one.vertices) for one in shapes)])
+    faces = [one.faces + k for one, k in zip(shapes, first, strict=False)]
+    return np.concatenate([one.vertices for one in shapes]), np.concatenate(faces)
 
 
 def sphere(radius, sides=64):

@@ -1,35 +1,45 @@
-from pathlib import Path
+"""Signed distances of tissues, exact where they must be; trees grown in cut and repaired ones."""
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
-from design.errors import TissueError
+from design.errors import GrowthError, TissueError
 from design.geometry import build_triangle_tree
 from design.geometry.surface_distances import segment_distance, segment_triangle
 from design.tissue import (
     BlockZone,
+    CylinderZone,
     SpacingRule,
+    SphereZone,
     Surface,
+    VolumeImage,
     block,
     carve,
+    folded_cortex,
+    label_surface,
     load_tissue,
     tissue_from_surface,
 )
 from design.tissue.grid import depth_bounds, winding_number
+from design.vasculature import GrowthOptions, grow_tree, tree_radii
 from tests.design.tissue import surfaces
-from tests.design.tissue.kept import kept_tissue
-
-
-def tissue_of(surface, **options):
-    return tissue_from_surface(surface.vertices, surface.faces, **options)
+from tests.design.tissue.kept import (
+    KeptTissues,
+    inside_exactly,
+    kept_tissue,
+    lumens_outside,
+    shared,
+)
+from tests.slower import first_of
 
 
 @pytest.fixture(scope="module")
 def hollow():
-    return tissue_of(surfaces.hollow_sphere())
+    return kept_tissue(surfaces.hollow_sphere())
 
 
 def random_points(tissue, count, seed=0):
@@ -46,36 +56,13 @@ def test_hollow_sphere_keeps_its_cavity_outside(hollow):
     np.testing.assert_array_equal(hollow.contains(points)[clear], expected[clear])
 
 
-def test_distance_of_hollow_sphere_is_that_of_two_spheres(hollow):
+def test_distance_of_hollow_sphere_is_that_of_two_spheres_and_never_read_deeper(hollow):
     points = random_points(hollow, 5_000)
     away = np.linalg.norm(points, axis=1)
     expected = np.maximum(away - 10, 6 - away)
     near = np.abs(expected) < 1.0
     # Facets of 64 sides leave the sphere by 0.01 mm; the rest is the reading.
     np.testing.assert_allclose(hollow.grid.distance(points)[near], expected[near], atol=0.05)
-
-
-@pytest.mark.slow
-def test_torus_keeps_its_hole_outside():
-    tissue = tissue_of(surfaces.torus())
-    points = random_points(tissue, 20_000)
-    ring = np.hypot(np.hypot(points[:, 0], points[:, 1]) - 8, points[:, 2]) - 3
-    clear = np.abs(ring) > 0.1
-    np.testing.assert_array_equal(tissue.contains(points)[clear], (ring < 0)[clear])
-
-
-def test_overlapping_solids_count_once():
-    one, two = surfaces.sphere(6.0), surfaces.sphere(6.0).translate((5.0, 0.0, 0.0))
-    parts = [surfaces.surface(part) for part in (one, two)]
-    vertices = np.concatenate([p.vertices for p in parts])
-    faces = np.concatenate([parts[0].faces, parts[1].faces + len(parts[0].vertices)])
-    tissue = tissue_from_surface(vertices, faces)
-    union = surfaces.surface(one + two)
-    assert tissue.volume_mm3 == pytest.approx(union.volume_mm3, rel=1e-3)
-    assert tissue.contains(np.array([[2.5, 0.0, 0.0]])).all()
-
-
-def test_reads_are_never_deeper_than_exact_by_more_than_stated(hollow):
     points = random_points(hollow, 4_000, seed=6)
     away = np.linalg.norm(points, axis=1)
     inside = (away < 9.95) & (away > 6.05)
@@ -84,9 +71,40 @@ def test_reads_are_never_deeper_than_exact_by_more_than_stated(hollow):
     assert (read - exact).max() < hollow.grid.error_mm + 0.03
 
 
-def test_wall_too_thin_for_any_grid_is_refused_with_figures():
+@pytest.mark.slow
+def test_torus_keeps_its_hole_outside():
+    tissue = kept_tissue(surfaces.torus())
+    points = random_points(tissue, 20_000)
+    ring = np.hypot(np.hypot(points[:, 0], points[:, 1]) - 8, points[:, 2]) - 3
+    clear = np.abs(ring) > 0.1
+    np.testing.assert_array_equal(tissue.contains(points)[clear], (ring < 0)[clear])
+
+
+def test_overlapping_solids_count_once_nested_ones_and_an_inside_out_one_as_meant():
+    one, two = surfaces.sphere(6.0), surfaces.sphere(6.0).translate((5.0, 0.0, 0.0))
+    tissue = tissue_from_surface(*surfaces.joined(*map(surfaces.surface, (one, two))))
+    union = surfaces.surface(one + two)
+    assert tissue.volume_mm3 == pytest.approx(union.volume_mm3, rel=1e-3)
+    assert tissue.contains(np.array([[2.5, 0.0, 0.0]])).all()
+    tissue = kept_tissue(surfaces.nested_shells())
+    along = np.array([1.5, 4.5, 7.0, 9.0, 10.5])
+    points = along[:, None] * np.array([[0.6, 0.0, 0.8]])
+    assert tissue.contains(points).tolist() == [False, True, False, True, False]
+    shape = surfaces.hollow_sphere()
+    tissue = kept_tissue(Surface(shape.vertices, shape.faces[:, ::-1]))
+    assert tissue.volume_mm3 == pytest.approx(shape.volume_mm3)
+    assert tissue.contains(np.array([[8.0, 0, 0], [0, 0, 0]])).tolist() == [True, False]
+
+
+def test_walls_too_thin_for_any_grid_or_for_the_asked_one_are_refused_with_figures():
     with pytest.raises(TissueError, match=r"walls of 0\.001 mm need a grid spacing of .* MB"):
-        tissue_of(surfaces.thin_box(0.001))
+        kept_tissue(surfaces.thin_box(0.001))
+    rule = SpacingRule(bricks=500, bricks_at_most=600)
+    shape = surfaces.thin_box(0.05)
+    with pytest.raises(TissueError, match=r"walls of 0\.05 mm need a grid spacing of 0\.0125 mm"):
+        tissue_from_surface(shape.vertices, shape.faces, rule=rule)
+    with pytest.raises(TissueError, match=r"too coarse for walls of 0\.3 mm"):
+        kept_tissue(surfaces.thin_box(0.3), spacing_mm=0.5)
 
 
 @pytest.mark.slow
@@ -95,10 +113,10 @@ def test_grid_is_the_same_whatever_the_number_of_threads():
 
     shape = surfaces.hollow_sphere()
     threads = numba.get_num_threads()
-    many = tissue_of(shape).grid.arrays
+    many = kept_tissue(shape).grid.arrays
     numba.set_num_threads(1)
     try:
-        one = tissue_of(shape).grid.arrays
+        one = kept_tissue(shape).grid.arrays
     finally:
         numba.set_num_threads(threads)
     assert many.samples.tobytes() == one.samples.tobytes()
@@ -119,39 +137,25 @@ def test_few_thin_walls_beyond_the_limit_are_noted_and_kept_exactly():
     tissue = tissue_from_surface(shape.vertices, shape.faces, rule=rule)
     assert len(tissue.notes) == 1
     assert "few walls, the thinnest" in tissue.notes[0]
-    corners = tissue.surface.vertices[tissue.surface.faces]
     rng = np.random.default_rng(0)
     start = rng.uniform([10, 0, 0], [20, 20, 4], (20_000, 3))
     end = start + rng.normal(0, 0.3, start.shape)
     radius = rng.uniform(0.01, 0.2, len(start))
-    tree = surface_tree(corners)
-    away = to_surface(start, end, radius, tree, corners[tree.order])
-    expected = (away >= radius) & (winding_numbers(end, corners, tree) > 0)
+    expected = inside_exactly(tissue, start, end, radius)
     assert expected.any()
     np.testing.assert_array_equal(tissue.grid.capsule_inside(start, end, radius), expected)
-
-
-def test_many_thin_walls_beyond_the_limit_are_refused():
-    rule = SpacingRule(bricks=500, bricks_at_most=600)
-    shape = surfaces.thin_box(0.05)
-    with pytest.raises(TissueError, match=r"walls of 0\.05 mm need a grid spacing of 0\.0125 mm"):
-        tissue_from_surface(shape.vertices, shape.faces, rule=rule)
 
 
 @pytest.mark.slow
 def test_piece_cut_at_a_slant_is_prepared():
     shape, _ = carve(surfaces.hollow_sphere(), (), [BlockZone((-9, -9, 8.5), (9, 9, 12))])
-    assert tissue_from_surface(shape.vertices, shape.faces).volume_mm3 > 0
-
-
-SHARED = Path(__file__).parents[4] / "shared" / "data"
+    assert kept_tissue(shape).volume_mm3 > 0
 
 
 @pytest.fixture(scope="module")
 def slit():
-    shape = surfaces.slit_block()
     # The slit is open space, not a thin wall: no finer grid is asked for.
-    return kept_tissue(shape, spacing_mm=0.3)
+    return kept_tissue(surfaces.slit_block(), spacing_mm=0.3)
 
 
 def capsules_near(tissue, count, seed=0):
@@ -170,18 +174,10 @@ def capsules_near(tissue, count, seed=0):
     return start, end, rng.uniform(0.01, 0.5, count) * h
 
 
-def judged(tissue, start, end, radius):
-    """Whether each capsule is inside by an independent checker."""
-    corners = tissue.surface.vertices[tissue.surface.faces]
-    tree = surface_tree(corners)
-    away = to_surface(start, end, radius, tree, corners[tree.order])
-    return (away >= radius) & (winding_numbers(end, corners, tree) > 0)
-
-
 def test_capsules_are_judged_exactly_where_a_slit_is_thinner_than_a_cell(slit):
     assert slit.grid.spacing_mm > 0.05
     start, end, radius = capsules_near(slit, 8_000)
-    expected = judged(slit, start, end, radius)
+    expected = inside_exactly(slit, start, end, radius)
     assert expected.any()
     assert not expected.all()
     np.testing.assert_array_equal(slit.grid.capsule_inside(start, end, radius), expected)
@@ -193,11 +189,9 @@ def test_capsules_are_judged_exactly_where_a_slit_is_thinner_than_a_cell(slit):
     [pytest.param("biventricle_svv.stl", marks=pytest.mark.slow), "gyrus_patch_fsaverage5.stl"],
 )
 def test_capsules_are_judged_exactly_in_real_tissue(name):
-    if not (SHARED / name).is_file():
-        pytest.skip("no shared data beside the repository")
-    tissue = load_tissue(SHARED / name, "mm")
+    tissue = load_tissue(shared(name), "mm")
     start, end, radius = capsules_near(tissue, 50_000)
-    expected = judged(tissue, start, end, radius)
+    expected = inside_exactly(tissue, start, end, radius)
     np.testing.assert_array_equal(tissue.grid.capsule_inside(start, end, radius), expected)
 
 
@@ -225,9 +219,7 @@ def test_winding_number_agrees_with_a_checker(slit):
         mine, winding_numbers(points, slit.surface.vertices[slit.surface.faces])
     )
     shapes = [surfaces.surface(surfaces.sphere(r)) for r in (6.0, 4.0)]  # overlapping solids
-    vertices = np.concatenate([s.vertices for s in shapes])
-    faces = np.concatenate([shapes[0].faces, shapes[1].faces + len(shapes[0].vertices)])
-    tree = build_triangle_tree(vertices, faces)
+    tree = build_triangle_tree(*surfaces.joined(*shapes))
     assert [winding_number(tree, x, 0.0, 0.0) for x in (0.0, 5.0, 7.0, -5.0)] == [2, 1, 0, 1]
 
 
@@ -262,15 +254,8 @@ def test_segment_distance_of_a_surface_is_the_least_of_its_triangles(slit):
         assert segment_distance(tree, *a, *b, 1e-3) == min(*each, 1e-3)
 
 
-def test_nested_shells_are_told_apart():
-    tissue = tissue_of(surfaces.nested_shells())
-    along = np.array([1.5, 4.5, 7.0, 9.0, 10.5])
-    points = along[:, None] * np.array([[0.6, 0.0, 0.8]])
-    assert tissue.contains(points).tolist() == [False, True, False, True, False]
-
-
 def test_wall_of_a_third_of_a_millimetre_is_seen():
-    tissue = tissue_of(surfaces.thin_box(0.3))
+    tissue = kept_tissue(surfaces.thin_box(0.3))
     assert tissue.thinnest_wall_mm == pytest.approx(0.3, abs=1e-6)
     assert tissue.grid.spacing_mm <= 0.3 / 4 + 1e-9
     points = np.array([[6.0, 6.0, z] for z in (11.5, 11.75, 11.85, 11.95, 12.1)])
@@ -278,13 +263,72 @@ def test_wall_of_a_third_of_a_millimetre_is_seen():
     np.testing.assert_allclose(tissue.grid.distance(points[2:3]), -0.15, atol=0.02)
 
 
-def test_inside_out_mesh_is_turned():
-    shape = surfaces.hollow_sphere()
-    tissue = tissue_of(Surface(shape.vertices, shape.faces[:, ::-1]))
-    assert tissue.volume_mm3 == pytest.approx(shape.volume_mm3)
-    assert tissue.contains(np.array([[8.0, 0, 0], [0, 0, 0]])).tolist() == [True, False]
+# Growth in cut, imaged or repaired tissues: trees stay inside.
 
 
-def test_asked_spacing_too_coarse_for_the_wall_is_refused():
-    with pytest.raises(TissueError, match=r"too coarse for walls of 0\.3 mm"):
-        tissue_of(surfaces.thin_box(0.3), spacing_mm=0.5)
+NEEDLE = CylinderZone((3.0, 5.0, -1.0), (7.0, 5.0, 11.0), 0.6)
+FREE = {"root_point_mm": (1.5, 1.5, 10.0), "root_direction": (0.0, 0.0, -1.0)}
+
+
+def needle_block():
+    return carve(block((10.0, 10.0, 10.0)), [NEEDLE])[0]
+
+
+def ported_cortex():
+    zones = [SphereZone((26.0, 16.0, -2.8), 2.0), CylinderZone((8, -1, -4), (8, 33, -4), 0.5)]
+    return carve(folded_cortex(), zones)[0]
+
+
+def shell_image():
+    index = np.stack(np.meshgrid(*[np.arange(36.0)] * 3, indexing="ij"), axis=-1)
+    away = np.linalg.norm(index - 17.6, axis=-1)
+    voxels = ((away < 16) & (away > 9)).astype(np.uint8)
+    return label_surface(VolumeImage(voxels, np.diag([0.4, 0.4, 0.4, 1.0])), 1)[0]
+
+
+MAKERS = {"needle": needle_block, "ported cortex": ported_cortex, "shell image": shell_image}
+
+
+@pytest.fixture(scope="module")
+def tissues():
+    return KeptTissues(MAKERS)
+
+
+@pytest.mark.parametrize("seed", first_of(range(10)))
+@pytest.mark.parametrize("name", first_of(MAKERS, 2))
+def test_tree_stays_in_tissue(tissues, name, seed):
+    root = FREE if name == "needle" else {}
+    tree = grow_tree(tissues[name], GrowthOptions(terminals=40, seed=seed, **root))
+    assert (tree.children[:, 0] < 0).sum() == 40
+    assert lumens_outside(tree, tissues[name]) == 0
+
+
+def test_no_vessel_touches_the_needle(tissues):
+    tree = grow_tree(tissues["needle"], GrowthOptions(terminals=300, seed=1, **FREE))
+    t = np.linspace(0, 1, 21)[None, :, None]
+    axis = tree.proximal[:, None] + t * (tree.distal - tree.proximal)[:, None]
+    way = np.subtract(NEEDLE.to_mm, NEEDLE.from_mm)
+    way /= np.linalg.norm(way)
+    to = axis - NEEDLE.from_mm
+    away = np.linalg.norm(to - (to @ way)[..., None] * way, axis=2).min(axis=1)
+    assert (away > NEEDLE.radius_mm + tree_radii(tree) - 1e-9).all()
+
+
+def test_root_in_the_needles_way_or_outside_is_refused(tissues):
+    into = {"root_point_mm": (3.0, 5.0, 0.0), "root_direction": (0.3, 0.0, 1.0)}
+    with pytest.raises(GrowthError):
+        grow_tree(tissues["needle"], GrowthOptions(terminals=40, **into))
+    away = {"root_point_mm": (30.0, 30.0, 30.0), "root_direction": (1.0, 0.0, 0.0)}
+    with pytest.raises(GrowthError, match="root at"):
+        grow_tree(tissues["needle"], GrowthOptions(terminals=40, **away))
+    assert not tissues["needle"].contains(np.array([[30.0, 30.0, 30.0]])).any()
+
+
+def test_tangled_mesh_grows_once_repaired(tmp_path):
+    shape = surfaces.surface(surfaces.sphere(10.0, 48))
+    faces = np.delete(shape.faces, [3, 700], axis=0)
+    faces[:40] = faces[:40, ::-1]
+    trimesh.Trimesh(shape.vertices, faces, process=False).export(tmp_path / "ball.stl")
+    tissue = load_tissue(tmp_path / "ball.stl", "mm")
+    assert len(tissue.notes) == 1
+    assert lumens_outside(grow_tree(tissue, GrowthOptions(terminals=40)), tissue) == 0

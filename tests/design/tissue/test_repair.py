@@ -1,5 +1,6 @@
+"""Loading and repair of meshes: units, limits, what is mended and what is refused."""
+
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,12 +8,99 @@ import trimesh
 from manifold3d import Manifold
 
 from design.errors import TissueError
-from design.tissue import Surface, load_tissue, repair_surface
-from design.tissue.parts import parts_of
+from design.tissue import (
+    SizeLimits,
+    Surface,
+    block,
+    load_tissue,
+    parts_of,
+    repair_surface,
+    tissue_from_surface,
+)
 from design.tissue.shells import crossing_faces
 from tests.design.tissue import surfaces
+from tests.design.tissue.kept import shared
 
-SHARED = Path(__file__).parents[4] / "shared" / "data"
+BOX = block((16.0, 8.0, 3.0))
+
+
+def written(path, scale=1.0, keep=slice(None)):
+    mesh = trimesh.Trimesh(BOX.vertices * scale, BOX.faces[keep], process=False)
+    mesh.export(path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "3mf"])
+def test_every_format_gives_the_same_tissue(tmp_path, suffix):
+    tissue = load_tissue(written(tmp_path / f"box.{suffix}"), "mm")
+    assert tissue.volume_mm3 == pytest.approx(384.0)
+    np.testing.assert_allclose(tissue.bounds, [[0, 0, 0], [16, 8, 3]], atol=1e-6)
+
+
+def test_unit_scales_the_tissue_and_size_limits_are_a_parameter(tmp_path):
+    tissue = load_tissue(written(tmp_path / "box.stl", scale=0.1), "cm")
+    assert tissue.volume_mm3 == pytest.approx(384.0, rel=1e-6)
+    path = written(tmp_path / "tiny.stl", scale=0.1)
+    limits = SizeLimits(smallest_mm=1.0)
+    assert load_tissue(path, "mm", limits=limits).volume_mm3 == pytest.approx(0.384, rel=1e-5)
+
+
+def test_inches_labelled_mm_are_refused_with_the_unit_that_fits(tmp_path):
+    path = written(tmp_path / "inches.stl", scale=1 / 25.4)
+    with pytest.raises(TissueError, match=r"0\.6299 mm long .* in \(16 mm\)"):
+        load_tissue(path, "mm")
+    assert load_tissue(path, "in").volume_mm3 == pytest.approx(384.0, rel=1e-5)
+
+
+def test_open_mesh_is_refused_with_the_number_of_open_edges(tmp_path):
+    path = written(tmp_path / "open.stl", keep=slice(2, None))
+    with pytest.raises(TissueError, match=r"open\.stl: .* 2 of 2 holes .* 6 of 18 edges"):
+        load_tissue(path, "mm")
+
+
+def test_missing_unknown_and_garbage_files_are_refused(tmp_path):
+    with pytest.raises(TissueError, match="no such file"):
+        load_tissue(tmp_path / "absent.stl", "mm")
+    with pytest.raises(TissueError, match=r"\.xyz isn't one of"):
+        load_tissue(tmp_path / "points.xyz", "mm")
+    with pytest.raises(TissueError, match="isn't one of"):
+        load_tissue(written(tmp_path / "box.stl"), "parsec")  # type: ignore[arg-type]
+    path = tmp_path / "noise.ply"
+    path.write_bytes(bytes(range(256)) * 4)
+    with pytest.raises(TissueError, match=r"noise\.ply"):
+        load_tissue(path, "mm")
+
+
+def test_real_gyrus_has_its_published_volume():
+    tissue = load_tissue(shared("gyrus_patch_fsaverage5.stl"), "mm")
+    assert tissue.volume_mm3 == pytest.approx(4760, rel=2e-3)
+    point, inward = tissue.top_vertex()
+    assert point[2] == tissue.surface.vertices[:, 2].max()
+    assert tissue.contains((point + 0.3 * inward)[None]).all()
+
+
+def test_nan_vertices_and_inconsistent_faces_are_refused():
+    vertices = BOX.vertices.copy()
+    vertices[0, 0] = np.nan
+    with pytest.raises(TissueError, match="NaN"):
+        tissue_from_surface(vertices, BOX.faces)
+    faces = BOX.faces.copy()
+    faces[0] = faces[0, ::-1]
+    with pytest.raises(TissueError, match="isn't consistently oriented: at 3 of 18 edges"):
+        tissue_from_surface(BOX.vertices, faces)
+
+
+def test_empty_mesh_is_refused(tmp_path):
+    (tmp_path / "none.stl").write_text("solid nothing\nendsolid nothing\n")
+    (tmp_path / "none.obj").write_text("# nothing\n")
+    for name in ("none.stl", "none.obj"):
+        with pytest.raises(TissueError, match=name):
+            load_tissue(tmp_path / name, "mm")
+    with pytest.raises(TissueError, match="mesh is empty"):
+        tissue_from_surface(np.empty((0, 3)), np.empty((0, 3), dtype=int))
+
+
+# Repair.
 
 
 @cache
@@ -21,17 +109,9 @@ def ball():
 
 
 def sound(shape):
-    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
-    assert mesh.is_watertight
-    assert mesh.is_winding_consistent
+    assert surfaces.closed(shape)
     assert len(crossing_faces(shape.vertices, shape.faces)) == 0
     return shape.volume_mm3
-
-
-def joined(*shapes):
-    start = np.cumsum([0] + [len(s.vertices) for s in shapes])
-    faces = [s.faces + n for s, n in zip(shapes, start, strict=False)]
-    return np.concatenate([s.vertices for s in shapes]), np.concatenate(faces)
 
 
 def inverted(shape):
@@ -61,10 +141,7 @@ def test_sound_surface_is_handed_on_untouched(make):
     "name", ["biventricle_svv", "gyrus_patch_fsaverage5", "cortex_pial_left_fsaverage5"]
 )
 def test_real_meshes_need_no_repair(name):
-    path = SHARED / f"{name}.stl"
-    if not path.is_file():
-        pytest.skip("no shared data beside the repository")
-    mesh = trimesh.load(path, process=False)
+    mesh = trimesh.load(shared(f"{name}.stl"), process=False)
     assert repair_surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))[1] == ()
 
 
@@ -97,8 +174,12 @@ def test_overlapping_shells_become_one():
     one, two = surfaces.sphere(6.0), surfaces.sphere(6.0).translate((5.0, 0.0, 0.0))
     parts = surfaces.surface(one), surfaces.surface(two)
     union = surfaces.surface(one + two).volume_mm3
-    assert mended(*joined(*parts), "2 overlapping shells") == pytest.approx(union, rel=1e-6)
-    volume = mended(*joined(parts[0], inverted(parts[1])), "1 shell(s) turned", "2 overlapping")
+    assert mended(*surfaces.joined(*parts), "2 overlapping shells") == pytest.approx(
+        union, rel=1e-6
+    )
+    volume = mended(
+        *surfaces.joined(parts[0], inverted(parts[1])), "1 shell(s) turned", "2 overlapping"
+    )
     assert volume == pytest.approx(union, rel=1e-6)
 
 
@@ -141,10 +222,18 @@ def meet(one, two):
     return False
 
 
-def test_large_hole_is_refused_with_size_and_place():
+def test_large_holes_and_many_are_refused_with_size_and_place():
     top = ball().vertices[ball().faces].mean(axis=1)[:, 2] > 8
     with pytest.raises(TissueError, match=r"1 of 1 holes are too wide .* 12\.\d .*near \("):
         repair_surface(ball().vertices, ball().faces[~top])
+    keep = np.random.default_rng(3).random(len(ball().faces)) > 0.08
+    with pytest.raises(TissueError, match=r"holes (make up|are too wide)"):
+        repair_surface(ball().vertices, ball().faces[keep])
+    shell = surfaces.surface(surfaces.sphere(4.0).translate((30.0, 0.0, 0.0)))
+    middle = shell.vertices[shell.faces].mean(axis=1)
+    half = Surface(shell.vertices, shell.faces[middle[:, 2] < 0])
+    with pytest.raises(TissueError, match="mesh is open"):
+        repair_surface(*surfaces.joined(ball(), half))
 
 
 def test_surface_that_passes_through_itself_at_large_is_refused():
@@ -196,14 +285,16 @@ def test_file_is_repaired_with_a_note(tmp_path):
 def test_a_sheet_beside_or_within_is_left_out_and_told(place):
     corners = np.array([[0.0, 0, 0], [4, 0, 1], [4, 4, 0], [0, 4, 1]]) + place
     sheet = Surface(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
-    volume = mended(*joined(ball(), sheet), "1 sheet(s) of", "left out, which enclose nothing")
+    volume = mended(
+        *surfaces.joined(ball(), sheet), "1 sheet(s) of", "left out, which enclose nothing"
+    )
     assert volume == pytest.approx(ball().volume_mm3, rel=1e-12)
 
 
 def test_the_wall_between_solids_that_share_a_face_goes():
     one = surfaces.surface(Manifold.cube((4.0, 4.0, 4.0)))
     other = Surface(one.vertices * [-1, 1, 1], one.faces[:, ::-1].copy())
-    found, _ = repair_surface(*joined(one, other))
+    found, _ = repair_surface(*surfaces.joined(one, other))
     assert sound(found) == pytest.approx(128.0)
     assert np.abs(found.vertices[found.faces][..., 0]).max(axis=1).min() > 0
 
@@ -225,12 +316,6 @@ def test_small_tangle_is_replaced():
     assert volume == pytest.approx(shape.volume_mm3, rel=2e-3)
 
 
-def test_many_holes_are_refused():
-    keep = np.random.default_rng(3).random(len(ball().faces)) > 0.08
-    with pytest.raises(TissueError, match=r"holes (make up|are too wide)"):
-        repair_surface(ball().vertices, ball().faces[keep])
-
-
 def test_vertices_on_a_neighbours_edge_split_it():
     """A joint of three faces in a T: the edges are open, and nothing is missing."""
     points, faces = ball().vertices.tolist(), ball().faces.tolist()
@@ -243,14 +328,6 @@ def test_vertices_on_a_neighbours_edge_split_it():
     assert volume == pytest.approx(ball().volume_mm3, rel=1e-12)
 
 
-def test_a_solid_with_a_large_hole_is_no_sheet_and_refused():
-    shell = surfaces.surface(surfaces.sphere(4.0).translate((30.0, 0.0, 0.0)))
-    middle = shell.vertices[shell.faces].mean(axis=1)
-    half = Surface(shell.vertices, shell.faces[middle[:, 2] < 0])
-    with pytest.raises(TissueError, match="mesh is open"):
-        repair_surface(*joined(ball(), half))
-
-
 def cube(side, *corner):
     return surfaces.surface(Manifold.cube((side,) * 3).translate(tuple(map(float, corner))))
 
@@ -258,7 +335,7 @@ def cube(side, *corner):
 def test_parts_that_touch_in_edges_alone_stay_parts(tmp_path):
     """Six cubes around an empty one: each touches four others in an edge."""
     places = [(1, 1, 0), (1, 0, 1), (0, 1, 1), (2, 1, 1), (1, 2, 1), (1, 1, 2)]
-    vertices, faces = joined(*(cube(4.0, *(4 * x for x in place)) for place in places))
+    vertices, faces = surfaces.joined(*(cube(4.0, *(4 * x for x in place)) for place in places))
     path = tmp_path / "cubes.ply"
     trimesh.Trimesh(vertices, faces, process=False).export(path)
     parts = parts_of(load_tissue(path, "mm"))
@@ -269,7 +346,7 @@ def test_boxes_that_share_a_wall_split_otherwise_are_one():
     one, other = cube(8.0, 0, 0, 0), cube(8.0, 8, 0, 0)
     mirrored = Surface(other.vertices * [1, -1, 1] + [0, 8, 0], other.faces[:, ::-1].copy())
     for beside in (other, mirrored):
-        found, _ = repair_surface(*joined(one, beside))
+        found, _ = repair_surface(*surfaces.joined(one, beside))
         assert sound(found) == pytest.approx(1024.0)
 
 
@@ -280,13 +357,13 @@ def aside(shape):
 def test_shells_are_turned_united_or_told_by_where_they_lie():
     far, hollow = aside(surfaces.sphere(4.0)), aside(surfaces.sphere(5.0) - surfaces.sphere(3.0))
     for beside, words in ((far, "1 shell(s) turned"), (hollow, "2 shell(s) turned")):
-        volume = mended(*joined(ball(), inverted(beside)), words)
+        volume = mended(*surfaces.joined(ball(), inverted(beside)), words)
         assert volume == pytest.approx(ball().volume_mm3 + beside.volume_mm3)
     block = surfaces.surface(Manifold.cube((2.0, 2.0, 2.0)))
     beside = Surface(block.vertices + [2.0, 0.5, 0.5], block.faces)
     words = "2 overlapping shells united, or touching ones"
-    assert mended(*joined(block, beside), words) == pytest.approx(16.0)
-    found, notes = repair_surface(*joined(ball(), surfaces.surface(surfaces.sphere(3.0))))
+    assert mended(*surfaces.joined(block, beside), words) == pytest.approx(16.0)
+    found, notes = repair_surface(*surfaces.joined(ball(), surfaces.surface(surfaces.sphere(3.0))))
     assert sound(found) == pytest.approx(ball().volume_mm3, rel=1e-6)
     assert "1 shell(s) inside others look outward" in notes[1]
 

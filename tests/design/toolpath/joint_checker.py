@@ -4,8 +4,6 @@ A later pass holds on to an earlier one where its path runs nearly half the thin
 the ink of the earlier one, whose ends are taken as flat.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

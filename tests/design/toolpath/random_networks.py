@@ -1,11 +1,10 @@
 """Random networks of six kinds, and needles, for planner and checker tests."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from design.network import VesselNetwork
-from tests.design.toolpath.shapes import helix, network, polylines, random_tree
+from tests.design.networks import network, polylines
+from tests.design.toolpath.shapes import helix, random_tree
 
 KINDS = ("tree", "crowded", "loop", "lattice", "helix", "bent")
 NEEDLES = ((0.31, 0.31, 0.0), (0.72, 0.72, 0.0), (0.8, 0.31, 1.5))

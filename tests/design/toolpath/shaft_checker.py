@@ -5,8 +5,6 @@ looked at. Touching is meant within a joint: where ink is near the tip along the
 are near one fork. Vessels that overlap elsewhere are one body there, as at a fork.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

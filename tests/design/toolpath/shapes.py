@@ -1,7 +1,5 @@
 """Test solids and networks of closed-form geometry."""
 
-from __future__ import annotations
-
 import manifold3d
 import numpy as np
 import shapely
@@ -9,6 +7,7 @@ import shapely
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from design.toolpath import MoveKind, Toolpath
+from tests.design.networks import network
 
 SEGMENTS = 128
 
@@ -65,47 +64,6 @@ def rounded_width(area_mm2: np.ndarray, height_mm: float) -> np.ndarray:
     round_part = np.pi / 4 * height_mm**2
     assert (area_mm2 > round_part).all()
     return (area_mm2 - round_part) / height_mm + height_mm
-
-
-def network(
-    nodes: list[tuple[float, float, float]],
-    vessels: list[tuple[int, int]],
-    radius: float | list[float],
-) -> VesselNetwork:
-    none = np.zeros(len(vessels), dtype=np.int64)
-    radii = np.broadcast_to(radius, len(vessels)).astype(np.float64)
-    return VesselNetwork.from_segments(np.array(nodes, float), np.array(vessels), radii, none, none)
-
-
-def polyline(points: np.ndarray, radius: float | np.ndarray) -> VesselNetwork:
-    """One vessel."""
-    zero = np.zeros(1, dtype=np.int64)
-    return VesselNetwork(
-        nodes=points[[0, -1]],
-        vessel_nodes=np.array([[0, 1]]),
-        kind=zero,
-        tree=zero,
-        offset=np.array([0, len(points)]),
-        points=np.asarray(points, float),
-        radius=np.broadcast_to(radius, len(points)).astype(np.float64),
-    )
-
-
-def polylines(lines: list[np.ndarray], radius: float) -> VesselNetwork:
-    """A vessel along each; one that ends where it begins is a loop."""
-    ends = np.array([line[k] for line in lines for k in (0, -1)], dtype=float)
-    nodes, number = np.unique(ends, axis=0, return_inverse=True)
-    none = np.zeros(len(lines), dtype=np.int64)
-    points = np.concatenate(lines).astype(float)
-    return VesselNetwork(
-        nodes=nodes,
-        vessel_nodes=number.reshape(-1, 2),
-        kind=none,
-        tree=none,
-        offset=np.concatenate([[0], np.cumsum([len(line) for line in lines])]),
-        points=points,
-        radius=np.full(len(points), radius),
-    )
 
 
 def helix(turns: float, radius_mm: float, pitch_mm: float, phase: float = 0.0) -> np.ndarray:

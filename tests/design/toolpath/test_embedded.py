@@ -1,6 +1,4 @@
-"""Embedded writing: order, shaft, joints, filament law, refusals."""
-
-from __future__ import annotations
+"""Embedded writing: order, joints, filament law, two heads, bundles of strands, refusals."""
 
 import math
 from dataclasses import replace
@@ -9,27 +7,27 @@ import numpy as np
 import pytest
 
 from design.errors import ToolpathError
-from design.network import VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.toolpath import MoveKind, Toolpath
-from design.toolpath.embedded import EmbeddedOptions, check_thinnest, plan_embedded
+from design.toolpath.embedded import (
+    EmbeddedHeads,
+    EmbeddedOptions,
+    bundled,
+    check_thinnest,
+    plan_embedded,
+)
+from design.toolpath.embedded.bundles import STRANDS
 from design.toolpath.gcode import stream_gcode
 from firmware_profiles import Printer, Syringe, load
+from tests.design.networks import network, polyline, polylines
 from tests.design.toolpath.joint_checker import bodies
 from tests.design.toolpath.plans import embedded_toolpath
 from tests.design.toolpath.shaft_checker import crossings
-from tests.design.toolpath.shapes import network, polyline, random_tree
+from tests.design.toolpath.shapes import random_tree
 from tests.slower import first_of
 
 OPTIONS = EmbeddedOptions()
-
-
-def test_a_helix_is_written_upward_in_one_pass():
-    turn = np.linspace(0, 6 * np.pi, 300)
-    helix = np.column_stack([3 * np.cos(turn), 3 * np.sin(turn), 0.5 * turn])
-    net = polyline(helix[::-1], 0.15)
-    plan = plan_embedded(net, OPTIONS)
-    assert (plan.report.passes, plan.report.joints, plan.report.crossings) == (1, 0, ())
-    assert plan.toolpath.end[-1, 2] > plan.toolpath.start[0, 2]
+PATIENT = replace(OPTIONS, open_joints=99)
 
 
 def test_an_arch_is_written_from_both_feet_and_closed_at_the_top():
@@ -77,31 +75,14 @@ def test_an_independent_checker_finds_no_crossing_that_isnt_told(seed):
     assert crossings(plan.toolpath, net, OPTIONS.needle_outer_mm / 2) <= told
 
 
-def test_travels_pass_above_what_lies_under_their_way():
-    toolpath = embedded_toolpath(random_tree(20, 10, 3, 0.1), OPTIONS)
-    shaft, lowest, ink = OPTIONS.needle_outer_mm / 2, np.inf, np.empty((0, 4))
-    for start, end, kind, ul in zip(
-        toolpath.start, toolpath.end, toolpath.kind, toolpath.volume_ul, strict=True
-    ):
-        way = np.linspace(start, end, int(np.linalg.norm(end - start) / 0.05) + 2)
-        if kind == MoveKind.TRAVEL and start[2] == end[2]:
-            across = np.linalg.norm(ink[:, None, :2] - way[:, :2], axis=2)
-            under = (across < shaft + ink[:, 3:]).any(axis=1)
-            top = (ink[under, 2] + ink[under, 3]).max(initial=-np.inf)
-            assert end[2] >= top + OPTIONS.lift_mm - 1e-9
-            lowest = min(lowest, end[2])
-        if kind == MoveKind.WRITE:
-            radius = np.sqrt(ul / np.linalg.norm(end - start) / np.pi)
-            ink = np.vstack([ink, np.column_stack([way, np.full(len(way), radius)])])
-    assert lowest < ink[:, 2].max()  # not over the top of all
-
-
-def test_ink_is_the_networks_volume_and_the_overlaps():
+def test_ink_is_the_networks_volume_and_the_overlaps_and_ends_where_a_vessel_does():
     net = random_tree(30, 12, 5, 0.1)
     report = plan_embedded(net, OPTIONS).report
     design = (np.pi * net.mean_radius() ** 2 * net.lengths()).sum()
     assert report.design_ul == pytest.approx(design, rel=1e-9)
     assert report.written_ul == pytest.approx(report.design_ul + report.overlap_ul, rel=1e-9)
+    toolpath = embedded_toolpath(polyline(np.array([[0.0, 0, 0], [10, 0, 0]]), 0.2), OPTIONS)
+    assert np.ptp(np.vstack([toolpath.start, toolpath.end]), axis=0).tolist() == [10, 0, 0]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 5])
@@ -116,11 +97,6 @@ def test_every_joint_of_a_tree_is_closed(seed):
     assert report.overlapped + report.continued == report.joints
     assert len(report.open) == 0
     assert bodies(plan.toolpath) == 1
-
-
-def test_a_vessel_is_written_from_end_to_end_and_not_beyond():
-    toolpath = embedded_toolpath(polyline(np.array([[0.0, 0, 0], [10, 0, 0]]), 0.2), OPTIONS)
-    assert np.ptp(np.vstack([toolpath.start, toolpath.end]), axis=0).tolist() == [10, 0, 0]
 
 
 def test_a_ring_is_closed_by_an_overlap():
@@ -145,14 +121,11 @@ def test_a_taper_is_written_by_flow_at_constant_speed():
     assert len(toolpath) > 10
 
 
-def test_vessel_thinner_than_the_needle_is_refused_by_number():
+def test_vessel_thinner_than_the_needle_or_too_thick_for_the_flow_is_refused_by_number():
     nodes = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
     net = network(nodes, [(0, 1), (1, 2)], [0.2, 0.05])
     with pytest.raises(ToolpathError, match=r"vessel 1: diameter 0\.100 mm.*0\.128 mm.*0\.16 mm"):
         embedded_toolpath(net, OPTIONS)
-
-
-def test_vessel_too_thick_for_the_flow_is_refused():
     net = polyline(np.array([[0.0, 0, 0], [10, 0, 0]]), 3.0)
     with pytest.raises(ToolpathError, match=r"vessel 0: diameter 6\.000 mm.*max_flow_ul_s"):
         embedded_toolpath(net, OPTIONS)
@@ -174,37 +147,24 @@ def test_impossible_options_are_refused(change, message):
 # Refusal of vessels thinner than the needle writes: what it names, and what would help.
 
 SHIPPED = {"30g": 0.16, "33g": 0.108, "34g": 0.08}
-OPTIONS_FILAMENT_THICKNESS = EmbeddedOptions(
-    needle_inner_mm=0.16, needle_outer_mm=0.31, thinnest=0.8
-)
 
 
-def side_by_side(*radii: float) -> VesselNetwork:
-    n = len(radii)
-    x = np.arange(n, dtype=float)
-    ends = [[k, y, 0.0] for k in x.tolist() for y in (0.0, 5.0)]
-    zero = np.zeros(n, np.int64)
-    return VesselNetwork.from_segments(
-        np.array(ends), np.arange(2 * n).reshape(-1, 2), np.array(radii), zero, zero
-    )
-
-
-def refusal(network: VesselNetwork) -> str:
+def refusal(*radii: float) -> str:
+    """What is said of upright vessels, one beside the other."""
+    nodes = [(k, y, 0) for k in range(len(radii)) for y in (0, 5)]
+    net = network(nodes, [(2 * k, 2 * k + 1) for k in range(len(radii))], list(radii))
     with pytest.raises(ToolpathError) as told:
-        check_thinnest(network, OPTIONS_FILAMENT_THICKNESS, needles=SHIPPED)
+        check_thinnest(net, OPTIONS, needles=SHIPPED)
     return str(told.value)
 
 
-def test_the_thinnest_vessel_is_named_with_its_place_and_a_needle_that_may_be_had() -> None:
-    text = refusal(side_by_side(0.2, 0.05, 0.06))
+def test_thinnest_vessels_are_named_with_place_and_a_needle_and_of_hundreds_five() -> None:
+    text = refusal(0.2, 0.05, 0.06)
     assert text.startswith("vessel 1: diameter 0.100 mm at (1, 0, 0) mm is thinner than 0.128 mm")
     assert "at most 0.125 mm bore (33g: 0.108 mm)" in text
     assert "1.28 times as large" in text
-
-
-def test_of_hundreds_the_thinnest_five_are_named() -> None:
-    """704 vessels made a line of 11,000 characters (a published network, 2026-11-26)."""
-    text = refusal(side_by_side(*np.linspace(0.06, 0.05, 300)))
+    # 704 vessels made a line of 11,000 characters (a published network, 2026-11-26).
+    text = refusal(*np.linspace(0.06, 0.05, 300))
     assert "300 such vessels: 299 (0.100 mm), 298" in text
     assert "and 295 more" in text
     assert len(text) < 600
@@ -212,8 +172,7 @@ def test_of_hundreds_the_thinnest_five_are_named() -> None:
 
 # Places to look within passes, before what follows bars the needle's way to a gap.
 
-OPTIONS_EMBEDDED_LOOKS = EmbeddedOptions(open_joints=99)
-LOOKED = replace(OPTIONS_EMBEDDED_LOOKS, look_within=True)
+LOOKED = replace(PATIENT, look_within=True)
 RADIUS = 0.15
 
 
@@ -245,7 +204,7 @@ def test_a_steep_one_is_looked_at_before_it_bars_the_way_to_itself(degrees: floa
 
 def test_nothing_is_written_otherwise_for_being_looked_at() -> None:
     net = random_tree(12, 9.0, 3, 0.2)
-    plain, looked = (plan_embedded(net, one).toolpath for one in (OPTIONS_EMBEDDED_LOOKS, LOOKED))
+    plain, looked = (plan_embedded(net, one).toolpath for one in (PATIENT, LOOKED))
     assert 0 < len(looks(looked)) < 60
     assert len(looks(plain)) == 0
     assert looked.written_ul == pytest.approx(plain.written_ul)
@@ -271,3 +230,143 @@ def test_moves_join_end_to_end_and_plunger_relief_cancels():
     write = toolpath.kind == MoveKind.WRITE
     assert toolpath.written_ul == pytest.approx(toolpath.volume_ul[write].sum(), rel=1e-12)
     assert toolpath.duration_s[toolpath.kind == MoveKind.DWELL] == pytest.approx(0.2)
+
+
+# Two heads: arteries by one, veins by the other, few changes.
+
+
+ARTERY, VEIN = VesselKind.ARTERY, VesselKind.VEIN
+NODES = np.array([[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0], [0, 6, 0], [4, 6, 0.0]])
+ENDS = np.array([[0, 1], [1, 2], [3, 2], [3, 4], [4, 5]])
+KIND = np.array([ARTERY, ARTERY, VEIN, ARTERY, VEIN], dtype=np.int64)
+NETWORK = VesselNetwork.from_segments(NODES, ENDS, np.full(5, 0.2), KIND, np.zeros(5, np.int64))
+FIRST = EmbeddedOptions(retract_ul=0.02, plunger_ul_s=0.4)
+SECOND = replace(
+    FIRST, needle_inner_mm=0.21, needle_outer_mm=0.41, retract_ul=0.05, write_speed_mm_s=3.0
+)
+HEAD_OF = (KIND == VEIN).astype(np.int64)
+HEADS = EmbeddedHeads((FIRST, SECOND), HEAD_OF)
+
+
+def test_each_vessel_is_written_by_its_own_head_relieved_and_primed_by_itself():
+    path = plan_embedded(NETWORK, HEADS).toolpath
+    writes = path.kind == MoveKind.WRITE
+    np.testing.assert_array_equal(path.tool[writes], HEAD_OF[path.source[writes]])
+    assert set(path.speed_mm_s[writes & (path.tool == 1)].tolist()) == {3.0}
+    assert set(path.speed_mm_s[writes & (path.tool == 0)].tolist()) == {5.0}
+    writes = path.tool[path.kind == MoveKind.WRITE]
+    assert int((np.diff(writes) != 0).sum()) == 1
+    for row in np.flatnonzero(np.diff(path.tool) != 0).tolist():
+        before = path.kind[: row + 1]
+        last_write = np.flatnonzero(before == MoveKind.WRITE)[-1]
+        assert path.kind[last_write + 1] == MoveKind.RETRACT
+        assert path.end[row, 2] > path.end[: row + 1][before == MoveKind.WRITE, 2].max()
+    for head, options in enumerate((FIRST, SECOND)):
+        own = path.tool == head
+        reliefs = path.volume_ul[own & (path.kind == MoveKind.RETRACT)]
+        primes = path.volume_ul[own & (path.kind == MoveKind.PRIME)]
+        assert set(np.round(reliefs, 9).tolist()) <= {-options.retract_ul}
+        assert set(np.round(primes, 9).tolist()) <= {options.retract_ul}
+        assert len(reliefs) - len(primes) in (0, 1)
+
+
+def test_one_head_plans_as_without():
+    one = plan_embedded(NETWORK, EmbeddedHeads.one(FIRST, NETWORK)).toolpath
+    plain = plan_embedded(NETWORK, FIRST).toolpath
+    for name in ("start", "end", "volume_ul", "speed_mm_s", "tool", "kind", "source"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(plain, name))
+
+
+def test_a_vessel_too_thin_for_its_own_needle_or_given_to_no_head_is_refused():
+    wide = replace(SECOND, needle_inner_mm=0.6, needle_outer_mm=0.8)
+    with pytest.raises(ToolpathError, match="vessel 2"):
+        plan_embedded(NETWORK, EmbeddedHeads((FIRST, wide), HEAD_OF))
+    plan_embedded(NETWORK, EmbeddedHeads((FIRST, wide), np.zeros(5, dtype=np.int64)))
+    with pytest.raises(ToolpathError, match="vessel 2 is given to head 1"):
+        EmbeddedHeads((FIRST,), HEAD_OF)
+
+
+# Thick vessels as strands side by side.
+
+
+COARSE = EmbeddedOptions(needle_inner_mm=0.41, needle_outer_mm=0.72)
+
+
+def volume(net: VesselNetwork) -> float:
+    start, end, a, b, _ = net.pieces()
+    length = np.linalg.norm(end - start, axis=1)
+    return float((np.pi / 3 * length * (a * a + a * b + b * b)).sum())
+
+
+def covered(net: VesselNetwork, at: float, radius: float) -> tuple[float, float]:
+    """Of a lumen along x: share of its section that strands fill, and their farthest reach."""
+    lines = [line for line, _ in net.polylines()]
+    places = np.array([[np.interp(at, p[:, 0], p[:, k]) for k in (1, 2)] for p in lines])
+    thick = net.radius[net.offset[:-1]]
+    side = np.linspace(-radius, radius, 201)
+    y, z = np.meshgrid(side, side)
+    inside = np.hypot(y, z) < 0.97 * radius
+    grid = np.stack([y[inside], z[inside]], axis=1)
+    axis = places[0]
+    near = np.linalg.norm(grid[:, None] - (places - axis), axis=2) < thick
+    return near.any(axis=1).mean(), (np.linalg.norm(places - axis, axis=1) + thick).max() / radius
+
+
+@pytest.mark.parametrize(("widest", "strands"), [(2.1, 1), (0.8, 7), (0.5, 19), (0.33, 37)])
+def test_strands_hold_the_volume_and_fill_the_lumen(widest: float, strands: int) -> None:
+    net = polyline(np.array([[0.0, 0, 5], [12, 0, 5]]), 1.0)
+    made = bundled(net, np.array([widest]))
+    assert len(made.owner) == strands
+    assert strands in STRANDS
+    assert volume(made.network) == pytest.approx(volume(net), rel=1e-9)
+    assert 2 * made.network.radius.max() <= widest * (1 + 1e-9)
+    filled, reach = covered(made.network, 6.0, 1.0)
+    assert filled > 0.87  # the rest is flats of a hexagon, which the merged ink rounds
+    assert reach < 1.05
+
+
+def test_a_tapered_lumen_keeps_its_volume_and_thin_vessels_are_left_alone() -> None:
+    lines = [np.array([[0.0, 0, 5], [12, 0, 5]]), np.array([[12.0, 0, 5], [20, 0, 5]])]
+    net = replace(polylines(lines, 1.0), radius=np.array([1.2, 0.6, 0.3, 0.3]))
+    made = bundled(net, np.array([0.95, 0.95]))
+    assert made.owner.tolist() == [0, 1] + [0] * 6
+    assert volume(made.network) == pytest.approx(volume(net), rel=1e-3)
+    assert np.array_equal(made.network.vessel_nodes[:2], net.vessel_nodes)
+
+
+@pytest.mark.parametrize("end", first_of([(0.0, 0.0, 13.0), (12.0, 0.0, 5.0), (3.0, 0.0, 15.0)], 2))
+def test_a_lone_bundle_is_written_without_a_crossing(end: tuple[float, float, float]) -> None:
+    net = polyline(np.array([[0.0, 0, 5], end]), 1.0)
+    plan = plan_embedded(bundled(net, np.array([0.8])), COARSE)
+    assert not plan.report.crossings
+    assert plan.report.vessels == 1
+    written = plan.toolpath.kind == MoveKind.WRITE
+    inside = plan.toolpath.volume_ul[written].sum() - plan.report.overlap_ul
+    assert inside == pytest.approx(volume(net), rel=1e-6)
+
+
+def test_the_report_and_the_job_name_the_design_s_vessels() -> None:
+    net = random_tree(8, 16.0, 3, 0.2)
+    net = replace(net, radius=net.radius * 1.6)
+    made = bundled(net, np.full(net.vessel_count, 0.9 * 2 * net.radius.max()))
+    assert not made.is_plain
+    plan = plan_embedded(made, replace(COARSE, open_joints=99))
+    for told in (*plan.report.crossings, *plan.report.grazes):
+        assert told.vessel != told.through
+        assert max(told.vessel, told.through) < net.vessel_count
+    beside: dict[str, np.ndarray] = {}
+    job = stream_gcode([plan.toolpath], load(Printer, "generic_marlin"),
+                       load(Syringe, "hamilton_1ml"), [80, 80, 40], None, 99.0)  # fmt: skip
+    parts = list(made.of_design(job, beside))
+    source = np.concatenate([part.line_source for part in parts])
+    known = source >= 0
+    assert np.array_equal(made.owner[beside["strand"][known]], source[known])
+    marks = [line for line in parts[0].data.splitlines() if b"PASS_END" in line]
+    assert len(marks) == plan.report.passes
+    assert all(int(mark.split(b":")[1]) < net.vessel_count for mark in marks)
+
+
+def test_more_strands_than_are_laid_are_refused() -> None:
+    net = polyline(np.array([[0.0, 0, 5], [12, 0, 5]]), 2.0)
+    with pytest.raises(ToolpathError, match=r"vessel 0: diameter 4\.000 mm .* 37 filaments"):
+        bundled(net, np.array([0.5]))

@@ -1,7 +1,5 @@
 """Steps of the embedded planner, one by one, against slow oracles that sample tip and ink."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import replace
 from itertools import pairwise
@@ -24,15 +22,8 @@ from design.toolpath.embedded.needle import (
 from design.toolpath.embedded.rules import Rules, at_nodes, find_rules, with_touches
 from design.toolpath.embedded.schedule import Leg, Pass, Scheduler
 from design.toolpath.embedded.touches import touches
-from tests.design.toolpath.shapes import (
-    cage,
-    helix,
-    network,
-    polyline,
-    polylines,
-    random_tree,
-    ring,
-)
+from tests.design.networks import network, polyline, polylines
+from tests.design.toolpath.shapes import cage, helix, random_tree, ring
 from tests.slower import examples
 
 OPTIONS = EmbeddedOptions()
@@ -119,6 +110,15 @@ def shaft_gap(places, needle):
     return np.minimum(found, discs.min(axis=0, initial=np.inf))
 
 
+def test_vessels_touch_where_they_overlap_and_nowhere_else():
+    crossed = parts_of(CROSSED).touches
+    assert set(map(tuple, crossed.vessel.tolist())) == {(0, 1)}
+    assert crossed.arc == pytest.approx(2.0, abs=0.3)
+    assert crossed.overlap.max() == pytest.approx(0.2, abs=0.02)
+    for net in (random_tree(6, 8, 0, 0.1), cage(4, 2, 3), TILTED_RING):
+        assert len(parts_of(net).touches.overlap) == 0
+
+
 def meetings_of(net, parts):
     """Of two vessels, (way along one, way along other, gap) at each node and touch."""
     length = np.add.reduceat(parts.elements.length, parts.elements.first[:-1])
@@ -180,15 +180,6 @@ def test_rules_are_those_of_all_tips_and_all_ink(net, options):
     found = pairs_of(find_rules(parts.elements, parts.squares, parts.meetings, parts.needle))
     assert found or net is CROSSED  # all of which is one joint
     assert naive_rules(net, parts, -0.01) <= found <= naive_rules(net, parts, 0.01)
-
-
-def test_vessels_touch_where_they_overlap_and_nowhere_else():
-    crossed = parts_of(CROSSED).touches
-    assert set(map(tuple, crossed.vessel.tolist())) == {(0, 1)}
-    assert crossed.arc == pytest.approx(2.0, abs=0.3)
-    assert crossed.overlap.max() == pytest.approx(0.2, abs=0.02)
-    for net in (random_tree(6, 8, 0, 0.1), cage(4, 2, 3), TILTED_RING):
-        assert len(parts_of(net).touches.overlap) == 0
 
 
 def broken(pairs, order):

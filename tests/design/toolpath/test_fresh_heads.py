@@ -1,7 +1,5 @@
 """FRESH layers in several inks: each head stays on its side of a border."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -157,12 +155,6 @@ def test_a_head_relieves_before_it_is_left_and_primes_when_it_is_back() -> None:
 def test_heads_that_can_t_share_a_layer_are_refused(regions, heads, words):
     with pytest.raises(ToolpathError, match=words):
         FreshLayers(SOLID, OPTIONS, regions, heads)
-
-
-def test_an_open_region_of_a_head_is_refused() -> None:
-    region = Region(Solid(SOLID.vertices, SOLID.faces[1:]), Filling(), 1)
-    with pytest.raises(ToolpathError, match="region 0 can't be sliced"):
-        planned(SOLID, [region])
 
 
 # Regions with their own infill: changes only inside the region and inside walls.

@@ -1,7 +1,5 @@
 """FRESH kernels (lines, order, coverage, walls, zig-zags), against slow oracles."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

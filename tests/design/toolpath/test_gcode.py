@@ -1,9 +1,10 @@
-"""G-code writer, checked by an independent reader."""
+"""G-code writer, checked by an independent reader; marks; jobs written part by part."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache, partial
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -12,31 +13,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.errors import ToolpathError
-from design.toolpath import MoveBuilder, MoveKind
-from design.toolpath.embedded import EmbeddedOptions
-from design.toolpath.fresh import FreshOptions
-from design.toolpath.gcode import GcodeOptions, write_gcode
+from design.toolpath import MoveBuilder, MoveKind, Toolpath, join_toolpaths
+from design.toolpath.embedded import EmbeddedOptions, plan_embedded
+from design.toolpath.fresh import FreshLayers, FreshOptions, plan_fresh
+from design.toolpath.gcode import Gcode, GcodeOptions, save_gcode, stream_gcode, write_gcode
 from design.toolpath.gcode.merge import long_enough
 from design.toolpath.gcode.table import Table, render
-from firmware_profiles import Printer, Syringe, load
+from firmware_profiles import Printer, load
 from tests.design.toolpath.gcode_reader import Machine
-from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
+from tests.design.toolpath.plans import PLACE, SYRINGE, embedded, fresh, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
 from tests.slower import examples, first_of
 
 PRINTER = load(Printer, "generic_marlin")
-SYRINGE = load(Syringe, "hamilton_1ml")
-PLACE = np.array([60.0, 70.0, 20.0])
+dwelling = partial(embedded, dwell_s=0.15)
 PER_UL = 4 / (np.pi * SYRINGE.inner_mm**2)
-
-
-def fresh():
-    return fresh_toolpath(as_solid(block(4, 3, 0.3) - upright(2, 1.5, 1)), FreshOptions())
-
-
-def embedded():
-    options = replace(EmbeddedOptions(), dwell_s=0.15)
-    return embedded_toolpath(random_tree(20, 10, 3, 0.1), options)
 
 
 def line(count, step_mm, volume_ul, speed=20.0):
@@ -48,7 +39,7 @@ def line(count, step_mm, volume_ul, speed=20.0):
     return builder.build()
 
 
-@pytest.mark.parametrize("make", [fresh, embedded])
+@pytest.mark.parametrize("make", [fresh, dwelling])
 @pytest.mark.parametrize("name", ["generic_marlin", "marlin_avr"])
 def test_every_line_ends_where_its_move_ends(make, name):
     printer, toolpath = load(Printer, name), make()
@@ -66,7 +57,7 @@ def test_every_line_ends_where_its_move_ends(make, name):
         assert float(travelled) == pytest.approx(plunger[move], abs=0.125 / steps.e)
 
 
-@pytest.mark.parametrize("make", [fresh, embedded])
+@pytest.mark.parametrize("make", [fresh, dwelling])
 def test_no_ink_is_lost(make):
     toolpath = make()
     gcode = write_gcode(toolpath, PRINTER, SYRINGE, PLACE, GcodeOptions(relieve_ul=0))
@@ -85,16 +76,12 @@ def test_maps_name_source_and_last_move_of_each_line():
     assert gcode.source_kind == "vessel"
 
 
-def test_header_sets_modes_and_the_job_never_homes():
+def test_header_sets_modes_the_job_never_homes_and_goes_in_from_above():
     machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE).data)
     modes = ["G21", "G90", "M82", "M220 S100", "M221 S100", "M200 D0"]
     assert machine.lines[:9] == ["M85 S600", *modes, "M302 P1", "G92 E0"]
     assert not any(text.startswith("G28") for text in machine.lines)
     assert not any(mark in text for text in machine.commands for mark in ";()")
-
-
-def test_way_in_goes_up_across_and_down_from_an_unknown_place():
-    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE).data)
     assert machine.lines[9:12] == ["G0 Z25.8 F300", "G0 X60.075 Y70.075 F1200", "G0 Z20.06 F300"]
 
 
@@ -126,7 +113,7 @@ def test_primes_and_retractions_take_their_time():
 
 
 def test_dwells_are_written_in_milliseconds():
-    toolpath = embedded()
+    toolpath = dwelling()
     count = np.count_nonzero(toolpath.kind == MoveKind.DWELL)
     machine = Machine().read(write_gcode(toolpath, PRINTER, SYRINGE, PLACE).data)
     assert machine.pause_ms == 150 * count
@@ -181,9 +168,10 @@ def test_impossible_places_are_refused(place):
         write_gcode(fresh(), PRINTER, SYRINGE, place)
 
 
-def test_impossible_options_are_refused():
-    with pytest.raises(ToolpathError, match="travel_speed_mm_s is 0"):
-        GcodeOptions(travel_speed_mm_s=0)
+@pytest.mark.parametrize("name", ["travel_speed_mm_s", "flow_factor"])
+def test_impossible_options_are_refused(name):
+    with pytest.raises(ToolpathError, match=f"{name} is 0"):
+        GcodeOptions(**{name: 0})
 
 
 def test_flow_factor_drives_the_plunger_farther_and_changes_no_path():
@@ -194,8 +182,6 @@ def test_flow_factor_drives_the_plunger_farther_and_changes_no_path():
     driven = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
     assert float(driven.plunger) == pytest.approx(float(plain.plunger) / 0.8, abs=1e-4)
     assert driven.position == plain.position
-    with pytest.raises(ToolpathError, match="flow_factor"):
-        GcodeOptions(flow_factor=0)
 
 
 # G-code text, digits and merging of moves, against slow oracles.
@@ -251,7 +237,7 @@ def of(firmware: str, **more: object) -> Printer:
 
 def lines_of(printer: Printer, options: GcodeOptions) -> list[str]:
     toolpath = fresh_toolpath(as_solid(block(2, 2, 0.12)), FreshOptions())
-    gcode = write_gcode(toolpath, printer, load(Syringe, "hamilton_1ml"), (60, 70, 20), options)
+    gcode = write_gcode(toolpath, printer, SYRINGE, PLACE, options)
     lines = gcode.data.decode().split("\n")[:-1]
     assert len(lines) == len(gcode.line_source) == len(gcode.line_move)
     return lines
@@ -344,3 +330,155 @@ def test_no_other_choice_of_vertices_cuts_off_less(seed):
     assert chosen in (fit or [(0, 9)])  # a run ends where it ended
     if fit:
         assert _cut(way, chosen) == pytest.approx(min(_cut(way, c) for c in fit))
+
+
+# Marks where a job may be interrupted: comments that change no command.
+
+
+def machine_of(toolpath: Toolpath) -> Machine:
+    return Machine().read(write_gcode(toolpath, PRINTER, SYRINGE, PLACE).data)
+
+
+def test_each_layer_ends_once_relieved_and_at_the_next_ones_height():
+    machine = machine_of(fresh())
+    ends = [k for k, text in enumerate(machine.lines) if text.startswith(";LAYER_END")]
+    assert [machine.lines[k] for k in ends] == [f";LAYER_END:{k}" for k in range(len(ends))]
+    assert len(ends) == 5
+    for k in ends[:-1]:
+        assert machine.lines[k + 1] == ";RELOAD"
+        # One layer, and what keeps the needle off the fresh ink or above the open lumen.
+        rise = float(machine.states[k][0]["Z"] - machine.states[k - 3][0]["Z"])
+        above = min((FreshOptions.hop_mm, FreshOptions.lift_mm), key=lambda mm: abs(rise - mm))
+        assert rise == pytest.approx(0.06 + above)
+        plunger = [float(state[1]) for state in machine.states[: k + 1]]
+        assert plunger[-1] < max(plunger)
+    assert machine.lines[ends[-1] + 1] != ";RELOAD"
+
+
+def test_each_pass_ends_with_a_free_way_straight_up():
+    options = EmbeddedOptions()
+    plan = plan_embedded(random_tree(20, 10, 3, 0.1), options)
+    machine = machine_of(plan.toolpath)
+    ends = [k for k, text in enumerate(machine.lines) if text.startswith(";PASS_END")]
+    assert len(ends) == plan.report.passes > 3
+    assert [text for text in machine.lines if text == ";RELOAD"] == [";RELOAD"] * (len(ends) - 1)
+    written = []
+    for before, after in zip([9, *ends], ends[:-1], strict=False):
+        for last, here in pairwise(machine.states[before:after]):
+            if here[1] > last[1]:
+                way = [[float(state[0][axis]) for axis in "XYZ"] for state in (last, here)]
+                written.append(np.linspace(*way, 50))
+        tip = np.array([float(machine.states[after][0][axis]) for axis in "XYZ"])
+        ink = np.concatenate(written)
+        near = np.linalg.norm((ink - tip)[:, :2], axis=1) < options.needle_outer_mm / 2 + 0.1
+        assert (ink[near, 2] < tip[2]).all()
+
+
+def test_marks_change_no_command():
+    toolpath = fresh()
+    one_layer = replace(toolpath, source=np.zeros_like(toolpath.source))
+    assert machine_of(toolpath).commands == machine_of(one_layer).commands
+    assert machine_of(one_layer).lines[-4:-3] == [";LAYER_END:0"]
+
+
+def test_e_counted_anew_comes_after_the_mark():
+    builder = MoveBuilder((0, 0, 0.06), "layer", 0.06)
+    for layer in range(6):
+        z = 0.06 * (layer + 1)
+        if layer:
+            builder.plunge(-0.02, 0.4, layer)
+            builder.travel(np.array([[*builder.tip[:2], z]]), 5, layer)
+            builder.plunge(0.02, 0.4, layer)
+        points = np.array([[60.0 * (layer % 2 == 0), 0, z]])
+        builder.write(points, np.array([250.0]), 20, layer)
+    gcode = write_gcode(builder.build(), PRINTER, SYRINGE, PLACE, GcodeOptions(relieve_ul=0))
+    machine = Machine().read(gcode.data)
+    assert sum(text.startswith("G92") for text in machine.lines) > 1
+    assert machine.lines.count(";RELOAD") == 5
+
+
+# Streamed jobs: byte for byte those written as a whole.
+
+
+KNOWN = (60.0, 70.0, 45.0)
+
+
+@cache
+def taller():
+    return as_solid(block(6, 5, 0.6) - upright(2, 1.5, 1))
+
+
+def streamed(parts, top, printer, options):
+    return list(stream_gcode(parts, printer, SYRINGE, PLACE, options, top))
+
+
+@pytest.mark.parametrize("start", [None, KNOWN])
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("generic_marlin", {}),
+        ("marlin_avr", {}),
+        ("klipper_bioprinter", {}),
+        ("pneumatic_marlin", {"flow_ul_s": 0.12}),
+    ],
+)
+def test_layers_written_one_by_one_are_the_job_of_their_whole(name, more, start):
+    printer, options = load(Printer, name), GcodeOptions(start_mm=start, **more)
+    layers = FreshLayers(taller(), FreshOptions())
+    parts = list(layers)
+    assert len(parts) == 10
+    whole = join_toolpaths(parts)
+    top = float(whole.end[:, 2].max())
+    got = Gcode.joined(streamed(parts, top, printer, options))
+    expected = write_gcode(whole, printer, SYRINGE, PLACE, options)
+    assert got.data == expected.data
+    for name in ("line_source", "line_move", "line_kind"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
+
+
+def test_the_plunger_s_count_goes_on_over_the_parts():
+    printer = load(Printer, "generic_marlin")
+    parts = [
+        replace(part, volume_ul=400 * part.volume_ul)
+        for part in FreshLayers(taller(), FreshOptions())
+    ]
+    whole = join_toolpaths(parts)
+    top = float(whole.end[:, 2].max())
+    got = Gcode.joined(streamed(parts, top, printer, None))
+    assert got.data.count(b"G92") > 5
+    assert got.data == write_gcode(whole, printer, SYRINGE, PLACE).data
+
+
+def test_a_part_is_given_back_before_the_next_but_one_is_asked_for():
+    asked = []
+
+    def parts():
+        for part in FreshLayers(taller(), FreshOptions()):
+            asked.append(len(asked))
+            yield part
+
+    printer, layers = load(Printer, "generic_marlin"), FreshLayers(taller(), FreshOptions())
+    job = stream_gcode(parts(), printer, SYRINGE, PLACE, None, layers.top_mm)
+    for number in range(4):
+        next(job)
+        assert len(asked) == number + 2
+
+
+def test_layers_say_their_top_before_they_are_made_and_their_numbers_after():
+    layers = FreshLayers(taller(), FreshOptions())
+    top = layers.top_mm
+    highest = max(float(part.end[:, 2].max()) for part in layers)
+    assert highest <= top <= highest + FreshOptions.lift_mm
+    assert layers.report().written_ul == pytest.approx(
+        plan_fresh(taller(), FreshOptions()).report.written_ul
+    )
+    assert len(list(layers)) == len(list(layers))
+
+
+def test_a_job_that_fails_on_the_way_leaves_no_file(tmp_path):
+    out, lines = tmp_path / "job.gcode", tmp_path / "job.map.npz"
+    parts = list(FreshLayers(taller(), FreshOptions()))
+    job = stream_gcode(parts, load(Printer, "generic_marlin"), SYRINGE, PLACE, None, 0.4)
+    with pytest.raises(ToolpathError):
+        save_gcode(out, lines, job)
+    assert list(tmp_path.iterdir()) == []

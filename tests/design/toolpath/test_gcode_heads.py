@@ -1,7 +1,5 @@
 """Two-head jobs: active plunger, tip positions, head changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -85,9 +83,6 @@ class Replay:
                 self.strokes.append((self.head, *tip, pushed))
 
 
-"""SHA-256 of a job for each shipped printer with one head, from before there were several."""
-
-
 def test_a_job_of_one_head_is_what_it_was():
     path = replace(PATH, tool=np.zeros_like(PATH.tool))
     plain = write_gcode(path, ONE, SMALL, PLACE, GcodeOptions(start_mm=(60, 70, 30)))
@@ -96,7 +91,7 @@ def test_a_job_of_one_head_is_what_it_was():
     assert plain.data.count(b"M400") == 1
 
 
-def test_each_line_is_written_by_its_head_s_tip_with_its_syringe_s_travel():
+def test_each_line_is_written_by_its_head_and_the_dry_run_finds_nothing_wrong():
     job = Replay(write_gcode(PATH, TWO, SMALL, PLACE, OPTIONS).data)
     assert [head for head, *_ in job.strokes] == [0, 1, 1, 0]
     for (head, begin, end, pushed), (first, last) in zip(job.strokes, LINES, strict=True):
@@ -105,6 +100,17 @@ def test_each_line_is_written_by_its_head_s_tip_with_its_syringe_s_travel():
         np.testing.assert_allclose(end + offset - PLACE, last, atol=1e-9)
         bore = (SMALL, LARGE)[head].inner_mm
         assert pushed == pytest.approx(4 / (np.pi * bore**2), abs=1e-4)
+    for head, syringe in enumerate((SMALL, LARGE)):
+        per_ul = 4 / (np.pi * syringe.inner_mm**2)
+        volume = PATH.volume_ul[PATH.tool == head].sum()
+        ends_here = head == 0  # the last one is relieved once more
+        assert job.pushed[head] == pytest.approx((volume - 0.02 * ends_here) * per_ul, abs=1e-4)
+    run = dry_run(write_gcode(PATH, TWO, SMALL, PLACE, OPTIONS).data, TWO, (60, 70, 30))
+    assert run.findings == []
+    for head, syringe in enumerate((SMALL, LARGE)):
+        area = np.pi / 4 * syringe.inner_mm**2
+        written = PATH.volume_ul[PATH.tool == head].sum()
+        assert run.of_head(head).plunger_max_mm * area == pytest.approx(written, rel=0.05)
 
 
 def test_heads_are_changed_above_everything_with_the_idle_one_raised():
@@ -121,15 +127,6 @@ def test_heads_are_changed_above_everything_with_the_idle_one_raised():
         level = np.ptp([before, after], axis=0)
         if level[:2].any() and max(before[2], after[2]) > PLACE[2] + 4.0:
             assert min(before[2], after[2]) >= 25.0  # only straight up and down beside the part
-
-
-def test_volumes_of_each_head_add_up():
-    job = Replay(write_gcode(PATH, TWO, SMALL, PLACE, OPTIONS).data)
-    for head, syringe in enumerate((SMALL, LARGE)):
-        per_ul = 4 / (np.pi * syringe.inner_mm**2)
-        volume = PATH.volume_ul[PATH.tool == head].sum()
-        ends_here = head == 0  # the last one is relieved once more
-        assert job.pushed[head] == pytest.approx((volume - 0.02 * ends_here) * per_ul, abs=1e-4)
 
 
 def test_what_the_toolpath_doesn_t_relieve_the_writer_does_and_primes_again():
@@ -173,12 +170,3 @@ def test_a_lower_head_lifts_the_carriage_by_as_much_more():
     job = Replay(write_gcode(PATH, printer, SMALL, PLACE, OPTIONS).data)
     assert max(after[2] for _, (_, after), *_ in job.rows) == 25.0 + 7.0
     assert {begin[2] for head, begin, *_ in job.strokes if head == 1} == {PLACE[2] + 1.0 + 7.0}
-
-
-def test_the_dry_run_finds_nothing_wrong_with_what_is_written():
-    run = dry_run(write_gcode(PATH, TWO, SMALL, PLACE, OPTIONS).data, TWO, (60, 70, 30))
-    assert run.findings == []
-    for head, syringe in enumerate((SMALL, LARGE)):
-        area = np.pi / 4 * syringe.inner_mm**2
-        written = PATH.volume_ul[PATH.tool == head].sum()
-        assert run.of_head(head).plunger_max_mm * area == pytest.approx(written, rel=0.05)

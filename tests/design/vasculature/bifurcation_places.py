@@ -5,8 +5,6 @@ Costs are `traversed_cost` of the whole tree, the optimum is Nelder and Mead's o
 shares code with growth.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba
@@ -14,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from design.vasculature import VesselTree
+from design.vasculature import VesselTree, tree_radii
 from design.vasculature.growth.propose import estimate
 from design.vasculature.growth.state import SEGMENT, Sprout, refresh_all, spread_down
 from design.vasculature.options import Law
 from design.vasculature.penalty import no_penalty
-from design.vasculature.treemath import tree_radii
 
 STEPS = 7
 """Parts of a triangle's sides, whose 15 inner points are tried."""

@@ -1,22 +1,31 @@
-from pathlib import Path
+"""Trees grown in tissues: inside, without collisions, printable, region by region."""
 
+import re
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields, replace
+
+import manifold3d
 import numpy as np
 import pytest
 
-from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
-from design.errors import GrowthError, TissueError
+from design.errors import GrowthError, NoRoomError, TissueError
 from design.geometry import build_triangle_tree, nearest_distances
-from design.tissue import annulus, block, folded_cortex, load_tissue
+from design.measures import MeasureOptions, measure_network
+from design.solids import read_solid
+from design.tissue import annulus, block, folded_cortex, load_tissue, tissue_from_surface
 from design.vasculature import (
+    ClusterPool,
     GrowthOptions,
     collisions,
+    grow_printable,
     grow_tree,
     scaled_to_smallest_radius,
     tree_radii,
     tree_to_network,
 )
+from design.vasculature.growth import large_growth, region_growth
 from tests.design.tissue import surfaces
-from tests.design.tissue.kept import KeptTissues, kept_tissue
+from tests.design.tissue.kept import KeptTissues, kept_tissue, lumens_outside, shared
 from tests.design.vasculature import oracles
 from tests.design.vasculature.bifurcation_places import (
     accuracies,
@@ -26,8 +35,6 @@ from tests.design.vasculature.bifurcation_places import (
 )
 from tests.design.vasculature.oracles import volume
 from tests.slower import first_of, first_rows
-
-SHARED = Path(__file__).parents[4] / "shared" / "data"
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +54,7 @@ def tissues():
 
 @pytest.fixture(scope="module")
 def slit():
-    shape = surfaces.slit_block()
-    return kept_tissue(shape, spacing_mm=0.3)
+    return kept_tissue(surfaces.slit_block(), spacing_mm=0.3)
 
 
 def slack_outside(tree, tissue, clearance_mm=0.0):
@@ -60,15 +66,6 @@ def slack_outside(tree, tissue, clearance_mm=0.0):
     away = nearest_distances(exact, axis.reshape(-1, 3)).reshape(axis.shape[:2]).min(axis=1)
     inside = tissue.contains(axis.reshape(-1, 3)).reshape(axis.shape[:2]).all(axis=1)
     return np.where(inside, away - radius[1:] - clearance_mm, -np.inf).min()
-
-
-def outside_exactly(tree, tissue):
-    """Segments whose lumen isn't in the tissue by an independent checker; the root apart."""
-    corners = tissue.surface.vertices[tissue.surface.faces]
-    exact = surface_tree(corners)
-    start, end, radius = tree.proximal[1:], tree.distal[1:], tree_radii(tree)[1:] - 1e-9
-    away = to_surface(start, end, radius, exact, corners[exact.order])
-    return ((away < radius) | (winding_numbers(end, corners, exact) <= 0)).sum()
 
 
 def check(tree, tissue, options):
@@ -107,9 +104,7 @@ def test_tree_stays_in_tissue_without_collisions(tissues, name, seed):
 
 @pytest.mark.slow
 def test_printable_tree_fits_the_real_gyrus():
-    path = SHARED / "gyrus_patch_fsaverage5.stl"
-    if not path.is_file():
-        pytest.skip("no shared data beside the repository")
+    path = shared("gyrus_patch_fsaverage5.stl")
     tissue = load_tissue(path, "mm")
     options = GrowthOptions(terminals=200, smallest_radius_mm=0.1, clearance_mm=0.1)
     tree = grow_tree(tissue, options)
@@ -128,17 +123,15 @@ def test_trees_stay_out_of_a_slit_thinner_than_a_cell(slit, seed, smallest):
         root_point_mm=(9.5, 6.0, 12.0),
         root_direction=(0.0, 0.0, -1.0),
     )
-    assert outside_exactly(grow_tree(slit, options), slit) == 0
+    assert lumens_outside(grow_tree(slit, options), slit) == 0
 
 
 @pytest.mark.slow
 def test_large_tree_stays_in_the_real_heart():
-    path = SHARED / "biventricle_svv.stl"
-    if not path.is_file():
-        pytest.skip("no shared data beside the repository")
+    path = shared("biventricle_svv.stl")
     tissue = load_tissue(path, "mm")
     tree = grow_tree(tissue, GrowthOptions(terminals=30_000))
-    assert outside_exactly(tree, tissue) == 0
+    assert lumens_outside(tree, tissue) == 0
 
 
 @pytest.mark.slow
@@ -156,11 +149,8 @@ def test_refusal_says_what_was_reserved_and_fewer_terminals_do_fit():
     asked = {"smallest_radius_mm": 0.1, "clearance_mm": 0.1}
     with pytest.raises(GrowthError, match=r"reserved because 3000 terminals need it"):
         grow_tree(cube, GrowthOptions(terminals=3000, terminal_spread=1.7, **asked))
-    check(
-        grow_tree(cube, GrowthOptions(terminals=100, **asked)),
-        cube,
-        GrowthOptions(terminals=100, **asked),
-    )
+    options = GrowthOptions(terminals=100, **asked)
+    check(grow_tree(cube, options), cube, options)
 
 
 def test_same_seed_gives_the_same_bytes_and_another_seed_another_tree(tissues):
@@ -280,12 +270,6 @@ LIMITS = (
 )
 
 
-@pytest.fixture(scope="module")
-def tissues_limits():
-    shapes = {"block": lambda: block((20, 16, 12)), "annulus": lambda: annulus(30, 20, 6)}
-    return KeptTissues(shapes)
-
-
 def check_limits(tree, limits):
     branch, turn, ratio = oracles.joints(tree)
     low, high = limits.get("branch_angle_degrees", (0, 180))
@@ -300,24 +284,24 @@ def check_limits(tree, limits):
 @pytest.mark.parametrize("name", ["block", "annulus"])
 @pytest.mark.parametrize("limits", LIMITS)
 @pytest.mark.parametrize("seed", first_of(range(3)))
-def test_every_joint_keeps_the_limits(tissues_limits, name, limits, seed):
+def test_every_joint_keeps_the_limits(tissues, name, limits, seed):
     options = GrowthOptions(terminals=120, seed=seed, clearance_mm=0.02, **limits)
-    tree = grow_tree(tissues_limits[name], options)
+    tree = grow_tree(tissues[name], options)
     assert (tree.children[:, 0] < 0).sum() == 120
     check_limits(tree, limits)
 
 
-def test_printable_tree_keeps_them_through_pruning_and_new_tips(tissues_limits):
+def test_printable_tree_keeps_them_through_pruning_and_new_tips(tissues):
     limits = {"branch_angle_degrees": (30.0, 120.0), "turn_angle_degrees": (0.0, 85.0)}
     options = GrowthOptions(terminals=100, smallest_radius_mm=0.08, clearance_mm=0.08, **limits)
-    check_limits(grow_tree(tissues_limits["block"], options), limits)
+    check_limits(grow_tree(tissues["block"], options), limits)
 
 
 @pytest.mark.slow
-def test_limits_that_leave_no_tree_are_told(tissues_limits):
+def test_limits_that_leave_no_tree_are_told(tissues):
     options = GrowthOptions(terminals=60, branch_angle_degrees=(170.0, 175.0))
     with pytest.raises(GrowthError):
-        grow_tree(tissues_limits["block"], options, attempts=1)
+        grow_tree(tissues["block"], options, attempts=1)
 
 
 @pytest.mark.parametrize("name", ["branch_angle_degrees", "turn_angle_degrees"])
@@ -333,3 +317,124 @@ def test_cost_by_traversals_is_the_volume():
     cost = traversed_cost(order_down(tree.children, len(length)), tree.children, length, 3.0)
     unit = 8 * tree.viscosity_pa_s / np.pi * tree.terminal_flow_ul_s / tree.pressure_drop_pa
     assert np.pi * unit**0.5 * cost == pytest.approx(volume(tree), rel=1e-12)
+
+
+# Largest printable trees: limits of lumen and wall kept.
+
+
+@pytest.fixture(scope="module")
+def slab():
+    return kept_tissue(folded_cortex())
+
+
+@pytest.fixture(scope="module")
+def brick():
+    return kept_tissue(block((6.0, 6.0, 4.0)))
+
+
+@pytest.mark.slow
+def test_says_how_far_it_grew(brick):
+    options = GrowthOptions(
+        terminals=30,
+        smallest_radius_mm=0.2,
+        clearance_mm=0.3,
+        root_point_mm=tuple(brick.bounds.mean(axis=0) + [0.0, 0.0, 2.0]),
+        root_direction=(0.0, 0.0, -1.0),
+    )
+    done = grow_printable(brick, options)
+    assert 1 <= done.reached < 30
+    assert f"grew {done.reached} of 30 terminals" in done.note
+    check(done.tree, brick, done.options)
+    assert tree_radii(done.tree).min() == pytest.approx(0.2)
+    with pytest.raises(GrowthError):
+        grow_printable(brick, GrowthOptions(terminals=5))
+
+
+@pytest.mark.slow
+def test_takes_a_deep_root_where_the_default_one_is_too_shallow():
+    """Both ventricles, scaled to 60 mm: at the highest vertex the wall is too thin for a trunk."""
+    path = shared("biventricle_svv.stl")
+    mesh = read_solid(path, unit="mm")
+    vertices = mesh.vertices * (60.0 / np.ptp(mesh.vertices, axis=0).max())
+    tissue = tissue_from_surface(vertices, mesh.faces)
+    options = GrowthOptions(terminals=300, smallest_radius_mm=0.2, clearance_mm=0.3)
+    done = grow_printable(tissue, options)
+    assert done.reached == 300
+    assert done.options.root_point_mm is not None
+    check(done.tree, tissue, done.options)
+
+
+def test_a_printable_tree_reaches_the_whole_slab(slab):
+    """Wide vessels reach what is far only if nearer places are held back until they have."""
+    options = GrowthOptions(terminals=200, smallest_radius_mm=0.1, clearance_mm=0.1)
+    network = tree_to_network(grow_printable(slab, options).tree)
+    reach = measure_network(network, slab, MeasureOptions(seed=3))
+    assert reach.supply.distance_p95_mm < 2.5
+
+
+def test_a_tree_stuck_in_a_lobe_gives_way_to_one_from_a_deep_root():
+    """Test a block with a ball on top, whose neck is too narrow for any vessel."""
+    body = manifold3d.Manifold.cube((20.0, 20.0, 10.0))
+    neck = manifold3d.Manifold.cylinder(2.5, 0.2, 0.2, 24).translate((5.0, 5.0, 9.5))
+    ball = manifold3d.Manifold.sphere(3.0, 24).translate((5.0, 5.0, 14.0))
+    mesh = (body + neck + ball).to_mesh()
+    tissue = tissue_from_surface(np.asarray(mesh.vert_properties[:, :3], float), mesh.tri_verts)
+    options = GrowthOptions(terminals=60, smallest_radius_mm=0.15, clearance_mm=0.1)
+    tree = grow_tree(tissue, options, attempts=1)
+    assert re.match(r"from the highest point only \d terminals fit, so", tree.notes[0])
+    assert tree.proximal[0, 2] <= 10.0
+    check(tree, tissue, options)
+    given = replace(options, root_point_mm=tuple(tissue.top_vertex()[0]))
+    with pytest.raises(NoRoomError, match=r"only \d of 60 terminals"):
+        grow_tree(tissue, given, attempts=1)
+
+
+# Trees grown region by region: exact, and the same whoever grows the regions.
+
+
+OPTIONS = GrowthOptions(terminals=1500)
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Regions for trees that grow in a second."""
+    monkeypatch.setattr(large_growth, "LARGE", 1000)
+    monkeypatch.setattr(large_growth, "EARLY", 200)
+    monkeypatch.setattr(large_growth, "REGION", 250)
+
+
+def same(one, two):
+    return all(
+        np.array_equal(getattr(one, field.name), getattr(two, field.name)) for field in fields(one)
+    )
+
+
+def test_tree_grown_by_regions_is_exact_on_any_number_of_threads(small, box):
+    with ThreadPoolExecutor(1) as pool:
+        tree = grow_tree(box, OPTIONS, pool=pool)
+    check(tree, box, OPTIONS)
+    with ThreadPoolExecutor(5) as pool:
+        assert same(tree, grow_tree(box, OPTIONS, pool=pool))
+
+
+def test_what_a_region_falls_short_of_grows_elsewhere(small, box, monkeypatch):
+    grow = region_growth.RegionGrowth.grow_to
+    monkeypatch.setattr(
+        region_growth.RegionGrowth,
+        "grow_to",
+        lambda self, goal: grow(self, goal if self.job.number else (2 * goal) // 3),
+    )
+    check(grow_tree(box, OPTIONS), box, OPTIONS)
+
+
+@pytest.mark.slow
+def test_two_dask_workers_grow_the_same_tree(box):
+    from distributed import Client, LocalCluster
+
+    options = replace(OPTIONS, terminals=large_growth.LARGE)
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        tree = grow_tree(box, options, pool=ClusterPool(client))
+    assert same(tree, grow_tree(box, options))

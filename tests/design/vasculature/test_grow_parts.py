@@ -1,7 +1,5 @@
 """Trees for every part of a tissue, and the check of what each part gets."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 from manifold3d import Manifold
 
 from design.errors import GrowthError, TissueError
-from design.tissue import block, depth_demand, function_demand, part_demands, parts_of
+from design.tissue import depth_demand, function_demand, part_demands, parts_of
 from design.tissue.zones import surface_of
 from design.vasculature import (
     DepthPenalty,
@@ -32,8 +30,7 @@ SMALL = Manifold.cube((6.0, 6.0, 6.0)).translate((20.0, 0.0, 0.0))
 
 
 def _tissue(whole):
-    found = surface_of(whole, "the test's tissue")
-    return kept_tissue(found)
+    return kept_tissue(surface_of(whole, "the test's tissue"))
 
 
 @pytest.fixture(scope="module")
@@ -60,29 +57,23 @@ def test_each_part_gets_vessels_and_flow_by_its_volume(two):
     assert grow_parts(two, OPTIONS).trees[1].distal.tolist() == grown.trees[1].distal.tolist()
 
 
-def test_demand_of_a_part_sets_its_share(two):
+def test_demand_of_a_part_sets_its_share_and_one_without_an_inlet_is_refused(two):
     deep = replace(two, demand=depth_demand(two, [0.0, 3.0, 3.5], [0.0, 0.0, 1.0]))
     demand = part_demands(deep, parts_of(deep))
     assert demand.tolist() == [1.0, 0.0]
     grown = grow_parts(deep, OPTIONS)
     assert [one.terminals for one in grown.supply] == [60, 0]
-
-
-def test_a_part_without_an_inlet_is_refused_by_size_and_place(two):
     with pytest.raises(TissueError, match=r"no vessel ends in the part of 216 mm³ around \(23, 3"):
         grow_parts(two, OPTIONS, [Inlet((5.0, 5.0, 10.0))])
 
 
-def test_a_lobe_behind_a_neck_gets_an_inlet_of_its_own(dumbbell):
+def test_a_lobe_behind_a_neck_gets_an_inlet_of_its_own_or_is_told(dumbbell):
     grown = grow_parts(dumbbell, OPTIONS)
     ends, _ = terminals_of(grown.trees)
     assert len(ends) == 60
     share = float((ends[:, 0] > 6.5).mean())
     assert share == pytest.approx(125 / (216 + 125), abs=0.06)
     assert "1 more were added" in grown.notes[0]
-
-
-def test_a_lobe_that_one_tree_misses_is_told_by_size_and_place(dumbbell):
     tree = grow_tree(dumbbell, OPTIONS)
     supply, notes = check_supply(dumbbell, *terminals_of([tree]))
     assert len(supply) == 1
@@ -112,15 +103,9 @@ SIZE = (20.0, 16.0, 12.0)
 
 
 @pytest.fixture(scope="module")
-def even():
-    shape = block(SIZE)
-    return kept_tissue(shape)
-
-
-@pytest.fixture(scope="module")
-def uneven(even):
+def uneven(box):
     """The half of small x asks for four times as much."""
-    return replace(even, demand=function_demand(even, lambda p: np.where(p[:, 0] < 10, 4.0, 1.0)))
+    return replace(box, demand=function_demand(box, lambda p: np.where(p[:, 0] < 10, 4.0, 1.0)))
 
 
 def tips_of(tree):
@@ -131,17 +116,17 @@ def tip_flows(tree):
     return tree.flow_ul_s[tree.children[:, 0] < 0]
 
 
-def test_terminals_are_denser_where_demand_is_higher(even, uneven):
+def test_terminals_are_denser_where_demand_is_higher(box, uneven):
     options = GrowthOptions(terminals=500)
     rich = (tips_of(grow_tree(uneven, options))[:, 0] < 10).mean()
-    plain = (tips_of(grow_tree(even, options))[:, 0] < 10).mean()
+    plain = (tips_of(grow_tree(box, options))[:, 0] < 10).mean()
     assert rich == pytest.approx(0.8, abs=0.05)
     assert plain == pytest.approx(0.5, abs=0.05)
 
 
-def test_demand_is_ignored_where_the_user_says_so(even, uneven):
+def test_demand_is_ignored_where_the_user_says_so(box, uneven):
     options = GrowthOptions(terminals=200, follow_demand=False)
-    one, two = grow_tree(even, options), grow_tree(uneven, options)
+    one, two = grow_tree(box, options), grow_tree(uneven, options)
     np.testing.assert_array_equal(one.distal, two.distal)
 
 
@@ -155,12 +140,6 @@ def test_flows_by_demand_are_what_an_independent_solver_finds(uneven):
 
 
 # Position penalty on branch points.
-
-
-@pytest.fixture(scope="module")
-def box():
-    shape = block((20.0, 16.0, 12.0))
-    return kept_tissue(shape)
 
 
 def joints_of(tree):
@@ -199,11 +178,11 @@ def test_impossible_functions_are_refused(box):
         grow_tree(box, GrowthOptions(terminals=5, penalty=lambda p: p))
 
 
-def test_territories_are_those_of_a_grid_of_terminals(even):
+def test_territories_are_those_of_a_grid_of_terminals(box):
     """On a regular grid every territory is a box; its demand is an integral done by hand."""
     axes = [np.arange(s / 8, s, s / 4) for s in SIZE]
     tips = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    linear = replace(even, demand=function_demand(even, lambda p: 1.0 + p[:, 0]))
+    linear = replace(box, demand=function_demand(box, lambda p: 1.0 + p[:, 0]))
     points, weight = demand_points(linear, 200_000, 3)
     expected = (1 + tips[:, 0]) / (1 + tips[:, 0]).sum()
     np.testing.assert_allclose(territory_demand(points, weight, tips), expected, rtol=0.02)

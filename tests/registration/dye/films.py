@@ -1,7 +1,5 @@
 """Small simulated dye videos with their marks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ from design.network import VesselNetwork
 from design.vasculature.named import planar_four_vessel
 from registration.dye import DyeOptions, DyeReport, measure_dye, read_marks
 from sim.devices.dye import Disturbance, Dye, DyeCamera, DyeFilm, Occlusion, dye_flow, write_film
+from tests.design.networks import polyline
 
 PLANAR_FLOW = 0.25 * 1000.0 / 60.0
 PLANAR_CAMERA = DyeCamera(width=256, height=144, px_per_mm=14.5)
@@ -21,9 +20,7 @@ PLANAR_MARKS = (0, 3, 4, 11)
 
 def tube() -> VesselNetwork:
     """A straight tube, 10 mm long and 0.5 mm wide."""
-    nodes = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
-    ends, kind = np.array([[0, 1]]), np.array([4])
-    return VesselNetwork.from_segments(nodes, ends, np.array([0.25]), kind, np.array([0]))
+    return polyline([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]], 0.25)
 
 
 TUBE_CAMERA = DyeCamera(width=240, height=90, px_per_mm=20.0, centre_mm=(5.0, 0.0, 0.0))

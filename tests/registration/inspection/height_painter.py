@@ -4,8 +4,6 @@ A zigzag of touching lines; its surface has ridges, bows, tilts, droops at the p
 as a whole; heights carry noise that is correlated over some pixels, and a few drop out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import cv2

@@ -3,14 +3,10 @@
 Each works on the plane that `layer_painter.paint` paints (its ``overlay``), before the camera.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-
-from benchmarks.checkers.layer_painter import Look, Plan, thickness
 
 
 @dataclass(frozen=True)
@@ -63,63 +59,3 @@ class Troubles:
         for bar in self.bars:
             out = out * bar.light(x, y)[..., None]
         return out
-
-
-def grid(size: float, width: float, rng: np.random.Generator) -> Plan:
-    """Lines both ways over the square of ``size`` mm at (10, 20), and a frame around them."""
-    half, turn = 0.33 * size, rng.uniform(0, np.pi)
-    pitch = width * rng.uniform(2.5, 5.0)
-    rows = np.arange(-half + 0.5 * pitch, half, pitch)
-    turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
-    paths = [corners] if rng.random() < 0.5 else []
-    paths += [np.array([[-half, y], [half, y]]) for y in rows]
-    paths += [np.array([[x, -half], [x, half]]) for x in rows]
-    placed = [path @ turned.T + size / 2 + (10, 20) for path in paths]
-    start, end = (np.concatenate([p[part] for p in placed]) for part in (np.s_[:-1], np.s_[1:]))
-    stroke = np.concatenate([np.full(len(p) - 1, k) for k, p in enumerate(placed)])
-    return Plan(start, end, np.full(len(start), width), stroke)
-
-
-def bare(plan: Plan, gaps: list[tuple[int, float, float]]) -> list[tuple[int, float, float]]:
-    """Those of the gaps that no other line covers in part (each stroke of `grid` is straight)."""
-    kept = []
-    for stroke, begin, end in gaps:
-        own = np.flatnonzero(plan.stroke == stroke)
-        if len(own) > 1:
-            continue
-        way = plan.end[own[0]] - plan.start[own[0]]
-        way = way / np.hypot(*way)
-        points = plan.start[own[0]] + np.linspace(begin, end, 20)[:, None] * way
-        other = plan.stroke != stroke
-        a, d = plan.start[other][:, None], (plan.end - plan.start)[other][:, None]
-        t = np.clip(((points - a) * d).sum(axis=2) / (d**2).sum(axis=2), 0, 1)
-        far = np.linalg.norm(points - a - t[..., None] * d, axis=2)
-        if far.min() > float(plan.width.max()):
-            kept.append((stroke, begin, end))
-    return kept
-
-
-def piled(
-    ink: tuple[np.ndarray, ...],
-    gaps: list[tuple[int, float, float]],
-    shift: tuple[float, float],
-    size: float,
-    cell: float,
-    look: Look,
-) -> np.ndarray:
-    """What all strokes but the thickest absorb at each cell of `layer_painter.paint`'s plane."""
-    at, stroke, along, width = ink
-    count = round((size + 4.0) / cell)
-    origin = np.array([8.0, 18.0])
-    total, most = np.zeros((count, count), np.float32), np.zeros((count, count), np.float32)
-    for s in np.unique(stroke):
-        own = stroke == s
-        rel, _ = thickness(
-            at[own] + np.array(shift), stroke[own], along[own], width[own], gaps, origin, cell,
-            (count, count),
-        )  # fmt: skip
-        chord = np.sqrt(np.clip(1 - rel**2, 0, 1))
-        total, most = total + chord, np.maximum(most, chord)
-    step = np.log(np.array(look.ink) / np.array(look.bath)) * 1.3
-    return np.exp(step * (total - most)[..., None])

@@ -1,7 +1,5 @@
 """Paint an OCT volume of a layer with known ink: speckle, attenuation, a leaning layer."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.checkers.layer_painter import Plan, thickness

@@ -1,7 +1,5 @@
 """Small OCT volumes of straight lines in layers: boxes of gel in a dim bath, with speckle."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

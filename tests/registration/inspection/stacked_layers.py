@@ -7,8 +7,6 @@ between the camera moves by a part of a pixel, the light changes, bath and ink d
 bubble may come, stay or go. Missing stretches are cut square.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

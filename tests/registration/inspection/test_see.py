@@ -1,15 +1,14 @@
-from __future__ import annotations
+"""Layers seen in painted pictures: widths, gaps, blobs, lumens, what spoils pictures, ridges."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.checkers import layer_painter as painter
+from printctl.observe.deciding import GapTest
 from registration.errors import PictureError
 from registration.inspection import (
-    ExpectedLines,
     LayerFindings,
     Lumen,
     Unseen,
@@ -17,9 +16,9 @@ from registration.inspection import (
     height_map,
     see_layer,
 )
-from registration.scan import Scan
+from tests.registration.inspection import layer_troubles as trouble
 from tests.registration.inspection.layer_volume import VOXEL, paint_volume
-from tests.registration.inspection.painted import Scene, both, expected
+from tests.registration.inspection.painted import Scene, both, expected, lines_of, scan_of
 from tests.slower import first_of, first_rows
 
 
@@ -130,8 +129,7 @@ def test_an_oct_volume_is_judged_by_its_height_map() -> None:
     planted = [(0, 1.0, 1.4)]
     shape = (100, 200, 200)
     volume, to_scan = paint_volume(plan, painter.lay(plan, rng, gaps=planted), planted, rng, shape)
-    scan = Scan(volume, VOXEL, 1.0, False, "linear", "oct", True, Path("painted"))
-    picture, frame = height_map(scan, to_scan, 0.3, 0.25)
+    picture, frame = height_map(scan_of(volume, VOXEL), to_scan, 0.3, 0.25)
     findings = see_layer(picture, frame, expected(plan))
     assert [gap.stroke for gap in findings.gaps] == [0]
     assert findings.gaps[0].from_mm == pytest.approx(1.0, abs=0.08)
@@ -161,10 +159,7 @@ def test_the_overlay_shows_gaps_red_and_changes_nothing_else() -> None:
 def test_bad_lines_are_refused(change: dict[str, np.ndarray], word: str) -> None:
     painted = Scene(30).paint()
     start = np.column_stack([np.full(3, 11.0), 21.0 + np.arange(3), np.zeros(3)])
-    count = np.arange(3)
-    lines = ExpectedLines(
-        start, start + (1.0, 0, 0), np.full(3, 0.3), count, count, np.ones(3, dtype=bool)
-    )
+    lines = lines_of(start, start + (1.0, 0, 0), 0.3)
     with pytest.raises(PictureError, match=word):
         see_layer(painted.picture, painted.frame, replace(lines, **change))
 
@@ -218,3 +213,165 @@ def test_sound_filled_layers_show_no_thin_line_though_round_ink_has_valleys(seed
     assert not findings.stretches
     assert findings.coverage > 0.95
     assert findings.untold_seams < 0.1
+
+
+# Gaps.
+
+
+@pytest.mark.parametrize("kind", ["opaque", "absorbing"])
+@pytest.mark.parametrize("layout", first_of(["rings", "filled", "meander", "waves"], 2))
+def test_planted_gaps_are_found_and_nothing_else(kind: str, layout: str) -> None:
+    planted = ((0, 1.0, 1.25), (0, 2.2, 2.8)) if layout != "rings" else ((1, 1.0, 1.3),)
+    painted = Scene(3, kind, layout).paint(planted)
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert [gap.stroke for gap in findings.gaps] == [stroke for stroke, _, _ in planted]
+    for gap, (_, begin, end) in zip(findings.gaps, planted, strict=True):
+        assert gap.from_mm == pytest.approx(begin, abs=0.08)
+        assert gap.to_mm == pytest.approx(end, abs=0.08)
+        assert gap.p_value < 1e-6
+    assert not findings.blobs
+
+
+@pytest.mark.parametrize("seed", first_of(range(8), 4))
+def test_sound_layers_are_found_sound(seed: int) -> None:
+    layout = painter.LAYOUTS[seed // 4 * 2 + seed % 2]
+    painted = Scene(60 + seed, painter.KINDS[seed % 4], layout).paint()
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert not findings.gaps
+    assert not findings.blobs
+    assert not findings.stretches
+
+
+def test_ink_without_contrast_is_not_seen() -> None:
+    painted = Scene(9, contrast=0.0).paint(((1, 1.0, 2.0),))
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert findings.seen_share == 0.0
+    assert not findings.gaps
+    assert np.isnan(findings.width_ratio)
+    assert (findings.stations.why == Unseen.FAINT).all()
+
+
+def test_glare_bubbles_and_the_needle_are_not_gaps() -> None:
+    scene = Scene(11, layout="meander", contrast=0.5)
+    at = scene.plan().start[0] * 0.5 + scene.plan().end[0] * 0.5
+    other = scene.plan().start[2] * 0.5 + scene.plan().end[2] * 0.5
+    painted = scene.paint(glare=[(*at, 0.4)], bubbles=[(*other, 0.4)], needle=True)
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert not findings.gaps
+    assert 0.3 < findings.seen_share < 0.95
+
+
+@pytest.mark.parametrize("round_ends", [False, True])
+@pytest.mark.parametrize("kind", first_of(["opaque", "absorbing"]))
+def test_a_gap_is_as_long_as_its_line_is_bare(kind: str, round_ends: bool) -> None:
+    planted = ((0, 1.0, 1.3), (0, 2.2, 2.8), (1, 0.8, 1.5))
+    painted = Scene(3, kind, "waves", 0.5).paint(planted, round_ends=round_ends)
+    found = see_layer(painted.picture, painted.frame, expected(painted.plan)).gaps
+    assert [gap.stroke for gap in found] == [0, 0, 1]
+    for gap, (_, begin, end) in zip(found, planted, strict=True):
+        assert gap.u_mm < 0.025
+        assert abs(gap.length_mm - (end - begin)) < 2.0 * gap.u_length_mm
+        assert abs(gap.length_mm - (end - begin)) < 0.045
+
+
+def test_a_gap_at_a_strokes_end_goes_to_its_end() -> None:
+    scene = Scene(3, layout="waves", contrast=0.5)
+    painted = scene.paint(((0, -1.0, 0.7),))
+    gap = see_layer(painted.picture, painted.frame, expected(painted.plan)).gaps[0]
+    assert gap.from_mm == pytest.approx(0.0, abs=1e-6)
+    assert gap.to_mm == pytest.approx(0.7, abs=0.03)
+    assert gap.start_mm == pytest.approx(tuple(scene.plan().start[0]), abs=0.05)
+
+
+# Shadows and crumbs.
+
+
+@pytest.mark.parametrize(
+    ("layout", "kind"), first_rows([("meander", "absorbing"), ("filled", "opaque")])
+)
+def test_lines_in_a_soft_shadow_are_judged_as_before(layout: str, kind: str) -> None:
+    scene = Scene(3, kind, layout, contrast=0.2)
+    planted = ((0, 1.0, 1.3), (0, 4.0, 4.4))
+    bars = [trouble.Bar((12.0, 22.0), 0.4, 0.5, 0.6, 0.2)]
+    painted = scene.paint(planted, overlay=trouble.Troubles(bars=bars))
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert findings.seen_share > 0.95
+    assert [(g.from_mm, g.to_mm) for g in findings.gaps] == [
+        pytest.approx((begin, end), abs=0.1) for _, begin, end in planted
+    ]
+
+
+@pytest.mark.parametrize("tint", first_of([0.8, 0.6, 1.0]))
+def test_a_dark_crumb_on_a_light_line_is_no_gap(tint: float) -> None:
+    rng = np.random.default_rng(8)
+    plan = Scene(8, layout="waves", width=0.4).plan()
+    ink = painter.lay(plan, rng, gaps=[(0, 2.6, 2.9)])
+    at, _, along, _ = ink
+    around = np.linspace(0, 2 * np.pi, 9)[:-1]
+    middle = at[np.argmin(np.abs(along - 1.5))]
+    corners = middle + 0.13 * np.column_stack([np.cos(around), np.sin(around)])
+    crumb = trouble.Crumb(corners, np.full(3, tint))
+    look = painter.Look("opaque", light=0.2)
+    painted = painter.paint(
+        plan, ink, [(0, 2.6, 2.9)], 4.0, 20.0, look, rng, overlay=trouble.Troubles(crumbs=[crumb])
+    )
+    findings = see_layer(painted.picture, painted.frame, expected(plan))
+    assert [g.from_mm for g in findings.gaps] == [pytest.approx(2.6, abs=0.08)]
+    station = int(np.argmin(np.hypot(*(findings.stations.at_mm - middle).T)))
+    assert findings.stations.why[station] in (Unseen.UNCLEAR, Unseen.GLARE)
+    stations = findings.stations
+    seen_mm = stations.length_mm[stations.seen].sum()  # by whole stations
+    assert findings.seen_share == pytest.approx(seen_mm / stations.length_mm.sum(), abs=0.05)
+
+
+# Ridges lit from the side.
+
+
+_WIDTH = 0.45
+
+
+def _seen(
+    seed: int, layout: str, gaps: list[tuple[int, float, float]], kind: str = "relief"
+) -> tuple[LayerFindings, np.ndarray]:
+    """Findings of a layer of 3.5 mm at 20 µm per px, and its true shift, mm."""
+    rng = np.random.default_rng(seed)
+    plan = painter.plan_layer(layout, 3.5, _WIDTH, rng)
+    look = painter.random_look(kind, rng, 0.3)
+    shift = rng.uniform(-0.06, 0.06, 2)
+    painted = painter.paint(
+        plan, painter.lay(plan, rng, gaps=gaps), gaps, 3.5, 20.0, look, rng, shift=tuple(shift)
+    )
+    return see_layer(painted.picture, painted.frame, expected(plan)), shift
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_ridges_lie_where_both_of_their_flanks_say(seed: int) -> None:
+    """Bright flanks alone were taken for lines, 0.2 to 0.35 widths beside their middles."""
+    found, shift = _seen(seed, "filled", [])
+    off = np.array([found.shift.dx_mm, found.shift.dy_mm]) - shift
+    assert np.hypot(*off) < 0.08 * _WIDTH
+    assert np.all(np.abs(off) < 2.0 * np.sqrt(np.diag(found.shift.covariance_mm2)))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_sound_filled_ridges_are_seen_and_whole(seed: int) -> None:
+    found, _ = _seen(seed, "filled", [])
+    assert found.seen_share > 0.6
+    assert not any(GapTest().significant(gap, found.places) for gap in found.gaps)
+
+
+def test_a_second_look_knows_the_ridges_of_the_first() -> None:
+    """With a picture before, channels are twice as many as those of the picture itself."""
+    rng = np.random.default_rng(5)
+    plan = painter.plan_layer("meander", 3.5, _WIDTH, rng)
+    look, ink = painter.random_look("relief", rng, 0.3), painter.lay(plan, rng)
+    bare, first, second = (
+        painter.paint(plan, one, [], 3.5, 20.0, look, np.random.default_rng(8))
+        for one in ((*ink[:3], 0.0 * ink[3]), ink, ink)
+    )
+    lines = expected(plan)
+    one = see_layer(first.picture, first.frame, lines, before=bare.picture)
+    two = see_layer(second.picture, second.frame, lines, before=bare.picture, known=one.appearance)
+    assert min(one.seen_share, two.seen_share) > 0.6
+    assert not one.gaps
+    assert not two.gaps

@@ -1,46 +1,22 @@
 """Sample report.json contents, made up but consistent."""
 
-from __future__ import annotations
-
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from skimage.measure import marching_cubes
 
 from design.geometry.surface import Surface
 from design.network import VesselKind, VesselNetwork
 from registration.report import ReportSurface
-
-CHANNELS = ((1.4, 0.4), (3.2, 0.5), (5.0, 0.6), (6.8, 0.8))
+from tests.registration import parts
 
 
 def planar_network() -> VesselNetwork:
     """Inlet, two headers in three pieces, four channels, outlet; block of 16 × 8 × 3 mm."""
-    z = 1.5
-    heights = [1.4, 3.2, 4.1, 5.0, 6.8]
-    nodes = [[0.0, 4.1, z]] + [[x, y, z] for x in (3.0, 13.0) for y in heights]
-    nodes.append([16.0, 4.1, z])
-    pieces = [(0, 3, 0.5), (3, 2, 0.5), (2, 1, 0.5), (3, 4, 0.5), (4, 5, 0.5)]
-    for (_, diameter), left, right in zip(CHANNELS, (1, 2, 4, 5), (6, 7, 9, 10), strict=True):
-        pieces.append((left, right, diameter / 2))
-    pieces += [(6, 7, 0.5), (7, 8, 0.5), (10, 9, 0.5), (9, 8, 0.5), (8, 11, 0.5)]
-    ends = np.array([piece[:2] for piece in pieces])
-    kind = np.full(len(pieces), VesselKind.CHANNEL)
-    kind[[0]], kind[[-1]] = VesselKind.ARTERY, VesselKind.VEIN
-    return VesselNetwork.from_segments(
-        np.array(nodes), ends, np.array([p[2] for p in pieces]), kind, np.zeros(len(pieces))
-    )
-
-
-def distance(points: NDArray[np.float64], network: VesselNetwork) -> NDArray[np.float64]:
-    """Signed distance to the lumens' wall, negative inside, mm."""
-    start, end, r0, _, _ = network.pieces()
-    best = np.full(len(points), np.inf)
-    for a, b, r in zip(start, end, r0, strict=True):
-        along = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
-        best = np.minimum(best, np.linalg.norm(points - a - along[:, None] * (b - a), axis=1) - r)
-    return best
+    kind = np.full(14, VesselKind.CHANNEL, dtype=np.int64)
+    kind[[0, -1]] = VesselKind.ARTERY, VesselKind.VEIN
+    return replace(parts.planar_network(), kind=kind)
 
 
 def deviation_surface(spacing: float = 0.2) -> ReportSurface:
@@ -48,7 +24,7 @@ def deviation_surface(spacing: float = 0.2) -> ReportSurface:
     low, high = np.array([-0.2, 0.2, 0.7]), np.array([16.2, 8.0, 2.3])
     axes = [np.arange(a, b, spacing) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    field = distance(grid.reshape(-1, 3), planar_network()).reshape(grid.shape[:3])
+    field = parts.lumen_distance(planar_network(), grid)
     vertices, faces, _, _ = marching_cubes(field, 0.0, spacing=(spacing,) * 3)
     vertices = vertices.astype(np.float64) + low
     x, y, z = vertices.T

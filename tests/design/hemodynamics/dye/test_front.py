@@ -1,7 +1,5 @@
 """Dye front: analytic results for one tube, two in series and a bifurcation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

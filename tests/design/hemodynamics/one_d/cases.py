@@ -10,8 +10,6 @@ bifurcation's in svOneDSolver's tests; the aorta's are from memory, and give ope
 0.1 % as the others do. p = (4/3) E h/r_d² (r - r₀) is the paper's law.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

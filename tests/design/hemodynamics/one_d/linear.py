@@ -3,8 +3,6 @@
 With pressure and flow as Re(x e^{iωt}): -p' = (ϱ iω + ϱ f/A)/A q and -q' = iω 2A/(K (1 + iωτ)) p.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Across a rarefaction u ± 4c is kept; across a shock mass and momentum, u - u₀
 (Φ - Φ₀)/(A A₀)) with Φ = ∫c² dA = c²A·⅔ (c² ~ √A).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

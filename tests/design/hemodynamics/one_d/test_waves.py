@@ -1,7 +1,5 @@
 """Single waves of 1D flow: shocks, reflections, friction, rest, mass, convergence order."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -205,9 +203,7 @@ def rough(seed: int) -> VesselNetwork:
     nodes = 10.0 * rng.normal(size=(7, 3))
     ends = np.array([(0, 1), (1, 2), (1, 3), (2, 4), (3, 4), (2, 3), (4, 5), (4, 6)])
     radius = rng.uniform(0.3, 1.2, size=2 * len(ends))
-    kind = np.zeros(len(ends), dtype=np.int64)
-    return VesselNetwork(nodes, ends, kind, kind, 2 * np.arange(len(ends) + 1),
-                         nodes[ends.ravel()], radius)  # fmt: skip
+    return replace(network_of(nodes, ends, 1.0), radius=radius)
 
 
 @pytest.mark.parametrize("wall", [ThinWall(1e5, 0.05), GelWall(1e4)])
@@ -244,11 +240,8 @@ def test_mass_goes_nowhere() -> None:
 
 def test_steady_flow_keeps_its_head_through_tapers_and_junctions() -> None:
     """Bernoulli: without friction, with α = 1, p + ½ϱu² is the same everywhere."""
-    nodes = np.array([[0.0, 0, 0], [300, 0, 0], [600, 0, 0], [600, 300, 0]])
-    ends = np.array([(0, 1), (1, 2), (1, 3)])
-    kind = np.zeros(3, dtype=np.int64)
-    radius = np.array([6.0, 4.0, 3.0, 4.0, 2.5, 2.5])
-    network = VesselNetwork(nodes, ends, kind, kind, 2 * np.arange(4), nodes[ends.ravel()], radius)
+    nodes, ends = [[0, 0, 0], [300, 0, 0], [600, 0, 0], [600, 300, 0]], [(0, 1), (1, 2), (1, 3)]
+    network = replace(network_of(nodes, ends, 1.0), radius=np.array([6.0, 4.0, 3.0, 4.0, 2.5, 2.5]))
     conditions = PulsatileConditions(
         STILL, Constant(0.0), wall=ThinWall(YOUNG, THICK), outlet=PressureOutlet(Constant(0.0))
     )

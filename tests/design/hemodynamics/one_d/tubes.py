@@ -1,7 +1,5 @@
 """Build and time-step small 1D flow networks without the periodic solver."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Krogh's cylinder: one vessel on the axis of a cylinder of tissue, by the formulas."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

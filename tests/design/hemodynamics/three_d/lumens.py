@@ -1,7 +1,5 @@
 """Meshes of pipes for tests: rings of triangles swept along a line, and a bend of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,13 +1,12 @@
 """Test networks for 3D meshes, and volumes and areas by independent integrals."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from design.hemodynamics.three_d import LumenMesh
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
+from tests.design.networks import polyline
 
 # det J is a cubic, and collapsing takes two degrees: three points are exact.
 _AT, _WEIGHT = np.polynomial.legendre.leggauss(3)
@@ -54,7 +53,7 @@ def port_area(mesh: LumenMesh, port: int) -> float:
 def straight(radius: float = 0.5, length: float = 4.0, taper: float = 1.0) -> VesselNetwork:
     """One vessel, askew."""
     end = length * np.array([2.0, 1.0, -2.0]) / 3.0
-    network = network_of([[1.0, 2.0, 3.0], (end + [1.0, 2.0, 3.0]).tolist()], [(0, 1)], radius)
+    network = network_of([[1.0, 2.0, 3.0], (end + [1.0, 2.0, 3.0])], [(0, 1)], radius)
     network.radius[1] *= taper
     return network
 
@@ -63,11 +62,7 @@ def bent(pieces: int, radius: float = 0.4, turn: float = 2.0) -> VesselNetwork:
     """A quarter of a ring, drawn by so many pieces."""
     angle = np.linspace(0.0, 0.5 * np.pi, pieces + 1)
     points = turn * np.stack([np.cos(angle), np.sin(angle), np.zeros(pieces + 1)], axis=1)
-    whole = network_of(points[[0, -1]].tolist(), [(0, 1)], radius)
-    return VesselNetwork(
-        whole.nodes, whole.vessel_nodes, whole.kind, whole.tree, np.array([0, pieces + 1]), points,
-        np.full(pieces + 1, radius),
-    )  # fmt: skip
+    return polyline(points, radius)
 
 
 def cross() -> VesselNetwork:
@@ -109,4 +104,4 @@ def random_fork(seed: int) -> VesselNetwork:
     far = way * (6.0 * radius.max() + rng.uniform(0.0, 2.0, count))[:, None]
     nodes = np.concatenate([np.zeros((1, 3)), far])
     ends = [(1, 0)] + [(0, k + 1) for k in range(1, count)]
-    return network_of(nodes.tolist(), ends, radius.tolist())
+    return network_of(nodes, ends, radius.tolist())

@@ -1,20 +1,15 @@
 """Surfaces of a tube along z for tests: of facets, and as voxels."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
+from tests.design.networks import polyline
 
 
 def straight(radius: float, length: float) -> VesselNetwork:
     """A vessel from node 0 at the origin to node 1 up z."""
-    nodes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, length]])
-    zero = np.zeros(1, np.int64)
-    return VesselNetwork(
-        nodes, np.array([[0, 1]]), zero, zero, np.array([0, 2]), nodes, np.full(2, radius)
-    )
+    return polyline([[0.0, 0.0, 0.0], [0.0, 0.0, length]], radius)
 
 
 def faceted_tube(

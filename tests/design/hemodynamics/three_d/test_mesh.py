@@ -1,8 +1,8 @@
 """Curved meshes of lumens: volume, ports, wall and elements."""
 
-from __future__ import annotations
-
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +25,7 @@ from tests.design.hemodynamics.three_d.shapes import (
     straight,
     thick_and_thin,
 )
+from tests.design.networks import polyline
 from tests.slower import first_of
 
 pytest.importorskip("netgen")
@@ -107,9 +108,11 @@ def test_finer_meshes_have_the_same_lumen() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("network", [crowded(), ring(), cross()])
-def test_junctions_loops_and_crowds_are_meshed(network: VesselNetwork) -> None:
-    _sound(network)
+@pytest.mark.parametrize(
+    "make", [crowded, ring, cross, thick_and_thin, *(partial(random_fork, k) for k in range(30))]
+)
+def test_forks_loops_crowds_and_radii_of_20_to_1_are_meshed(make: Any) -> None:
+    _sound(make())
 
 
 @pytest.mark.slow
@@ -121,19 +124,18 @@ def test_coarse_meshes_keep_the_lumens_volume(edge_ratio: float) -> None:
     assert mesh_volume(coarse) == pytest.approx(mesh_volume(lumen_mesh(network)), rel=5e-3)
 
 
-def test_a_closed_ring_is_refused() -> None:
+def test_a_closed_ring_buried_ends_and_fillets_without_room_are_refused() -> None:
     nodes = [[0.0, 0, 0], [3, 0, 0], [1.5, 2.5, 0]]
     closed = network_of(nodes, [(0, 1), (1, 2), (2, 0)], 0.3)
     with pytest.raises(FlowError, match="no free ends"):
         lumen_mesh(closed)
-
-
-def test_an_end_inside_another_vessel_is_refused() -> None:
-    """Vessel 2 ends within vessel 1."""
+    # Vessel 2 ends within vessel 1.
     nodes = [[0.0, 0, 0], [3, 0, 0], [8, 0, 0], [5, 0.2, 0]]
     buried = network_of(nodes, [(0, 1), (1, 2), (1, 3)], [0.5, 0.5, 0.3])
     with pytest.raises(FlowError, match=r"free end at node 3 .* isn't an open disc"):
         lumen_mesh(buried)
+    with pytest.raises(FlowError, match=r"crosses itself near .* lower the fillet ratio"):
+        lumen_mesh(_side_by_side(0.2))
 
 
 def _side_by_side(gap: float) -> VesselNetwork:
@@ -141,11 +143,6 @@ def _side_by_side(gap: float) -> VesselNetwork:
     wide = 0.8 + gap
     nodes = [[0.0, 0, 0], [4, 0, 0], [6, wide / 2, 0], [4, wide, 0], [0, wide, 0]]
     return network_of(nodes, [(0, 1), (1, 2), (2, 3), (3, 4)], 0.4)
-
-
-def test_fillets_without_room_are_refused() -> None:
-    with pytest.raises(FlowError, match=r"crosses itself near .* lower the fillet ratio"):
-        lumen_mesh(_side_by_side(0.2))
 
 
 def test_a_vertex_off_the_wall_is_refused() -> None:
@@ -166,9 +163,7 @@ def test_rough_centrelines_are_meshed(seed: int) -> None:
     x = np.linspace(0.0, 6.0, 30)
     points = np.stack([x, 0.5 * np.sin(2.0 * x + seed), 0.3 * np.cos(1.5 * x)], axis=1)
     points += rng.normal(0.0, 0.01, points.shape)
-    whole = network_of(points[[0, -1]].tolist(), [(0, 1)], 0.3)
-    radius = 0.3 * np.exp(rng.normal(0.0, 0.05, 30))
-    _sound(replace(whole, offset=np.array([0, 30]), points=points, radius=radius))
+    _sound(polyline(points, 0.3 * np.exp(rng.normal(0.0, 0.05, 30))))
 
 
 @pytest.mark.parametrize("degrees", first_of([9.0, 12.0]))
@@ -186,14 +181,3 @@ def test_options_out_of_bounds_are_refused() -> None:
     for name, value in (("edge_ratio", 2.0), ("fillet_ratio", 0.0), ("growth", 3.0)):
         with pytest.raises(FlowError, match=f"{name} {value:g} of a 3D mesh"):
             replace(MeshOptions(), **{name: value})
-
-
-@pytest.mark.slow
-def test_radii_of_20_to_1_are_meshed() -> None:
-    _sound(thick_and_thin())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(30))
-def test_forks_of_any_angle_and_radii_are_meshed(seed: int) -> None:
-    _sound(random_fork(seed))

@@ -1,7 +1,5 @@
 """Pulsatile 3D flow, against Womersley's, a Windkessel computed by hand, and the slow limit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

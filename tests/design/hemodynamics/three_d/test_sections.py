@@ -1,7 +1,5 @@
 """Cross-sections, polynomials and files of 3D flow, against known fields."""
 
-from __future__ import annotations
-
 import base64
 from pathlib import Path
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Steady 3D flow, against Poiseuille's law, known resistances and its own balances."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 
@@ -11,8 +9,7 @@ import pytest
 pytest.importorskip("ngsolve", reason='the extra "flow3d" isn\'t installed')
 
 from design.errors import FlowError
-from design.hemodynamics import FlowConditions, PulsatileConditions, ResistanceOutlet
-from design.hemodynamics.conditions import OutletLoad
+from design.hemodynamics import FlowConditions, OutletLoad, PulsatileConditions, ResistanceOutlet
 from design.hemodynamics.three_d import (
     FlowOptions,
     LumenMesh,

@@ -1,7 +1,5 @@
 """Lumens meshed from surfaces: facets, voxels, and surfaces that can't be meshed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -11,8 +9,8 @@ from design.errors import FlowError
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straighten_edges
 from design.hemodynamics.three_d.mesh import MeshOptions, SurfaceOptions, lumen_mesh, surface_mesh
-from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
+from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight, voxels_of_tube
 from tests.slower import first_rows
 
@@ -85,30 +83,18 @@ def test_curved_edges_bulge_out_to_the_round_wall() -> None:
     assert np.abs(off.mean()) < 1e-3 * RADIUS
 
 
-def test_a_surface_that_misses_a_port_is_refused_by_node() -> None:
+def test_what_has_no_ends_and_what_misses_them_is_refused() -> None:
     points, faces = faceted_tube(RADIUS, LENGTH, 24, -0.2)
     with pytest.raises(FlowError, match=r"doesn't reach node 0 at \(0, 0, 0\) mm"):
         surface_mesh(points, faces, straight(RADIUS, LENGTH))
-
-
-def test_an_interrupted_lumen_is_refused() -> None:
     one, faces = faceted_tube(RADIUS, 0.6, 24, 0.1)
     both = np.concatenate([one, one + [0.0, 0.0, LENGTH - 0.6]])
     with pytest.raises(FlowError, match="interrupted: its part at node 0 has no outlet"):
         surface_mesh(both, np.concatenate([faces, faces + len(one)]), straight(RADIUS, LENGTH))
-
-
-def test_options_are_bounded() -> None:
     with pytest.raises(FlowError, match="smooth_passes -1"):
         SurfaceOptions(smooth_passes=-1)
-
-
-def test_network_without_ends_is_refused() -> None:
     points, faces = faceted_tube(RADIUS, LENGTH, 8, 0.0)
     ring = straight(RADIUS, LENGTH)
-    loop = VesselNetwork(
-        ring.nodes, np.array([[0, 1], [1, 0]]), np.zeros(2, np.int64), np.zeros(2, np.int64),
-        np.array([0, 2, 4]), np.concatenate([ring.nodes, ring.nodes[::-1]]), np.full(4, RADIUS),
-    )  # fmt: skip
+    loop = network_of(ring.nodes, [(0, 1), (1, 0)], RADIUS)
     with pytest.raises(FlowError, match="no free ends"):
         surface_mesh(points, faces, loop)

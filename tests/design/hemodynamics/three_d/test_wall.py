@@ -1,7 +1,5 @@
 """Signed distance field of lumen walls, against tubes and cones; projection onto it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

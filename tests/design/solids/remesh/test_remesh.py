@@ -1,24 +1,121 @@
 """Remeshing: preserves shape and genus, produces the wanted triangles."""
 
-from __future__ import annotations
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from design.errors import SolidError
 from design.solids.remesh import LabelledSurface, remesh
-from tests.design.solids.remesh.shapes import (
-    Cube,
-    Sphere,
-    Torus,
-    areas,
-    cube_surface,
-    edges,
-    euler,
-    qualities,
-    torus_surface,
-    volume,
-)
+from kernels.arrays import FloatArray, IntArray
+
+CUBE = np.array(
+    [
+        [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4],
+        [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5],
+    ]
+)  # fmt: skip
+"""Faces, inward, of the cube whose corners are the binary numbers xyz."""
+
+
+def cube_surface() -> LabelledSurface:
+    """From -1 to 1, a label for each side: x, y and z low and high."""
+    corner = 2.0 * np.array([[n >> 2 & 1, n >> 1 & 1, n & 1] for n in range(8)], float) - 1.0
+    # All three of a side's corners have the same coordinate there.
+    flat = np.array([np.ptp(corner[f], axis=0).argmin() for f in CUBE])
+    high = np.array([corner[f[0], a] > 0.0 for f, a in zip(CUBE, flat, strict=True)])
+    return LabelledSurface(corner, CUBE.astype(np.int64)[:, ::-1].copy(), 2 * flat + high)
+
+
+def torus_surface(wide: float, thin: float, around: int = 9, across: int = 5) -> LabelledSurface:
+    """A coarse grid on a torus."""
+    u, v = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+    angle, turn = 2.0 * np.pi * u / around, 2.0 * np.pi * v / across
+    ring = wide + thin * np.cos(turn)
+    points = np.stack([ring * np.cos(angle), ring * np.sin(angle), thin * np.sin(turn)], axis=-1)
+
+    def at(i: IntArray, j: IntArray) -> IntArray:
+        return (i % around) * across + j % across
+
+    a, b, c, d = at(u, v), at(u + 1, v), at(u + 1, v + 1), at(u, v + 1)
+    faces = np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    )
+    return LabelledSurface(points.reshape(-1, 3), faces, np.zeros(len(faces), np.int64))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Of radius 1; one edge length, or one that grows with z."""
+
+    edge: float
+    slope: float = 0.0
+
+    def size(self, points: FloatArray) -> FloatArray:
+        return np.maximum(self.edge * (1.0 + self.slope * points[:, 2]), 1e-3)
+
+    def onto(self, points: FloatArray, patch: IntArray) -> FloatArray:
+        return points / np.linalg.norm(points, axis=1)[:, None]
+
+
+@dataclass(frozen=True)
+class Torus:
+    """Around z."""
+
+    wide: float
+    thin: float
+    edge: float
+
+    def size(self, points: FloatArray) -> FloatArray:
+        return np.full(len(points), self.edge)
+
+    def onto(self, points: FloatArray, patch: IntArray) -> FloatArray:
+        ring = points * [1.0, 1.0, 0.0]
+        ring *= self.wide / np.linalg.norm(ring, axis=1)[:, None]
+        off = points - ring
+        return ring + self.thin * off / np.linalg.norm(off, axis=1)[:, None]
+
+
+@dataclass(frozen=True)
+class Cube:
+    """Its sides are where the rough one's are: points stay."""
+
+    edge: float
+
+    def size(self, points: FloatArray) -> FloatArray:
+        return np.full(len(points), self.edge)
+
+    def onto(self, points: FloatArray, patch: IntArray) -> FloatArray:
+        return points
+
+
+def euler(surface: LabelledSurface) -> int:
+    """Vertices less edges plus faces."""
+    ends = np.sort(surface.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return len(surface.vertices) - len(np.unique(ends, axis=0)) + len(surface.faces)
+
+
+def areas(surface: LabelledSurface) -> FloatArray:
+    """Of each face."""
+    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+def volume(surface: LabelledSurface) -> float:
+    """Enclosed, by the divergence theorem."""
+    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", np.cross(a, b), c) / 6.0)
+
+
+def edges(surface: LabelledSurface) -> FloatArray:
+    """Length of every side of every face, (f, 3)."""
+    corner = surface.vertices[surface.faces]
+    return np.linalg.norm(corner - corner[:, [1, 2, 0]], axis=2)
+
+
+def qualities(surface: LabelledSurface) -> FloatArray:
+    """4 √3 area over the sum of squared edges: 1 for an equilateral triangle."""
+    return 4.0 * np.sqrt(3.0) * areas(surface) / (edges(surface) ** 2).sum(axis=1)
 
 
 def _ball() -> LabelledSurface:

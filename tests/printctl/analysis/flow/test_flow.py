@@ -26,7 +26,7 @@ from design.hemodynamics.three_d.ranks import (
 from printctl.analysis.flow.ranks import Engine, find_engine, run_on_ranks
 from printctl.errors import PrintctlError, UsageError
 from printctl.recipe.parts import FlowPart
-from tests.design.hemodynamics.three_d.pipes import pipe_mesh
+from tests.design.hemodynamics.three_d.lumens import bend, pipe
 from tests.system.cli import called as printctl
 
 FORK = (
@@ -448,7 +448,7 @@ def _refused(folder: Path, words: str, *options: str, code: int = 2) -> None:
 
 # --- mPI ranks: start and end; the solver itself where FEniCSx is installed
 RADIUS, LENGTH, FLOW, VISCOSITY = 0.2, 0.6, 4.0, 1e-3
-MESH = pipe_mesh(RADIUS, LENGTH, 2, 5)
+MESH = pipe(2, 5, RADIUS, LENGTH)
 
 
 @pytest.fixture
@@ -554,7 +554,7 @@ def test_poiseuilles_pressure_drop_comes_out(engine, tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one processor")
 def test_two_ranks_find_what_one_does_by_either_solver(engine, tmp_path):
-    mesh = pipe_mesh(RADIUS, LENGTH, 2, 3, bend_rad=1.0)
+    mesh = bend(2, 3, RADIUS, LENGTH, 1.0)
     ports = PortFlow(FLOW), PortPressure(1.0, 2.0)
     one = solved(tmp_path / "one", engine, 1, *ports, mesh=mesh)
     for solver in ("direct", "iterative"):

@@ -1,19 +1,19 @@
 """A small camera over a small insert, painted once, and the frame that is fitted to it."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from benchmarks.checkers.dish_camera import Made, Optics, Scene, aimed, photograph
-from firmware_profiles import load
-from firmware_profiles.plates import Dish
+from firmware_profiles import Dish, load
 from registration.devices.camera_frame import (
     CameraFrame,
     Insert,
+    SeenMarks,
     Ties,
     Touch,
     design_insert,
@@ -69,13 +69,24 @@ def lens() -> Lens:
 
 
 @cache
-def frame() -> CameraFrame:
-    rng = np.random.default_rng(4)
-    marks = find_marks(picture(), insert(), lens(), "seen.png")
+def marks() -> SeenMarks:
+    return find_marks(picture(), insert(), lens(), "seen.png")
+
+
+def fitted(touches: Sequence[Touch] = (), **ties: Any) -> CameraFrame:
+    """The frame by the insert's marks and touches, or other ties."""
+    return fit_frame(marks(), insert(), lens(), Ties(touches=touches, **ties), MADE_AT)
+
+
+def touched(off_mm: np.ndarray) -> list[Touch]:
+    """Touches of all crosses, off by so much, (n, 3) mm."""
     crosses = insert().crosses
-    there = made().world(np.array([[c.x_mm, c.y_mm] for c in crosses]))
-    touches = [
-        Touch(c.name, *(place + rng.normal(0, 0.01, 3)), u_mm=0.01)
-        for c, place in zip(crosses, there, strict=True)
-    ]
-    return fit_frame(marks, insert(), lens(), Ties(touches=touches), MADE_AT)
+    there = made().world(np.array([[c.x_mm, c.y_mm] for c in crosses])) + off_mm
+    pairs = zip(crosses, there.tolist(), strict=True)
+    return [Touch(cross.name, *place, u_mm=0.01) for cross, place in pairs]
+
+
+@cache
+def frame() -> CameraFrame:
+    off = np.random.default_rng(4).normal(0, 0.01, (len(insert().crosses), 3))
+    return fitted(touched(off))

@@ -8,8 +8,6 @@ which flickers; gamma, saturation, noise, JPEG. Not modelled: the dish's wall, d
 second reflections, a bath.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

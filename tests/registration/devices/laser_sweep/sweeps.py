@@ -1,7 +1,5 @@
 """A painted laser over the small dish of the camera's tests: a flat floor, and blocks on it."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Heights by a camera's pictures of a swept laser line; painter and truth are a checker's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path

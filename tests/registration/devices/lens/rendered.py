@@ -1,7 +1,5 @@
 """Test pictures through a known lens, ray-traced independently of the product."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

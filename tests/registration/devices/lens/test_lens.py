@@ -1,7 +1,5 @@
 """Lens calibration from rendered board pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

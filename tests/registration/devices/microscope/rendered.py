@@ -1,7 +1,5 @@
 """Test pictures of lines with known widths, painted pixel by pixel."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

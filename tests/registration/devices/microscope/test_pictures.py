@@ -1,7 +1,5 @@
 """Widths and gaps measured in synthetic pictures."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

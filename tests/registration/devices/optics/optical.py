@@ -1,7 +1,5 @@
 """Synthetic scans of calibration targets, by a device with a known distortion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Test scan files written byte by byte from the formats' specifications."""
 
-from __future__ import annotations
-
 import struct
 import zipfile
 from pathlib import Path

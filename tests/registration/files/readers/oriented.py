@@ -1,7 +1,5 @@
 """Labelled phantom written to files in any orientation, by the libraries' own writers."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from itertools import permutations, product

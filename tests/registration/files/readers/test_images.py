@@ -1,20 +1,25 @@
-"""Readers of OME-TIFF, ImageJ, NIfTI, NRRD, raw and npz: axes, units, broken files."""
-
-from __future__ import annotations
+"""Readers of OME-TIFF, ImageJ, NIfTI, NRRD, raw, npz; grey values in dB; height maps; mosaics."""
 
 import json
 from pathlib import Path
 from typing import Any
 
+import cv2
 import nibabel
 import nrrd
 import numpy as np
 import pytest
 import tifffile
+import yaml
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
 
-from registration import ScanOverrides, read_scan
+from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
-from tests.registration.files.readers.crafted import MODALITY, OCT, counts
+from registration.files.readers.decibels import speckle_of
+from registration.files.readers.heights import read_heights
+from registration.files.readers.mosaic import is_mosaic, read_mosaic
+from tests.registration.files.readers.crafted import MODALITY, OCT, counts, scan
 
 
 def same(path: Path, voxel: tuple[float, float, float], said: ScanOverrides = MODALITY) -> None:
@@ -329,7 +334,10 @@ def test_a_sidecar_that_doesnt_fit_is_refused(tmp_path, key, value, reason):
         read_scan(raw(tmp_path / "s.raw", **{key: value}))
 
 
-def test_npz_that_claims_more_than_it_holds_is_refused(tmp_path: Path) -> None:
+def test_npz_of_python_objects_or_that_claims_more_than_it_holds_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "s.npz", volume=np.array([[[{"a": 1}]]]))
+    with pytest.raises(ScanFileError, match="Python objects"):
+        read_scan(tmp_path / "s.npz", OCT)
     path = tmp_path / "s.npz"
     np.savez(path, volume=counts(), voxel_mm=[0.1] * 3)
     path.write_bytes(path.read_bytes().replace(b"(9, 8, 7), ", b"(99999, 8, 7),"[:11]))
@@ -337,7 +345,352 @@ def test_npz_that_claims_more_than_it_holds_is_refused(tmp_path: Path) -> None:
         read_scan(path, MODALITY)
 
 
-def test_npz_of_python_objects_is_refused(tmp_path: Path) -> None:
-    np.savez(tmp_path / "s.npz", volume=np.array([[[{"a": 1}]]]))
-    with pytest.raises(ScanFileError, match="Python objects"):
-        read_scan(tmp_path / "s.npz", OCT)
+# Grey values that encode dB, saturation, confused scales
+
+
+KNOWN: dict[str, Any] = {
+    "axes": "zyx", "voxel_mm": [0.01, 0.02, 0.03], "modality": "oct", "optical_depth": True,
+    "refractive_index": 1.34, "scale": "db",
+}  # fmt: skip
+
+
+def speckled(looks: int = 1, ratio: float = 100.0) -> NDArray[np.float64]:
+    """Linear intensity of speckle (gamma law), dark liquid above bright gel, as z, y, x."""
+    rng = np.random.default_rng(3)
+    volume = rng.gamma(looks, 1 / looks, (40, 40, 40))
+    volume[:20] /= ratio
+    return volume
+
+
+def in_db(volume: NDArray[np.float64]) -> NDArray[np.float64]:
+    return 10 * np.log10(np.maximum(volume, 1e-9))
+
+
+def raw_oct(path: Path, volume: NDArray[Any], **said: Any) -> Path:
+    """A raw file with its sidecar."""
+    beside = {**KNOWN, "shape": list(volume.shape), "dtype": volume.dtype.name, **said}
+    if volume.dtype.itemsize > 1:
+        beside["byte_order"] = "little"
+    beside = {name: value for name, value in beside.items() if value is not None}
+    path.with_suffix(".yaml").write_text(yaml.safe_dump(beside))
+    path.write_bytes(volume.tobytes())
+    return path
+
+
+def to_counts(db: NDArray[np.float64], kind: str = "uint8") -> NDArray[Any]:
+    """-40 to +20 dB over the range of a type, clipped."""
+    info = np.iinfo(kind)
+    share = np.clip((db + 40) / 60, 0, 1)
+    return np.round(share * (int(info.max) - int(info.min)) + int(info.min)).astype(kind)
+
+
+@pytest.mark.parametrize("kind", ["uint8", "int8", "uint16", "int16"])
+def test_counts_of_a_window_become_decibels(tmp_path: Path, kind: str) -> None:
+    db = in_db(speckled())
+    path = raw_oct(tmp_path / "s.raw", to_counts(db, kind), db_range=[-40, 20])
+    found = read_scan(path)
+    assert (found.volume.dtype, found.scale) == (np.float32, "db")
+    np.testing.assert_allclose(found.volume, np.clip(db, -40, 20), atol=0.51 * 60 / 255)
+
+
+def test_a_window_over_other_counts_and_a_slope_say_the_same(tmp_path: Path) -> None:
+    counts = np.round(np.clip((in_db(speckled()) + 40) / 60, 0, 1) * 4095).astype("<u2")
+    window = raw_oct(tmp_path / "a.raw", counts, db_range=[-40, 20], count_range=[0, 4095])
+    slope = raw_oct(tmp_path / "b.raw", counts, counts_per_db=4095 / 60, db_at_zero=-40)
+    np.testing.assert_allclose(read_scan(window).volume, read_scan(slope).volume, atol=1e-4)
+    # An option's description replaces the sidecar's.
+    said = ScanOverrides(db_range=(0, 60), count_range=(0, 4095))
+    moved = read_scan(slope, said).volume - read_scan(slope).volume
+    np.testing.assert_allclose(moved, 40, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("said", "reason"),
+    [
+        ({}, "--db-range LOW,HIGH"),
+        ({"db_range": [20, -40]}, "the lower one first"),
+        ({"db_range": [-100, 101]}, r"spans 201 dB \(limit 200"),
+        ({"db_range": [-40, 20], "counts_per_db": 4}, "not both"),
+        ({"count_range": [0, 255]}, "without db_range"),
+        ({"db_at_zero": 3}, "without counts_per_db"),
+        ({"counts_per_db": 0}, "above 0"),
+        ({"db_range": [-40, 20], "count_range": [0, 100]}, "beyond count_range"),
+        ({"db_range": [-40, 20], "scale": "linear"}, "the scale is 'linear'"),
+    ],
+)
+def test_counts_that_nobody_describes_are_refused(tmp_path, said, reason):
+    with pytest.raises(ScanFileError, match=reason):
+        read_scan(raw_oct(tmp_path / "s.raw", to_counts(in_db(speckled())), **said))
+
+
+def test_whole_decibels_come_back_from_our_own_files(tmp_path: Path) -> None:
+    volume = np.round(in_db(speckled())).astype(np.int16)
+    scan = Scan(volume, (0.01, 0.02, 0.03), 1.34, True, "db", "oct", True, tmp_path)
+    write_scan_tiff(tmp_path / "s.tif", scan)
+    np.testing.assert_array_equal(read_scan(tmp_path / "s.tif").volume, volume)
+
+
+@pytest.mark.parametrize("looks", [1, 4, 16])
+@pytest.mark.parametrize("ratio", [3.0, 100.0])
+def test_speckle_tells_the_scales_apart(looks: int, ratio: float) -> None:
+    """Linear: spread grows as brightness, skewness 2 / √looks; dB: spread alike."""
+    linear = speckled(looks, ratio).reshape(1000, 64)
+    measured = speckle_of(linear)
+    assert measured is not None
+    assert measured.growth == pytest.approx(1, abs=0.1)
+    assert measured.bright_spread / measured.bright == pytest.approx(looks**-0.5, rel=0.1)
+    db = speckle_of(in_db(linear) + 60)
+    assert db is not None
+    assert (
+        abs(np.log(db.bright_spread / db.dark_spread)) < 0.25
+    )  # bright places are those without dark speckles
+    assert db.skewness < 0.1
+    if looks == 1:
+        assert db.bright_spread == pytest.approx(5.57, rel=0.15)
+
+
+@pytest.mark.parametrize("looks", [1, 4])
+def test_decibels_given_as_linear_are_asked_about(tmp_path: Path, looks: int) -> None:
+    counts = to_counts(in_db(speckled(looks)))
+    path = raw_oct(tmp_path / "s.raw", counts, scale="linear")
+    with pytest.raises(ScanFileError, match=r"looks like dB: it spreads by .* --db-range"):
+        read_scan(path)
+    insisted = read_scan(path, ScanOverrides(scale="linear"))
+    assert "looks like dB" in insisted.notes[-1]
+    np.testing.assert_array_equal(insisted.volume, counts)
+
+
+@pytest.mark.parametrize("looks", [1, 4])
+@pytest.mark.parametrize("factor", [1.0, 1e4])
+def test_linear_given_as_decibels_is_asked_about(tmp_path: Path, looks: int, factor: float) -> None:
+    path = raw_oct(tmp_path / "s.raw", (factor * speckled(looks)).astype("<f4"))
+    with pytest.raises(ScanFileError, match=r"looks linear: .* --scale linear"):
+        read_scan(path)
+    assert "looks linear" in read_scan(path, ScanOverrides(scale="db")).notes[-1]
+
+
+def test_saturated_voxels_are_told_with_their_share_and_refused_beyond_it(tmp_path: Path) -> None:
+    """Exponential speckle cut at c times the gel's mean: exp(-c) of the gel, half the volume."""
+    some = np.minimum(speckled(), -np.log(0.04))
+    found = read_scan(raw_oct(tmp_path / "a.raw", some.astype("<f4"), scale="linear"))
+    assert found.notes[0].startswith(f"{100 * (some == some.max()).mean():.1f}"[0])
+    assert "saturated" in found.notes[0]
+    many = np.minimum(speckled(), -np.log(0.3))
+    with pytest.raises(ScanFileError, match=r"1[3-7] % of its voxels are saturated .*limit 10 %"):
+        read_scan(raw_oct(tmp_path / "b.raw", many.astype("<f4"), scale="linear"))
+
+
+@pytest.mark.parametrize(("scale", "share"), [("linear", 0.1), ("db", 0.8)])
+def test_just_so_many_voxels_may_lie_at_an_end_of_the_numbers(tmp_path, scale, share):
+    volume = (speckled() if scale == "linear" else in_db(speckled())).astype("<f4")
+    ranked, most = np.sort(volume, axis=None), round(share * volume.size)
+    at_end = (
+        (lambda n: np.minimum(volume, ranked[-n]))
+        if scale == "linear"
+        else (lambda n: np.maximum(volume, ranked[n - 1]))
+    )
+    read_scan(raw_oct(tmp_path / "a.raw", at_end(most), scale=scale))
+    with pytest.raises(ScanFileError, match=f"limit {100 * share:g} %"):
+        read_scan(raw_oct(tmp_path / "b.raw", at_end(most + 1), scale=scale))
+
+
+# Height maps and points of laser profilers
+
+
+PIXEL = (0.02, 0.05)
+
+
+@pytest.fixture
+def heights() -> np.ndarray:
+    """20 rows of 30 heights, mm, one of them lost."""
+    rows, columns = np.indices((20, 30))
+    out = np.round(1.0 + 0.01 * columns + 0.002 * rows, 4).astype(np.float32)
+    out[3, 4] = np.nan
+    return out
+
+
+def test_heights_as_floats(tmp_path: Path, heights: np.ndarray) -> None:
+    cv2.imwrite(str(tmp_path / "a.tif"), heights)
+    np.save(tmp_path / "a.npy", heights)
+    np.savez(tmp_path / "a.npz", height_mm=heights, pixel_mm=np.array(PIXEL))
+    for name in ("a.tif", "a.npy", "a.npz"):
+        found = read_heights(tmp_path / name, None if name == "a.npz" else PIXEL)
+        np.testing.assert_array_equal(found.height_mm, heights)
+        assert found.pixel_mm == PIXEL
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+def test_counts_of_16_bits_are_scaled_and_0_is_lost(tmp_path, heights, name):
+    counts = np.where(np.isnan(heights), 0, np.round(heights * 1e4)).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / name), counts)
+    found = read_heights(tmp_path / name, PIXEL, count_mm=1e-4)
+    np.testing.assert_allclose(found.height_mm, heights, atol=1e-6)
+
+
+def test_a_table_of_heights_behind_a_header(tmp_path: Path, heights: np.ndarray) -> None:
+    rows = [",".join(f"{z:.4f}" for z in row) for row in heights]
+    (tmp_path / "a.csv").write_text("Profile data,mm\r\n0.02,0.05\r\n" + "\r\n".join(rows))
+    with pytest.raises(ScanFileError, match="don't all have 2 numbers"):
+        read_heights(tmp_path / "a.csv", PIXEL, lost=-1.0)
+    (tmp_path / "a.csv").write_text("Profile data,mm\r\n" + "\r\n".join(rows) + "\r\n")
+    np.testing.assert_allclose(
+        read_heights(tmp_path / "a.csv", PIXEL).height_mm, heights, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "split", "point"), [("a.csv", ",", "."), ("a.csv", ";", ","), ("a.xyz", " ", ".")]
+)
+def test_points_are_laid_into_cells(tmp_path, heights, name, split, point):
+    rows, columns = np.nonzero(np.isfinite(heights))
+    order = np.random.default_rng(1).permutation(len(rows))
+    rows, columns = rows[order], columns[order]
+    lines = [
+        split.join(f"{v:.4f}".replace(".", point) for v in (5 + 0.02 * x, -3 + 0.05 * y, 1e3 * z))
+        for x, y, z in zip(columns, rows, heights[rows, columns], strict=True)
+    ]
+    (tmp_path / name).write_text(f"x{split}y{split}z\n" + "\n".join(lines))
+    found = read_heights(tmp_path / name, PIXEL, count_mm=1e-3)
+    np.testing.assert_allclose(found.height_mm, heights, atol=1e-4)
+    assert found.origin_mm == pytest.approx((5.0, -3.0))
+
+
+def test_several_points_of_a_cell_are_averaged_and_lost_ones_left_out(tmp_path: Path) -> None:
+    x, y = (one.ravel() for one in np.meshgrid(np.arange(20.0), np.arange(20.0)))
+    points = np.column_stack([x, y, np.ones(400)])
+    twice = np.vstack([points, points + (0.2, -0.2, 0.5), [(1e9, 1e9, -1e9), (3, 3, np.nan)]])
+    np.save(tmp_path / "a.npy", twice)
+    found = read_heights(tmp_path / "a.npy", (1.0, 1.0))
+    assert found.height_mm.shape == (20, 20)
+    np.testing.assert_allclose(found.height_mm, 1.25)
+
+
+def test_what_is_no_height_map_is_told(tmp_path: Path, heights: np.ndarray) -> None:
+    def refused(name: str, said: str, pixel: tuple[float, float] | None = PIXEL) -> None:
+        with pytest.raises(ScanFileError, match=said):
+            read_heights(tmp_path / name, pixel)
+
+    cv2.imwrite(str(tmp_path / "grey.png"), np.zeros((20, 20), np.uint8))
+    refused("grey.png", "array of uint8")
+    np.save(tmp_path / "a.npy", heights)
+    refused("a.npy", r"pixel_mm: \[x, y\]", None)
+    whole = (tmp_path / "a.npy").read_bytes()
+    (tmp_path / "a.npy").write_bytes(whole[:200])
+    refused("a.npy", "broken height map")
+    (tmp_path / "a.npz").write_bytes(b"PK" + bytes(80))
+    refused("a.npz", "broken height map")
+    (tmp_path / "a.csv").write_text("x,y,z\n1,2,3\n4,5")
+    refused("a.csv", "cut off")
+    (tmp_path / "b.csv").write_text("nothing here\n")
+    refused("b.csv", "no line of numbers")
+    (tmp_path / "c.csv").write_text("\n".join(f"{k},{k},1" for k in range(40)))
+    refused("c.csv", r"1951 x 781 cells|correct pixel_mm", (1e-3, 1e-6))
+    refused("gone.tif", "isn't a height map")
+
+
+# Overlapping scans whose places are found
+
+
+VOXEL = (0.02, 0.03, 0.03)
+SHAPE = (60, 90, 100)
+
+
+def scene() -> NDArray[np.float32]:
+    rng = np.random.default_rng(5)
+    smooth = gaussian_filter(rng.normal(size=SHAPE), 2.5)
+    return (1000 + 4000 * smooth / smooth.std()).astype(np.float32)
+
+
+def cut(corner: Any, size: Any, seed: int, noise: float = 800.0) -> NDArray[np.float32]:
+    """A part of the scene with noise of its own; the corner (z, y, x) may lie between voxels."""
+    places = np.indices(size).reshape(3, -1) + np.array(corner, dtype=float)[:, None]
+    part = map_coordinates(scene(), places, order=3).reshape(size)
+    return (part + np.random.default_rng(seed).normal(0, noise, size)).astype(np.float32)
+
+
+def listed(
+    folder: Path, kind: str, parts: list[tuple[Any, Any, Any]], noise: float = 800.0
+) -> Path:
+    """Parts (true corner, size, listed corner), written with their list."""
+    scans = []
+    for number, (corner, size, said) in enumerate(parts):
+        part = scan(
+            volume=cut(corner, size, number, noise), voxel_mm=VOXEL, optical_depth=False,
+            refractive_index=1.34,
+        )  # fmt: skip
+        write_scan_tiff(folder / f"{number}.tif", part)
+        at = [float(v) for v in (np.array(said) * VOXEL)[::-1]]
+        scans.append({"file": f"{number}.tif", "at_mm": at})
+    path = folder / "all.yaml"
+    path.write_text(yaml.safe_dump({"mosaic": kind, "settle_um": 300, "scans": scans}))
+    return path
+
+
+TILES = [
+    ((0, 0, 0), (60, 50, 60), (0, 0, 0)),
+    ((0, 0, 40), (60, 50, 60), (1, -3, 44)),
+    ((0, 40, 0), (60, 50, 60), (0, 45, -2)),
+    ((0, 40, 40), (60, 50, 60), (-2, 38, 36)),
+]
+
+
+def test_tiles_find_their_places(tmp_path: Path) -> None:
+    path = listed(tmp_path, "tiles", TILES)
+    assert is_mosaic(path)
+    found = read_mosaic(path)
+    assert found.volume.shape == SHAPE
+    inner = found.volume[5:55, 5:85, 5:95]
+    assert np.corrcoef(inner.ravel(), scene()[5:55, 5:85, 5:95].ravel())[0, 1] > 0.97
+    assert "4 scans fused (tiles), 4 overlaps; moved by up to" in found.notes[-1]
+
+
+@pytest.mark.slow
+def test_parts_of_a_voxel_are_found(tmp_path: Path) -> None:
+    parts = [((0, 0, 0), (60, 90, 60), (0, 0, 0)), ((0.4, 1.3, 35.7), (58, 86, 60), (0, 0, 37))]
+    found = read_mosaic(listed(tmp_path, "tiles", parts, noise=100.0))
+    # Where both overlap, the blend is as sharp and right as the parts.
+    band = (slice(5, 50), slice(8, 80), slice(40, 56))
+    off = found.volume[band] - scene()[band]
+    assert np.abs(off).mean() < 0.06 * scene().std()
+
+
+def test_noise_alone_leaves_scans_where_they_are_listed(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    path = listed(tmp_path, "tiles", TILES[:2])
+    for number in range(2):
+        noise = rng.normal(1000, 100, (60, 50, 60)).astype(np.float32)
+        write_scan_tiff(tmp_path / f"{number}.tif", scan(volume=noise, voxel_mm=VOXEL))
+    found = read_mosaic(path)
+    assert "1 overlaps show too little" in found.notes[-1]
+
+
+def test_scans_that_dont_belong_together_are_refused(tmp_path: Path) -> None:
+    far = [TILES[0], ((0, 0, 40), (60, 50, 60), (0, 0, 400))]
+    with pytest.raises(ScanFileError, match="overlaps none"):
+        read_mosaic(listed(tmp_path, "tiles", far))
+    path = listed(tmp_path, "tiles", TILES[:2])
+    write_scan_tiff(tmp_path / "1.tif", scan(voxel_mm=(0.02, 0.03, 0.04)))
+    with pytest.raises(ScanFileError, match="scan all parts alike"):
+        read_mosaic(path)
+    path.write_text(path.read_text().replace("1.tif", "2.tif"))
+    with pytest.raises(ScanFileError, match="no such scan"):
+        read_mosaic(path, ScanOverrides())
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a: [", "not YAML"),
+        ("{mosaic: heap, scans: []}", "isn't a mosaic"),
+        ("{mosaic: tiles, scans: []}", "2 to 1000"),
+        ("{mosaic: tiles, colour: red}", "isn't a mosaic"),
+        ("{mosaic: tiles, scans: [1, 2]}", "isn't {file"),
+        ("{mosaic: tiles, scans: [{file: a, at_mm: [0, 0, .nan]}, 2]}", "within"),
+        ("{mosaic: tiles, settle_um: -1, scans: [1, 2]}", "0 to 5000"),
+    ],
+)
+def test_a_list_that_cant_be_used_is_refused(tmp_path: Path, text: str, reason: str) -> None:
+    path = tmp_path / "all.yaml"
+    path.write_text(text)
+    with pytest.raises(ScanFileError, match=reason):
+        read_mosaic(path)

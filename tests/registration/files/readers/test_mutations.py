@@ -1,10 +1,9 @@
 """Fuzzed scan files: read or refused, never another exception."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,65 +14,38 @@ from registration import ScanOverrides, read_scan
 from registration.errors import ScanFileError
 from registration.files.writers import write_scan_zarr
 from tests.registration.files.readers.crafted import bioptigen, counts, heidelberg, scan, thorlabs
-from tests.registration.files.readers.test_extras import hdf5, multiframe
+from tests.registration.files.readers.oriented import write_enhanced
 from tests.registration.files.readers.test_images import nifti, write_nrrd
+from tests.registration.files.readers.test_libraries import UPRIGHT, hdf5
 
 ALL = ScanOverrides((0.01, 0.02, 0.03), 1.34, True, "linear", "oct", True, "zyx")
 
 
-def npz(path: Path) -> Path:
-    np.savez(path, volume=counts(), voxel_mm=[0.1] * 3)
-    return path
-
-
-def zipped_npz(path: Path) -> Path:
-    np.savez_compressed(path, volume=counts())
-    return path
-
-
-def mat(path: Path) -> Path:
-    savemat(path, {"V": counts()})
-    return path
-
-
-def ome(path: Path) -> Path:
-    tifffile.imwrite(path, counts(), metadata={"axes": "ZYX", "PhysicalSizeX": 1.0}, ome=True)
-    return path
-
-
-def zlib_tiff(path: Path) -> Path:
-    tifffile.imwrite(path, counts(), compression="zlib", metadata=None)
-    return path
-
-
-def zarr(path: Path) -> Path:
-    write_scan_zarr(path.with_suffix(".zarr"), scan())
-    return path.with_suffix(".zarr")
-
-
-FORMATS: dict[str, Callable[[Path], Path]] = {
+MICRONS = {"axes": "ZYX", "PhysicalSizeX": 1.0}
+FORMATS: dict[str, Callable[[Path], Any]] = {
     "a.oct": lambda path: thorlabs(path, counts().astype(np.float32)),
     "b.oct": lambda path: thorlabs(path, counts().astype(np.float32), compression=8),
     "c.OCT": lambda path: bioptigen(path, counts()),
     "d.vol": lambda path: heidelberg(path, counts().astype(np.float32)),
-    "e.tif": ome,
-    "f.tif": zlib_tiff,
+    "e.tif": lambda path: tifffile.imwrite(path, counts(), metadata=MICRONS, ome=True),
+    "f.tif": lambda path: tifffile.imwrite(path, counts(), compression="zlib", metadata=None),
     "g.nii": lambda path: nifti(path, np.eye(4)),
     "h.nii.gz": lambda path: nifti(path, np.eye(4)),
     "i.nrrd": write_nrrd,
     "j.nrrd": lambda path: write_nrrd(path, encoding="gzip"),
-    "k.dcm": multiframe,
+    "k.dcm": lambda path: write_enhanced(path, UPRIGHT),
     "l.h5": hdf5,
-    "m.mat": mat,
-    "n.npz": npz,
-    "o.npz": zipped_npz,
-    "p.zarr": zarr,
+    "m.mat": lambda path: savemat(path, {"V": counts()}),
+    "n.npz": lambda path: np.savez(path, volume=counts(), voxel_mm=[0.1] * 3),
+    "o.npz": lambda path: np.savez_compressed(path, volume=counts()),
+    "p.zarr": lambda path: write_scan_zarr(path, scan()),
 }
 
 
 @pytest.mark.parametrize("name", list(FORMATS))
 def test_bytes_gone_wrong_end_with_a_reason(tmp_path: Path, name: str) -> None:
-    path = FORMATS[name](tmp_path / name)
+    path = tmp_path / name
+    FORMATS[name](path)
     file = path / "0" / ".zarray" if path.is_dir() else path
     good = file.read_bytes()
     rng = np.random.default_rng(7)

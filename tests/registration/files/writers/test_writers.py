@@ -1,7 +1,5 @@
 """Scan writers: round trip, and metadata for other readers."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from pathlib import Path
@@ -10,8 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from registration import Scan, read_scan
-from registration.errors import RegistrationError
+from registration import RegistrationError, Scan, read_scan
 from registration.files.writers import write_scan, write_scan_oct, write_scan_zarr
 from sim.devices.scanner import OctOptions, simulate_oct
 from sim.gcode.deposit.lay import Deposit

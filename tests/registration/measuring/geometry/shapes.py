@@ -3,8 +3,6 @@
 No scanner in between: zones are held against analytic truth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -13,7 +11,7 @@ import manifold3d
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from design.network import VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.solids.solid import Solid
 from kernels.arrays import FloatArray
 from registration.alignment import Fit, Uncertainty
@@ -32,8 +30,9 @@ from registration.measuring.geometry import (
     lay_on_datums,
     outer_faces,
 )
-from registration.segmentation import GelField, Segmentation
-from registration.segmentation.mesh import surface_mesh
+from registration.segmentation import Segmentation
+from tests.design.networks import network as network_of
+from tests.registration import parts
 from tests.registration.parts import lumens, solid
 
 BLOCK = np.array([8.0, 5.0, 2.6])
@@ -63,13 +62,7 @@ AS_DESIGNED = (
 @cache
 def network() -> VesselNetwork:
     ends = [end for one in AS_DESIGNED for end in (one.start, one.end)]
-    return VesselNetwork.from_segments(
-        np.array(ends, dtype=float),
-        np.array([(0, 1), (2, 3), (4, 5)]),
-        np.array(RADIUS),
-        np.full(3, 4),
-        np.zeros(3),
-    )
+    return network_of(ends, [(0, 1), (2, 3), (4, 5)], RADIUS, VesselKind.CHANNEL)
 
 
 @cache
@@ -110,10 +103,7 @@ def segmented(
     if noise_mm > 0:
         rough = gaussian_filter(np.random.default_rng(seed).normal(size=gel.shape), 1.0)
         gel = gel + noise_mm * rough / rough.std()
-    values = np.clip(0.5 - gel / 0.3, 0, 1).astype(np.float32)
-    field = GelField(values, 0.5, 1.0, np.full(3, VOXEL), scan[0, 0, 0], blur_mm=0.02)
-    surface, outward, seen = surface_mesh(field, None, 0.3)
-    return Segmentation(field, surface, outward, seen, 10.0, None)
+    return parts.segmented(np.clip(0.5 - gel / 0.3, 0, 1), VOXEL, scan[0, 0, 0], 0.02)
 
 
 def scene(found: Segmentation, fit: Fit = IDENTITY, errors: ScanErrors = EXACT) -> Scene:

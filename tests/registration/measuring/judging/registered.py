@@ -1,7 +1,5 @@
 """Handmade registration numbers for judging tests."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

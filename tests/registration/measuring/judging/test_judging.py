@@ -1,7 +1,5 @@
 """Decisions on sections, vessels and prints against tolerances."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -71,12 +69,19 @@ def test_what_lies_within_its_interval_of_a_limit_is_undecided() -> None:
     assert {d["decision"] for d in found["findings"]} == {"undecided"}
 
 
-def test_a_withdrawn_interval_is_undecided() -> None:
+def test_a_section_whose_interval_was_withdrawn_is_undecided_and_fails_nothing() -> None:
     row = vessel(0, np.zeros(20), u_um=SURE)
     row["interval_95_um"][7] = None
     found = judged(row)
     assert found["vessels"][0]["decision_along"][7] == "undecided"
     assert [d["decision"] for d in found["findings"]] == ["undecided"]
+    # Nor though what the vessel's sections share is known.
+    row = vessel(0, np.where(np.arange(30) == 4, 400.0, noise(30, 3.0)), u_um=SURE)
+    row["interval_95_um"][4] = None
+    row["measured_interval_95_um"] = SURE
+    found = judged(row)
+    assert found["vessels"][0]["decision_along"][4] == "undecided"
+    assert found["judging"]["decision"] == "undecided"
 
 
 @pytest.mark.parametrize(
@@ -94,19 +99,15 @@ def test_what_wasnt_seen_or_measured_isnt_a_pass(name: str, said: str) -> None:
     assert any(said in reason(one) for one in found["judging"]["features"])
 
 
-def test_sides_of_a_tolerance_are_judged_apart() -> None:
+def test_sides_of_a_tolerance_are_judged_apart_and_the_tighter_limit_counts() -> None:
     tolerances = Tolerances(VesselLimits(Limit(minus_percent=5, plus_percent=10)))
     wide, narrow = (vessel(n, np.full(20, e), u_um=5.0) for n, e in ((0, 40.0), (1, -40.0)))
     found = judge(registration(wide, narrow), tolerances)
     assert [row["decision"] for row in found["vessels"]] == ["pass", "fail"]
     assert found["findings"][0]["limit"] == "+10/\N{MINUS SIGN}5 %"
-
-
-def test_the_tighter_of_percent_and_length_counts() -> None:
     limit = Limit(minus_percent=10, plus_percent=10, minus_um=20, plus_um=20)
-    found = judge(
-        registration(vessel(0, np.full(20, 40.0), u_um=5.0)), Tolerances(VesselLimits(limit))
-    )
+    row = vessel(0, np.full(20, 40.0), u_um=5.0)
+    found = judge(registration(row), Tolerances(VesselLimits(limit)))
     assert found["vessels"][0]["decision"] == "fail"
 
 
@@ -117,15 +118,13 @@ def test_a_later_override_counts_and_a_vessel_that_isnt_there_is_named() -> None
     rows = [vessel(n, np.full(20, 60.0), u_um=5.0) for n in (0, 1)]
     found = judge(registration(*rows), Tolerances(overrides=(by_kind, by_number)))
     assert [row["decision"] for row in found["vessels"]] == ["pass", "fail"]
-    with pytest.raises(ToleranceError, match=r"vessel 7 isn't in the network.*vessels 0 to 1"):
-        judge(
-            registration(*rows), Tolerances(overrides=(Override(frozenset({7}), frozenset(), {}),))
-        )
-    with pytest.raises(ToleranceError, match="kind 'vein'"):
-        judge(
-            registration(*rows),
-            Tolerances(overrides=(Override(frozenset(), frozenset({"vein"}), {}),)),
-        )
+    for numbers, kinds, said in (
+        ({7}, (), r"vessel 7 isn't in the network.*vessels 0 to 1"),
+        ((), {"vein"}, "kind 'vein'"),
+    ):
+        override = Override(frozenset(numbers), frozenset(kinds), {})
+        with pytest.raises(ToleranceError, match=said):
+            judge(registration(*rows), Tolerances(overrides=(override,)))
 
 
 def test_features_have_limits_of_their_own() -> None:
@@ -152,8 +151,7 @@ DENIED = {"kind": "stenosis", "size_um": -20.0, "error_um": 23.0, "percent": -4.
 
 
 def test_a_change_that_its_own_interval_denies_isnt_listed() -> None:
-    errors = np.where((np.arange(40) > 15) & (np.arange(40) < 20), -20.0, 0.0)
-    row = vessel(0, errors, u_um=23.0)
+    row = vessel(0, errors_within(-20.0), u_um=23.0)
     found = judged(row, defects=[change(0, 1.9, 2.4, **DENIED)])
     assert found["findings"] == found["defects"] == []
     assert judge_plain(found, 100.0, 10.0) == found
@@ -167,7 +165,7 @@ def test_judging_again_gives_the_same_and_a_wider_tolerance_clears() -> None:
     assert [d["decision"] for d in wider["findings"]] == ["pass"]
 
 
-def test_closed_sections_belong_to_their_occlusion() -> None:
+def test_closed_sections_are_their_occlusions_and_nothing_fails_on_an_unsure_axis() -> None:
     errors = np.zeros(40)
     errors[10:20] = -500.0
     plug = change(0, 1.22, 2.38) | {"kind": "occlusion", "size_um": 1160.0, "percent": None}
@@ -177,12 +175,6 @@ def test_closed_sections_belong_to_their_occlusion() -> None:
     found = judged(row, defects=[plug])
     assert [(d["kind"], d["decision"]) for d in found["findings"]] == [("occlusion", "fail")]
     assert set(found["vessels"][0]["decision_along"][10:20]) == {"fail"}
-
-
-def test_nothing_fails_nor_is_open_on_an_axis_that_may_not_follow_its_lumen() -> None:
-    errors = np.zeros(40)
-    errors[10:20] = -500.0
-    plug = change(0, 1.22, 2.38) | {"kind": "occlusion", "size_um": 1160.0, "percent": None}
     leak = change(0, 1.3, 1.5) | {"kind": "leak", "size_um": 200.0, "percent": None}
     rows = vessel(0, errors, u_um=SURE, open=False), vessel(1, np.zeros(40), u_um=SURE)
     numbers = registration(*rows, defects=[plug, leak], perfusion={"vessels": []})
@@ -250,19 +242,27 @@ def test_a_vessel_at_its_limit_fails_in_fewer_than_one_of_a_hundred() -> None:
     assert failed <= 0.01 * trials
 
 
-def test_a_change_found_in_pieces_is_one_finding() -> None:
-    pieces = [change(0, low, low + 0.4) for low in (0.6, 1.8, 3.0)]
-    found = judged(vessel(0, np.full(40, 90.0), u_um=SURE), defects=pieces)
-    (finding,) = found["findings"]
-    assert (finding["decision"], finding["local"]) == ("fail", True)
-    assert (finding["from_mm"], finding["to_mm"]) == (0, pytest.approx(4.8))
+def errors_within(height: float) -> np.ndarray:
+    return np.where((np.arange(40) > 15) & (np.arange(40) < 20), height, 0.0)
 
 
-def test_a_run_within_a_change_is_the_same_finding() -> None:
-    errors = np.where((np.arange(40) > 15) & (np.arange(40) < 20), 80.0, 0.0)
-    found = judged(vessel(0, errors, u_um=SURE), defects=[change(0, 1.7, 2.5)])
+@pytest.mark.parametrize(
+    ("errors", "changes", "decision"),
+    [
+        (np.full(40, 90.0), [(0.6, 1.0), (1.8, 2.2), (3.0, 3.4)], "fail"),
+        (errors_within(80.0), [(1.7, 2.5)], "fail"),
+        (errors_within(30.0), [(1.9, 2.4)], "pass"),
+    ],
+    ids=["found in pieces", "a run within", "within tolerance"],
+)
+def test_a_change_is_one_finding_and_within_tolerance_a_pass(errors, changes, decision) -> None:
+    defects = [change(0, low, high) for low, high in changes]
+    found = judged(vessel(0, errors, u_um=SURE), defects=defects)
     (finding,) = found["findings"]
-    assert (finding["decision"], finding["local"]) == ("fail", True)
+    assert (finding["decision"], finding["local"]) == (decision, True)
+    assert found["judging"]["decision"] == decision
+    if len(changes) > 1:
+        assert (finding["from_mm"], finding["to_mm"]) == (0, pytest.approx(4.8))
 
 
 def test_limits_of_one_side_are_said_as_such() -> None:
@@ -276,25 +276,6 @@ def test_what_fails_as_the_narrowest_is_a_fail_in_the_list_too() -> None:
     errors[12:15] = -60.0
     found = judge(registration(vessel(0, errors, u_um=3.0)), Tolerances(limits))
     assert [one["decision"] for one in found["findings"]] == ["fail"]
-    assert (
-        found["findings"][0]["limit"] == "+10/\N{MINUS SIGN}20 % and not below \N{MINUS SIGN}15 µm"
-    )
+    said = "+10/\N{MINUS SIGN}20 % and not below \N{MINUS SIGN}15 µm"
+    assert found["findings"][0]["limit"] == said
     assert found["vessels"][0]["lower_um"][0] == 485.0
-
-
-def test_a_section_without_an_interval_fails_nothing() -> None:
-    """Though what the vessel's sections share is known."""
-    row = vessel(0, np.where(np.arange(30) == 4, 400.0, noise(30, 3.0)), u_um=SURE)
-    row["interval_95_um"][4] = None
-    row["measured_interval_95_um"] = SURE
-    found = judged(row)
-    assert found["vessels"][0]["decision_along"][4] == "undecided"
-    assert found["judging"]["decision"] == "undecided"
-
-
-def test_a_change_within_tolerance_stays_in_the_list_as_a_pass() -> None:
-    errors = np.where((np.arange(40) > 15) & (np.arange(40) < 20), 30.0, 0.0)
-    found = judged(vessel(0, errors, u_um=SURE), defects=[change(0, 1.9, 2.4)])
-    (finding,) = found["findings"]
-    assert (finding["decision"], finding["local"]) == ("pass", True)
-    assert found["judging"]["decision"] == "pass"

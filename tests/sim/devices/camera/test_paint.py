@@ -1,7 +1,5 @@
 """Simulated pictures: ink where the camera must see it, the same bytes, marks that are found."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Simulated scanners: signal physics, true pose, reproducibility."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numba
@@ -128,9 +126,14 @@ def test_microct_shows_ink_that_is_the_gel_bright_in_dark_liquid() -> None:
         (lambda: MicroCtOptions(gel_counts=1e6), "gel_counts"),
         (lambda: Placing(shift_mm=2.0, margin_mm=0.5), "margin_mm"),
         (lambda: Placing(shrink=(0.1, 1, 1)), "shrink"),
+        (lambda: Defect("bulge", AXIS, RADIUS, 3.0), "length_mm"),
+        (lambda: Defect("missing", AXIS[:1], RADIUS), "two or more"),
+        (lambda: Defect("missing", AXIS, 0.0), "radius_mm"),
+        (lambda: Defect("stenosis", AXIS, RADIUS, 3.0, 1.0, left=1.0), "left"),
+        (lambda: with_defects(bored(), [Defect("missing", AXIS + 50, 0.3)]), "outside"),
     ],
 )
-def test_impossible_options_are_refused(build: object, reason: str) -> None:
+def test_impossible_options_and_defects_are_refused(build: object, reason: str) -> None:
     with pytest.raises(ScannerError, match=reason):
         build()  # type: ignore[operator]
 
@@ -195,21 +198,6 @@ def test_in_sacrificial_ink_gel_and_lumen_change_places() -> None:
     ]
     in_gel, in_ink = with_defects(gel, defects), with_defects(ink, defects)
     np.testing.assert_array_equal(in_ink.volume, 255 - in_gel.volume)
-
-
-@pytest.mark.parametrize(
-    ("defect", "reason"),
-    [
-        (lambda: Defect("bulge", AXIS, RADIUS, 3.0), "length_mm"),
-        (lambda: Defect("missing", AXIS[:1], RADIUS), "two or more"),
-        (lambda: Defect("missing", AXIS, 0.0), "radius_mm"),
-        (lambda: Defect("stenosis", AXIS, RADIUS, 3.0, 1.0, left=1.0), "left"),
-        (lambda: with_defects(bored(), [Defect("missing", AXIS + 50, 0.3)]), "outside"),
-    ],
-)
-def test_impossible_defects_are_refused(defect, reason: str) -> None:
-    with pytest.raises(ScannerError, match=reason):
-        defect()
 
 
 # Simulated OCT of a field in place: a part of it is seen as in a scan of all of it.

@@ -1,7 +1,5 @@
 """Assignment of executed blocks to G-code lines, despite lines inserted by a host."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -29,9 +27,7 @@ def test_the_file_s_commands_are_found_in_their_order_and_all_else_is_the_host_s
     assert [job.take(line) for line in said] == [0, -1, 1, -1, -1, 2, 3, 4, 5, -1]
     assert job.take(b"N0 M110 N0*125") == -1
     assert job.find(b"N1 G90*12") == job.take(b"N1 G90*12") == 0
-
-
-def test_a_host_s_m400_in_place_of_the_file_s_shifts_nothing() -> None:
+    # An M400 of the host in place of the file's shifts nothing.
     job = JobLines(FILE, PRINTER)
     said = [b"G90", b"G1 X1  F600", b"M400", b"M400", b"M114", b"G1 X2"]
     assert [job.take(line) for line in said] == [0, 1, 2, -1, -1, 3]

@@ -1,7 +1,5 @@
 """Slow oracle of the shaft checker: samples all tip places against all ink."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

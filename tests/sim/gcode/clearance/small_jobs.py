@@ -1,7 +1,5 @@
 """Handwritten small jobs with their networks, for the shaft checker."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

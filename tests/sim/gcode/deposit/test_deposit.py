@@ -1,7 +1,5 @@
 """Deposit model, against areas, volumes and a slow painter."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numba
@@ -14,6 +12,7 @@ from sim.gcode.deposit.lay import deposit
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.deposit.written import united
 from sim.gcode.motion.executed import ExecutedMotion
+from tests.sim.motions import moved
 
 AREA = 16.69
 WIDTH, HEIGHT = 0.15, 0.06
@@ -21,13 +20,7 @@ WIDTH, HEIGHT = 0.15, 0.06
 
 def motion(points: list[tuple[float, float, float]], volume: list[float]) -> ExecutedMotion:
     """Blocks from point to point; ``volume`` in µL each."""
-    where = np.array(points, dtype=float)
-    plunger = np.concatenate([[0.0], np.cumsum(volume)]) / AREA
-    time = np.arange(len(where), dtype=float)
-    return ExecutedMotion(
-        where[:-1], where[1:], plunger[:-1], plunger[1:], time[:-1], time[1:],
-        np.arange(len(volume)),
-    )  # fmt: skip
+    return moved(points, volume, AREA)
 
 
 def hatch(layers: int = 3, lines: int = 10, length: float = 4.0) -> ExecutedMotion:
@@ -168,12 +161,9 @@ def test_deposit_is_the_same_on_one_thread() -> None:
     np.testing.assert_array_equal(one, many)
 
 
-def test_motion_without_ink_is_refused() -> None:
+def test_no_ink_and_a_grid_too_large_are_refused() -> None:
     with pytest.raises(DepositError, match="nothing was deposited"):
         deposit(motion([(0.0, 0, 0), (1, 0, 0)], [0.0]), AREA, 0.02)
-
-
-def test_a_grid_too_large_is_refused_with_its_size() -> None:
     far = motion([(0.0, 0, 0.06), (200, 0, 0.06), (200, 200, 0.12), (0, 200, 0.12)], [1.0, 0, 1.0])
     with pytest.raises(DepositError, match="larger voxel_mm"):
         deposit(far, AREA, 0.005)

@@ -1,18 +1,39 @@
-"""Several heads in reader, simulation and simulated firmwares."""
+"""Several heads, and valves of pneumatic ones: reader, simulation, firmwares, deposits."""
 
-from __future__ import annotations
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
-from firmware_profiles import Head, Offset, Printer, load
+from design.toolpath import Toolpath
+from design.toolpath.embedded import EmbeddedOptions
+from design.toolpath.fresh import FreshOptions
+from design.toolpath.gcode import GcodeOptions, write_gcode
+from firmware_profiles import Head, Offset, Printer, Syringe, load
 from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.reprapfirmware.printer import DuetPrinter
-from sim.gcode.deposit.lay import deposit
-from sim.gcode.dry_run.run import dry_run
+from sim.errors import DepositError
+from sim.gcode.deposit.lay import Deposit, deposit
+from sim.gcode.deposit.pneumatic import pneumatic_deposit
+from sim.gcode.dry_run.run import DryRun, dry_run
+from sim.gcode.heads import (
+    BETWEEN,
+    CLOSED,
+    OPEN,
+    as_plunger,
+    flowing,
+    read_with_valve,
+    with_commands,
+)
+from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import read_gcode
 from sim.gcode.reading.file import read_file
+from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
+from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
 
 TWO = load(Printer, "two_syringe_marlin")
 HEADER = b"G21\nG90\nM82\nM302 P1\nM218 T1 X0 Y0 Z0\n"
@@ -100,15 +121,12 @@ def test_what_a_firmware_would_do_wrong_is_found(wrong, right, sort):
     assert sort in codes(JOB.replace(right, wrong, 1))
 
 
-def test_marlin_s_own_offset_shifts_the_frame_without_a_move_where_it_isn_t_homed():
+def test_marlin_s_own_offset_shifts_the_frame_and_moves_a_homed_carriage():
     printer = MarlinPrinter(TWO, (10, 0, 40))
     sent(printer, b"M302 P1\nM218 T1 X40 Y0 Z0\nT1 S1\n")
     assert b"X:50.00" in sent(printer, b"M114\n")
     sent(printer, b"G1 X50 Y1 F600\n")
     assert printer.executed().end[-1].tolist() == [10.0, 1.0, 40.0]
-
-
-def test_marlin_moves_a_homed_carriage_by_its_own_offset():
     printer = MarlinPrinter(TWO, (10, 0, 40))
     sent(printer, b"G28\nG1 X100 Y0 Z5 F3000\nM218 T1 X40 Y0 Z0\nT1\nM400\n")
     assert printer.executed().end[-1].tolist() == [60.0, 0.0, 5.0]
@@ -182,3 +200,204 @@ def _with(printer, number, **changes):
     data = printer.model_dump(mode="json")
     data["heads"][number] |= changes
     return data
+
+
+# Valve: switching, flow times, where ink lies
+
+
+PNEUMATIC = load(Printer, "pneumatic_marlin")
+HEAD = PNEUMATIC.pneumatic
+assert HEAD is not None
+VALVE_START = (100.0, 100.0, 10.0)
+
+
+def of(printer: Printer = PNEUMATIC, **changes: Any) -> Printer:
+    return printer.model_copy(update={"dispenser": HEAD.model_copy(update=changes)})
+
+
+def run(*lines: str, printer: Printer = PNEUMATIC) -> DryRun:
+    return dry_run("\n".join(lines).encode(), printer, VALVE_START)
+
+
+def states(found: DryRun) -> list[int]:
+    assert found.valve is not None
+    return found.valve.state.tolist()
+
+
+@pytest.mark.parametrize(
+    ("line", "state"),
+    [
+        ("M106 P0 S255", [OPEN]),
+        ("M106 S255 P0 ; air", [OPEN]),
+        ("M106 P0 S0", [CLOSED]),
+        ("M106 P0 S128", [BETWEEN]),
+        ("M106 P1 S255", []),
+        ("M1066 P0 S255", []),
+        ("; M106 P0 S255", []),
+        ("G1 X101", []),
+    ],
+)
+def test_only_the_profile_s_own_commands_switch_the_valve(line: str, state: list[int]) -> None:
+    assert states(run("G90", line, "M400")) == state
+
+
+LINE = ["M106 P0 S255", "G4 P50", "G1 X110 F600", "M400", "M106 P0 S0", "G4 P40"]
+
+
+def test_ink_flows_from_the_opening_delay_to_the_closing_delay() -> None:
+    printer = of(opening_delay_s=0.02, closing_delay_s=0.01)
+    found = run("G0 X90 F6000", "M400", *LINE, "G0 X80", printer=printer)
+    head = printer.pneumatic
+    assert head is not None
+    assert found.valve is not None
+    ((begin, end),) = flowing(found.executed, found.program, found.valve, head)
+    first, last = 1, 1
+    assert begin == pytest.approx(found.executed.time_start[first] - 0.05 + 0.02)
+    assert end == pytest.approx(found.executed.time_end[last] + 0.01)
+
+
+def motion(times: list[tuple[float, float]]) -> ExecutedMotion:
+    count = len(times)
+    x = np.arange(count + 1.0)
+    places = np.column_stack([x, 0 * x, 0 * x])
+    start, end = np.array(times).T
+    none = np.zeros(count)
+    return ExecutedMotion(places[:-1], places[1:], none, none, start, end, np.arange(count))
+
+
+def test_each_block_gets_what_flowed_in_its_time_and_the_rest_is_laid_standing() -> None:
+    blocks = motion([(0, 1), (1, 3), (4, 5), (6, 7)])
+    laid = as_plunger(blocks, np.array([[0.5, 4.5], [5.5, 5.75]]), 2.0)
+    volume = laid.plunger_end - laid.plunger_start
+    length = np.linalg.norm(laid.end - laid.start, axis=1)
+    assert volume[length > 0].tolist() == [1.0, 4.0, 1.0, 0.0]
+    assert volume[length == 0].tolist() == [2.0, 0.5]
+    assert volume.sum() == pytest.approx(2.0 * 4.25)
+    assert (laid.start[1:] == laid.end[:-1]).all()
+
+
+def test_a_written_line_is_as_thick_as_flow_over_speed() -> None:
+    text = "\n".join(["G0 Z5 F240", "M400", *LINE, "G0 Z20 F240"]).encode()
+    found = dry_run(text, of(opening_delay_s=0.05), VALVE_START)
+    ink = pneumatic_deposit(found.executed, text, of(opening_delay_s=0.05), 1.0, 0.05)
+    # 1 µL/s at 10 mm/s: 0.1 mm², and a little more for speeding up and down.
+    assert ink.written_ul == pytest.approx(1.0, rel=0.02)
+    across = ink.volume[:, :, ink.volume.shape[2] // 2].sum() / 255 * 0.05**2
+    assert across == pytest.approx(0.1, rel=0.05)
+    assert ink.style == "embedded"
+    assert ink.standing_ul == pytest.approx(0.03, abs=5e-3)  # while it closes
+
+
+def test_travels_leave_nothing_and_a_plunger_s_printer_is_refused() -> None:
+    text = "\n".join(["M400", *LINE, "G0 Y130 F3000", "M400", *LINE[:2], "G1 X100 F600",
+                      "M400", *LINE[4:]]).encode()  # fmt: skip
+    found = dry_run(text, PNEUMATIC, VALVE_START)
+    ink = pneumatic_deposit(found.executed, text, PNEUMATIC, 1.0, 0.1)
+    y = ink.origin_mm[1] + 0.1 * np.arange(ink.volume.shape[1])
+    assert ink.volume[:, (y > 101) & (y < 129)].max() == 0
+    assert ink.volume[:, y < 101].max() == 255
+    with pytest.raises(DepositError, match="no pneumatic head"):
+        pneumatic_deposit(found.executed, text, load(Printer, "generic_marlin"), 1.0, 0.1)
+    with pytest.raises(DepositError, match="flow_ul_s"):
+        pneumatic_deposit(found.executed, text, PNEUMATIC, 0.0, 0.1)
+
+
+def test_a_host_s_own_lines_and_moves_don_t_shift_the_valve() -> None:
+    text = "\n".join(["G0 Z5 F240", "M400", *LINE, "G0 Y110 F3000", "M400", *LINE[:2],
+                      "G1 X100 F600", "G1 Y112", *LINE[3:], "G0 Z20 F240"]).encode()  # fmt: skip
+    found = dry_run(text, PNEUMATIC, VALVE_START).executed
+    plain = pneumatic_deposit(found, text, PNEUMATIC, 1.0, 0.05)
+    shifted = replace(found, line=found.line + 7)
+    moved = pneumatic_deposit(shifted, text, PNEUMATIC, 1.0, 0.05)
+    np.testing.assert_array_equal(moved.volume, plain.volume)
+    # A pause: the needle goes up and comes back between two blocks.
+    lift, at = np.array([0, 0, 20.0]), 3
+    times = found.time_end[at - 1] + np.array([0.0, 1.0, 2.0])
+    paused = ExecutedMotion(
+        np.insert(found.start, [at, at], [found.start[at], found.start[at] + lift], axis=0),
+        np.insert(found.end, [at, at], [found.start[at] + lift, found.start[at]], axis=0),
+        np.insert(found.plunger_start, [at, at], 0.0),
+        np.insert(found.plunger_end, [at, at], 0.0),
+        np.insert(found.time_start + 3 * (np.arange(len(found)) >= at), [at, at], times[:2]),
+        np.insert(found.time_end + 3 * (np.arange(len(found)) >= at), [at, at], times[1:]),
+        np.insert(found.line, [at, at], -1),
+    )
+    resumed = with_commands(paused, read_with_valve(text, PNEUMATIC, VALVE_START)[0])
+    assert resumed.line[at : at + 2].tolist() == [-1, -1]
+    np.testing.assert_array_equal(np.delete(resumed.line, [at, at + 1]), found.line)
+
+
+def test_a_motion_of_another_file_is_refused() -> None:
+    text = "\n".join(LINE).encode()
+    found = dry_run(text, PNEUMATIC, VALVE_START).executed
+    with pytest.raises(DepositError, match="aren't of the same print"):
+        pneumatic_deposit(found, text.replace(b"X110", b"X130"), PNEUMATIC, 1.0, 0.05)
+    with pytest.raises(DepositError, match="nothing moved"):
+        nothing = dry_run(b"G90", PNEUMATIC, VALVE_START).executed
+        pneumatic_deposit(nothing, text, PNEUMATIC, 1.0, 0.05)
+
+
+# The same part by air and by plunger
+
+
+AIR, PLUNGER = load(Printer, "pneumatic_marlin"), load(Printer, "generic_marlin")
+SYRINGE = load(Syringe, "hamilton_1ml")
+PLACE, ABOVE = (60.0, 70.0, 20.0), (60.0, 70.0, 60.0)
+VOXEL = 0.05
+
+
+@cache
+def fresh_way():
+    return fresh_toolpath(drilled_layer(), FreshOptions(joint_mm=0))  # as for a pneumatic head
+
+
+@cache
+def drilled_layer():
+    return as_solid(block(4, 3, 0.3) - upright(2, 1.5, 1))
+
+
+def by_plunger(toolpath: Toolpath) -> Deposit:
+    data = write_gcode(toolpath, PLUNGER, SYRINGE, PLACE, GcodeOptions(start_mm=ABOVE)).data
+    run = dry_run(data, PLUNGER, ABOVE)
+    area = math.pi / 4 * SYRINGE.inner_mm**2
+    return deposit(run.executed, area, VOXEL, plunger_step_mm=1 / PLUNGER.steps_per_mm.e)
+
+
+def by_air(toolpath: Toolpath, flow: float) -> Deposit:
+    options = GcodeOptions(start_mm=ABOVE, flow_ul_s=flow)
+    data = write_gcode(toolpath, AIR, SYRINGE, PLACE, options).data
+    return pneumatic_deposit(dry_run(data, AIR, ABOVE).executed, data, AIR, flow, VOXEL)
+
+
+def filled(ink: Deposit, at: np.ndarray) -> np.ndarray:
+    """Share of ink at points (n, 3); 0 outside the grid."""
+    index = np.rint((at - ink.origin_mm) / VOXEL).astype(int)[:, ::-1]
+    inside = ((index >= 0) & (index < ink.volume.shape)).all(axis=1)
+    found = np.zeros(len(at))
+    found[inside] = ink.volume[tuple(index[inside].T)] / 255
+    return found
+
+
+def grid(low: tuple[float, ...], high: tuple[float, ...]) -> np.ndarray:
+    axes = [np.arange(a, b, VOXEL) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def test_a_fresh_lumen_stays_open_as_by_plunger() -> None:
+    air, plunger = by_air(fresh_way(), 0.02), by_plunger(fresh_way())
+    joined = by_plunger(fresh_toolpath(drilled_layer(), FreshOptions()))
+    assert air.written_ul == pytest.approx(fresh_way().written_ul, rel=0.02)
+    assert air.volume_mm3 == pytest.approx(plunger.volume_mm3, rel=0.02)
+    at = grid((60.2, 70.2, 20.06), (63.8, 72.8, 20.25))
+    away = np.hypot(at[:, 0] - 62, at[:, 1] - 71.5)
+    assert filled(plunger, at[away < 0.42]).max() == 0
+    for ink in (air, joined):
+        assert filled(ink, at[away < 0.42]).max() == 0
+        assert filled(ink, at[away > 0.58]).mean() > 0.97
+
+
+def test_embedded_vessels_are_as_thick_as_by_plunger() -> None:
+    toolpath = embedded_toolpath(random_tree(20, 8, 3, 0.15), EmbeddedOptions())
+    air, plunger = by_air(toolpath, 0.3), by_plunger(toolpath)
+    assert air.written_ul == pytest.approx(plunger.written_ul, rel=0.03)
+    assert air.volume_mm3 == pytest.approx(plunger.volume_mm3, rel=0.04)
