@@ -12,7 +12,8 @@ import pytest
 from firmware_profiles import Printer, load
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.executed import ExecutedMotion
-from tests.printctl.machine.link.layered import HEADER, START, layered
+from tests.printctl.machine.link.layered import layered
+from tests.printctl.machine.link.simulated import HEADER, START
 from tests.sim_process import printer_process
 from tests.system.cli import called as in_this_process
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+import yaml
+
 from firmware_profiles import Printer, load
 from printctl.machine.link import job
 from printctl.machine.link.job import Job
@@ -32,3 +34,11 @@ def load_job(path: Path, printer: Printer = MARLIN) -> Job:
         if path.is_file()
         else job.load_job(path, printer)
     )
+
+
+def quick_profile(folder: Path) -> str:
+    """Write a printer that doesn't reset when its port is opened: no wait for its boot."""
+    path = folder / "quick.yaml"
+    facts = MARLIN.model_copy(update={"resets_on_connect": False})
+    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
+    return str(path)

@@ -16,14 +16,12 @@ from printctl.machine.link.families import protocol_for
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.transport_serial import SerialTransport
-from printctl.machine.link.wiring import Wiring
 from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.devices.faults import Fault
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
 from tests.printctl.machine.link.simulated import (
     HEADER,
     PRINTER,
@@ -31,6 +29,7 @@ from tests.printctl.machine.link.simulated import (
     gcode,
     printed,
     same_motion,
+    wired,
 )
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport
 
@@ -139,12 +138,13 @@ def test_print_goes_on_within_two_seconds_of_the_lines_return(tmp_path, dead_s, 
 )
 def test_print_on_other_boards_goes_on_too(tmp_path, profile, header, dead_s, held, down, up):
     facts = load(Printer, profile)
-    job = parse_job(header + b"G90\nM82\n" + gcode(300).split(b"\n", 4)[4], "test.gcode", facts)
+    job = parse_job(
+        header + b"G90\nM82\n" + gcode(300, b"G92 X50 Y50 Z10 E0\n"), "test.gcode", facts
+    )
 
     def made(line: DeadLine) -> ExecutedMotion:
         (folder := tmp_path / str(line.ends_s)).mkdir()
-        journal, protocol = journal_in(folder), protocol_for(facts, 0.05)
-        status = Streamer(Wiring(line, protocol, line.clock, journal, facts), job).run()
+        status = wired(line, folder, job, facts, protocol=protocol_for(facts, 0.05)).run()
         assert status.state is LinkState.DONE
         assert_told_truly(status.message, line.printer.executed())
         return line.printer.executed()

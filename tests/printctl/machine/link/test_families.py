@@ -7,16 +7,15 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import Halting
 from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import zigzag
-from tests.printctl.machine.link.jobs import parse_job, with_codes
+from tests.printctl.machine.link.jobs import with_codes
 from tests.printctl.machine.link.protocols import made_protocol
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
+from tests.printctl.machine.link.simulated import wired
 
 FAKES = {"reprapfirmware": FakeDuet, "klipper": FakeKlipper}
 JOB = [b"G90", b"M82", b"G92 E0", b"G1 Z0.5 F300", *zigzag(40)]
@@ -29,16 +28,9 @@ def facts(firmware: str) -> Printer:
 
 
 def streamer_of(firmware: str, fake, folder, job=JOB, answer=None) -> Streamer:
-    clock = VirtualClock()
-    printer = facts(firmware)
-    wiring = Wiring(
-        transport=ScriptedTransport(answer or fake.receive, clock),
-        protocol=made_protocol(firmware),
-        clock=clock,
-        journal=Journal(folder / "journal.log"),
-        printer=printer,
-    )
-    return Streamer(wiring, parse_job(b"\n".join(job), "test.gcode", printer))
+    transport = ScriptedTransport(answer or fake.receive, VirtualClock())
+    protocol, lines = made_protocol(firmware), b"\n".join(job)
+    return wired(transport, folder, lines, facts(firmware), protocol=protocol)
 
 
 def after_handshake(executed: list[str]) -> list[str]:

@@ -9,48 +9,32 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.machine.link import LinkState, resume_print, start_print
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import PortLost
 from printctl.machine.link.families import protocol_for
-from printctl.machine.link.journal import Journal
 from printctl.machine.link.states import Status
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
 from sim.devices.board.controller import FaultPlan
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.devices.faults import Fault, FaultFile
 from sim.gcode.motion.executed import ExecutedMotion
-from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.jobs import quick_profile
+from tests.printctl.machine.link.simulated import PRINTER, START, gcode, same_motion, wired
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport
 
 REPO = Path(__file__).parents[4]
-PRINTER = load(Printer, "generic_marlin")
-START = (50.0, 50.0, 10.0)
 UNKNOWN = "position_unknown"
 HEADER = b"M302 P1\nG90\nM82\nM85 S600\nM140 S37\nM109 S40\nG92 X50 Y50 Z10 E0\n"
-
-
-def gcode(moves: int, header: bytes = HEADER) -> bytes:
-    lines = [
-        b"G1 X%.3f Y%.3f E%.5f F1800" % (50 + i % 2 * 3.5, 50 + i % 40 * 0.25, 0.0035 * (i + 1))
-        for i in range(moves)
-    ]
-    return header + b"\n".join(lines) + b"\n"
 
 
 def printed(data: bytes, folder: Path, faults: dict) -> tuple[Status, SimulatedTransport]:
     file = FaultFile.model_validate(faults)
     printer, clock = MarlinPrinter(PRINTER, START, faults=file.at), VirtualClock()
     transport = SimulatedTransport(printer, clock, file, np.random.default_rng(file.seed))
-    journal = Journal(folder / "journal.log")
-    wiring = Wiring(transport, MarlinProtocol(), clock, journal, PRINTER)
-    return Streamer(wiring, parse_job(data, "test.gcode")).run(), transport
+    return wired(transport, folder, data).run(), transport
 
 
 def heaters(transport: SimulatedTransport) -> tuple[float, float]:
@@ -68,12 +52,10 @@ def heaters(transport: SimulatedTransport) -> tuple[float, float]:
     ],
 )
 def test_faults_of_the_cable_are_got_over(tmp_path, fault):
-    status, transport = printed(gcode(300), tmp_path, {"seed": 3, "at": [fault]})
+    status, transport = printed(gcode(300, HEADER), tmp_path, {"seed": 3, "at": [fault]})
     assert status.state is LinkState.DONE, status
-    clean = printed(gcode(300), tmp_path, {})[1]
-    found, wanted = transport.printer.executed(), clean.printer.executed()
-    assert np.array_equal(found.end, wanted.end)
-    assert np.array_equal(found.plunger_end, wanted.plunger_end)
+    clean = printed(gcode(300, HEADER), tmp_path, {})[1]
+    assert same_motion(transport.printer.executed(), clean.printer.executed())
 
 
 @pytest.mark.parametrize(
@@ -88,7 +70,7 @@ def test_faults_of_the_cable_are_got_over(tmp_path, fault):
 def test_faults_of_the_board_end_as_documented_with_heaters_off(
     tmp_path, fault, moment, state, word
 ):
-    status, transport = printed(gcode(2000), tmp_path, {"at": [fault | moment]})
+    status, transport = printed(gcode(2000, HEADER), tmp_path, {"at": [fault | moment]})
     assert (status.state, status.position_known) == (state, False)
     assert word in status.message
     assert heaters(transport) == (0, 0)
@@ -130,11 +112,8 @@ def test_faults_of_other_boards_end_as_documented_too(tmp_path, profile, header,
     printer.plan = FaultPlan([Fault(fault=fault, line=60)])
     transport = SimulatedTransport(printer, clock)
     ended = moments_of(printer, "reset", "kill")
-    wiring = Wiring(
-        transport, protocol_for(facts, 0.05), clock, Journal(tmp_path / "journal.log"), facts
-    )
     data = gcode(2000, header + b"G90\nM82\nM140 S37\nM109 S40\nG92 X50 Y50 Z10 E0\n")
-    status = Streamer(wiring, parse_job(data, "test.gcode")).run()
+    status = wired(transport, tmp_path, data, facts, protocol=protocol_for(facts, 0.05)).run()
     assert status.state in states, status
     assert not status.position_known
     assert clock.now() - ended[-1] < 10.0
@@ -153,7 +132,7 @@ def test_endstop_that_is_never_found_ends_as_killed_before_the_first_move(tmp_pa
 
 def test_pulled_cable_ends_as_failed_and_the_firmware_switches_off(tmp_path):
     fault = {"fault": "unplug", "line": 100}
-    status, transport = printed(gcode(2000), tmp_path, {"at": [fault]})
+    status, transport = printed(gcode(2000, HEADER), tmp_path, {"at": [fault]})
     assert (status.state, status.error) == (LinkState.FAILED, "PortLost")
     with pytest.raises(PortLost):
         transport.write(b"M105\n")
@@ -166,14 +145,13 @@ def test_pulled_cable_ends_as_failed_and_the_firmware_switches_off(tmp_path):
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 def test_print_goes_on_exactly_when_the_cable_is_plugged_in_again(tmp_path):
-    facts = PRINTER.model_copy(update={"resets_on_connect": False})
-    (tmp_path / "printer.yaml").write_text(yaml.safe_dump(facts.model_dump(mode="json")))
+    profile = quick_profile(tmp_path)
     (tmp_path / "faults.yaml").write_text(
         "noise: 0.0002\nat: [{fault: unplug, line: 400, back_after_s: 0.3}]\n"
     )
     job, record, port = (tmp_path / name for name in ("job.gcode", "moved.npz", "port"))
-    job.write_bytes(gcode(1000, b"M302 P1\nG90\nM82\nM85 S600\nG92 X50 Y50 Z10 E0\n"))
-    words = ["--printer", str(tmp_path / "printer.yaml"), "--start", "50,50,10"]
+    job.write_bytes(gcode(1000))
+    words = ["--printer", profile, "--start", "50,50,10"]
     words += ["--faults", str(tmp_path / "faults.yaml"), "--link", str(port)]
     process = subprocess.Popen(
         [sys.executable, "-m", "sim", *words, "--record", str(record)],
@@ -183,7 +161,6 @@ def test_print_goes_on_exactly_when_the_cable_is_plugged_in_again(tmp_path):
     )
     try:
         assert process.stdout.readline().strip() == str(port)
-        profile = str(tmp_path / "printer.yaml")
         outcome = start_print(job, profile, str(port), tmp_path / "run").wait(300)
         assert (outcome.state, outcome.error) == (LinkState.FAILED, "PortLost")
         for _ in range(100):

@@ -17,17 +17,13 @@ from printctl.machine.link.journalled_print import JournalledPrint, read_journal
 from printctl.machine.link.ports import PortPrograms
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
 from tests.printctl.machine.link.sim_transport import SimTransport
-from tests.printctl.machine.link.simulated import PRINTER, START, gcode, wire
-from tests.printctl.machine.link.simulated import printed as printed_foreign_changes
-from tests.printctl.machine.link.simulated import printed as printed_meddled_pause
+from tests.printctl.machine.link.simulated import PRINTER, START, gcode, wire, wired
+from tests.printctl.machine.link.simulated import printed as printed_shared
 from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 from tests.slower import first_of
 
@@ -181,11 +177,10 @@ def test_another_program_s_line_on_other_boards_pauses_once_and_is_told(tmp_path
             streamer.resume()
         states.append(status.state)
 
-    data = head + b"G90\nM82\n" + gcode(200).split(b"\n", 4)[4]
+    data = gcode(200, head + b"G90\nM82\nG92 X50 Y50 Z10 E0\n")
     wire = Meddled(simulated_printer(facts)(facts, START), VirtualClock())
-    protocol, journal = protocol_for(facts, 0.05), journal_in(tmp_path)
-    wiring = Wiring(wire, protocol, wire.clock, journal, facts, on_status=on_status)
-    streamer = Streamer(wiring, parse_job(data, "test.gcode", facts))
+    protocol = protocol_for(facts, 0.05)
+    streamer = wired(wire, tmp_path, data, facts, protocol=protocol, on_status=on_status)
     status = streamer.run()
     assert (status.state, status.position_known) == (LinkState.DONE, False), status
     assert states.count(LinkState.PAUSED) == 1
@@ -214,7 +209,7 @@ class SharedWire(SimTransport):
 
 def shared(folder: Path, text: bytes, *after: bytes) -> tuple[Status, ExecutedMotion]:
     wire = SharedWire(text, b" E0.07000 ", *after)
-    status, _ = printed_foreign_changes(gcode(MOVES), folder, wire)
+    status, _ = printed_shared(gcode(MOVES), folder, wire)
     return status, wire.printer.executed()
 
 
@@ -287,9 +282,7 @@ def test_a_stop_ends_a_wait_for_a_person_at_the_printers_button(tmp_path):
     def on_status(_: Status) -> None:
         wire.streamer = kept[0]
 
-    status, _ = printed_foreign_changes(
-        gcode(MOVES), tmp_path, wire, on_status=on_status, keep=kept
-    )
+    status, _ = printed_shared(gcode(MOVES), tmp_path, wire, on_status=on_status, keep=kept)
     assert status.state is LinkState.STOPPED
     alarms = " ".join(read_journal(tmp_path / "journal.log").alarms)
     assert "waits for somebody to press its own button" in alarms
@@ -297,7 +290,7 @@ def test_a_stop_ends_a_wait_for_a_person_at_the_printers_button(tmp_path):
 
 def test_heater_that_another_program_switches_on_is_set_back(tmp_path):
     wire = SharedWire(b"M140 S60\n", b" E0.07000 ")
-    status, _ = printed_foreign_changes(gcode(MOVES), tmp_path, wire)
+    status, _ = printed_shared(gcode(MOVES), tmp_path, wire)
     assert status.state is LinkState.DONE
     assert wire.printer.machine.heat.bed.target_c == 0
     alarms = " ".join(read_journal(tmp_path / "journal.log").alarms)
@@ -308,7 +301,7 @@ def test_heater_that_another_program_switches_on_is_set_back(tmp_path):
 def test_heater_that_is_too_hot_before_the_first_line_is_refused(tmp_path, celsius, told):
     wire = SharedWire(b"", b" E0.07000 ")
     wire.printer.receive(b"M140 S%d\n" % celsius)
-    status, _ = printed_foreign_changes(gcode(MOVES), tmp_path, wire)
+    status, _ = printed_shared(gcode(MOVES), tmp_path, wire)
     assert (status.state is LinkState.FAILED) == told
     assert (f"the bed is set to {celsius} °C, above 45 °C" in status.message) == told
 
@@ -328,7 +321,7 @@ def test_garbled_target_is_not_believed(tmp_path):
             return data
 
     wire = Garbled(b"M105\n", b" E0.07000 ")
-    status, _ = printed_foreign_changes(b"M140 S30\n" + gcode(MOVES), tmp_path, wire)
+    status, _ = printed_shared(b"M140 S30\n" + gcode(MOVES), tmp_path, wire)
     assert status.state is LinkState.DONE
     assert wire.times > 1
     assert wire.printer.machine.heat.bed.target_c == 30
@@ -355,7 +348,7 @@ def resumed_after(folder: Path, text: bytes) -> tuple[Status, ExecutedMotion]:
         elif status.state is LinkState.PAUSED and "job says" in status.message:
             kept[0].stop()
 
-    status, _ = printed_meddled_pause(gcode(MOVES), folder, shared, on_status=on_status, keep=kept)
+    status, _ = printed_shared(gcode(MOVES), folder, shared, on_status=on_status, keep=kept)
     assert LinkState.PAUSED in states
     return status, shared.printer.executed()
 

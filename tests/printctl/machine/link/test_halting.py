@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.machine.link import modal
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.halting import halting_of
@@ -24,13 +23,10 @@ from printctl.machine.link.motor_run_on import MotorRunOn
 from printctl.machine.link.planned_moves import planned_moves
 from printctl.machine.link.progress import JobProgress
 from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.reading import GcodeLine, read_sent
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import wired
 
 
 @pytest.mark.parametrize(
@@ -264,15 +260,8 @@ def stopped(
             asked.append(transport.clock.now())
             streamer.stop()
 
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(folder),
-        printer=PRINTER_QUICKSTOP,
-        on_status=stop_once,
-    )
-    streamer = Streamer(wiring, parse_job((HEADER + moves).encode(), "test.gcode"))
+    job = (HEADER + moves).encode()
+    streamer = wired(transport, folder, job, PRINTER_QUICKSTOP, on_status=stop_once)
     return streamer.run(), transport, asked[0]
 
 

@@ -14,14 +14,11 @@ from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.look_book import LookDecision
 from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.states import LinkState
-from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import HEADER, PRINTER, START
 from tests.printctl.machine.link.looking import (
     EVERY_LAYER,
     Dying,
     Observer,
-    fresh,
     grown_file,
     layered,
     observed,
@@ -32,13 +29,14 @@ from tests.printctl.machine.link.looking import (
 )
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import HEADER, foreseen, wire
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.printctl.machine.link.test_families import FAKES, facts
 from tests.slower import first_of
 
 
 def test_print_is_held_after_each_layer_until_somebody_has_decided(tmp_path):
-    data, transport, observer = layered(3, 20), fresh(), Observer()
+    data, transport, observer = layered(3, 20), wire(), Observer()
     status = observed(data, tmp_path, transport, observer)
     assert status.state is LinkState.DONE, status
     looks = [one for one in observer.seen if one.state is LinkState.LOOKING]
@@ -46,8 +44,7 @@ def test_print_is_held_after_each_layer_until_somebody_has_decided(tmp_path):
     assert [one.look["layer"] for one in looks] == [0, 1, 2]
     assert looks[0].waits_for == "a decision on look 1"
     assert status.look is None
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)
+    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen(data))
 
 
 WRITES = [1, 13, 25, 37, 49, *range(7, 60, 12), *range(2, 60, 6)]
@@ -56,7 +53,7 @@ WRITES = [1, 13, 25, 37, 49, *range(7, 60, 12), *range(2, 60, 6)]
 @pytest.mark.parametrize("part", first_of([0.5, 0.0, 1.0], 1))
 @pytest.mark.parametrize("last", first_of(WRITES, 5))
 def test_host_killed_about_a_look_streams_the_insert_once(tmp_path, last, part):
-    data, transport = layered(2, 12), fresh()
+    data, transport = layered(2, 12), wire()
     observer = Dying({1: patch(data, 0)}, transport=transport, last=last, part=part)
     with pytest.raises(HostDiedError):
         observed(data, tmp_path, transport, observer)
@@ -66,7 +63,7 @@ def test_host_killed_about_a_look_streams_the_insert_once(tmp_path, last, part):
 @pytest.mark.parametrize("sort", ["look", "left", "insert", "looked"])
 @pytest.mark.parametrize("behind", [False, True])
 def test_host_killed_about_a_record_streams_the_insert_once(tmp_path, monkeypatch, sort, behind):
-    data, transport, add = layered(2, 12), fresh(), Journal.add
+    data, transport, add = layered(2, 12), wire(), Journal.add
 
     def dies(journal, name, **values):
         if name != sort or behind:
@@ -85,7 +82,7 @@ def test_host_killed_about_a_record_streams_the_insert_once(tmp_path, monkeypatc
 @pytest.mark.parametrize("park", [(20.0, 30.0, 40.0), (20.0, 30.0, 5.0)])
 @pytest.mark.parametrize("last", first_of([0, 11, 29, 2, 20, 38, *range(1, 40, 3)], 3))
 def test_parked_needle_is_led_back_after_a_kill_as_well(tmp_path, last, park):
-    data, transport = layered(2, 12), fresh()
+    data, transport = layered(2, 12), wire()
     care = replace(EVERY_LAYER, look_park_mm=park)
     observer = Dying({1: patch(data, 0)}, transport=transport, last=last)
     if last:
@@ -102,19 +99,17 @@ def test_parked_needle_is_led_back_after_a_kill_as_well(tmp_path, last, park):
 def goes_on_exactly(data, folder, transport, care=EVERY_LAYER, resume=True):
     """Go on with the same observer's words; compare with an uninterrupted print of the whole."""
     observer = Observer({1: patch(data, 0)})
-    wire = SimTransport(transport.printer, transport.clock)
-    status = observed(data, folder, wire, observer, care, resume=resume)
+    second = SimTransport(transport.printer, transport.clock)
+    status = observed(data, folder, second, observer, care, resume=resume)
     assert status.state is LinkState.DONE, status
     history = read_journal(folder / "journal.log")
     assert [one.look for one in history.inserts] == [1]
     assert [one["look"] for one in history.looked] == [1, 2]
-    foreseen = dry_run(
-        grown_file(data, history.inserts), PRINTER, START, cold_extrusion=True
-    ).executed
+    expected = foreseen(grown_file(data, history.inserts))
     made, park = transport.printer.executed(), care.look_park_mm
-    assert written(made, park) == written(foreseen, park)
-    assert np.array_equal(made.end[-1], foreseen.end[-1])
-    assert made.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
+    assert written(made, park) == written(expected, park)
+    assert np.array_equal(made.end[-1], expected.end[-1])
+    assert made.plunger_end[-1] == pytest.approx(expected.plunger_end[-1])
 
 
 def spaced(layers, lines, relieves):
@@ -134,7 +129,7 @@ def spaced(layers, lines, relieves):
 @pytest.mark.parametrize("relieves", [True, False])
 @pytest.mark.parametrize("last", first_of([0, 12, 31, *range(1, 60, 4)], 3))
 def test_looks_within_a_layer_come_between_lines_and_survive_a_kill(tmp_path, last, relieves):
-    data, transport = spaced(2, 5, relieves), fresh()
+    data, transport = spaced(2, 5, relieves), wire()
     care = Care(None, look_after=MarkKind.LAYER, look_every_written_s=0.2)
     places = [k for k, line in enumerate(parse_job(data, "a").lines) if line.startswith(b"G0 X")]
     lines = [line.replace("Z9.900", "Z10.000") for line in patch_at(data, places[2])]
@@ -143,20 +138,21 @@ def test_looks_within_a_layer_come_between_lines_and_survive_a_kill(tmp_path, la
         with pytest.raises(HostDiedError):
             observed(data, tmp_path, transport, observer, care)
     again = Observer(observer.says)
-    wire = SimTransport(transport.printer, transport.clock)
-    status = observed(data, tmp_path, wire, again, care, resume=last > 0)
+    second = SimTransport(transport.printer, transport.clock)
+    status = observed(data, tmp_path, second, again, care, resume=last > 0)
     assert status.state is LinkState.DONE, (status, again.refusals)
     history = read_journal(tmp_path / "journal.log")
     (insert,) = history.inserts
     ends = [places[2], places[4], places[5], places[7], places[9], len(parse_job(data, "a")) - 2]
     more = len(insert.lines)
     assert [one["done"] for one in history.looked] == [ends[0], *(end + more for end in ends[1:])]
-    foreseen = dry_run(grown_file(data, [insert]), PRINTER, START, cold_extrusion=True).executed
-    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)
+    assert own_strokes(transport.printer.executed()) == own_strokes(
+        foreseen(grown_file(data, [insert]))
+    )
 
 
 def test_a_look_that_nobody_decides_becomes_a_pause_with_an_alarm(tmp_path):
-    data, transport = layered(1, 12), fresh()
+    data, transport = layered(1, 12), wire()
     observer = Observer(decides=lambda number: None)
     care = replace(EVERY_LAYER, look_limit_s=33.0)
     status = observed(data, tmp_path, transport, observer, care)
@@ -171,7 +167,7 @@ def test_a_look_that_nobody_decides_becomes_a_pause_with_an_alarm(tmp_path):
 
 @pytest.mark.parametrize("decides", [LookDecision.STOP, None])
 def test_a_look_is_stopped_by_observer_or_operator(tmp_path, decides):
-    data, transport = layered(2, 12), fresh()
+    data, transport = layered(2, 12), wire()
     observer = Observer(decides=lambda number: decides)
 
     def says(status):
@@ -188,7 +184,7 @@ def test_a_look_is_stopped_by_observer_or_operator(tmp_path, decides):
 
 
 def test_the_operators_word_ends_a_look(tmp_path):
-    data, transport = layered(2, 12), fresh()
+    data, transport = layered(2, 12), wire()
     observer = Observer(decides=lambda number: None)
 
     def says(status):
@@ -214,7 +210,7 @@ def test_the_operators_word_ends_a_look(tmp_path):
     ],
 )
 def test_looks_by_way_or_time_wait_for_the_next_mark(tmp_path, care, layers):
-    data, transport, observer = layered(4, 12), fresh(), Observer()
+    data, transport, observer = layered(4, 12), wire(), Observer()
     status = observed(data, tmp_path, transport, observer, care)
     assert status.state is LinkState.DONE, status
     looks = [one.look["layer"] for one in observer.seen if one.state is LinkState.LOOKING]
@@ -230,7 +226,7 @@ def test_a_syringe_that_the_insert_empties_is_changed_earlier_or_the_insert_refu
     late = job.marks.of(MarkKind.RELOAD)[2].index
     short = replace(EVERY_LAYER, capacity_mm=2.0)
     observer = Observer({1: thirsty})
-    status = observed(data, tmp_path, fresh(), observer, short)
+    status = observed(data, tmp_path, wire(), observer, short)
     assert status.state is LinkState.DONE, status
     assert "needs more ink than is left" in observer.refusals[0]
     planned = replace(EVERY_LAYER, capacity_mm=3.1, reload_at=(late,))
@@ -242,7 +238,7 @@ def test_a_syringe_that_the_insert_empties_is_changed_earlier_or_the_insert_refu
             observer.streamer.resume(NewSyringe())
 
     observer.seen_by, observer.resumes = says, False
-    status = observed(data, tmp_path, fresh(), observer, planned)
+    status = observed(data, tmp_path, wire(), observer, planned)
     assert status.state is LinkState.DONE, (status, observer.refusals)
     paused = [one.lines_done for one in observer.seen if one.state is LinkState.PAUSED]
     assert paused == [job.marks.of(MarkKind.RELOAD)[1].index + len(thirsty)]
@@ -270,15 +266,15 @@ def test_other_families_look_and_insert_as_well(tmp_path, firmware):
 
 @pytest.mark.parametrize("last", [0, 30])
 def test_a_flow_corrected_in_a_look_changes_what_writes_behind_it(tmp_path, last):
-    data, transport = layered(4, 12), fresh()
+    data, transport = layered(4, 12), wire()
     observer = Dying({1: patch(data, 0)}, transport=transport, last=last)
     observer.flows = {1: 1.25, 2: 0.8}
     if last:
         with pytest.raises(HostDiedError):
             observed(data, tmp_path, transport, observer)
     again = Observer(observer.says, flows=observer.flows)
-    wire = SimTransport(transport.printer, transport.clock)
-    status = observed(data, tmp_path, wire, again, resume=last > 0)
+    second = SimTransport(transport.printer, transport.clock)
+    status = observed(data, tmp_path, second, again, resume=last > 0)
     assert status.state is LinkState.DONE, (status, again.refusals)
     made = transport.printer.executed()
     of_layers = np.array_split(pushes_of(made), 4)
@@ -304,7 +300,7 @@ def made(folder) -> list[tuple[int, str]]:
 
 @pytest.mark.parametrize("again", [True, False])
 def test_a_look_is_made_where_an_insert_ends_if_asked_for(tmp_path, again):
-    data, transport = layered(2, 12), fresh()
+    data, transport = layered(2, 12), wire()
     observer = Observer({1: patch(data, 0)}, looks_behind=(1,) * again)
     status = observed(data, tmp_path, transport, observer)
     assert status.state is LinkState.DONE, (status, observer.refusals)
@@ -315,13 +311,14 @@ def test_a_look_is_made_where_an_insert_ends_if_asked_for(tmp_path, again):
     assert len(places) == 2 + again
     told = [one.look["mark"] for one in observer.seen if one.look and one.look["done"] == behind]
     assert set(told) == ({"end of what was inserted"} if again else set())
-    foreseen = dry_run(grown_file(data, [insert]), PRINTER, START, cold_extrusion=True)
-    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen.executed)
+    assert own_strokes(transport.printer.executed()) == own_strokes(
+        foreseen(grown_file(data, [insert]))
+    )
 
 
 @pytest.mark.parametrize("dies_at", ["insert", "looked"])
 def test_it_is_made_by_another_host_as_well(tmp_path, monkeypatch, dies_at):
-    data, transport, add = layered(2, 12), fresh(), Journal.add
+    data, transport, add = layered(2, 12), wire(), Journal.add
     observer = Observer({1: patch(data, 0)}, looks_behind=(1,))
 
     def dies(journal, name, **values):
@@ -333,8 +330,8 @@ def test_it_is_made_by_another_host_as_well(tmp_path, monkeypatch, dies_at):
         patched.setattr(Journal, "add", dies)
         with pytest.raises(HostDiedError):
             observed(data, tmp_path, transport, observer)
-    wire, later = SimTransport(transport.printer, transport.clock), Observer()
-    status = observed(data, tmp_path, wire, later, resume=True)
+    second, later = SimTransport(transport.printer, transport.clock), Observer()
+    status = observed(data, tmp_path, second, later, resume=True)
     assert status.state is LinkState.DONE, status
     (insert,) = read_journal(tmp_path / "journal.log").inserts
     assert made(tmp_path).count(insert.after + len(insert.lines)) == 1

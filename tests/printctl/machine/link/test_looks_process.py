@@ -6,10 +6,8 @@ import os
 import signal
 
 import pytest
-import yaml
 
 from benchmarks.observe.faults import one_print
-from firmware_profiles import Printer, load
 from printctl.machine.link import LinkState, resume_print, start_print
 from printctl.machine.link.care import Care
 from printctl.machine.link.errors import Refused
@@ -17,17 +15,10 @@ from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.look_book import LookDecision
 from printctl.machine.link.marks import MarkKind
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
-from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.jobs import parse_job, quick_profile
 from tests.printctl.machine.link.looking import layered, patch, patch_at
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-
-
-def profile(folder) -> str:
-    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
-    path = folder / "test.yaml"
-    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
-    return str(path)
 
 
 def look(client, number: int) -> dict:
@@ -48,7 +39,7 @@ def test_insert_outlives_the_process_that_took_it(tmp_path):
     job.write_bytes(data)
     care, lines = Care(checkpoint_s=None, look_after=MarkKind.LAYER), patch(data, 0)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(job, profile(tmp_path), served.name, run, care=care)
+        client = start_print(job, quick_profile(tmp_path), served.name, run, care=care)
         look(client, 1)
         with pytest.raises(Refused, match="G28 may not be inserted"):
             client.looks.insert(1, ["G28"])
@@ -79,7 +70,7 @@ def test_a_stroke_held_within_and_killed_there_is_written_once(tmp_path):
     care = Care(checkpoint_s=None, look_after=MarkKind.VESSEL)
     done = parse_job(data, "a").marks.of(MarkKind.PART)[0].index
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(job, profile(tmp_path), served.name, run, care=care)
+        client = start_print(job, quick_profile(tmp_path), served.name, run, care=care)
         held = look(client, 1)
         assert (held["mark"], held["done"]) == ("end of a part of vessel 0", done)
         inside = [line.replace("Z9.900", "Z10") for line in patch_at(data, done)]
@@ -103,7 +94,7 @@ def test_a_look_that_was_heard_before_is_told_again(tmp_path):
     job.write_bytes(layered(1, 6))
     care = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=5)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(job, profile(tmp_path), served.name, run, care=care)
+        client = start_print(job, quick_profile(tmp_path), served.name, run, care=care)
         look(client, 1)
         assert next(client.events()).state is LinkState.LOOKING  # paused by the link in 5 s
         client.stop()

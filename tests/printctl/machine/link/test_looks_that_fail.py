@@ -13,12 +13,9 @@ from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.look_book import LookDecision
 from printctl.machine.link.states import LinkState
-from sim.gcode.dry_run.run import dry_run
-from tests.printctl.machine.link.layered import PRINTER, START
 from tests.printctl.machine.link.looking import (
     EVERY_LAYER,
     Observer,
-    fresh,
     grown_file,
     layered,
     observed,
@@ -27,6 +24,7 @@ from tests.printctl.machine.link.looking import (
     written,
 )
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import foreseen, wire
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 
 
@@ -50,20 +48,19 @@ def paused(observer: Observer) -> list[str]:
 
 
 def test_a_look_that_failed_is_made_again_when_the_print_goes_on(tmp_path):
-    data, transport, observer = layered(2, 12), fresh(), failing(1)
+    data, transport, observer = layered(2, 12), wire(), failing(1)
     status = observed(data, tmp_path, transport, observer)
     assert status.state is LinkState.DONE, status
     (first, _), (again, decided), (second, _) = looks_at(tmp_path)
     assert (again, decided) == (first, "go_on")
     assert second > first
     assert "makes this look again" in paused(observer)[0]
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)
+    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen(data))
 
 
 def test_a_look_that_failed_twice_is_gone_on_without(tmp_path):
     observer = failing(1, 2)
-    status = observed(layered(2, 12), tmp_path, fresh(), observer)
+    status = observed(layered(2, 12), tmp_path, wire(), observer)
     assert status.state is LinkState.DONE, status
     places = [done for done, _ in looks_at(tmp_path)]
     assert places[0] == places[1] < places[2]
@@ -76,13 +73,13 @@ def test_a_look_that_nobody_decided_is_made_again_unless_none_observes(tmp_path,
         decides=lambda number: None if number == 1 else LookDecision.GO_ON, unobserved=unobserved
     )
     care = replace(EVERY_LAYER, look_limit_s=33.0)
-    status = observed(layered(1, 12), tmp_path, fresh(), observer, care)
+    status = observed(layered(1, 12), tmp_path, wire(), observer, care)
     assert status.state is LinkState.DONE, status
     assert len(looks_at(tmp_path)) == times
 
 
 def test_a_link_that_dies_in_the_pause_makes_the_look_again_once(tmp_path):
-    data, transport, observer = layered(2, 12), fresh(), failing(1, resumes=False)
+    data, transport, observer = layered(2, 12), wire(), failing(1, resumes=False)
 
     def dies(status):
         if status.state is LinkState.PAUSED:
@@ -91,8 +88,8 @@ def test_a_link_that_dies_in_the_pause_makes_the_look_again_once(tmp_path):
     observer.seen_by = dies
     with pytest.raises(HostDiedError):
         observed(data, tmp_path, transport, observer)
-    wire, later = SimTransport(transport.printer, transport.clock), Observer()
-    status = observed(data, tmp_path, wire, later, resume=True)
+    second, later = SimTransport(transport.printer, transport.clock), Observer()
+    status = observed(data, tmp_path, second, later, resume=True)
     assert status.state is LinkState.DONE, status
     assert [decision for _, decision in looks_at(tmp_path)] == ["pause", "go_on", "go_on"]
 
@@ -100,7 +97,7 @@ def test_a_link_that_dies_in_the_pause_makes_the_look_again_once(tmp_path):
 @pytest.mark.parametrize("mended", [False, True])
 def test_a_look_in_which_a_pause_is_asked_for_is_made_again(tmp_path, mended):
     """It was gone on without: what was missing there stayed so. A mend made by then counts once."""
-    data, transport = layered(2, 12), fresh()
+    data, transport = layered(2, 12), wire()
     observer = Observer(
         decides=lambda number: None if number == 1 else LookDecision.GO_ON,
         says={1: patch(data, 0)} if mended else {},
@@ -122,14 +119,15 @@ def test_a_look_in_which_a_pause_is_asked_for_is_made_again(tmp_path, mended):
     assert len(inserts) == mended
     told = [one.look for one in observer.seen if one.state is LinkState.LOOKING]
     assert all(bool(one["insert_sha256"]) is mended for one in told if one["number"] == 2)
-    foreseen = dry_run(grown_file(data, inserts), PRINTER, START, cold_extrusion=True).executed
-    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)
+    assert own_strokes(transport.printer.executed()) == own_strokes(
+        foreseen(grown_file(data, inserts))
+    )
 
 
 # --- looks that pause: what is put in then is written once, parked needles and dead links included
 @pytest.mark.parametrize("park", [None, (20.0, 30.0, 40.0)])
 def test_pause_decided_in_a_look_takes_inserts_until_the_operator_goes_on(tmp_path, park):
-    data, transport = layered(2, 12), fresh()
+    data, transport = layered(2, 12), wire()
     observer = Observer(decides=lambda number: LookDecision.PAUSE)
 
     def says(status):
@@ -145,17 +143,15 @@ def test_pause_decided_in_a_look_takes_inserts_until_the_operator_goes_on(tmp_pa
     way = [*goes, *between, LinkState.PAUSED, LinkState.RESUMING, LinkState.PRINTING]
     assert observer.states[3 : 3 + len(way)] == way
     history = read_journal(tmp_path / "journal.log")
-    foreseen = dry_run(
-        grown_file(data, history.inserts), PRINTER, START, cold_extrusion=True
-    ).executed
+    expected = foreseen(grown_file(data, history.inserts))
     assert len(history.inserts) == 1
     made = transport.printer.executed()
-    assert written(made, park) == written(foreseen, park)
+    assert written(made, park) == written(expected, park)
 
 
 @pytest.mark.parametrize(("park", "goes"), [((51.0, 51.0, 10.1), 0), ((51.0, 51.0, 40.0), 2)])
 def test_a_needle_isnt_parked_in_the_part(tmp_path, park, goes):
-    transport, care = fresh(), replace(EVERY_LAYER, look_park_mm=park)
+    transport, care = wire(), replace(EVERY_LAYER, look_park_mm=park)
     status = observed(layered(2, 12), tmp_path, transport, Observer(), care)
     assert status.state is LinkState.DONE, status
     there = np.isclose(transport.printer.executed().end, park).all(axis=1)
@@ -165,7 +161,7 @@ def test_a_needle_isnt_parked_in_the_part(tmp_path, park, goes):
 
 
 def test_what_was_inserted_in_a_pause_is_told_where_it_is_looked_again(tmp_path, monkeypatch):
-    data, transport, add = layered(2, 12), fresh(), Journal.add
+    data, transport, add = layered(2, 12), wire(), Journal.add
     observer = Observer(decides=lambda number: LookDecision.PAUSE)
 
     def says(status):
@@ -200,8 +196,9 @@ def test_what_was_inserted_in_a_pause_is_told_where_it_is_looked_again(tmp_path,
     assert [one["insert_sha256"] for one in told] == [insert.sha256, ""]
     history = read_journal(tmp_path / "journal.log")
     assert len(history.inserts) == 1
-    foreseen = dry_run(grown_file(data, history.inserts), PRINTER, START, cold_extrusion=True)
-    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen.executed)
+    assert own_strokes(transport.printer.executed()) == own_strokes(
+        foreseen(grown_file(data, history.inserts))
+    )
 
 
 @pytest.mark.parametrize("mended", [False, True])
@@ -210,7 +207,7 @@ def test_a_question_that_waits_while_the_syringe_is_changed_is_asked_again(
     tmp_path, unchanged, mended
 ):
     """To say which syringe is in, `resume` went on without the mend, and nobody was told."""
-    data, transport = layered(2, 12), fresh()
+    data, transport = layered(2, 12), wire()
     asks = {1: LookDecision.PAUSE}
     observer = Observer(decides=lambda number: asks.get(number, LookDecision.GO_ON), resumes=False)
 
@@ -232,5 +229,5 @@ def test_a_question_that_waits_while_the_syringe_is_changed_is_asked_again(
     looked = [(one["done"], one["decision"]) for one in history.looked]
     assert [done for done, _ in looked].count(looked[0][0]) == (1 if mended else 2)
     grown = grown_file(data, history.inserts)
-    foreseen = dry_run(grown, PRINTER, START, cold_extrusion=True).executed
-    assert written(transport.printer.executed(), None) == written(foreseen, None)
+    expected = foreseen(grown)
+    assert written(transport.printer.executed(), None) == written(expected, None)

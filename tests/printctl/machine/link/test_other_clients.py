@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +14,10 @@ from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
 from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.gcode.motion.executed import ExecutedMotion
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import wired
 
 PRINTER = load(Printer, "klipper_bioprinter")
 START = (50.0, 50.0, 10.0)
@@ -56,21 +54,8 @@ class SharedWire(SimTransport):
         return data
 
 
-def streamer_on(
-    wire: SharedWire,
-    folder: Path,
-    data: bytes,
-    on_status: Callable[[Status], None] = lambda status: None,
-) -> Streamer:
-    wiring = Wiring(
-        transport=wire,
-        protocol=KlipperProtocol(),
-        clock=wire.clock,
-        journal=journal_in(folder),
-        printer=PRINTER,
-        on_status=on_status,
-    )
-    return Streamer(wiring, parse_job(data, "test.gcode", PRINTER))
+def streamer_on(wire: SharedWire, folder: Path, data: bytes, **wiring: Any) -> Streamer:
+    return wired(wire, folder, data, PRINTER, protocol=KlipperProtocol(), **wiring)
 
 
 def printed(folder: Path, text: bytes, data: bytes | None = None) -> tuple[Status, ExecutedMotion]:
@@ -118,7 +103,7 @@ def test_place_renamed_in_a_pause_is_found_before_the_needle_is_lowered(tmp_path
             streamer.resume()
         states.append(status.state)
 
-    streamer = streamer_on(wire, tmp_path, job(), on_status)
+    streamer = streamer_on(wire, tmp_path, job(), on_status=on_status)
     status = streamer.run()
     assert LinkState.PAUSED in states
     assert status.state is LinkState.POSITION_UNKNOWN

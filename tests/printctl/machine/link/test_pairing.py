@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from firmware_profiles import Printer, ProfileError, load
@@ -12,18 +11,11 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.marlin.state import QUESTION
 from firmware_profiles.families.pairing import Pairing
-from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for
-from printctl.machine.link.journal import Journal
 from printctl.machine.link.states import LinkState
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
-from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.fake_marlin import FakeMarlin
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.sim_transport import SimTransport
-from tests.slower import first_of
+from tests.printctl.machine.link.simulated import PRINTER, foreseen, gcode, same_motion, wire, wired
+from tests.slower import first_rows
 
 JOB = [b"G1 X%d E%d" % (k, k) for k in range(8)]
 
@@ -32,8 +24,8 @@ def pair(number: int) -> bytes:
     return frame(number, JOB[number - 1]) + frame(number + 1, JOB[number])
 
 
-def started(job=JOB, buffer_bytes: int = 128, **timing: float) -> MarlinProtocol:
-    protocol = MarlinProtocol(Timing(**{"calm_lines": 0, **timing}), Pairing(buffer_bytes))
+def started(job=JOB, buffer_bytes: int = 128, withholds: bool = False) -> MarlinProtocol:
+    protocol = MarlinProtocol(Timing(calm_lines=0), Pairing(buffer_bytes, withholds))
     protocol.load(job, 0, 0)
     protocol.held = False
     protocol.go(0.0)
@@ -101,21 +93,18 @@ def test_profile_chooses_and_families_without_a_count_refuse(tmp_path):
         load(Printer, str(path))
 
 
-@pytest.mark.parametrize("seed", first_of(range(6), 2))
-def test_noisy_print_in_pairs_is_exact(tmp_path, seed):
-    facts, start = load(Printer, "generic_marlin"), (50.0, 50.0, 10.0)
-    moves = [b"G1 X%.3f E%.4f F1800" % (50 + k % 2 * 3.5, 0.0035 * (k + 1)) for k in range(400)]
-    data = b"M302 P1\nG90\nM82\nG92 X50 Y50 Z10 E0\n" + b"\n".join(moves) + b"\n"
-    printer, clock = MarlinPrinter(facts, start), VirtualClock()
-    rng = np.random.default_rng(seed)
-    wire = SimTransport(printer, clock, rng, noise=0.0004, drop_ok=0.002, delay=0.002)
-    protocol = MarlinProtocol(Timing(calm_lines=0), Pairing(facts.receive_buffer_bytes))
-    wiring = Wiring(wire, protocol, clock, Journal(tmp_path / "journal.log"), facts)
-    status = Streamer(wiring, parse_job(data, "test.gcode")).run()
+@pytest.mark.parametrize(
+    ("withholds", "noise", "delay", "seed"),
+    [*first_rows([(False, 0.0004, 0.002, seed) for seed in range(6)], 2),
+     *first_rows([(True, 0.0006, 0.0003, seed) for seed in range(8)], 2)],
+)  # fmt: skip
+def test_noisy_print_with_two_lines_in_flight_is_exact(tmp_path, withholds, noise, delay, seed):
+    transport = wire(seed=seed, noise=noise, drop_ok=0.002, delay=delay)
+    pairing = Pairing(PRINTER.receive_buffer_bytes, withholds)
+    data, protocol = gcode(400), MarlinProtocol(Timing(calm_lines=0), pairing)
+    status = wired(transport, tmp_path, data, protocol=protocol).run()
     assert status.state is LinkState.DONE, status
-    foreseen = dry_run(data, facts, start, cold_extrusion=True).executed
-    assert np.array_equal(printer.executed().end, foreseen.end)
-    assert np.array_equal(printer.executed().plunger_end, foreseen.plunger_end)
+    assert same_motion(transport.printer.executed(), foreseen(data))
 
 
 # --- line sent without its end: executed only once the end follows, else refused
@@ -127,16 +116,8 @@ def end(number: int) -> bytes:
     return frame(number, JOB[number - 1])[-2:]
 
 
-def started_withheld_ends(job=JOB, **timing: float) -> MarlinProtocol:
-    protocol = MarlinProtocol(Timing(**{"calm_lines": 0, **timing}), Pairing(128, withholds=True))
-    protocol.load(job, 0, 0)
-    protocol.held = False
-    protocol.go(0.0)
-    return protocol
-
-
 def test_each_ok_sends_the_end_of_one_line_and_the_text_of_the_next():
-    protocol = started_withheld_ends()
+    protocol = started(withholds=True)
     assert protocol.take_output() == frame(1, JOB[0]) + text(2)
     protocol.feed(b"ok\n", 0.1)
     assert protocol.take_output() == end(2) + text(3)
@@ -145,7 +126,7 @@ def test_each_ok_sends_the_end_of_one_line_and_the_text_of_the_next():
 
 
 def test_no_line_is_whole_before_the_one_before_it_was_answered():
-    printer, protocol = FakeMarlin(), started_withheld_ends()
+    printer, protocol = FakeMarlin(), started(withholds=True)
     for _ in JOB:
         said = printer.receive(protocol.take_output())
         assert said == b"ok\n"
@@ -170,7 +151,7 @@ def test_a_foreign_line_end_has_the_printer_refuse_a_line_without_its_end():
 
 @pytest.mark.parametrize("said", [b"echo: cold extrusion prevented\nok\n", b"Error:hot\nok\n"])
 def test_behind_an_error_the_second_line_is_refused_not_run(said):
-    protocol, printer = started_withheld_ends(), FakeMarlin()
+    protocol, printer = started(withholds=True), FakeMarlin()
     printer.receive(protocol.take_output())
     events = list(protocol.feed(said, 0.1))
     now = 0.1
@@ -197,20 +178,3 @@ def test_profile_chooses_by_how_soon_answers_come():
     assert protocol_for(two, 0.05).state.pairing == Pairing(128, withholds=True)
     slow = two.model_copy(update={"host_turnaround_s": 0.016})
     assert protocol_for(slow, 0.05).state.pairing == Pairing(128)
-
-
-@pytest.mark.parametrize("seed", first_of(range(8), 2))
-def test_noisy_print_is_exact(tmp_path, seed):
-    facts, start = load(Printer, "generic_marlin"), (50.0, 50.0, 10.0)
-    moves = [b"G1 X%.3f E%.4f F1800" % (50 + k % 2 * 3.5, 0.0035 * (k + 1)) for k in range(400)]
-    data = b"M302 P1\nG90\nM82\nG92 X50 Y50 Z10 E0\n" + b"\n".join(moves) + b"\n"
-    printer, clock = MarlinPrinter(facts, start), VirtualClock()
-    rng = np.random.default_rng(seed)
-    wire = SimTransport(printer, clock, rng, noise=0.0006, drop_ok=0.002, delay=0.0003)
-    protocol = MarlinProtocol(Timing(calm_lines=0), Pairing(facts.receive_buffer_bytes, True))
-    wiring = Wiring(wire, protocol, clock, Journal(tmp_path / "journal.log"), facts)
-    status = Streamer(wiring, parse_job(data, "test.gcode")).run()
-    assert status.state is LinkState.DONE, status
-    foreseen = dry_run(data, facts, start, cold_extrusion=True).executed
-    assert np.array_equal(printer.executed().end, foreseen.end)
-    assert np.array_equal(printer.executed().plunger_end, foreseen.plunger_end)

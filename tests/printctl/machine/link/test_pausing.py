@@ -27,18 +27,17 @@ from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree
 from tests.printctl.machine.link.fake_marlin import FakeTransport
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import (
-    PRINTER,
-    START,
-    Arming,
-    Following,
-    Script,
-    layered,
-    played,
-)
+from tests.printctl.machine.link.layered import Arming, Following, Script, layered, played
 from tests.printctl.machine.link.protocols import made_protocol
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import (
+    PRINTER,
+    START,
+    assert_same_strokes,
+    foreseen,
+    wire,
+)
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.printctl.machine.link.test_families import FAKES, facts
 from tests.slower import first_of
@@ -69,15 +68,11 @@ def change_or_resume(streamer: Streamer) -> None:
     streamer.resume(NewSyringe() if changing else None)
 
 
-def one_in_flight() -> MarlinProtocol:
-    return MarlinProtocol()
-
-
 def two_in_flight() -> MarlinProtocol:
     return MarlinProtocol(Timing(calm_lines=0), Pairing(128))
 
 
-@pytest.mark.parametrize("protocol", [one_in_flight, two_in_flight])
+@pytest.mark.parametrize("protocol", [MarlinProtocol, two_in_flight])
 @pytest.mark.parametrize("seed", first_of(range(10), 3))
 def test_pauses_on_a_noisy_line_lose_and_double_nothing(tmp_path, seed, protocol):
     rng = np.random.default_rng(seed)
@@ -135,9 +130,8 @@ def test_pause_that_is_waited_for_can_be_taken_back(tmp_path):
 
 
 def test_long_pause_is_survived_although_the_firmware_switches_off_by_itself(tmp_path):
-    clock = VirtualClock()
-    transport = SimTransport(MarlinPrinter(PRINTER, START), clock)
-    begun = []
+    transport, begun = wire(), []
+    clock = transport.clock
 
     def wait_half_an_hour(streamer: Streamer) -> None:
         begun.append(clock.now())
@@ -239,9 +233,8 @@ def test_checkpoints_are_made_at_marks_as_often_as_asked(tmp_path, every, expect
     made = [record["done"] for record in history.checkpoints]
     assert set(made) <= {mark.index for mark in job.marks.of(MarkKind.LAYER)}
     assert len(made) == expected if every != 0.4 else expected <= len(made) < 6
-    assert (
-        printer.numbered.count("M400") == 3
-    )  # the job's own, and the link's before it and at the end
+    # The job's own, and the link's before it and at the end.
+    assert printer.numbered.count("M400") == 3
 
 
 @pytest.mark.parametrize("last", range(1, 16))
@@ -266,36 +259,18 @@ def test_host_killed_in_a_pause_after_a_layer_goes_on_exactly(tmp_path, last):
         again = SimTransport(printer, clock)
         ended = played(data, tmp_path, again, Script(), retreat=retreat, history=history)
     assert ended.state is LinkState.DONE, ended
-    motion = printer.executed()
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    across = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
-    expected = np.any(foreseen.start[:, :2] != foreseen.end[:, :2], axis=1)
-    np.testing.assert_array_equal(motion.end[across], foreseen.end[expected])
-    pushed = (motion.plunger_end - motion.plunger_start)[across]
-    wanted = (foreseen.plunger_end - foreseen.plunger_start)[expected]
-    np.testing.assert_allclose(pushed, wanted, atol=1e-9)
+    assert_same_strokes(printer.executed(), foreseen(data))
 
 
 def test_checkpoint_finds_a_position_that_is_not_the_jobs(tmp_path):
-    script = Script()
-
     def push(streamer: Streamer) -> None:
-        printer_at["Z"] += 3.0
+        printer.at["Z"] += 3.0
 
-    data = layered(3, 20)
-    job = parse_job(data, "a")
-    script.at_line = {20: push}
-    printer = Following(job, script)
-    printer_at = printer.at
-    job_without_z = data.replace(b"G0 Z10.25 F300\n", b"")
-    printer._job = parse_job(job_without_z, "a")
-    status = played(
-        job_without_z,
-        tmp_path,
-        FakeTransport(printer, VirtualClock()),
-        script,
-        care=Care(checkpoint_s=0.0),
-    )
+    data = layered(3, 20).replace(b"G0 Z10.25 F300\n", b"")
+    script = Script(at_line={20: push})
+    printer = Following(parse_job(data, "a"), script)
+    transport = FakeTransport(printer, VirtualClock())
+    status = played(data, tmp_path, transport, script, care=Care(checkpoint_s=0.0))
     assert status.state is LinkState.POSITION_UNKNOWN
     assert "Z is 13.00" in status.message
 
@@ -338,13 +313,8 @@ def test_pause_at_every_mark_leaves_from_above_all_that_is_written(tmp_path, mak
     assert paused == list(care.reload_at)
 
     motion = transport.printer.executed()
-    foreseen = dry_run(data, PRINTER, START_WRITTEN_JOBS).executed
+    assert_same_strokes(motion, dry_run(data, PRINTER, START_WRITTEN_JOBS).executed)
     across = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
-    expected = np.any(foreseen.start[:, :2] != foreseen.end[:, :2], axis=1)
-    np.testing.assert_array_equal(motion.end[across], foreseen.end[expected])
-    pushed = (motion.plunger_end - motion.plunger_start)[across]
-    wanted = (foreseen.plunger_end - foreseen.plunger_start)[expected]
-    np.testing.assert_allclose(pushed, wanted, atol=1e-9)
     # Parked from above all that was written until then.
     lifts = np.flatnonzero(motion.end[:, 2] >= motion.start[:, 2] + 30)
     assert len(lifts) >= len(paused)

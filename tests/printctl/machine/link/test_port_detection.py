@@ -24,6 +24,7 @@ from printctl.machine.link.port_detection import AUTO, choose_port, matches, rat
 from printctl.machine.link.ports import PortInfo
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, write_job
+from tests.printctl.machine.link.jobs import quick_profile
 
 MEGA = PortInfo("/dev/ttyACM0", "Arduino Mega", "2341:0042", "7583")
 TWIN = PortInfo("/dev/ttyACM1", "Arduino Mega", "2341:0042", "9911")
@@ -152,12 +153,10 @@ def test_auto_port_and_rate_start_a_print(tmp_path, monkeypatch):
     thread.start()
     port = PortInfo(os.ttyname(slave), "board", "2341:0042", "1")
     monkeypatch.setattr(port_detection, "list_ports", lambda: [OTHER, port])
-    path = tmp_path / "printer.yaml"
-    facts = PRINTER.model_copy(update={"resets_on_connect": False})
-    path.write_text(facts.model_dump_json())
+    profile = quick_profile(tmp_path)
     write_job(tmp_path / "job.gcode", 20)
     try:
-        client = start_print(tmp_path / "job.gcode", str(path), AUTO, tmp_path / "run", baud=AUTO)
+        client = start_print(tmp_path / "job.gcode", profile, AUTO, tmp_path / "run", baud=AUTO)
         assert client.wait(300).state is LinkState.DONE
         assert (client.record.port, client.record.baud) == (port.device, 57_600)
     finally:

@@ -22,40 +22,22 @@ from printctl.machine.link.requests import Request
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.gcode.dry_run.run import dry_run
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import (
+from tests.printctl.machine.link.layered import Arming, Script, doomed, layered, played
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import (
     PRINTER,
     START,
-    Arming,
-    Script,
-    doomed,
-    layered,
-    played,
+    assert_same_strokes,
+    foreseen,
+    wire,
 )
-from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.slower import first_of
 
 DATA = layered(4, 20)
 JOB = parse_job(DATA, "test.gcode")
-FORESEEN = dry_run(DATA, PRINTER, START, cold_extrusion=True).executed
-
-
-def written(motion: ExecutedMotion) -> np.ndarray:
-    """Moves across: where each begins and ends, and how far the plunger goes in it."""
-    across = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
-    pushed = motion.plunger_end - motion.plunger_start
-    return np.column_stack([motion.start, motion.end, pushed])[across]
-
-
-def assert_same_print(motion: ExecutedMotion) -> None:
-    """The same path and the same ink along it; plungers of two syringes don't compare."""
-    ours, foreseen = written(motion), written(FORESEEN)
-    assert ours.shape == foreseen.shape
-    np.testing.assert_array_equal(ours[:, :6], foreseen[:, :6])
-    np.testing.assert_allclose(ours[:, 6], foreseen[:, 6], atol=1e-9)
+FORESEEN = foreseen(DATA)
 
 
 def change(streamer: Streamer) -> None:
@@ -69,7 +51,7 @@ def change(streamer: Streamer) -> None:
 
 def test_plunger_goes_on_from_the_new_syringe_exactly_as_in_the_job(tmp_path):
     at_second = JOB.marks.of(MarkKind.RELOAD)[1].index
-    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    transport = wire()
     status = played(
         DATA, tmp_path, transport, script := Script(on_paused=change), Care(reload_at=(at_second,))
     )
@@ -77,7 +59,7 @@ def test_plunger_goes_on_from_the_new_syringe_exactly_as_in_the_job(tmp_path):
     assert [one.lines_done for one in script.pauses] == [at_second]
     assert "change the syringe" in script.pauses[0].message
     motion = transport.printer.executed()
-    assert_same_print(motion)
+    assert_same_strokes(motion, FORESEEN)
     assert motion.end[:, 2].max() == 70.5  # parked: 60 mm above where it was
     history = read_journal(tmp_path / "journal.log")
     assert history.reloaded == at_second
@@ -98,13 +80,13 @@ def test_resuming_without_a_word_about_the_syringe_is_refused(tmp_path):
             streamer.resume(unchanged=True)
 
     at = JOB.marks.of(MarkKind.RELOAD)[0].index
-    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    transport = wire()
     status = played(
         DATA, tmp_path, transport, Script(on_paused=first_without), Care(reload_at=(at,))
     )
     assert status.state is LinkState.DONE
     motion = transport.printer.executed()
-    assert_same_print(motion)
+    assert_same_strokes(motion, FORESEEN)
     assert motion.plunger_end[-1] == FORESEEN.plunger_end[-1]
 
 
@@ -118,7 +100,7 @@ def test_change_that_was_not_begun_is_refused(tmp_path):
         streamer.resume()
 
     script = Script(on_paused=on_paused)
-    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    transport = wire()
     pausing(transport, script, lambda streamer: streamer.pause())
     assert played(DATA, tmp_path, transport, script).state is LinkState.DONE
     assert said
@@ -146,11 +128,11 @@ def test_pause_becomes_a_change_of_syringe_where_it_stands(tmp_path):
             streamer.reload()
 
     script = Script(on_paused=on_paused)
-    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    transport = wire()
     pausing(transport, script, lambda streamer: streamer.pause())
     assert played(DATA, tmp_path, transport, script).state is LinkState.DONE
     assert len(script.pauses) == 2
-    assert_same_print(transport.printer.executed())
+    assert_same_strokes(transport.printer.executed(), FORESEEN)
 
 
 def test_syringe_that_does_not_last_to_the_next_reload_point_is_not_gone_on_with(tmp_path):
@@ -161,13 +143,13 @@ def test_syringe_that_does_not_last_to_the_next_reload_point_is_not_gone_on_with
         streamer.resume(NewSyringe(0.95 if len(said) == 1 else 0.5))
 
     at = JOB.marks.of(MarkKind.RELOAD)[0].index
-    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    transport = wire()
     care = Care(reload_at=(at,), capacity_mm=1.0)
     script = Script(on_paused=on_paused)
     status = played(DATA, tmp_path, transport, script, care)
     assert status.state is LinkState.DONE
     assert "the syringe has 0.05 mm left" in said[1]
-    assert_same_print(transport.printer.executed())
+    assert_same_strokes(transport.printer.executed(), FORESEEN)
 
 
 @pytest.mark.parametrize("part", first_of([0.6, 0.0, 1.0]))
@@ -188,7 +170,7 @@ def test_host_killed_in_the_middle_of_a_change_goes_on_exactly(tmp_path, last, p
         status = again(tmp_path, SimTransport(printer, clock), care)
     assert died or last > 15
     assert status.state is LinkState.DONE, status
-    assert_same_print(printer.executed())
+    assert_same_strokes(printer.executed(), FORESEEN)
 
 
 @pytest.mark.parametrize("planned", [True, False], ids=["planned", "asked for"])
@@ -210,11 +192,11 @@ def test_a_change_isnt_forgotten_where_the_host_died_before_there_was_room_for_i
     changes = [record["done"] for record in told if record["t"] == "syringe"]
     assert len(changes) == 1
     assert changes[0] in [mark.index for mark in JOB.marks.of(MarkKind.RELOAD)]
-    assert_same_print(printer.executed())
+    assert_same_strokes(printer.executed(), FORESEEN)
 
 
 def test_a_change_that_was_taken_back_is_wanted_no_more(tmp_path):
-    script, transport = Script(), SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    script, transport = Script(), wire()
     pausing(transport, script, lambda streamer: (streamer.reload(), streamer.resume()))
     assert played(DATA, tmp_path, transport, script).state is LinkState.DONE
     assert not script.pauses
@@ -231,7 +213,7 @@ def test_a_new_syringe_isnt_taken_while_room_is_being_made_for_it(tmp_path):
             refused.append(status.state)
 
     script = Watching(while_pausing, on_paused=change)
-    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    transport = wire()
     care = Care(reload_at=(JOB.marks.of(MarkKind.RELOAD)[0].index,))
     assert played(DATA, tmp_path, transport, script, care).state is LinkState.DONE
     assert refused

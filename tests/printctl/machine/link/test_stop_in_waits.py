@@ -15,12 +15,10 @@ from printctl.machine.link.families import protocol_for
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
 from sim.devices.families.registry import simulated_printer
 from sim.gcode.motion.executed import ExecutedMotion
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import wired
 
 MARLIN = load(Printer, "generic_marlin")
 HEADER = "M302 P1\nG90\nM82\nM85 S600\nG92 X50 Y50 Z10 E0\n"
@@ -93,16 +91,9 @@ def stopped(
         elif reload and status.waits_for == "syringe" and once(status, LinkState.CHECKING):
             streamer.resume(NewSyringe(plunger_mm=0.0))
 
-    wiring = Wiring(
-        transport=wire,
-        protocol=protocol_for(printer, wire.quiet_s),
-        clock=wire.clock,
-        journal=journal_in(folder),
-        printer=printer,
-        on_status=on_status,
-        retreat=RETREAT,
-    )
-    streamer = wire.streamer = Streamer(wiring, parse_job(job.encode(), "test.gcode", printer))
+    protocol = protocol_for(printer, wire.quiet_s)
+    more = {"protocol": protocol, "on_status": on_status, "retreat": RETREAT}
+    streamer = wire.streamer = wired(wire, folder, job.encode(), printer, **more)
     return streamer.run(), wire
 
 

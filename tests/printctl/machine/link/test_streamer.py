@@ -5,24 +5,22 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from firmware_profiles import Printer, load
-from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.machine.link import kill
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import PortLost
 from printctl.machine.link.job import Job
-from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
+from tests.printctl.machine.link.simulated import wired
 
 
 def job_of(lines: list[bytes]) -> Job:
@@ -34,7 +32,7 @@ def streamer_of(
     transport: FakeTransport | ScriptedTransport,
     path: Path,
     on_status: Callable[[Status], None] | None = None,
-    journal: Journal | None = None,
+    **wiring: Any,
 ) -> Streamer:
     """A streamer; without ``on_status`` each pause is resumed at once."""
 
@@ -42,15 +40,7 @@ def streamer_of(
         if status.state is LinkState.PAUSED:
             streamer.resume()
 
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal or Journal(path / "journal.log"),
-        printer=load(Printer, "generic_marlin"),
-        on_status=on_status or go_on,
-    )
-    streamer = Streamer(wiring, job)
+    streamer = wired(transport, path, job, on_status=on_status or go_on, **wiring)
     return streamer
 
 

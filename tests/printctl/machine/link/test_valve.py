@@ -24,16 +24,10 @@ from tests.printctl.machine.link.fake_marlin import FakeTransport
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import Arming, Script, doomed, played
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import assert_same_strokes, strokes
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.printctl.machine.link.two_heads import DATA as DATA_HEADS
-from tests.printctl.machine.link.two_heads import (
-    FORESEEN,
-    QUICK,
-    assert_same_print,
-    job_of,
-    machine,
-    strokes,
-)
+from tests.printctl.machine.link.two_heads import FORESEEN, QUICK, job_of, machine
 from tests.printctl.machine.link.two_heads import JOB as JOB_HEADS
 from tests.printctl.machine.link.two_heads import START as START_HEADS
 from tests.slower import first_of
@@ -63,9 +57,6 @@ def within_a_path() -> int:
 
 def sent(printer: Airy) -> list[str]:
     return [line for line in printer.executed if not line.startswith(("M105", "M114", "M110"))]
-
-
-# --- what is read and said -------------------------------------------------------------------
 
 
 # --- stops and pauses --------------------------------------------------------------------------
@@ -262,9 +253,6 @@ def went_on(folder, printer, clock, script=None, **more):
     )  # fmt: skip
 
 
-# --- what is read and said -------------------------------------------------------------------
-
-
 # --- whole prints -----------------------------------------------------------------------------
 
 
@@ -285,7 +273,7 @@ def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
             printer.take_output()
         status = went_on(tmp_path, printer, clock)
     assert status.state is LinkState.DONE, status
-    assert_same_print(printer.executed())
+    assert_same_strokes(printer.executed(), FORESEEN, 1.01 / 6400)
 
 
 def test_a_stop_leaves_with_the_head_in_use_relieved(tmp_path):
@@ -361,7 +349,7 @@ def test_the_syringe_of_the_idle_head_is_changed_without_a_stroke_of_the_other(t
     )
     assert status.state is LinkState.DONE, status
     assert len([one for one in script.pauses if "head " in one.message]) == len(plan)
-    assert_same_print(printer.executed())
+    assert_same_strokes(printer.executed(), FORESEEN, 1.01 / 6400)
 
 
 @pytest.mark.parametrize("seed", first_of(range(30), 8))
@@ -381,7 +369,7 @@ def test_a_host_killed_while_a_syringe_is_changed(tmp_path, seed):
         again = Script(on_paused=change)
         status = went_on(tmp_path, printer, clock, again, care=care)
     assert status.state is LinkState.DONE, status
-    assert_same_print(printer.executed())
+    assert_same_strokes(printer.executed(), FORESEEN, 1.01 / 6400)
 
 
 def test_reloads_are_planned_for_each_head_where_its_own_syringe_ends():

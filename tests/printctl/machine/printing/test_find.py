@@ -50,7 +50,8 @@ from printctl.observe.starting import ObserverError
 from printctl.progress import StageBars
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import START, layered
+from tests.printctl.machine.link.layered import layered
+from tests.printctl.machine.link.simulated import START
 from tests.printctl.machine.link.test_stop_in_waits import JOB
 from tests.sim_process import printer_process
 

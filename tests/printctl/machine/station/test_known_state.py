@@ -19,9 +19,10 @@ from printctl.machine.station.mounted_profiles import read_mounted_profiles
 from printctl.machine.station.status import MountedParts
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.motion.hardware import Board
-from tests.printctl.machine.link.layered import PRINTER as PRINTER_LEVELLING
-from tests.printctl.machine.link.layered import START, Script, layered, played
+from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import PRINTER as PRINTER_LEVELLING
+from tests.printctl.machine.link.simulated import START
 
 PRINTER = load(Printer, "generic_marlin")
 
