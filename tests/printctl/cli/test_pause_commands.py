@@ -12,7 +12,6 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from firmware_profiles import Printer, load
 from printctl.cli import print_job
 from printctl.cli.alive import alive
 from printctl.cli.main import app, main
@@ -28,14 +27,6 @@ from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, zig
 from tests.printctl.machine.link.layered import layered
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-
-
-@pytest.fixture(scope="module")
-def profile(tmp_path_factory) -> str:
-    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
-    path = tmp_path_factory.mktemp("profile") / "test.yaml"
-    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
-    return str(path)
 
 
 def until(client: PrintClient, state: LinkState) -> None:

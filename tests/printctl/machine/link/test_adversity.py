@@ -212,9 +212,8 @@ def test_motors_stay_powered_from_before_the_first_line_to_the_end(tmp_path):
     assert [line for line in printer.numbered if line.startswith("M84")] == ["M84 S0"]
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(monkeypatch):
-    master, slave = os.openpty()
+def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(pty, monkeypatch):
+    master, slave = pty
     wire = SerialTransport(os.ttyname(slave), 115_200)
     drop = wire._serial.reset_output_buffer
     closing = threading.Thread(target=wire.close)
@@ -231,8 +230,6 @@ def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(monkeypatch
     monkeypatch.setattr(wire._serial, "reset_output_buffer", drop)
     with pytest.raises(PortLost):
         wire.write_urgent(b"\nM112\n")
-    os.close(slave)
-    os.close(master)
 
 
 # --- random sequences of pauses, syringe changes and host deaths in one print

@@ -291,9 +291,8 @@ def test_print_that_a_silent_line_ends_tells_for_how_long_and_where_its_motors_s
     assert "power" in status.message
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-def test_bytes_that_another_reader_has_taken_are_no_lost_port():
-    master, slave = os.openpty()
+def test_bytes_that_another_reader_has_taken_are_no_lost_port(pty):
+    master, slave = pty
     wire = SerialTransport(os.ttyname(slave), 115_200)
     poll = wire._readable.poll
 
@@ -310,5 +309,3 @@ def test_bytes_that_another_reader_has_taken_are_no_lost_port():
     assert wire.read(1.0) == b""
     assert wire.stolen == 1
     wire.close()
-    os.close(slave)
-    os.close(master)

@@ -21,7 +21,6 @@ from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.devices.faults import Fault, FaultFile
 from sim.gcode.motion.executed import ExecutedMotion
-from tests.printctl.machine.link.jobs import quick_profile
 from tests.printctl.machine.link.simulated import PRINTER, START, gcode, same_motion, wired
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport
 
@@ -144,8 +143,7 @@ def test_pulled_cable_ends_as_failed_and_the_firmware_switches_off(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-def test_print_goes_on_exactly_when_the_cable_is_plugged_in_again(tmp_path):
-    profile = quick_profile(tmp_path)
+def test_print_goes_on_exactly_when_the_cable_is_plugged_in_again(tmp_path, profile):
     (tmp_path / "faults.yaml").write_text(
         "noise: 0.0002\nat: [{fault: unplug, line: 400, back_after_s: 0.3}]\n"
     )

@@ -8,13 +8,22 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-import yaml
 
-from firmware_profiles import Printer, load
-from printctl.machine.link import LinkError, LinkState, attach, find_link, resume_print, start_print
+from printctl.machine.link import (
+    LinkError,
+    LinkState,
+    PrintClient,
+    attach,
+    find_link,
+    resume_print,
+    start_print,
+)
 from printctl.machine.link.errors import (
     AlreadyPrinting,
     HandshakeError,
@@ -24,18 +33,9 @@ from printctl.machine.link.errors import (
 )
 from printctl.machine.link.find_link import alive
 from printctl.machine.link.journalled_print import read_journal
-from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-
-
-@pytest.fixture(scope="module")
-def profile(tmp_path_factory) -> str:
-    """A printer that doesn't reset when its port is opened: no wait for its boot."""
-    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
-    path = tmp_path_factory.mktemp("profile") / "test.yaml"
-    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
-    return str(path)
 
 
 def handshake_and(printer: FakeMarlin) -> list[str]:
@@ -58,7 +58,17 @@ def until(client, state: LinkState) -> None:
     raise AssertionError(f"never {state}")
 
 
-def test_prints_a_whole_job(tmp_path, profile):
+@contextmanager
+def held_print(folder: Path, profile: str) -> Iterator[tuple[list[str], PtyPrinter, PrintClient]]:
+    """A print whose printer holds its answers back from line 100 on, until its gate is set."""
+    lines = write_job(folder / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(folder / "job.gcode", profile, served.name, folder / "run")
+        assert served.held.wait(10)
+        yield lines, served, client
+
+
+def test_prints_a_whole_job_and_ends_by_itself(tmp_path, profile):
     lines = write_job(tmp_path / "job.gcode", 500)
     with pty_printer(FakeMarlin()) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
@@ -67,6 +77,11 @@ def test_prints_a_whole_job(tmp_path, profile):
         assert outcome.lines_done == len(lines)
         assert handshake_and(served.printer)[: len(lines)] == lines
         assert attach(tmp_path / "run").wait().state is LinkState.DONE
+    limit = time.monotonic() + 5
+    while alive(tmp_path / "run"):
+        assert time.monotonic() < limit
+        time.sleep(0.02)
+    assert not (tmp_path / "run" / "link.sock").exists()
 
 
 def test_job_that_would_dose_twice_is_refused(tmp_path, profile):
@@ -75,9 +90,11 @@ def test_job_that_would_dose_twice_is_refused(tmp_path, profile):
         start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
 
 
-def test_unplugged_port_fails_and_says_what_was_acknowledged(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 500)
-    with pty_printer(FakeMarlin(), unplug_at=200) as served:
+def test_unplugged_port_fails_with_what_was_acknowledged_and_goes_on_when_it_is_back(
+    tmp_path, profile
+):
+    lines, printer = write_job(tmp_path / "job.gcode", 500), FakeMarlin()
+    with pty_printer(printer, unplug_at=200) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         outcome = client.wait(300)
     assert outcome.state is LinkState.FAILED
@@ -86,6 +103,10 @@ def test_unplugged_port_fails_and_says_what_was_acknowledged(tmp_path, profile):
     assert 198 <= outcome.lines_done <= 200
     assert f"{outcome.lines_done} of {len(lines)} lines were acknowledged" in outcome.message
     assert "position unknown" in outcome.message
+    with pty_printer(printer) as served:
+        outcome = resume_print(tmp_path / "run", served.name).wait(300)
+    assert outcome.state is LinkState.DONE
+    assert_all_sent_once(handshake_and(printer), lines)
 
 
 def test_reset_in_mid_print_is_position_unknown(tmp_path, profile):
@@ -102,10 +123,7 @@ def test_reset_in_mid_print_is_position_unknown(tmp_path, profile):
 
 def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile, monkeypatch):
     monkeypatch.setattr(find_link, "_ENDING_S", 0.1)
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (_, served, client):
         client.pause()
         served.gate.set()
         until(client, LinkState.PAUSED)
@@ -118,10 +136,7 @@ def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile,
 
 
 def test_pause_relieves_lifts_and_rejoins(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (lines, served, client):
         client.pause()
         served.gate.set()
         until(client, LinkState.PAUSED)
@@ -138,10 +153,7 @@ def test_pause_relieves_lifts_and_rejoins(tmp_path, profile):
 
 
 def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (lines, served, client):
         client.stop()
         served.gate.set()
         outcome = client.wait(300)
@@ -158,10 +170,7 @@ def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path, profile):
 
 
 def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (_, served, client):
         client.kill()
         time.sleep(0.05)
         served.gate.set()
@@ -194,10 +203,7 @@ def test_print_goes_on_when_its_client_is_killed(tmp_path, profile):
 
 
 def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (lines, served, client):
         for status in client.events():
             if status.lines_done > 50:
                 break
@@ -235,55 +241,30 @@ def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from
     assert_all_sent_once(sent, lines)
 
 
-def test_link_process_ends_by_itself(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 10)
-    with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        client.wait(300)
-        limit = time.monotonic() + 5
-        while alive(tmp_path / "run"):
-            assert time.monotonic() < limit
-            time.sleep(0.02)
-        assert not (tmp_path / "run" / "link.sock").exists()
-
-
-def test_shutdown_of_the_system_is_a_controlled_stop(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
-        os.kill(client.record.pid, signal.SIGTERM)
-        served.gate.set()
-        assert client.wait(300).state is LinkState.STOPPED
-        assert served.printer.numbered[-1] == "M400"
-
-
-def test_hang_up_and_interrupt_leave_the_link_process_alone(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
-        for sign in (signal.SIGINT, signal.SIGHUP):
+@pytest.mark.parametrize(
+    ("signs", "state"),
+    [([signal.SIGTERM], LinkState.STOPPED), ([signal.SIGINT, signal.SIGHUP], LinkState.DONE)],
+)
+def test_shutdown_of_the_system_is_a_controlled_stop_and_hang_ups_are_nothing(
+    tmp_path, profile, signs, state
+):
+    with held_print(tmp_path, profile) as (_, served, client):
+        for sign in signs:
             os.kill(client.record.pid, sign)
+        served.gate.set()
+        assert client.wait(300).state is state
+        assert state is LinkState.DONE or served.printer.numbered[-1] == "M400"
+
+
+def test_client_that_never_reads_holds_nobody_up(tmp_path, profile):
+    # Subscribed by `attach`; reads nothing.
+    with held_print(tmp_path, profile) as (_, served, client), attach(tmp_path / "run"):
         served.gate.set()
         assert client.wait(300).state is LinkState.DONE
 
 
-def test_client_that_never_reads_holds_nobody_up(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
-        with attach(tmp_path / "run"):  # subscribed by that; reads nothing
-            served.gate.set()
-            assert client.wait(300).state is LinkState.DONE
-
-
 def test_manual_command_that_would_break_the_count_is_refused(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (_, served, client):
         with pytest.raises(LinkError, match="M110 N5 isn't for manual use"):
             client.command("M110 N5")
         client.stop()
@@ -300,18 +281,6 @@ def test_folder_with_a_long_path_still_has_its_socket(tmp_path, profile):
         assert attach(folder).status.state is LinkState.DONE
 
 
-def test_print_goes_on_after_the_cable_was_out(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 400)
-    printer = FakeMarlin()
-    with pty_printer(printer, unplug_at=200) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert client.wait(300).error == "PortLost"
-    with pty_printer(printer) as served:
-        outcome = resume_print(tmp_path / "run", served.name).wait(300)
-    assert outcome.state is LinkState.DONE
-    assert_all_sent_once(handshake_and(printer), lines)
-
-
 def test_what_cant_be_gone_on_with_is_refused_and_stays_as_it_was(tmp_path, profile):
     write_job(tmp_path / "job.gcode", 20)
     with pty_printer(FakeMarlin()) as served:
@@ -322,10 +291,7 @@ def test_what_cant_be_gone_on_with_is_refused_and_stays_as_it_was(tmp_path, prof
 
 
 def test_client_whose_connection_broke_finds_the_print_again(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (_, served, client):
         client._connection._socket.shutdown(socket.SHUT_RDWR)
         client.stop()
         served.gate.set()

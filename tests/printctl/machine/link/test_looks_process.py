@@ -15,7 +15,7 @@ from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.look_book import LookDecision
 from printctl.machine.link.marks import MarkKind
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
-from tests.printctl.machine.link.jobs import parse_job, quick_profile
+from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.looking import layered, patch, patch_at
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
@@ -34,12 +34,12 @@ def with_x(lines) -> list[str]:
     return [line for line in lines if " X" in line]
 
 
-def test_insert_outlives_the_process_that_took_it(tmp_path):
+def test_insert_outlives_the_process_that_took_it(tmp_path, profile):
     data, job, run = layered(2, 6), tmp_path / "job.gcode", tmp_path / "run"
     job.write_bytes(data)
     care, lines = Care(checkpoint_s=None, look_after=MarkKind.LAYER), patch(data, 0)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(job, quick_profile(tmp_path), served.name, run, care=care)
+        client = start_print(job, profile, served.name, run, care=care)
         look(client, 1)
         with pytest.raises(Refused, match="G28 may not be inserted"):
             client.looks.insert(1, ["G28"])
@@ -61,7 +61,7 @@ def test_insert_outlives_the_process_that_took_it(tmp_path):
     assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)
 
 
-def test_a_stroke_held_within_and_killed_there_is_written_once(tmp_path):
+def test_a_stroke_held_within_and_killed_there_is_written_once(tmp_path, profile):
     lines = layered(2, 6, "PASS_END").splitlines()
     first = next(k for k, line in enumerate(lines) if b" X" in line and b" E" in line)
     data = b"\n".join([*lines[: first + 3], b";PART_END:0", *lines[first + 3 :]]) + b"\n"
@@ -70,7 +70,7 @@ def test_a_stroke_held_within_and_killed_there_is_written_once(tmp_path):
     care = Care(checkpoint_s=None, look_after=MarkKind.VESSEL)
     done = parse_job(data, "a").marks.of(MarkKind.PART)[0].index
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(job, quick_profile(tmp_path), served.name, run, care=care)
+        client = start_print(job, profile, served.name, run, care=care)
         held = look(client, 1)
         assert (held["mark"], held["done"]) == ("end of a part of vessel 0", done)
         inside = [line.replace("Z9.900", "Z10") for line in patch_at(data, done)]
@@ -88,13 +88,13 @@ def test_a_stroke_held_within_and_killed_there_is_written_once(tmp_path):
     assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)
 
 
-def test_a_look_that_was_heard_before_is_told_again(tmp_path):
+def test_a_look_that_was_heard_before_is_told_again(tmp_path, profile):
     """`start_print` waits for the first lines, and may hear of the first look in doing so."""
     job, run = tmp_path / "job.gcode", tmp_path / "run"
     job.write_bytes(layered(1, 6))
     care = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=5)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(job, quick_profile(tmp_path), served.name, run, care=care)
+        client = start_print(job, profile, served.name, run, care=care)
         look(client, 1)
         assert next(client.events()).state is LinkState.LOOKING  # paused by the link in 5 s
         client.stop()

@@ -12,7 +12,6 @@ import pytest
 from printctl.machine.link import LinkState, start_print
 from printctl.machine.link.journalled_print import read_journal
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
-from tests.printctl.machine.link.jobs import quick_profile
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="programs are looked for on Linux")
 THIEF = """
@@ -47,10 +46,10 @@ def tell(process: subprocess.Popen[str]) -> None:
 
 
 @pytest.mark.parametrize("writes", [(), ("M105",)])
-def test_program_that_reads_the_port_is_named_and_the_print_paused_once(tmp_path, writes):
+def test_program_that_reads_the_port_is_named_and_the_print_paused_once(tmp_path, profile, writes):
     write_job(tmp_path / "job.gcode", 400)
     with pty_printer(FakeMarlin(), pace_s=0.02) as served, thief(served.name, *writes) as process:
-        profile, run = quick_profile(tmp_path), tmp_path / "run"
+        run = tmp_path / "run"
         client = start_print(tmp_path / "job.gcode", profile, served.name, run)
         pauses: list[str] = []
         told = False

@@ -24,7 +24,6 @@ from printctl.machine.link.port_detection import AUTO, choose_port, matches, rat
 from printctl.machine.link.ports import PortInfo
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, write_job
-from tests.printctl.machine.link.jobs import quick_profile
 
 MEGA = PortInfo("/dev/ttyACM0", "Arduino Mega", "2341:0042", "7583")
 TWIN = PortInfo("/dev/ttyACM1", "Arduino Mega", "2341:0042", "9911")
@@ -135,7 +134,7 @@ def test_question_at_a_wrong_rate_reads_as_no_command():
 
 # --- through a real port
 @pytest.mark.skipif(sys.platform != "linux", reason="a terminal's rate is looked up as on Linux")
-def test_auto_port_and_rate_start_a_print(tmp_path, monkeypatch):
+def test_auto_port_and_rate_start_a_print(tmp_path, monkeypatch, profile):
     import termios
 
     master, slave = os.openpty()
@@ -153,7 +152,6 @@ def test_auto_port_and_rate_start_a_print(tmp_path, monkeypatch):
     thread.start()
     port = PortInfo(os.ttyname(slave), "board", "2341:0042", "1")
     monkeypatch.setattr(port_detection, "list_ports", lambda: [OTHER, port])
-    profile = quick_profile(tmp_path)
     write_job(tmp_path / "job.gcode", 20)
     try:
         client = start_print(tmp_path / "job.gcode", profile, AUTO, tmp_path / "run", baud=AUTO)

@@ -44,13 +44,13 @@ def answer(last: int) -> bytes:
     )
 
 
-def started() -> MarlinProtocol:
-    """Past the handshake, with the job's first line in flight at time 0."""
+def started(job: list[bytes] = JOB, first: int = 0) -> MarlinProtocol:
+    """Past the handshake, with line ``first`` + 1 of the job in flight at time 0."""
     protocol = MarlinProtocol()
-    protocol.load(JOB, 0, 0)
+    protocol.load(job, first, first)
     protocol.held = False
     protocol.go(0.0)
-    assert protocol.take_output() == frame(1, JOB[0])
+    assert protocol.take_output() == frame(first + 1, job[first])
     return protocol
 
 
@@ -153,16 +153,6 @@ def test_reset_in_mid_job_ends_it_even_if_start_was_garbled():
 JOB_LATE_OKS = [b"G1 X%d" % k for k in range(1, 41)]
 
 
-def started_late_oks(first: int = 30) -> MarlinProtocol:
-    """Line ``first`` + 1 is in flight at time 0."""
-    protocol = MarlinProtocol()
-    protocol.load(JOB_LATE_OKS, first, first)
-    protocol.held = False
-    protocol.go(0.0)
-    assert protocol.take_output() == frame(first + 1, JOB_LATE_OKS[first])
-    return protocol
-
-
 def silent_then_taken(protocol: MarlinProtocol, last: int, now: float = 0.0) -> list:
     """Fall silent; say that the line in flight was taken; give the events of what follows."""
     protocol.tick(now + 2.6)
@@ -183,7 +173,7 @@ def echo_of(token: TokenSent) -> bytes:
 
 def test_ok_that_comes_after_the_question_is_not_the_next_lines():
     """Found on a real Marlin: each later ok was one line early, and the print was done too soon."""
-    protocol = started_late_oks()
+    protocol = started(JOB_LATE_OKS, 30)
     token = token_of(silent_then_taken(protocol, 31), protocol)
     assert protocol.lines_done == 31  # it is taken, as the printer says
     assert not protocol.feed(b"ok\n", 3.2)  # line 31's, 0.57 s later
@@ -195,7 +185,7 @@ def test_ok_that_comes_after_the_question_is_not_the_next_lines():
 
 
 def test_several_oks_that_come_in_one_read_move_nothing_forward():
-    protocol = started_late_oks()
+    protocol = started(JOB_LATE_OKS, 30)
     token = token_of(silent_then_taken(protocol, 31), protocol)
     assert protocol.feed(b"ok\nok\nok\n", 3.0) == []
     assert protocol.take_output() == b""
@@ -207,7 +197,7 @@ def test_several_oks_that_come_in_one_read_move_nothing_forward():
 
 def test_slow_board_is_asked_again_within_two_seconds_and_waited_for():
     """Taken, and its echo not back: no more tokens than the board's queue has room for."""
-    protocol = started_late_oks()
+    protocol = started(JOB_LATE_OKS, 30)
     token = token_of(silent_then_taken(protocol, 31), protocol)
     now, asked_s, tokens = 2.7, 2.7, 0
     while now < 600.0:
@@ -223,7 +213,6 @@ def test_slow_board_is_asked_again_within_two_seconds_and_waited_for():
     assert token
 
 
-# --- garbled echo of a synchronisation token: queried again at once
 # --- interpretation of a real Marlin's replies, and framing of lines to it
 @pytest.mark.parametrize(
     ("text", "kind", "number"),

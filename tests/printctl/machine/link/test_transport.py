@@ -48,15 +48,12 @@ def test_serial_port_reads_writes_and_notices_the_unplugging():
         wire.read(0.0)
 
 
-@needs_pty
-def test_port_is_held_by_one_program_alone():
-    master, slave = os.openpty()
+def test_port_is_held_by_one_program_alone(pty):
+    _, slave = pty
     wire = SerialTransport(os.ttyname(slave), 115_200)
     with pytest.raises(PortInUse, match="another program"):
         SerialTransport(os.ttyname(slave), 115_200)
     wire.close()
-    os.close(slave)
-    os.close(master)
 
 
 def test_tcp_port_is_held_by_one_program_alone_under_whatever_name():
@@ -95,11 +92,10 @@ def test_modem_lines_are_as_the_profile_says_before_the_port_opens(monkeypatch, 
     assert lines == [("/dev/board", dtr, rts)]
 
 
-@needs_pty
-def test_rate_is_changed_while_the_port_is_open():
+def test_rate_is_changed_while_the_port_is_open(pty):
     import termios
 
-    master, slave = os.openpty()
+    master, slave = pty
     wire = SerialTransport(os.ttyname(slave), 115_200)
     os.write(master, b"from another rate")
     wire.set_baud(57_600)
@@ -107,8 +103,6 @@ def test_rate_is_changed_while_the_port_is_open():
     assert not termios.tcgetattr(slave)[2] & termios.HUPCL
     assert wire.read(0.0) == b""
     wire.close()
-    os.close(slave)
-    os.close(master)
 
 
 def test_refusals_name_the_remedy():
@@ -147,12 +141,11 @@ def test_tcp_reads_writes_and_notices_the_end(form):
         wire.close()
 
 
-@needs_pty
 @pytest.mark.skipif(
     sys.platform != "linux" or os.geteuid() != 0, reason="needs another user's program, on Linux"
 )
-def test_other_users_programs_are_kept_out_until_the_port_is_closed():
-    master, slave = os.openpty()
+def test_other_users_programs_are_kept_out_until_the_port_is_closed(pty):
+    _, slave = pty
     name = os.ttyname(slave)
     os.chmod(name, 0o666)
 
@@ -165,8 +158,6 @@ def test_other_users_programs_are_kept_out_until_the_port_is_closed():
     assert not opens()
     wire.close()
     assert opens()
-    os.close(slave)
-    os.close(master)
 
 
 HOLDER = """
@@ -179,7 +170,6 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-@needs_pty
 @pytest.mark.skipif(sys.platform != "linux", reason="a pseudo-terminal of Linux")
 def test_host_that_is_killed_locks_nobody_out_of_a_pseudo_terminal():
     master, slave = os.openpty()

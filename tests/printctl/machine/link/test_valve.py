@@ -13,7 +13,7 @@ from printctl.machine.link.journalled_print import JournalledPrint, read_journal
 from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.recovering import plan_recovery
 from printctl.machine.link.reloading import plan_head_reloads, plunger_travel
-from printctl.machine.link.retreat import Retreat, heaters_off
+from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.valve import is_open
@@ -57,9 +57,6 @@ def within_a_path() -> int:
 
 def sent(printer: Airy) -> list[str]:
     return [line for line in printer.executed if not line.startswith(("M105", "M114", "M110"))]
-
-
-# --- stops and pauses --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("where", ["stop", "fault", "deadman"])
@@ -175,9 +172,6 @@ def test_nothing_is_sent_to_a_printer_that_another_profile_is_of(tmp_path):
     assert CLOSES not in printer.executed
 
 
-# --- a host that died ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("seed", first_of(range(12), 4))
 def test_a_host_that_died_shuts_the_valve_first_and_rejoins(tmp_path, seed):
     rng = np.random.default_rng(seed)
@@ -211,9 +205,6 @@ def test_a_host_that_died_shuts_the_valve_first_and_rejoins(tmp_path, seed):
     down = next(k for k, line in enumerate(commands) if b"G1 Z" in line)
     assert len(opened) == stood_open
     assert all(down < k for k in opened)
-
-
-# --- the rest of a job ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("begin", range(7, len(JOB) - 2, 5))
@@ -251,9 +242,6 @@ def went_on(folder, printer, clock, script=None, **more):
         DATA_HEADS, folder, transport, script or Script(), history=history, printer=QUICK,
         retreat=RETREAT, **more,
     )  # fmt: skip
-
-
-# --- whole prints -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", first_of(range(60), 6))
@@ -302,14 +290,6 @@ def test_a_stop_leaves_with_the_head_in_use_relieved(tmp_path):
     assert done.end[-1, 2] > done.end[-3, 2]
 
 
-def test_every_head_s_heater_goes_off():
-    assert heaters_off(QUICK.model_copy(update={"safe_state_on": ()})) == [
-        b"M104 T0 S0",
-        b"M104 T1 S0",
-        b"M140 S0",
-    ]
-
-
 def test_a_firmware_built_for_one_extruder_is_refused_before_the_first_line(tmp_path):
     one = MarlinPrinter(QUICK.model_copy(update={"heads": ()}), START_HEADS)
     transport = SimTransport(one, VirtualClock())
@@ -317,9 +297,6 @@ def test_a_firmware_built_for_one_extruder_is_refused_before_the_first_line(tmp_
     assert (status.state, status.error) == (LinkState.FAILED, "HandshakeError")
     assert "built for 1 (EXTRUDER_COUNT)" in status.message
     assert len(one.executed()) == 0
-
-
-# --- change of syringe ---------------------------------------------------------------------------
 
 
 def change(streamer):
@@ -399,9 +376,6 @@ def test_a_firmware_that_doesn_t_take_the_head_is_not_moved(tmp_path):
     assert status.state is LinkState.POSITION_UNKNOWN
     assert "doesn't say that it uses head" in status.message
     assert printer.machine.motion.planner["position"][0].tolist() == before
-
-
-# --- after a power cut -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("part", [0.3, 0.5, 0.8])
