@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 from pathlib import Path
@@ -25,8 +24,6 @@ from printctl.errors import PrintctlError, SafetyError, UsageError
 from printctl.machine.link import Care, LinkError, LinkState, PrintClient, PrintOutcome, start_print
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, zigzag
 from tests.printctl.machine.link.layered import layered
-
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 
 
 def until(client: PrintClient, state: LinkState) -> None:

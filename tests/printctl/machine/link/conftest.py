@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.printctl.machine.link.journals import close_all
+from tests.printctl.machine.link.jobs import close_all
 
 
 @pytest.fixture(autouse=True)

@@ -10,6 +10,7 @@ import yaml
 from firmware_profiles import Printer, load
 from printctl.machine.link import job
 from printctl.machine.link.job import Job
+from printctl.machine.link.journal import Journal
 
 MARLIN: Final = load(Printer, "generic_marlin")
 KLIPPER: Final = load(Printer, "klipper_bioprinter")
@@ -42,3 +43,20 @@ def quick_profile(folder: Path) -> str:
     facts = MARLIN.model_copy(update={"resets_on_connect": False})
     path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
     return str(path)
+
+
+# --- test journals, closed at each test's end (`tests/printctl/machine/link/conftest.py`)
+_OPEN: Final[list[Journal]] = []
+
+
+def journal_in(folder: Path) -> Journal:
+    """Open a print's journal."""
+    journal = Journal(folder / "journal.log")
+    _OPEN.append(journal)
+    return journal
+
+
+def close_all() -> None:
+    """Close those that were opened."""
+    while _OPEN:
+        _OPEN.pop().close()

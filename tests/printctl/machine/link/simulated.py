@@ -22,8 +22,7 @@ from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import parse_fault
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.executed import ExecutedMotion
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
+from tests.printctl.machine.link.jobs import journal_in, parse_job
 from tests.printctl.machine.link.sim_transport import SimTransport
 
 PRINTER = load(Printer, "generic_marlin")

@@ -23,8 +23,7 @@ from printctl.machine.link.families import protocol_for
 from printctl.machine.link.streamer import Streamer
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, zigzag
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import close_all
+from tests.printctl.machine.link.jobs import close_all, parse_job
 from tests.printctl.machine.link.protocols import STREAMED
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
 from tests.printctl.machine.link.simulated import wired

@@ -29,8 +29,9 @@ from printctl.machine.link.states import LinkState, Status
 from printctl.machine.print_state.state import assemble_state
 from printctl.machine.printing.journal_facts import JournalledFacts
 from sim.devices.families.marlin.printer import MarlinPrinter
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
+from tests.printctl.cli.shell import Shell
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
+from tests.printctl.machine.link.jobs import journal_in, parse_job
 from tests.printctl.machine.link.layered import doomed, layered
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import (
@@ -253,3 +254,34 @@ def test_command_that_recovers_can_be_copied(tmp_path):
     ]
     assert "printctl recover 'my run' --from-line " in line
     assert line.split("--from-line ")[1].split()[0].isdigit()
+
+
+# --- `printctl kill` where the print's link process is gone and the motors may run on
+
+
+def test_kill_opens_the_port_and_halts(tmp_path, monkeypatch, capsys):
+    shell = Shell(monkeypatch, capsys)
+    with pty_printer(FakeMarlin()) as served:
+        killed(tmp_path, "generic_marlin", LinkState.PRINTING, port=served.name)
+        code, _, err = shell("stop", str(tmp_path))
+        assert (code, served.printer.halted) == (1, False)
+        assert "printctl kill" in err
+        code, out, _ = shell("kill", str(tmp_path))
+        assert (code, served.printer.halted) == (0, True)
+    assert out.startswith("killed: ")
+    assert read_outcome(tmp_path).state is LinkState.KILLED
+    assert read_journal(tmp_path / JOURNAL).state is LinkState.KILLED
+
+
+@pytest.mark.parametrize("mute", [False, True])
+def test_kill_that_halts_nothing_says_so(tmp_path, monkeypatch, capsys, mute):
+    printer = FakeMarlin()
+    printer.mute = mute
+    with pty_printer(printer) as served:
+        port = served.name if mute else "/dev/nowhere"
+        killed(tmp_path, "generic_marlin", LinkState.PRINTING, port=port)
+        code, _, err = Shell(monkeypatch, capsys)("kill", str(tmp_path))
+    assert code != 0
+    assert "cut" in err
+    assert "power" in err
+    assert read_outcome(tmp_path).state is LinkState.INTERRUPTED  # it may be killed again

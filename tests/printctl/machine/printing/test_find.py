@@ -52,7 +52,7 @@ from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.machine.link.simulated import START
-from tests.printctl.machine.link.test_stop_in_waits import JOB
+from tests.printctl.machine.link.test_halting import JOB
 from tests.sim_process import printer_process
 
 MOVES = 3000

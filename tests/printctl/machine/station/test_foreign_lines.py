@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import os
 
-import pytest
-
 from printctl.machine.link import LinkState
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.printing.find import Order
 from printctl.machine.station import StationState, connect
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.printctl.machine.station.test_kill import until, wait_for
-
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 
 
 def write_as_another(served: PtyPrinter, data: bytes) -> None:

@@ -21,8 +21,6 @@ from printctl.machine.station import Station, StationState, attach, connect
 from printctl.machine.station.record import load_station
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-
 
 class Listening(FakeMarlin):
     """Remembers all that it was told, halted or not, and tells its temperature unasked."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from pathlib import Path
 
 import pytest
@@ -16,8 +15,6 @@ from tests.printctl.web.job.camera.pictures import until
 from tests.printctl.web.job.conftest import OPERATOR, OTHER
 from tests.printctl.web.job.looks.held import JOB, picture, print_held_for_a_look, record
 from tests.printctl.web.serving import PAGE, served
-
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 
 
 def waiting(looks: list[LookTold]) -> list[LookTold]:
