@@ -7,11 +7,9 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from rich.console import Console
 
-from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
@@ -19,13 +17,10 @@ from printctl.run_folder.artefacts import NUMBERS
 from printctl.run_folder.manifest import Manifest, StageRecord, digest_file
 from tests.made_once import made_once
 from tests.printctl.corrections.feedback.lab import Lab
+from tests.printctl.networks import vessels
 
-TWO = VesselNetwork.from_segments(
-    np.array([[0.0, 1.3, 1], [6, 1.3, 1], [0, 2.7, 1], [6, 2.7, 1]]),
-    np.array([[0, 1], [2, 3]]),
-    np.array([0.3, 0.4]),
-    np.full(2, 4),
-    np.array([0, 1]),
+TWO = vessels(
+    [[0, 1.3, 1], [6, 1.3, 1]], [[0, 2.7, 1], [6, 2.7, 1]], radius=[0.3, 0.4], kind=4, tree=[0, 1]
 )
 """Channels of 0.6 and 0.8 mm through a block of 6 x 4 x 2 mm, 0.7 mm of wall between them."""
 
