@@ -143,9 +143,7 @@ def test_printable_finds_its_root_itself(tmp_path: Path) -> None:
 
 
 # --- complete embedded run, scaled up, with purge and prime line, up to its report
-pytestmark = pytest.mark.slow
-"""One run of a minute; shorter ones elsewhere scale, prime and register each for itself."""
-
+# One run of a minute; shorter ones elsewhere scale, prime and register each for itself.
 PRIME = {"line_mm": 6, "gap_mm": 4, "purge_ul": 5, "cup_mm": [20, 20, 70], "wipe_mm": [30, 20, 70]}
 
 
@@ -158,6 +156,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
+@pytest.mark.slow
 def test_print_is_registered_against_the_print_s_size(run: Path):
     report = json.loads((run / "report.json").read_text())
     assert report["print"]["state"] == "done"
@@ -168,6 +167,7 @@ def test_print_is_registered_against_the_print_s_size(run: Path):
     assert report["frames"]["tissue_to_part"][0][0] == 4
 
 
+@pytest.mark.slow
 def test_another_dish_makes_the_toolpath_again(run: Path):
     """The way from the cup goes above its wall, whose height isn't in the network or solid."""
     recipe = load_recipe(next(run.parent.glob("*.yaml")))
@@ -181,6 +181,7 @@ def test_another_dish_makes_the_toolpath_again(run: Path):
     assert keys[0] != keys[1]
 
 
+@pytest.mark.slow
 def test_job_purges_over_the_cup_then_writes_a_line_beside_the_part(run: Path):
     machine = Machine().read((run / "part.gcode").read_bytes())
     pushed = []

@@ -24,7 +24,7 @@ from printctl.cli.doctor_checks import places
 from printctl.cli.doctor_checks.collect import extras
 from printctl.cli.doctor_checks.ports import permission_findings, udev_rule
 from printctl.cli.kernels_ready import have_kernels
-from printctl.cli.main import app, main
+from printctl.cli.main import app
 from printctl.errors import UsageError
 from printctl.machine.link.ports import PortInfo
 from printctl.progress_file import ProgressFile
@@ -130,7 +130,6 @@ def test_bash_itself_completes(tmp_path: Path):
     assert done.stdout.split() == ["migrate"], done.stderr
 
 
-# --- options made from the fields of a recipe's section
 # --- one JSON object on stdout for a failure of any kind, beside the text on stderr
 
 
@@ -258,12 +257,7 @@ def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(tmp_path: Path) -
     ],
 )
 def test_one_message_and_the_right_exit_code(
-    words: str,
-    code: int,
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    words: str, code: int, message: str, shell: Shell, tmp_path: Path
 ) -> None:
     (tmp_path / "bin.yaml").write_bytes(bytes(range(128, 256)))
     (tmp_path / "nul.gcode").write_bytes(b"G1 X1\nG1 X\0 Y2\n")
@@ -274,33 +268,31 @@ def test_one_message_and_the_right_exit_code(
     write_stl(tmp_path / "cube.stl", block_solid(np.full(3, 2.0)))
     os.mkfifo(tmp_path / "pipe.gcode")
     before = sorted(tmp_path.iterdir())
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path.with_name(tmp_path.name + "_data")))
-    monkeypatch.setattr(sys, "argv", ["printctl", *words.split()])
-    with pytest.raises(SystemExit) as left:
-        main()
-    told = capsys.readouterr()
-    assert left.value.code == code
-    assert message in told.err
-    assert told.err.count("printctl:") == 1
-    assert told.out == ""
+    data = str(tmp_path.with_name(tmp_path.name + "_data"))
+    shell.monkeypatch.setenv("PRINTCTL_DATA", data)
+    ended, out, err = shell(*words.split())
+    assert (ended, out) == (code, "")
+    assert message in err
+    assert err.count("printctl:") == 1
     assert sorted(tmp_path.iterdir()) == before
 
 
 # --- kernel compilation before a command, with a message
-@pytest.fixture(autouse=True)
-def _empty_store(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.fixture
+def empty_store(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PRINTCTL_CACHE", str(tmp_path))
     everything = listing.needed_kernels
     monkeypatch.setattr(listing, "needed_kernels", lambda *works: everything(*works)[:2])
 
 
+@pytest.mark.usefixtures("empty_store")
 def test_few_are_left_to_their_first_call(capsys, tmp_path) -> None:
     have_kernels("simulate")
     assert capsys.readouterr().err == ""
     assert not list(tmp_path.rglob("*.nbc"))
 
 
+@pytest.mark.usefixtures("empty_store")
 def test_many_are_compiled_and_told_once(monkeypatch, capsys, tmp_path) -> None:
     monkeypatch.setattr(kernels_ready, "MIN_KERNELS", 1)
     told = ProgressFile(tmp_path / "progress.jsonl")
@@ -315,6 +307,7 @@ def test_many_are_compiled_and_told_once(monkeypatch, capsys, tmp_path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("empty_store")
 def test_doctor_compiles_the_list(tmp_path) -> None:
     done = CliRunner().invoke(app, ["doctor", "--warm"])
     assert "2 ready" in done.output
