@@ -15,12 +15,13 @@ from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
     LINE_MM,
     gcode,
+    plunger_gcode,
     section,
     tube,
+    valve_gcode,
 )
 from tests.printctl.checks.lumens.test_openings import LAYERS_MODEL as LAYERS
 from tests.printctl.checks.lumens.test_openings import pipe
-from tests.printctl.checks.lumens.written_filaments import plunger_gcode, valve_gcode
 from tests.printctl.cli.shell import Shell
 from tests.printctl.cli.test_slice import FORK
 from tests.printctl.cli.test_slice import HEADER as HEADER_SOLID_COMMAND

@@ -32,7 +32,7 @@ from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.making import Embedded, Fresh
 from tests.printctl.checks.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube
 from tests.printctl.cli.shell import Shell
-from tests.printctl.corrections.feedback.small_run import TWO, recipe_of
+from tests.printctl.corrections.feedback.lab import TWO, recipe_of
 from tests.printctl.networks import network_recipe, vessels
 
 EMBEDDED = {"method": "embedded", "needle": "30g_50mm"}

@@ -24,10 +24,11 @@ from tests.printctl.checks.lumens.small_gcode import (
     LINE_MM,
     UL_PER_E,
     gcode,
+    plunger_gcode,
     section,
     tube,
+    valve_gcode,
 )
-from tests.printctl.checks.lumens.written_filaments import plunger_gcode, valve_gcode
 from tests.printctl.networks import vessels
 
 PRINTER = load(Printer, "generic_marlin")

@@ -19,7 +19,7 @@ from printctl.web.live.scene_worker import write_scene
 from registration.report.gcode import Act
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.web.live import jobs
-from tests.printctl.web.live.oracle import moves_of, read_packed
+from tests.printctl.web.live.jobs import moves_of, read_packed
 
 
 def answers(
