@@ -49,7 +49,7 @@ from printctl.checks.preflight import (
 )
 from printctl.checks.preflight.bore import line_checks
 from printctl.checks.preflight.dish import hub_gap, wall_gap
-from printctl.checks.set_up import HeadLoading, hub_gap_of, wall_gap_of
+from printctl.checks.set_up import HeadLoading, ProfileNames, hub_gap_of, set_up, wall_gap_of
 from printctl.recipe.making import CarePart
 from sim.gcode.dry_run.run import DryRun, dry_run
 from tests.printctl.machine.link.two_heads import DATA, QUICK, START, SYRINGES
@@ -194,6 +194,18 @@ def test_needle_keeps_off_a_round_wall_below_its_top(
     assert check.value == pytest.approx(gap)
     assert check.passed == (gap >= 1)
     assert check.place == f"line {line}"
+
+
+@pytest.mark.parametrize(("centre", "aside_mm"), [(None, 0.0), ("90,84", 5.0)])
+def test_a_dish_stands_under_the_tip_where_its_centre_isnt_given(
+    centre: str | None, aside_mm: float
+) -> None:
+    tip = (93.0, 80.0, 5.0)
+    names = ProfileNames("30g", None, "petri_60mm", centre, None)
+    mounted = set_up(PRINTER, "hamilton_1ml", "collagen_fresh", tip, names)
+    run = run_of("G1 X93 F600", start=tip)
+    check = named(dish_checks(run, mounted.standing, NEEDLE), "needle to the dish's wall")
+    assert check.value == pytest.approx(26.0 - aside_mm - 0.155)
 
 
 def test_depth_of_the_bath_covers_the_part_and_spares_the_hub() -> None:
