@@ -36,13 +36,11 @@ from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, zigzag
 from tests.printctl.machine.link.layered import layered
 from tests.registration.devices.camera_frame import scene
+from tests.waiting import wait_for
 
 
 def until(client: PrintClient, state: LinkState) -> None:
-    limit = time.monotonic() + 20
-    while client.status.state is not state:
-        assert time.monotonic() < limit, client.status
-        time.sleep(0.02)
+    wait_for(lambda: client.status.state is state, told=lambda: client.status)
 
 
 def begun(folder: Path, profile: str, port: str) -> PrintClient:

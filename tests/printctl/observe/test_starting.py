@@ -33,6 +33,7 @@ from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, LookRecord, lo
 from printctl.observe.view_before import EMPTY, image_before, picture_before
 from registration.devices.camera_frame.frame import CameraFrame
 from sim.gcode.motion.executed import ExecutedMotion
+from tests.waiting import wait_for
 
 _OBSERVER = """
 import signal, sys
@@ -113,14 +114,7 @@ def _begin(folder: Path, seconds_after_ready: float) -> None:
 
 def _gone(pid: int) -> bool:
     """Whether a process ends soon: it is ended behind the one that has started it."""
-    limit = time.monotonic() + 10.0
-    while time.monotonic() < limit:
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return True
-        time.sleep(0.02)
-    return False
+    return bool(wait_for(lambda: has_ended(pid)))
 
 
 # --- a print's device is tried before anything moves, and the empty dish is kept
@@ -228,23 +222,16 @@ def test_a_devices_program_ends_with_a_killed_observer(tmp_path):
     )
     observer = subprocess.Popen([sys.executable, "-c", observing])
     try:
-        await_true(began.is_file)
+        wait_for(began.is_file)
     finally:
         observer.kill()
         observer.wait()
     scanner = int(began.read_text())
     try:
-        await_true(lambda: has_ended(scanner))
+        wait_for(lambda: has_ended(scanner))
     finally:
         with suppress(ProcessLookupError):
             os.kill(scanner, signal.SIGKILL)
-
-
-def await_true(tells):
-    limit = time.monotonic() + 30
-    while not tells():
-        assert time.monotonic() < limit
-        time.sleep(0.05)
 
 
 # --- pictures that devices give, and frames that don't hold

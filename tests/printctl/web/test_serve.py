@@ -11,7 +11,6 @@ import socket
 import stat
 import subprocess
 import sys
-import time
 import urllib.error
 import urllib.request
 from collections import Counter
@@ -32,6 +31,7 @@ from printctl.web.server_register import Running
 from printctl.web.settings import ServeSettings, is_loopback
 from tests.printctl.web.serving import PAGE, ROOT, Process, Served, served, server_process
 from tests.slower import first_of
+from tests.waiting import wait_for
 
 
 def refused(*options: str) -> tuple[int, str]:
@@ -114,10 +114,7 @@ def test_nothing_secret_is_written_to_the_log(server: tuple[Process, Path]) -> N
         urllib.request.urlopen(f"{started.url}/api/v1/controls?token={started.token}", timeout=10)
     told.value.close()
     log = workspace.parent / "serve.log"
-    limit = time.monotonic() + 10
-    while "token=***" not in log.read_text() and time.monotonic() < limit:
-        time.sleep(0.05)
-    assert "token=***" in log.read_text()
+    wait_for(lambda: "token=***" in log.read_text())
     assert started.token not in log.read_text()
 
 

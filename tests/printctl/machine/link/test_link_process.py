@@ -41,6 +41,7 @@ from printctl.machine.link.marks import MarkKind
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.looking import layered, patch, patch_at
+from tests.waiting import wait_for
 
 
 def handshake_and(printer: FakeMarlin) -> list[str]:
@@ -82,10 +83,7 @@ def test_prints_a_whole_job_and_ends_by_itself(tmp_path, profile):
         assert outcome.lines_done == len(lines)
         assert handshake_and(served.printer)[: len(lines)] == lines
         assert attach(tmp_path / "run").wait().state is LinkState.DONE
-    limit = time.monotonic() + 5
-    while alive(tmp_path / "run"):
-        assert time.monotonic() < limit
-        time.sleep(0.02)
+    wait_for(lambda: not alive(tmp_path / "run"))
     assert not (tmp_path / "run" / "link.sock").exists()
 
 
@@ -213,9 +211,8 @@ def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from
             if status.lines_done > 50:
                 break
         # The status that a new client is told first may be some tenths of a second ahead.
-        journal, until = tmp_path / "run" / "journal.log", time.monotonic() + 10.0
-        while read_journal(journal).done <= 50 and time.monotonic() < until:
-            time.sleep(0.02)
+        journal = tmp_path / "run" / "journal.log"
+        wait_for(lambda: read_journal(journal).done > 50)
         os.kill(client.record.pid, signal.SIGKILL)
         outcome = client.wait(10)
         assert outcome.state is LinkState.INTERRUPTED

@@ -238,23 +238,6 @@ def known() -> Knowledge:
     return found
 
 
-def test_another_needle_has_another_length(known):
-    known.mount({"floor_mm": 3.0})
-    known.mount({"needle": "25g"})
-    assert known.trusted, "it is the same"
-    known.mount({"needle": "27g"})
-    assert known.homed == (True, True, False)
-    assert known.mounted.floor_mm is None
-
-
-def test_a_needle_put_on_after_homing_has_a_length_that_nobody_knows():
-    known = Knowledge(PRINTER)
-    known.home({"x", "y", "z"})
-    assert known.trusted
-    known.mount({"needle": "25g"})
-    assert not known.trusted
-
-
 def test_heights_and_places_go_along_with_a_new_count(known):
     known.mount({"floor_mm": 3.0, "bath_level_mm": 9.0, "dish_centre_mm": (100, 90)})
     known.count_anew((10, 10, 10), (11, 10, 8), {"x", "z"})
@@ -385,11 +368,6 @@ def test_ink_and_bath_limit_what_they_bear():
 def test_without_a_name_no_more_than_cells_bear(celsius):
     with pytest.raises(NotAllowed, match="outside 0 to 45"):
         check_target(BOTH, "nozzle", celsius, read_mounted_profiles(MountedParts()), False)
-
-
-def test_heater_that_isnt_there_is_named():
-    with pytest.raises(NotAllowed, match="no 'chamber', only of nozzle, bed"):
-        check_target(BOTH, "chamber", 30, read_mounted_profiles(MountedParts()), False)
 
 
 def test_off_is_always_right():

@@ -8,7 +8,6 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from printctl.machine.printing.find import Order
 from printctl.machine.station import Station, StationState, attach, connect
 from printctl.machine.station.record import load_station
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
+from tests.waiting import wait_for
 
 
 class Listening(FakeMarlin):
@@ -38,13 +38,6 @@ class Listening(FakeMarlin):
     def receive(self, data: bytes) -> bytes:
         self.heard += data
         return super().receive(data)
-
-
-def wait_for(true: Callable[[], bool]) -> None:
-    limit = time.monotonic() + 20
-    while not true() and time.monotonic() < limit:
-        time.sleep(0.01)
-    assert true()
 
 
 def all_heard(served) -> bytes:

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -48,9 +49,9 @@ from printctl.web.job.record import Records
 from printctl.web.job.service import JobService
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.machine.link.test_journal import begun
-from tests.printctl.web.job.camera.pictures import until as heard
 from tests.printctl.web.job.conftest import OPERATOR, OTHER, START, add, ready, shut
 from tests.sim_process import printer_process
+from tests.waiting import wait_for as heard
 
 WORDS = "generic_marlin on simulated"
 
@@ -210,10 +211,7 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def until_filed(operators: list[str]) -> None:
     """The history is told in a thread of its own."""
-    limit = time.monotonic() + 20.0
-    while [one.operator for one in PrintHistory().entries()] != operators:
-        assert time.monotonic() < limit, PrintHistory().entries()
-        time.sleep(0.05)
+    heard(lambda: [one.operator for one in PrintHistory().entries()] == operators)
 
 
 def test_a_name_given_after_the_end_is_found_and_stays_with_its_print(tmp_path: Path) -> None:
@@ -373,13 +371,11 @@ def started(service: JobService, port: str, layers: int = 6) -> str:
 
 
 def until_so(service: JobService, job: str, so):
-    limit = time.monotonic() + 60
-    while time.monotonic() < limit:
-        heard = service.heard(job)
-        if heard is not None and so(heard):
-            return heard
-        time.sleep(0.02)
-    raise AssertionError(f"never: {service.heard(job)}")
+    def told() -> Any:
+        now = service.heard(job)
+        return now if now is not None and so(now) else None
+
+    return heard(told, 60.0, lambda: service.heard(job))
 
 
 def ended_as(*states: LinkState):
@@ -412,14 +408,12 @@ KEYS = ("state", "message", "lines_done", "lines_executed", "share", "words", "a
 
 def assert_agree(core, service: JobService, job: str) -> None:
     """All doors tell the same; a killed process' locks go one by one, so after a while."""
-    limit = time.monotonic() + 20
-    while True:
+
+    def agreed() -> Any:
         told = everywhere(core, service, job)
-        apart = [k for k in KEYS if any(one[k] != told["page"][k] for one in told.values())]
-        if not apart or time.monotonic() > limit:
-            break
-        time.sleep(0.2)
-    assert not apart, told
+        return told if all(one[k] == told["page"][k] for k in KEYS for one in told.values()) else {}
+
+    told = heard(agreed, told=lambda: everywhere(core, service, job))
     folder = core.workspace.print_folder(job)
     found = HistoryService(core).find(HistoryQuery()).entries
     entry = next(one for one in found if one.journal.parent == folder.resolve())
@@ -456,9 +450,7 @@ def test_a_print_that_was_broken_off_is_given_up_and_its_end_is_told_by_all(
     assert not given_up.truth.may(PrintAction.GO_ON).possible
     with pytest.raises(Refused, match="given_up"):
         service.hands.go_on(OPERATOR, job)
-    limit = time.monotonic() + 20
-    while core.events.latest["print"]["state"] != "given_up" and time.monotonic() < limit:
-        time.sleep(0.05)
+    heard(lambda: core.events.latest["print"]["state"] == "given_up")
     assert_agree(core, service, job)
 
 
@@ -491,9 +483,7 @@ def test_a_new_server_tells_of_the_print_that_broke_off(core, service, port, beh
     core.events.latest.clear()
     again = JobService(core)
     try:
-        limit = time.monotonic() + 20
-        while "print" not in core.events.latest and time.monotonic() < limit:
-            time.sleep(0.05)
+        heard(lambda: "print" in core.events.latest)
         assert core.events.latest["print"]["state"] == "interrupted"
         found = again.unfinished()
         assert found is not None

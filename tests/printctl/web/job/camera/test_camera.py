@@ -20,10 +20,11 @@ from printctl.web.job.camera.camera import CameraProcess, CameraState
 from printctl.web.job.camera.film import MOST_FRAMES, write_film
 from printctl.web.job.camera.timelapse import LEAVE_FREE_BYTES, limit_reached
 from printctl.web.job.service import JobService
-from tests.printctl.web.job.camera.pictures import BLUE, RED, seen_colour, sequence, until
+from tests.printctl.web.job.camera.pictures import BLUE, RED, seen_colour, sequence
 from tests.printctl.web.job.conftest import OPERATOR, add, ready
 from tests.printctl.web.serving import served, server_process
 from tests.printctl.web.shell.browsers import WIDE, serious, shown
+from tests.waiting import wait_for as until
 
 
 @pytest.fixture

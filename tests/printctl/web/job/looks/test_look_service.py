@@ -14,11 +14,11 @@ from printctl.observe.records import answer_of, look_folder, save_look
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.job.looks.look_service import LookTold
 from printctl.web.workspace import Workspace
-from tests.printctl.web.job.camera.pictures import until
 from tests.printctl.web.job.conftest import OPERATOR, OTHER
 from tests.printctl.web.job.looks.held import JOB, picture, print_held_for_a_look, record
 from tests.printctl.web.serving import PAGE, served, server_process
 from tests.printctl.web.shell.browsers import WIDE, serious, shown
+from tests.waiting import wait_for as until
 
 
 def waiting(looks: list[LookTold]) -> list[LookTold]:
