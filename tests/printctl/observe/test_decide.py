@@ -73,7 +73,8 @@ CASES = [
     ({"unseen": (PART,), "seen_share": 0.5, "mode": "tell"}, GO_ON, None, "2.5 of 5.0 mm"),
     ({"coverage": 0.003, "seen_share": 0.2, "over_old_share": 0.3}, PAUSE, None, "on 0% of what"),
     ({"coverage": 0.003, "seen_share": 0.2, "gaps": (GAP,)}, PAUSE, MEND, ""),
-    ({"coverage": 0.69}, GO_ON, None, ""),
+    ({"coverage": 0.33}, PAUSE, None, "ink lies on 33%"),
+    ({"coverage": 0.34}, GO_ON, None, ""),
     ({"coverage": 0.0, "way_mm": 0.9}, GO_ON, None, ""),
     ({"coverage": math.nan}, GO_ON, None, ""),
     # gaps

@@ -501,5 +501,6 @@ def test_a_turned_plate_has_a1_where_one_sees_it() -> None:
     ]
     assert signs == [(False, True), (False, False), (True, False), (True, True)]
     box = load(Plate, "corning_6").model_copy(update={"shape": "box", "well_y_mm": 30.0})
-    turned = standing_plate(box, PRINTER, turned_deg=90).dish
-    assert (turned.inner_x_mm, turned.inner_y_mm) == (30.0, 34.8)
+    for turn, size_mm in ((0, (34.8, 30.0)), (90, (30.0, 34.8)), (270, (30.0, 34.8))):
+        well = standing_plate(box, PRINTER, turned_deg=turn).dish
+        assert (well.inner_x_mm, well.inner_y_mm) == size_mm
