@@ -247,7 +247,9 @@ def test_heights_and_places_go_along_with_a_new_count(known):
 
 
 def test_place_of_the_dish_was_told_in_the_true_frame(known):
+    known.mount({"floor_mm": 3.0, "bath_level_mm": 9.0})
     known.lose_position()
+    assert (known.mounted.floor_mm, known.mounted.bath_level_mm) == (None, None)
     known.mount({"dish_centre_mm": (100, 90)})
     known.count_anew((0, 0, 0), (50, 60, 70), {"x", "y", "z"})
     assert known.mounted.dish_centre_mm == (100, 90)
