@@ -1,4 +1,4 @@
-"""A print of vessels that was broken off: what the rest's needle meets can be looked at."""
+"""`printctl print` and `recover`: an embedded print, a zigzag and planar examples, simulated."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.design.toolpath.shapes import random_tree
 from tests.printctl.machine.link.layered import layered
-from tests.printctl.machine.link.simulated import HEADER, LAYERED_START
+from tests.printctl.machine.link.simulated import HEADER
+from tests.printctl.machine.link.simulated import START as LAYERED_START
 from tests.sim_process import printer_process
 from tests.system.cli import called, printctl, recipe_file
-from tests.system.cli import called as in_this_process
 
+# --- a print of vessels that was broken off: what the rest's needle meets can be looked at
 START = (60.0, 60.0, 90.0)
 PLACE = np.array([80.0, 80.0, 40.0])
 TIP = ",".join(f"{value:g}" for value in START)
@@ -218,21 +219,22 @@ def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(tmp_path, 
     with printer_process(
         tmp_path, "--exit-on-hangup", "--start", LAYERED_TIP, "--fault", "reset@190"
     ) as port:
-        broken = in_this_process(
+        broken = called(
             "print", job, "--port", port, *given, "--checkpoint-every", "0", cwd=tmp_path
         )
     assert broken.returncode == 4, broken.stderr
     assert "position_unknown" in broken.stderr
-    made = in_this_process("recover", job, "--yes", "--json", cwd=tmp_path)
+    made = called("recover", job, "--yes", "--json", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     assert "straight up" in made.stderr
-    assert f"new file calls X{START[0]:g} Y{START[1]:g} Z{START[2]:g}" in made.stderr
+    x, y, z = LAYERED_START
+    assert f"new file calls X{x:g} Y{y:g} Z{z:g}" in made.stderr
     plan = json.loads(made.stdout)
 
     rest = Path(plan["file"])
     assert plan["command"].startswith(f"printctl print {rest} ")
-    assert plan["command"].endswith(f"--start {TIP}")
-    done = in_this_process("print", rest, "--port", "simulated", *given, cwd=tmp_path)
+    assert plan["command"].endswith(f"--start {LAYERED_TIP}")
+    done = called("print", rest, "--port", "simulated", *given, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     motion = ExecutedMotion.load(tmp_path / "job.rest.gcode.print" / "executed.npz")
     foreseen = dry_run(DATA, PRINTER, LAYERED_START).executed
