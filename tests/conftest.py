@@ -64,7 +64,7 @@ def closed_pages(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 LONGEST = (
-    "system/test_planar_run", "web/shell/test_pages", "system/test_operator_page",
+    "system/test_plate_run", "web/shell/test_pages", "system/test_operator_page",
     "web/design/test_pages", "anatomy/test_templates", "link/test_link_process", "kernels/test_",
     "web/job/test_page", "station/test_kill", "web/stop_process", "web/printer/test_page",
     "system/", "web/job/camera", "web/job", "feedback/test_printed_with", "web/live/test_browser",

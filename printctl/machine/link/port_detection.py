@@ -7,7 +7,7 @@ then asked: by the print's own handshake, or here where the baud rate is to be f
 
 What is asked here is the link's own question: a line with a number far too high. Some families
 refuse it, others tell their temperatures; nothing moves. At a wrong baud rate it arrives as other
-bytes, none of which reads as a command (`tests/printctl/machine/link/test_port_detection.py`
+bytes, none of which reads as a command (`tests/printctl/machine/link/test_transport.py`
 samples its waveform at every other rate). The port is opened once, so that a board resets once at
 most; the rate is changed while it is open.
 """

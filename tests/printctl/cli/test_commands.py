@@ -6,19 +6,30 @@ import errno
 import json
 import os
 import shutil
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from design.solids import block_solid, write_stl
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, shipped
-from printctl.cli import commands
+from kernels import ahead as listing
+from printctl.cli import commands, kernels_ready
 from printctl.cli.commands import COMMANDS, LazyGroup
+from printctl.cli.doctor_checks import places
+from printctl.cli.doctor_checks.collect import extras
+from printctl.cli.doctor_checks.ports import permission_findings, udev_rule
+from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.main import app
 from printctl.errors import UsageError
+from printctl.machine.link.ports import PortInfo
+from printctl.progress_file import ProgressFile
 from printctl.system_errors import explain
+from printctl.web.design.run_processes.progress import read_progress
 from tests.printctl.cli.shell import Shell
 
 LOADED = """
@@ -119,14 +130,7 @@ def test_bash_itself_completes(tmp_path: Path):
     assert done.stdout.split() == ["migrate"], done.stderr
 
 
-# --- options made from the fields of a recipe's section
 # --- one JSON object on stdout for a failure of any kind, beside the text on stderr
-@pytest.fixture
-def shell(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Shell:
-    monkeypatch.chdir(tmp_path)
-    return Shell(monkeypatch, capsys)
 
 
 @pytest.mark.parametrize(
@@ -203,3 +207,186 @@ def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(tmp_path: Path) -
         assert load(model, str(out)) == load(model, name)
         with pytest.raises(UsageError, match="there already"):
             CliRunner().invoke(app, words, catch_exceptions=False)
+
+
+# --- wrong command-line input: one message, the right exit code, no traceback
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        ("pause nothing", 1, "no print was started in nothing"),
+        ("pause . --now --after layer", 2, "exclude each other"),
+        ("resume .", 1, "no print was started in ."),
+        ("status .", 1, "no print was started in ."),
+        ("recover nothing", 1, "no print was started in nothing"),
+        ("recover .", 1, "no print was started in ."),
+        ("history rebuild nowhere", 2, "nowhere is no folder"),
+        ("calibrate weigh none.csv", 2, "can't be read: No such file"),
+        ("calibrate weigh bin.yaml", 2, "isn't a text file"),
+        ("calibrate weigh bad.csv", 2, "line 2: mass_mg is 'abc'"),
+        ("profiles check bin.yaml", 2, "isn't YAML"),
+        ("profiles check foreign.yaml", 2, "no key of any sort of profile"),
+        ("profiles check list.yaml", 2, "holds no keys"),
+        ("profiles check needle.yaml", 2, "needle.yaml: name is missing"),
+        ("profiles check bad.csv", 2, "ends in .yaml"),
+        ("slice nothing.stl --unit mm --out a.gcode", 1, "No such file"),
+        ("slice cube.stl --out a.gcode", 1, "doesn't say its unit"),
+        ("slice cube.stl --unit mm --out .", 2, "is a folder"),
+        ("slice cube.stl --unit m --out a.gcode", 2, "2000 mm long in x, more than the 200 mm"),
+        ("slice cube.stl --unit um --out a.gcode", 1, "check the part's unit"),
+        ("slice bin.yaml --unit mm --out a.gcode", 1, ".yaml isn't one of .stl"),
+        ("slice cube.stl --unit mm --out a.gcode --infill gyroid", 1, "meet above 0.7"),
+        ("simulate /dev/zero --printer generic_marlin", 2, "it is a device and no regular file"),
+        ("simulate . --printer generic_marlin", 2, "it is a folder and no regular file"),
+        ("simulate pipe.gcode --printer generic_marlin", 2, "it is a pipe and no regular file"),
+        ("lumens pipe.gcode --printer generic_marlin --line-um 400", 2, "it is a pipe and no"),
+        ("view pipe.gcode --printer generic_marlin", 2, "it is a pipe and no regular file"),
+        ("print pipe.gcode --printer generic_marlin --port simulated", 2, "it is a pipe and no"),
+        ("simulate nul.gcode --printer generic_marlin", 2, "line 2 of the G-code has a NUL"),
+        (
+            "print nul.gcode --printer generic_marlin --port simulated",
+            2,
+            "line 2 of the G-code has",
+        ),
+        ("view nul.gcode --printer generic_marlin", 2, "line 2 of the G-code has a NUL"),
+        ("run r.yaml --out cube.stl", 2, "--out cube.stl: cube.stl is a file; give a folder's"),
+        ("simulate a.gcode --out cube.stl/x", 2, "--out cube.stl/x: cube.stl is a file"),
+        ("slice cube.stl --unit mm --out cube.stl/a.gcode", 2, "is a file, or lies in one"),
+        ("slice cube.stl --unit mm --unit um --out a.gcode", 2, "--unit is given twice, and"),
+        ("calibrate weigh bad.csv --write a --write a --write b", 2, "--write is given 3 times"),
+        ("ports --printer nope", 2, "no printer profile 'nope'"),
+    ],
+)
+def test_one_message_and_the_right_exit_code(
+    words: str, code: int, message: str, shell: Shell, tmp_path: Path
+) -> None:
+    (tmp_path / "bin.yaml").write_bytes(bytes(range(128, 256)))
+    (tmp_path / "nul.gcode").write_bytes(b"G1 X1\nG1 X\0 Y2\n")
+    (tmp_path / "foreign.yaml").write_text("foo: 1\n")
+    (tmp_path / "list.yaml").write_text("- 1\n")
+    (tmp_path / "needle.yaml").write_text("inner_mm: 0.2\nouter_mm: 0.4\n")
+    (tmp_path / "bad.csv").write_text("travel_mm,mass_mg\n1,abc\n")
+    write_stl(tmp_path / "cube.stl", block_solid(np.full(3, 2.0)))
+    os.mkfifo(tmp_path / "pipe.gcode")
+    before = sorted(tmp_path.iterdir())
+    data = str(tmp_path.with_name(tmp_path.name + "_data"))
+    shell.monkeypatch.setenv("PRINTCTL_DATA", data)
+    ended, out, err = shell(*words.split())
+    assert (ended, out) == (code, "")
+    assert message in err
+    assert err.count("printctl:") == 1
+    assert sorted(tmp_path.iterdir()) == before
+
+
+# --- kernel compilation before a command, with a message
+@pytest.fixture
+def empty_store(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PRINTCTL_CACHE", str(tmp_path))
+    everything = listing.needed_kernels
+    monkeypatch.setattr(listing, "needed_kernels", lambda *works: everything(*works)[:2])
+
+
+@pytest.mark.usefixtures("empty_store")
+def test_few_are_left_to_their_first_call(capsys, tmp_path) -> None:
+    have_kernels("simulate")
+    assert capsys.readouterr().err == ""
+    assert not list(tmp_path.rglob("*.nbc"))
+
+
+@pytest.mark.usefixtures("empty_store")
+def test_many_are_compiled_and_told_once(monkeypatch, capsys, tmp_path) -> None:
+    monkeypatch.setattr(kernels_ready, "MIN_KERNELS", 1)
+    told = ProgressFile(tmp_path / "progress.jsonl")
+    have_kernels("simulate", listener=told)
+    said = capsys.readouterr().err
+    assert "2 to compile, once for this version" in said
+    assert f"2 ready, kept in {tmp_path}" in said.replace("\n", "")
+    (stage,) = read_progress("one", told.path).stages
+    assert (stage.name, stage.state, stage.fraction) == ("kernels", "done", 1.0)
+    have_kernels("simulate")
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("empty_store")
+def test_doctor_compiles_the_list(tmp_path) -> None:
+    done = CliRunner().invoke(app, ["doctor", "--warm"])
+    assert "2 ready" in done.output
+    assert len(list(tmp_path.rglob("*.nbc"))) >= 2
+
+
+# --- findings of `printctl doctor`, and its exit code
+USB = PortInfo("/dev/ttyACM0", "Marlin", "2a03:0042", "x")
+
+
+def doctor(*words: str):
+    return CliRunner().invoke(app, ["doctor", *words])
+
+
+def nobody_may(device: str) -> bool:
+    return False
+
+
+def test_a_machine_that_can_run_the_tests_is_fit():
+    done = doctor()
+    assert done.exit_code == 0, done.output
+    assert "OpenGL               not needed" in done.output
+    assert sys.executable in done.output
+
+
+def test_a_data_folder_that_cannot_be_written_blocks(monkeypatch):
+    monkeypatch.setattr("printctl.cli.doctor_checks.collect.is_writable", lambda folder: False)
+    done = doctor()
+    assert done.exit_code == 1
+    assert "BLOCKS: no file can be written in" in done.output
+    assert "PRINTCTL_DATA" in done.output
+
+
+def test_a_full_disk_blocks_and_a_nearly_full_one_is_told():
+    (full,) = places.disk_findings("here", Path("/x"), 0.1)
+    (low,) = places.disk_findings("here", Path("/x"), 3.0)
+    assert full.blocks
+    assert not low.blocks
+    assert "0.10 GB left" in full.text
+    assert places.disk_findings("here", Path("/x"), 300.0) == []
+
+
+@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="root writes anywhere")
+def test_a_folder_without_rights_is_not_writable(tmp_path: Path):
+    tmp_path.chmod(0o500)
+    assert not places.is_writable(tmp_path)
+
+
+def test_a_taken_port_is_seen():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        assert not places.is_port_free(port)
+    assert places.is_port_free(port)
+
+
+def test_a_port_that_may_not_be_opened_comes_with_group_and_udev_rule(monkeypatch):
+    monkeypatch.setattr("sys.platform", "linux")
+    (found,) = permission_findings([USB], lambda device: "dialout", nobody_may)
+    assert "sudo usermod -aG dialout $USER" in found.text
+    assert 'ATTRS{idVendor}=="2a03", ATTRS{idProduct}=="0042"' in found.text
+    assert "ID_MM_DEVICE_IGNORE" in udev_rule(USB.usb_id)
+    assert not found.blocks
+
+
+def test_a_missing_extra_comes_with_its_command(monkeypatch):
+    wanted = ["numpy>=2", 'h5py>=3 ; extra == "scans"', "no-such-thing>=1; extra == 'scans'"]
+    monkeypatch.setattr("printctl.cli.doctor_checks.collect.metadata.requires", lambda name: wanted)
+    assert extras() == {"scans": "missing no-such-thing; pip install 'printctl[scans]'"}
+
+
+def test_two_homes_of_our_packages_block(monkeypatch):
+    monkeypatch.setattr("printctl.cli.doctor_checks.collect.OURS", ("design", "json"))
+    done = doctor()
+    assert done.exit_code == 1
+    assert "come from 2 places" in done.output
+
+
+def test_kernels_that_are_not_compiled_are_told(monkeypatch, tmp_path: Path):
+    monkeypatch.setattr("printctl.cli.doctor_checks.collect.cache_dir", lambda: tmp_path / "none")
+    done = doctor()
+    assert done.exit_code == 0
+    assert "printctl doctor --warm" in done.output

@@ -11,13 +11,21 @@ import numpy as np
 import pytest
 from pypdf import PdfReader
 
+from design.network_files.csv_format import read_network_csv, write_network_csv
+from design.solids import write_stl
 from printctl.cli import compare as command
+from printctl.cli.register_design import read_design
+from printctl.errors import UsageError
+from printctl.history.signing import lab_key
 from printctl.machine.link.journal import encode
 from printctl.machine.link.record import JOURNAL
-from printctl.run_folder.artefacts import JOURNAL_FOLDER
+from printctl.run_folder.artefacts import JOURNAL_FOLDER, LUMEN, NETWORK, SOLID
+from printctl.run_folder.manifest import Manifest
 from registration.report import print_page
 from tests.printctl.cli.shell import Shell
+from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.printctl.web.shell.browsers import CHROMIUM
+from tests.registration.measuring.geometry.shapes import construct, network
 
 DRAWN_FOR = ("test_a_run_and", "test_a_pdf_on", "test_a_gauge_study")
 """Tests that look at drawings."""
@@ -270,3 +278,195 @@ def test_a_study_that_isnt_crossed_is_refused_by_name(shell: Shell) -> None:
     code, _, err = shell(*names, "--parts", parts, "--out", "c")
     assert code == 2
     assert "add --repeatability" in err.replace("\n", " ")
+
+
+# --- `printctl history`: list, show, csv, bundle, verify, key, repeat
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path) -> Shell:
+    monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path / "data"))
+    monkeypatch.chdir(tmp_path)
+    return Shell(monkeypatch, capsys, "history")
+
+
+@pytest.fixture
+def entry(run, tmp_path):
+    return printed(tmp_path / "run", who="=ada")
+
+
+def test_list_narrows_and_refuses_what_there_is_not(run, entry, tmp_path):
+    printed(tmp_path / "two", "liver.gcode", started=1.5e9, end="killed")
+    code, out, _ = run("list", "--state", "killed", "--since", "2017-01-01")
+    assert code == 0
+    assert "liver.gcode" in out
+    assert "part.gcode" not in out
+    code, out, _ = run("list", "--until", "2002-01-01", "--json")
+    assert [one["file"] for one in json.loads(out)["prints"]] == ["part.gcode"]
+    assert run("list", "--state", "fine")[0] == 2
+    code, _, err = run("list", "--since", "yesterday")
+    assert code == 2
+    assert "2026-11-21" in err
+
+
+def test_csv_is_safe_to_open_by_both_ways(run, entry):
+    for words in (("--csv",), ("csv",), ("list", "--csv")):
+        code, out, _ = run(*words)
+        assert code == 0
+        assert "'=ada" in out
+
+
+def test_show_tells_what_happened_and_what_there_is(run, entry, tmp_path):
+    with_run(tmp_path / "run")
+    code, out, _ = run("show", entry.id[:12])
+    assert code == 0
+    assert "verdict  pass" in out
+    assert "alarm      the printer says 'cold'" in out
+    told = json.loads(run("show", entry.id, "--json")[1])
+    assert told["verdict"]["passed"] is True
+    assert run("show", "nobody")[0] == 1
+
+
+def test_bundle_is_made_verified_and_found_out_when_changed(run, entry, tmp_path):
+    assert run("bundle", entry.id, "--out", "a.zip")[0] == 0
+    code, out, _ = run("verify", "a.zip")
+    assert code == 0
+    assert "WHOLE" in out
+    assert "trusted key" in out
+    assert run("key", "--out", "lab.pem")[0] == 0
+    assert run("verify", "a.zip", "--key", "lab.pem")[0] == 0
+    (tmp_path / "other.pem").write_bytes(lab_key(tmp_path / "other").public.pem())
+    code, out, _ = run("verify", "a.zip", "--key", "other.pem")
+    assert (code, "ISN'T KNOWN" in out) == (1, True)
+    data = bytearray(Path("a.zip").read_bytes())
+    data[data.index(b"a comment")] ^= 1
+    Path("a.zip").write_bytes(data)
+    code, out, _ = run("verify", "a.zip")
+    assert code == 1
+    assert "job.gcode: changed" in out
+
+
+def test_verify_of_what_is_no_bundle_or_is_not_there_is_one_message(run, tmp_path):
+    (tmp_path / "no.zip").write_bytes(b"no")
+    code, out, _ = run("verify", "no.zip", "--json")
+    assert (code, json.loads(out)["whole"]) == (1, False)
+    code, _, err = run("verify", "absent.zip")
+    assert (code, "check the path" in err) == (1, True)
+
+
+def test_repeat_makes_a_job_or_only_looks(run, entry, tmp_path):
+    code, out, _ = run("repeat", entry.id, "--check")
+    assert code == 0
+    assert "nothing known differs" in out
+    assert not (tmp_path / "jobs").exists()
+    code, out, _ = run("repeat", entry.id)
+    assert (tmp_path / "jobs" / "part_again_1.gcode").read_bytes() == GCODE
+    assert "nothing was started" in out
+
+
+def test_repeat_of_a_bundle_that_another_machine_made(run, entry, tmp_path, monkeypatch):
+    assert run("bundle", entry.id, "--out", "a.zip")[0] == 0
+    monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path / "elsewhere"))
+    (tmp_path / "run" / "part.gcode").unlink()
+    code, out, _ = run("repeat", "--bundle", "a.zip", "--json")
+    assert code == 0
+    assert Path(json.loads(out)["job"]).read_bytes() == GCODE
+    assert run("repeat")[0] == 2
+
+
+# --- `printctl register --datums` and `--tolerance`: wrong values reported before any scan is read
+@pytest.fixture
+def given_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
+    return Shell(monkeypatch, capsys, "register")
+
+
+@pytest.fixture
+def design(tmp_path: Path) -> Path:
+    write_stl(tmp_path / "part.stl", construct())
+    write_network_csv(tmp_path / "network.csv", network())
+    return tmp_path / "part.stl"
+
+
+@pytest.mark.parametrize(
+    ("datums", "said"),
+    [
+        ("", "--datums is empty"),
+        (" , ", "--datums is empty"),
+        ("face up", "'face up' isn't known"),
+        ("face -z, face -z", "is given twice"),
+        ("face -z, axis 7", "the design has vessels 0 to 2"),
+        ("face -z, outlet 9", "no such mouth in the design"),
+    ],
+)
+def test_wrong_datums_are_wrong_use_and_no_scan_is_read(
+    given_run: Shell, design: Path, tmp_path: Path, datums: str, said: str
+) -> None:
+    # A file that is no scan: reading it would be refused in other words.
+    scan = tmp_path / "scan.tif"
+    scan.write_bytes(b"no scan")
+    code, _, err = given_run(
+        str(scan), "--model", str(design), "--out", str(tmp_path / "out"), "--datums", datums
+    )
+    assert code == 2, err
+    assert said in " ".join(err.split())
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("vessels: [{vessels: [9], open: false}]", "vessel 9 isn't in the network (it has vessels"),
+        ("vessels: [{kinds: [vein], open: false}]", "no vessel of the network is of kind 'vein'"),
+    ],
+)
+def test_tolerances_of_no_vessel_are_wrong_use_and_no_scan_is_read(
+    given_run: Shell, design: Path, tmp_path: Path, text: str, said: str
+) -> None:
+    scan, limits = tmp_path / "scan.tif", tmp_path / "tolerances.yaml"
+    scan.write_bytes(b"no scan")
+    limits.write_text(text)
+    code, _, err = given_run(str(scan), "--model", str(design), "--out", str(tmp_path / "out"),
+                       "--tolerance", str(limits))  # fmt: skip
+    assert code == 2, err
+    assert said in " ".join(err.split())
+
+
+# --- `printctl register --model RUN`: holds a scan against what the run's print leaves to be seen
+@pytest.mark.parametrize(
+    ("method", "lumens", "whole"),
+    [
+        ("embedded", None, False),
+        ("fresh", None, True),
+        (None, None, True),
+        ("embedded", False, True),
+        ("fresh", True, False),
+    ],
+)
+def test_of_an_embedded_print_the_lumens_are_scanned(
+    tmp_path: Path, method: str | None, lumens: bool | None, whole: bool
+) -> None:
+    part, inside = construct(), construct()
+    inside = type(inside)(inside.vertices / 2, inside.faces)
+    write_stl(tmp_path / SOLID, part)
+    write_stl(tmp_path / LUMEN, inside)
+    write_network_csv(tmp_path / NETWORK, network())
+    if method is not None:
+        Manifest(tmp_path, {"recipe": {"toolpath": {"method": method}}}).save()
+    surface = read_design(tmp_path, None, lumens, "mm", None, tmp_path, print).surface
+    wanted = part if whole else inside
+    assert surface.vertices.max() == pytest.approx(wanted.vertices.max(), abs=1e-3)
+
+
+def test_lumens_of_an_stl_without_a_network_are_found_and_kept(tmp_path: Path) -> None:
+    said: list[str] = []
+    model = tmp_path / "models" / "part.stl"
+    model.parent.mkdir()
+    write_stl(model, construct())
+    out = tmp_path / "report"
+    design = read_design(model, None, None, "mm", None, out, said.append)
+    assert design.vessels.vessel_count == network().vessel_count
+    assert sorted(design.vessels.mean_radius()) == pytest.approx(
+        sorted(network().mean_radius()), rel=0.03
+    )
+    assert design.network == out / NETWORK
+    assert read_network_csv(out / NETWORK, unit="mm").vessel_count == network().vessel_count
+    assert "lumens were found in the model" in said[0]
+    with pytest.raises(UsageError, match="no network at"):
+        read_design(model, tmp_path / "none.csv", None, "mm", None, out, said.append)

@@ -15,15 +15,16 @@ from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
     LINE_MM,
     gcode,
+    plunger_gcode,
     section,
     tube,
+    valve_gcode,
 )
 from tests.printctl.checks.lumens.test_openings import LAYERS_MODEL as LAYERS
 from tests.printctl.checks.lumens.test_openings import pipe
-from tests.printctl.checks.lumens.written_filaments import plunger_gcode, valve_gcode
 from tests.printctl.cli.shell import Shell
-from tests.printctl.cli.test_network_commands import FORK
-from tests.printctl.cli.test_network_commands import HEADER as HEADER_SOLID_COMMAND
+from tests.printctl.cli.test_slice import FORK
+from tests.printctl.cli.test_slice import HEADER as HEADER_SOLID_COMMAND
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 E_MEANS = ("--filament-mm", str(BORE_MM))

@@ -1,7 +1,5 @@
 """`printctl observe answer`: taken while the print waits for it, refused otherwise."""
 
-import os
-
 import pytest
 
 from printctl.cli.observe_looks import answer, looks
@@ -10,8 +8,6 @@ from printctl.errors import UsageError
 from printctl.observe.records import answer_of, look_folder
 from printctl.web.workspace import Workspace
 from tests.printctl.web.job.looks.held import JOB, print_held_for_a_look
-
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 
 
 def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -99,12 +100,6 @@ def test_a_height_that_layers_cant_make_is_told(
 
 
 # --- `printctl slice --thinnest-layer-um`: adaptive layer heights in the file
-@pytest.fixture
-def shell(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Shell:
-    monkeypatch.chdir(tmp_path)
-    return Shell(monkeypatch, capsys)
 
 
 @pytest.fixture
@@ -314,3 +309,247 @@ def test_lumens_reads_what_each_head_s_own_syringe_pushes(
     told = json.loads(capsys.readouterr().out)
     assert told["passed"]
     assert told["lumens"][0]["narrowest_mm"] == pytest.approx(0.8, abs=0.01)
+
+
+# --- `printctl view FILE.gcode`, in an empty directory
+THREE_LAYERS = """G21
+G90
+M82
+G92 X0 Y0 Z9 E0
+G0 Z0.1 F600
+G1 X10 E0.01 F1200
+G0 Z0.2
+G1 X0 E0.02
+G0 Z0.3
+G1 X10 E0.03
+"""
+PNEUMATIC = """G92 X0 Y0 Z9
+G0 Z0.1 F600
+M106 P0 S255
+G1 X10
+M106 P0 S0
+G0 Z0.2
+M106 P0 S255
+G1 X0
+M106 P0 S0
+"""
+
+
+def test_a_page_stands_beside_the_file(tmp_path: Path, shell: Shell) -> None:
+    (tmp_path / "part.gcode").write_text(THREE_LAYERS)
+    code, out, err = shell("view", "part.gcode", "--no-open")
+    assert code == 0
+    assert out.startswith("part.view.html (")
+    assert "4.61 mm" in err
+    assert "Hamilton" in err
+    text = (tmp_path / "part.view.html").read_text(encoding="utf-8")
+    assert '"first":{"layer":1,' in text
+
+
+@pytest.mark.parametrize("to", ["--out=a.html", "--png=a.png"])
+def test_one_level_behind_a_line_that_cant_be_read_is_shown(
+    tmp_path: Path,
+    shell: Shell,
+    to: str,
+) -> None:
+    text = 'G21\nG90\nM82\nM862.3 P "MK3S"\nG1 Z0.3 F120\nG1 X10 Y10 F600\nG1 X30 E1 F300\n'
+    (tmp_path / "part.gcode").write_text(text)
+    code, out, _ = shell("view", "part.gcode", "--no-open", to, "--json")
+    assert code == 0
+    assert "line 4: 'M862.3 P" in json.loads(out)["notes"][0]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--filament-mm", "1.75"), "1 mm of E is 2.405 µL (bore 1.75 mm: --filament-mm)"),
+        (("--syringe", "hamilton_2_5ml"), "bore 7.28 mm"),
+        ((), "neither the file nor --syringe"),
+    ],
+)
+def test_the_bore_is_the_users_or_a_default_that_is_named(
+    options: tuple[str, ...],
+    words: str,
+    tmp_path: Path,
+    shell: Shell,
+) -> None:
+    (tmp_path / "part.gcode").write_text(THREE_LAYERS)
+    code, out, _ = shell("view", "part.gcode", "--no-open", "--json", *options)
+    assert code == 0
+    assert words in json.loads(out)["notes"][0]
+
+
+def test_a_pneumatic_job_is_shown_with_its_printer(tmp_path: Path, shell: Shell) -> None:
+    (tmp_path / "air.gcode").write_text(PNEUMATIC)
+    command = ("view", "air.gcode", "--no-open", "--printer", "pneumatic_marlin", "--json")
+    code, out, _ = shell(*command, "--flow-ul-s", "0.1")
+    assert code == 0
+    assert "0.1 µL/s" in json.loads(out)["notes"][0]
+    code, _, err = shell("view", "air.gcode", "--no-open")
+    assert code == 2
+    assert "--printer" in err
+
+
+CASES: tuple[tuple[tuple[str, ...], str], ...] = (
+    (("neither", ".gcode"), "view picture.png"),
+    (("NUL",), "view fake.gcode"),
+    (("empty",), "view empty.gcode"),
+    (("line 1", "isn't a command"), "view text.gcode"),
+    (("none.gcode", "No such file"), "view none.gcode"),
+    (("run folder",), "view folder.gcode"),
+    (("3 layers",), "view part.gcode --layer 4"),
+    (("--unit", "for a network"), "view part.gcode --unit mm"),
+    (("--layer", "for G-code"), "view . --layer 2"),
+    (("kind", ";TYPE:", "width"), "view part.gcode --colour kind"),
+    (("radius", "width"), "view part.gcode --colour radius"),
+    (("--filament-mm", "--syringe"), "view part.gcode --filament-mm 2 --syringe hamilton_1ml"),
+    (("plunger",), "view part.gcode --flow-ul-s 1"),
+    (("--flow-ul-s",), "view part.gcode --printer pneumatic_marlin --filament-mm 1.75"),
+    (("never opened",), "view part.gcode --printer pneumatic_marlin"),
+    ((".png",), "view part.gcode --png picture.jpg"),
+)
+
+
+@pytest.mark.parametrize(("words", "command"), CASES, ids=[case[1] for case in CASES])
+def test_wrong_input_is_told_in_one_message_and_leaves_nothing(
+    words: tuple[str, ...],
+    command: str,
+    tmp_path: Path,
+    shell: Shell,
+) -> None:
+    (tmp_path / "part.gcode").write_text(THREE_LAYERS)
+    (tmp_path / "text.gcode").write_text("hello\nthere\n")
+    (tmp_path / "empty.gcode").write_text("")
+    for name in ("picture.png", "fake.gcode"):
+        (tmp_path / name).write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR")
+    (tmp_path / "folder.gcode").mkdir()
+    before = sorted(tmp_path.iterdir())
+    ended, out, err = shell(*command.split())
+    assert ended == 2
+    assert out == ""
+    for word in words:
+        assert word in err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_the_models_outline_goes_onto_a_picture_and_a_page(tmp_path: Path, shell: Shell) -> None:
+    (tmp_path / "part.gcode").write_text(THREE_LAYERS)
+    write_stl(tmp_path / "part.stl", block_solid((10, 0.2, 0.3)))
+    model = ("--model", "part.stl", "--unit", "mm")
+    code, _, _ = shell("view", "part.gcode", "--png", "a.png", *model, "--place", "0,-0.1,0")
+    assert code == 0
+    code, _, err = shell("view", "part.gcode", "--png", "b.png", *model, "--place", "0,-0.1,1")
+    assert code == 2
+    assert "layer 2" in err
+    assert "--place 0,-0.1,1" in err
+    code, _, _ = shell("view", "part.gcode", "--no-open", *model, "--place", "0,-0.1,0")
+    assert code == 0
+    page = (tmp_path / "part.view.html").read_text()
+    assert page.count('class="outline"') == 3
+    assert '"colour":"line"' in page.replace(" ", "")
+    for words, said in (
+        (("--png", "b.png", "--place", "0,0,0"), "it is of the --model"),
+        (("--png", "b.png", *model, "--colour", "speed"), "both colour the picture"),
+    ):
+        code, _, err = shell("view", "part.gcode", *words)
+        assert code == 2
+        assert said in " ".join(err.split())
+    assert not (tmp_path / "b.png").exists()
+
+
+# --- `printctl view`, `convert` and `measure`, in an empty directory
+HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
+FORK = (
+    "0,0,1,7,7,0,7,7,3,0.5,0.5,artery,0\n"
+    "1,1,2,7,7,3,10,7,7,0.4,0.4,artery,0\n"
+    "2,1,3,7,7,3,4,7,7,0.39,0.39,artery,0\n"
+)
+
+
+def test_a_network_goes_round_the_formats(tmp_path: Path, shell: Shell) -> None:
+    (tmp_path / "a.csv").write_text(HEADER + FORK)
+    way = ["a.csv", "b.vtp", "c.json", "d.swc", "e.npz", "f.csv"]
+    for source, target in pairwise(way):
+        unit = ("--unit", "mm") if source[-3:] in ("csv", "vtp") else ()
+        code, out, _ = shell("convert", source, target, *unit)
+        assert code == 0
+        assert out == f"{target}: 3 vessels, 6 points\n"
+    rows = [line.split(",") for line in (tmp_path / "f.csv").read_text().splitlines()[1:]]
+    assert sorted(float(row[9]) for row in rows) == pytest.approx([0.39, 0.4, 0.5])
+    _, _, err = shell("convert", "a.csv", "paths", "--unit", "mm")
+    assert len(list((tmp_path / "paths").glob("*.pth"))) == 2
+    assert "no radii" in err
+
+
+def test_x_cavates_networks_are_read_joined_and_told_of(tmp_path: Path, shell: Shell) -> None:
+    trunk = "Vessel: 0, Number of Points: 2\n\n0, 0, 0, 0.1\n4, 0, 0, 0.1\n"
+    branch = "Vessel: 1, Number of Points: 2\n1, 0.05, 0, 0.04\n1, 2, 0, 0.04"
+    (tmp_path / "a.txt").write_text(trunk + branch)
+    (tmp_path / "ends.txt").write_text("inlet\n4, 0, 0\noutlet\n0, 0, 0")
+    code, out, err = shell("convert", "a.txt", "b.csv", "--inlet-outlet", "ends.txt")
+    assert (code, out) == (0, "b.csv: 3 vessels, 6 points\n")
+    assert "0.500 mm at most" in " ".join(err.split())
+    rows = [line.split(",") for line in (tmp_path / "b.csv").read_text().splitlines()[1:]]
+    assert [float(word) for word in rows[0][3:9]] == [40, 0, 0, 10, 0, 0]
+    code, _, err = shell("solid", "a.txt", "--out", "a.stl")
+    assert code == 0
+    assert "lie: 1, by 0.500" in " ".join(err.split())
+
+
+NETWORK_CASES: tuple[tuple[int, tuple[str, ...], str], ...] = (
+    (2, ("--unit",), "convert a.csv a.vtp"),
+    (2, ("a.csv", "another name"), "convert a.csv a.csv --unit mm"),
+    (2, (".obj",), "convert a.csv a.obj --unit mm"),
+    (2, ("none.csv",), "convert none.csv a.json --unit mm"),
+    (1, ("b.csv", "line 3", "NaN"), "convert b.csv b.json --unit mm"),
+    (1, ("c.csv", "UTF-8"), "view c.csv --unit mm"),
+    (1, ("d.vtp", "not XML"), "measure d.vtp --unit mm --tissue ."),
+    (1, ("e.txt", "line 1", "announces 2 points and has 1"), "view e.txt"),
+    (2, ("e.txt", "in cm", "--unit"), "view e.txt --unit mm"),
+    (2, (".txt", "a.csv"), "convert a.csv a.json --unit mm --inlet-outlet e.txt"),
+    (2, ("none.txt",), "convert e.txt a.json --inlet-outlet none.txt"),
+    (2, ("run folder",), "view ."),
+    (2, ("deviation", "registered scan", "radius"), "view a.csv --unit mm --colour deviation"),
+    (2, ("--colour", "colourful"), "view a.csv --unit mm --colour colourful"),
+    (2, (".png",), "view a.csv --unit mm --png picture.jpg"),
+    (2, ("--tissue",), "measure a.csv --unit mm"),
+    (2, ("--tissue-unit",), "measure a.csv --unit mm --tissue t.stl"),
+    (1, ("t.stl",), "measure a.csv --unit mm --tissue t.stl --tissue-unit mm"),
+    (2, ("t.stl",), "view a.csv --unit mm --tissue t.stl --tissue-unit mm --no-open"),
+)
+
+
+@pytest.mark.parametrize(
+    ("code", "words", "command"), NETWORK_CASES, ids=[case[2] for case in NETWORK_CASES]
+)
+def test_wrong_networks_are_told_in_one_message_and_leave_nothing(
+    code: int, words: tuple[str, ...], command: str, tmp_path: Path, shell: Shell
+) -> None:
+    (tmp_path / "a.csv").write_text(HEADER + FORK)
+    (tmp_path / "b.csv").write_text(HEADER + FORK.replace("0.4,0.4", "nan,0.4"))
+    (tmp_path / "c.csv").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "d.vtp").write_text("no xml at all")
+    (tmp_path / "e.txt").write_text("Vessel: 0, Number of Points: 2\n0, 0, 0, 0.1")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    ended, out, err = shell(*command.split())
+    assert ended == code
+    assert out == ""
+    for word in words:
+        assert word in err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_page_isnt_opened_where_nobody_sees_it(
+    tmp_path: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    (tmp_path / "a.csv").write_text(HEADER + FORK)
+    assert shell("view", "a.csv", "--unit", "mm")[0] == 0
+    assert shell("view", "a.csv", "--unit", "mm", "--no-open")[0] == 0
+    assert opened == []
+    code, out, err = shell("view", "a.csv", "--unit", "mm", "--open")
+    assert code == 0
+    assert opened == [(tmp_path / "a.view.html").as_uri()]
+    assert out.startswith("a.view.html (")
+    assert "0.25 mL/min" in err

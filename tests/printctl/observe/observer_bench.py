@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -49,11 +49,22 @@ class FakeLink:
         self.said.append(("stop",))
 
 
-def evidence(gaps=(), ratio=1.0):
-    full = np.full(30, ratio)
-    flow = FlowBlocks(np.arange(30.0), full, np.full(30, 0.02), np.ones(30))
-    supply = InkSupply(SupplyState.FLOWING, 0, None, 0)
-    return Evidence(400, gaps, None, supply, flow, 0.9, way_mm=100.0)
+FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)
+
+
+def flow(ratio, count=30):
+    full = np.full(count, ratio)
+    return FlowBlocks(np.arange(float(count)), full, np.full(count, 0.02), np.ones(count))
+
+
+def evidence(**changed):
+    """Evidence of a sound layer, changed as a test says."""
+    given = {"places": 400, "gaps": (), "second": None, "supply": FLOWING, "seen_share": 0.95}
+    return Evidence(**{**given, "flow": flow(1.0), "way_mm": 100.0, **changed})
+
+
+def decided(mode="mend", **changed):
+    return Decider(Limits(mend=mode)).decide(evidence(**changed))
 
 
 @dataclass
@@ -76,10 +87,13 @@ class Bench:
     in_vain: bool = False
     not_seen: str = ""
     seen_share: float = 0.9
+    answer: str = ""
     pictures: list[str] = field(default_factory=list)
 
     def __post_init__(self):
         self.link = FakeLink(self.refuses)
+        if self.answer:
+            self.link.look_done = answering(self, self.answer)
         self.observer = self.another()
 
     def another(self) -> Observer:
@@ -109,14 +123,13 @@ class Bench:
 
     def judge(self, look, picture, again):
         seen = self.gaps if again is None or self.again else ()
-        one = evidence(self.gaps, self.ratio)
-        second = None if again is None else seen
-        one = replace(one, seen_share=self.seen_share)
-        found = {
-            "seen_share": self.seen_share,
-            **({"not_seen": self.not_seen} if self.not_seen else {}),
-        }
-        return Judged(Evidence(**{**vars(one), "second": second, "thin": self.thin}), found)
+        found = {"seen_share": self.seen_share}
+        found |= {"not_seen": self.not_seen} if self.not_seen else {}
+        told = evidence(
+            gaps=self.gaps, flow=flow(self.ratio), seen_share=self.seen_share, thin=self.thin,
+            second=None if again is None else seen,
+        )  # fmt: skip
+        return Judged(told, found)
 
 
 def answering(bench, word):

@@ -11,7 +11,6 @@ from printctl.observe.deciding import (
     Decider,
     DecisionKind,
     FlowBlocks,
-    FlowControl,
     InkSupply,
     Limits,
     SupplyState,
@@ -20,8 +19,7 @@ from printctl.observe.deciding.evidence import MapCheck, Narrowed, Thin, UnseenP
 from printctl.observe.observer import restore, state_of
 from registration.inspection.findings import ToldOfInk
 from registration.inspection.values import Blob, Gap
-from tests.printctl.observe.decisions import GAP, decided, evidence, flow
-from tests.printctl.observe.observer_bench import LOOK, Bench
+from tests.printctl.observe.observer_bench import GAP, LOOK, Bench, decided, evidence, flow
 
 GO_ON, PAUSE, MEND, FLOW = (
     DecisionKind.GO_ON,
@@ -75,7 +73,8 @@ CASES = [
     ({"unseen": (PART,), "seen_share": 0.5, "mode": "tell"}, GO_ON, None, "2.5 of 5.0 mm"),
     ({"coverage": 0.003, "seen_share": 0.2, "over_old_share": 0.3}, PAUSE, None, "on 0% of what"),
     ({"coverage": 0.003, "seen_share": 0.2, "gaps": (GAP,)}, PAUSE, MEND, ""),
-    ({"coverage": 0.69}, GO_ON, None, ""),
+    ({"coverage": 0.33}, PAUSE, None, "ink lies on 33%"),
+    ({"coverage": 0.34}, GO_ON, None, ""),
     ({"coverage": 0.0, "way_mm": 0.9}, GO_ON, None, ""),
     ({"coverage": math.nan}, GO_ON, None, ""),
     # gaps
@@ -235,18 +234,6 @@ def stretch(stroke, length_mm):
     return Gap(stroke, 0.0, length_mm, (98.0, 101.0), (98.0 + length_mm, 101.0), 0.1, 1.0)
 
 
-def test_a_first_layer_of_which_no_ink_is_seen_can_be_written_again():
-    """A needle clogged from the start paused, proposed nothing, and 82 mm stayed bare."""
-    bare = {"seen_share": 0.0, "coverage": float("nan"), "level_mm": 0.1}
-    tail = (stretch(0, 6.0), stretch(1, 4.0))
-    found = Decider(Limits(mend="mend")).decide(
-        evidence(**bare, told=ToldOfInk(head_mm=10.0, untold=tail, tail=tail))
-    )
-    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
-    assert found.gaps == tail
-    assert "no ink is seen yet" in found.why
-
-
 def untold(way_mm, stroke=7, **changed):
     """A look of which nothing is told, over older ink."""
     tail = (stretch(stroke, way_mm),)
@@ -291,23 +278,34 @@ def test_a_clog_that_is_seen_names_what_the_look_before_left_untold():
     assert "with what the look before left untold (X 98.0 Y 101.0 to X 101.0 Y 101.0" in found.why
 
 
-def test_what_did_not_change_beside_what_did_is_asked_about():
-    still = ToldOfInk(came_mm=90.0, ink_mm=90.0, still=(stretch(4, 3.0), stretch(5, 1.0)))
-    found = decided(seen_share=0.0, told=still, level_mm=0.2)
-    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
-    assert [one.stroke for one in found.gaps] == [4]
-    assert "nothing has changed along 3.0 mm" in found.why
-
-
-def test_a_stretch_that_looks_bare_though_the_picture_changed_is_asked_about():
-    bare = ToldOfInk(ink_mm=90.0, doubted=(stretch(4, 2.2), stretch(5, 1.0)))
-    found = decided(told=bare, level_mm=0.2)
-    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
-    assert [one.stroke for one in found.gaps] == [4]
-    assert "2.2 mm (X 98.0 Y 101.0 to X 100.2 Y 101.0, 2.2 mm) look bare" in found.why
-
-
 THIN_LAYERS_SEEN = ToldOfInk(came_mm=90.0, ink_mm=90.0, thin=(stretch(4, 6.0),))
+STILL = ToldOfInk(came_mm=90.0, ink_mm=90.0, still=(stretch(4, 3.0), stretch(5, 1.0)))
+DOUBTED = ToldOfInk(ink_mm=90.0, doubted=(stretch(4, 2.2), stretch(5, 1.0)))
+BARE = {"coverage": math.nan, "level_mm": 0.1}
+TAIL = (stretch(0, 6.0), stretch(1, 4.0))
+
+
+@pytest.mark.parametrize(
+    ("told", "more", "strokes", "words"),
+    [
+        # What did not change beside what did.
+        (STILL, {"seen_share": 0.0}, [4], "nothing has changed along 3.0 mm"),
+        # A stretch that looks bare though the picture changed.
+        (DOUBTED, {}, [4], "2.2 mm (X 98.0 Y 101.0 to X 100.2 Y 101.0, 2.2 mm) look bare"),
+        # A needle clogged from the start paused, proposed nothing, and 82 mm stayed bare.
+        (
+            ToldOfInk(head_mm=10.0, untold=TAIL, tail=TAIL),
+            {**BARE, "seen_share": 0.0},
+            [0, 1],
+            "no ink is seen yet",
+        ),
+    ],
+)
+def test_ink_that_may_be_missing_is_asked_about(told, more, strokes, words):
+    found = decided(**{"told": told, "level_mm": 0.2, **more})
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert [one.stroke for one in found.gaps] == strokes
+    assert words in found.why
 
 
 def test_ink_that_may_be_thin_is_asked_about_and_half_of_it_written_again():
@@ -425,12 +423,6 @@ def test_a_flow_that_falls_for_long_is_answered(seed):
     )
     assert not [one for one in decisions if one.kind is DecisionKind.PAUSE]
     assert decider.control.factor > 1.2
-
-
-def failed(mode="mend", factor=0.7):
-    decider = Decider(Limits(mend=mode), FlowControl(factor=factor))
-    decider.control.answers.failed = True
-    return decider
 
 
 def test_the_correction_is_taken_back_before_the_print_is_paused(tmp_path):

@@ -20,7 +20,7 @@ from printctl.observe.look_words import total_words
 from printctl.observe.observer import Observer
 from printctl.observe.process import follow
 from printctl.observe.records import LookRecord, answer_look, answer_of, read_looks, save_look
-from tests.printctl.observe.observer_bench import GAP, LOOK, Bench, answering
+from tests.printctl.observe.observer_bench import GAP, LOOK, Bench
 
 GO_ON, PAUSE, INSERT = ("go_on", 1), ("pause", 1), ("insert", 1, ("G1 X1 E1",), None)
 MENDED = {"path": 2, "from_mm": 0.0, "to_mm": 1.0, "tries": 1}
@@ -98,8 +98,9 @@ def test_a_look_that_somebody_ends_while_it_is_judged_keeps_nothing_of_its_pictu
 @pytest.mark.parametrize("mode", ["mend", "ask"])
 def test_a_gap_of_which_no_second_picture_comes_is_asked_about(tmp_path, mode, seen_share):
     """A program that writes one file at each look; the look failed, and the gap stayed bare."""
-    bench = Bench(tmp_path, mode, gaps=(GAP,), one_each=True, seen_share=seen_share)
-    bench.link.look_done = answering(bench, "approve")
+    bench = Bench(
+        tmp_path, mode, gaps=(GAP,), one_each=True, seen_share=seen_share, answer="approve"
+    )
     bench.observer.look(LOOK)
     assert bench.link.said == [("pause", 1), ("insert", 1, ("G1 X1 E1",), None), ("resume",)]
     (record,) = read_looks(tmp_path)
@@ -127,17 +128,14 @@ def test_a_look_that_failed_is_recorded_and_leaves_the_control_as_it_was(tmp_pat
     assert failed.control == before.control
 
 
-def test_gaps_that_are_left_as_they_are_are_counted(tmp_path, monkeypatch):
+def test_gaps_that_are_left_as_they_are_are_counted(tmp_path):
     for mode, word, left_mm in (
         ("tell", "", GAP.length_mm),
         ("ask", "go_on", GAP.length_mm),
         ("ask", "approve", None),
         ("mend", "", None),
     ):
-        bench = Bench(tmp_path, mode=mode, gaps=(GAP,))
-        if word:
-            monkeypatch.setattr(bench.link, "look_done", answering(bench, word))
-        record = bench.observer.look(LOOK)
+        record = Bench(tmp_path, mode=mode, gaps=(GAP,), answer=word).observer.look(LOOK)
         assert record.found.get("left_mm") == left_mm
         told = total_words([record, replace(record, found={"seen_share": 0.0})])
         assert ("mm of gaps left" in told) == (left_mm is not None)
@@ -146,10 +144,9 @@ def test_gaps_that_are_left_as_they_are_are_counted(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("mode", ["mend", "ask"])
-def test_what_a_mend_leaves_is_told(tmp_path, monkeypatch, mode):
-    bench = Bench(tmp_path, mode=mode, gaps=(GAP,), left="0.22 mm (ink would reach into a lumen)")
-    if mode == "ask":
-        monkeypatch.setattr(bench.link, "look_done", answering(bench, "approve"))
+def test_what_a_mend_leaves_is_told(tmp_path, mode):
+    left, answer = "0.22 mm (ink would reach into a lumen)", "approve" if mode == "ask" else ""
+    bench = Bench(tmp_path, mode=mode, gaps=(GAP,), left=left, answer=answer)
     record = bench.observer.look(LOOK)
     assert record.why.endswith("; not mended: 0.22 mm (ink would reach into a lumen)")
     assert record.found["left_mm"] == 0.22
@@ -188,9 +185,8 @@ def test_what_an_earlier_print_left_is_no_part_of_this_one(tmp_path):
         ("stop", [("stop",)]),
     ],
 )
-def test_an_asked_operator_has_the_word(tmp_path, monkeypatch, word, said):
-    bench = Bench(tmp_path, mode="ask", gaps=(GAP,))
-    monkeypatch.setattr(bench.link, "look_done", answering(bench, word))
+def test_an_asked_operator_has_the_word(tmp_path, word, said):
+    bench = Bench(tmp_path, mode="ask", gaps=(GAP,), answer=word)
     bench.observer.look(LOOK)
     assert bench.link.said == [("pause", 1), *said]
 
@@ -230,9 +226,8 @@ def test_another_observer_asks_again_by_the_pictures(tmp_path):
     assert bench.pictures == ["picture", "again"]
 
 
-def test_an_approval_that_cant_be_carried_out_is_told(tmp_path, monkeypatch):
-    bench = Bench(tmp_path, mode="ask", gaps=(GAP,), refuses=True)
-    monkeypatch.setattr(bench.link, "look_done", answering(bench, "approve"))
+def test_an_approval_that_cant_be_carried_out_is_told(tmp_path):
+    bench = Bench(tmp_path, mode="ask", gaps=(GAP,), refuses=True, answer="approve")
     bench.observer.look(LOOK)
     assert bench.link.said == [("pause", 1)]
     (record,) = read_looks(tmp_path)
@@ -242,8 +237,7 @@ def test_an_approval_that_cant_be_carried_out_is_told(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("word", ["approve", "go_on"])
 def test_that_a_link_doesnt_go_on_by_an_answer_is_told(tmp_path, monkeypatch, word):
-    bench = Bench(tmp_path, mode="ask", gaps=(GAP,))
-    monkeypatch.setattr(bench.link, "look_done", answering(bench, word))
+    bench = Bench(tmp_path, mode="ask", gaps=(GAP,), answer=word)
     monkeypatch.setattr(bench.link, "resume", _refusing("a change of syringe is to be told"))
     bench.observer.look(LOOK)
     (record,) = read_looks(tmp_path)
@@ -258,11 +252,8 @@ def _refusing(why):
     return refuse
 
 
-def test_what_was_mended_in_vain_is_written_once_more_when_the_operator_approves(
-    tmp_path, monkeypatch
-):
-    bench = Bench(tmp_path, gaps=(GAP,), in_vain=True)
-    monkeypatch.setattr(bench.link, "look_done", answering(bench, "approve"))
+def test_what_was_mended_in_vain_is_written_once_more_when_the_operator_approves(tmp_path):
+    bench = Bench(tmp_path, gaps=(GAP,), in_vain=True, answer="approve")
     record = bench.observer.look(LOOK)
     assert record.asked == "mend"
     assert [one[0] for one in bench.link.said] == ["pause", "insert", "resume"]

@@ -32,7 +32,7 @@ from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
 from registration.inspection import ExpectedLines, HeightFrame
 from registration.scan import Scan
-from tests.printctl.cli.test_observe import observe
+from tests.printctl.cli.test_pause_commands import observe
 from tests.registration.devices.camera_frame import scene
 from tests.registration.devices.laser_sweep import sweeps
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 from copy import deepcopy
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,8 +14,13 @@ import pytest
 import yaml
 from rich.console import Console
 
+from benchmarks.checkers import near_pairs, read_network
+from design.errors import NetworkError
+from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselKind, VesselNetwork
-from design.network_files.csv_format import write_network_csv
+from design.network_files.csv_format import read_network_csv, write_network_csv
+from design.tissue.shapes import annulus, block
+from design.tissue.surface import tissue_from_surface
 from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.machine.link.marks import MarkKind
@@ -22,10 +29,13 @@ from printctl.pipeline import observing
 from printctl.pipeline.heads import layer_lines_um, vessel_heads
 from printctl.pipeline.observing import look_care, unlooked_words
 from printctl.pipeline.refusals import refuse_unobservable
-from printctl.pipeline.run import toolpath_recipe
-from printctl.recipe import parse_recipe
+from printctl.pipeline.run import design_recipe, toolpath_recipe
+from printctl.pipeline.stages.vasculature import outside_note
+from printctl.pipeline.tissue_source import make_tissue
+from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.making import Fresh, HeadPart
 from printctl.run_folder.artefacts import GCODE
+from tests.printctl.networks import network_recipe, vessels
 
 ROOT = Path(__file__).parents[3]
 GOOD = yaml.safe_load((ROOT / "examples" / "ring_two_inks.yaml").read_text())
@@ -80,35 +90,23 @@ def test_heads_that_contradict_each_other_are_refused(data: dict[str, Any], word
 
 def whole(folder: Path, **printer: Any) -> dict[str, Any]:
     """An artery and a vein side by side, as far as the dry run."""
-    write_network_csv(folder / "two.csv", BESIDE)
-    data = {
-        "schema": 1,
-        "name": "two_inks",
-        "tissue": {"shape": "block", "size_mm": [10, 6, 4]},
-        "vasculature": {"network": "two.csv", "unit": "mm"},
-        "toolpath": {"method": "embedded", "needle": "30g"},
-        "printer": {
-            "profile": "two_syringe_marlin",
-            "bath": "cell_matrix",
-            "dish": "petri_60mm",
-            "heads": [
-                {"ink": "gelatin_sacrificial", "kinds": ["artery"]},
-                {"syringe": "hamilton_2_5ml", "ink": "gelatin_sacrificial", "kinds": ["vein"]},
-            ],
-            **printer,
-        },
-    }
+    heads = [
+        {"ink": "gelatin_sacrificial", "kinds": ["artery"]},
+        {"syringe": "hamilton_2_5ml", "ink": "gelatin_sacrificial", "kinds": ["vein"]},
+    ]
+    two = {"profile": "two_syringe_marlin", "bath": "cell_matrix", "dish": "petri_60mm"}
+    data = network_recipe(
+        folder,
+        BESIDE,
+        (10, 6, 4),
+        toolpath={"method": "embedded", "needle": "30g"},
+        printer={**two, "heads": heads, **printer},
+    )
     recipe = parse_recipe(data, "two.yaml")
     return toolpath_recipe(recipe, folder, folder / "run", Console(quiet=True))
 
 
-BESIDE = VesselNetwork.from_segments(
-    np.array([[1.0, 2, 2], [9, 2, 2], [1, 4, 2], [9, 4, 2]]),
-    np.array([[0, 1], [2, 3]]),
-    np.full(2, 0.2),
-    np.array([VesselKind.ARTERY, VesselKind.VEIN], dtype=np.int64),
-    np.array([0, 1]),
-)
+BESIDE = vessels([[1, 2, 2], [9, 2, 2]], [[1, 4, 2], [9, 4, 2]], kind=KIND[:2], tree=[0, 1])
 
 
 def test_two_inks_are_planned_written_and_checked(tmp_path: Path) -> None:
@@ -144,10 +142,7 @@ LEVELS = 0.06 * (np.arange(25) + 0.5) - 0.75
 RING = 0.06 * 2 * np.sqrt(np.maximum(0.65**2 - LEVELS**2, 0.0)).sum() - np.pi * 0.25**2
 """Area of what lies within 0.4 mm of the lumen, as layers cut it, mm²."""
 ROUND_UL = 6.0 * RING - CREST * (2 * 6.0 * 0.5 + 2 * RING)
-NONE = np.zeros(1, dtype=np.int64)
-TUBE = VesselNetwork.from_segments(
-    np.array([[0.0, 2, 0.75], [6, 2, 0.75]]), np.array([[0, 1]]), np.array([0.25]), NONE, NONE
-)
+TUBE = vessels([[0, 2, 0.75], [6, 2, 0.75]], radius=0.25)
 HALF = {"where": {"shape": "block", "from_mm": [3, -1, -1], "to_mm": [7, 5, 3]}, "head": 1}
 HEADS = [{"ink": "collagen_fresh"}, {"syringe": "hamilton_2_5ml", "ink": "collagen_fresh"}]
 
@@ -330,3 +325,143 @@ def test_what_changed_in_observe_while_a_print_goes_on_is_told(tmp_path, monkeyp
     assert told == [False, False, True]
     context.recipe = recipe_observing(None)
     assert observing.observed_otherwise(context, begun)
+
+
+# --- recipe's network from a file of any format; overlapping vessels in it
+# A straight vessel, and another that runs 0.3 mm above it: radii of 0.2 mm, 0.1 mm in each other.
+OVER = vessels([[1, 3, 2], [9, 3, 2]], [[5, 1, 2.3], [5, 5, 2.3]])
+
+
+def _made(folder: Path, **vasculature: Any) -> dict[str, Any]:
+    data = network_recipe(
+        folder,
+        OVER,
+        (10, 6, 4),
+        vasculature=vasculature,
+        toolpath={"method": "embedded", "needle": "30g", "allowed_crossings": 10},
+        printer={"ink": "gelatin_sacrificial", "bath": "cell_matrix"},
+    )
+    made = parse_recipe(data, "over.yaml")
+    return toolpath_recipe(made, folder, folder / "run", Console(quiet=True))
+
+
+def test_vessels_that_run_into_each_other_are_refused_or_told_of(tmp_path: Path) -> None:
+    with pytest.raises(
+        NetworkError, match=r"vessels 0 and 1 overlap by 0\.1 mm at \(5, 3, 2\.15\)"
+    ):
+        _made(tmp_path)
+    parts, note = _made(tmp_path, overlaps="tell")["network"]["notes"]
+    assert parts.startswith("The network has 2 parts that share no node")
+    assert note.startswith("Places where vessels are nearer than 0 mm without meeting: 1 ")
+    assert "vessels 0 and 1, -0.1 mm apart at (5, 3, 2.15) mm" in note
+    kept = read_network_csv(tmp_path / "run" / "network.csv", unit="mm")
+    assert kept.vessel_count == 2
+
+
+def test_vessels_outside_the_tissue_are_told_and_none_within_is_refused() -> None:
+    shape = block((10.0, 6.0, 4.0))
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    assert outside_note(tissue, OVER) == ()
+    (note,) = outside_note(tissue, OVER.moved(np.array([6.0, 0, 0])))
+    assert note.startswith("9 of 12 mm of vessels lie outside the tissue, up to ")
+    reach = r"no vessel .* vessels reach from \(101, 1, 2\) to \(109, 5, 2.3\) mm.*unit"
+    with pytest.raises(RecipeError, match=reach):
+        outside_note(tissue, OVER.moved(np.array([100.0, 0, 0])))
+
+
+@pytest.mark.parametrize("radius", [0.5, 1.0])
+def test_a_tissue_with_the_vessels_cut_out_is_told_as_that(radius: float) -> None:
+    """Channels of radius 0.5 mm, as wide as the vessels or half as wide."""
+    hollow = annulus(6.0, 1.0, 10.0)
+    tissue = tissue_from_surface(hollow.vertices, hollow.faces)
+    upright = vessels([[0, 0, -1], [0, 0, 11]], radius=radius)
+    with pytest.raises(RecipeError, match=r"hollow .* 10 of 12 mm .*solid outline"):
+        outside_note(tissue, upright)
+    # The channel of something else, or a network beside the tissue, isn't.
+    with pytest.raises(RecipeError, match="see to the network's unit"):
+        outside_note(tissue, upright.moved(np.array([3.4, 0.0, 0.0])))
+
+
+def test_an_embedded_print_of_a_given_network_needs_no_tissue(tmp_path: Path) -> None:
+    write_network_csv(tmp_path / "one.csv", OVER)
+    data = {
+        "schema": 1,
+        "name": "one",
+        "vasculature": {"network": "one.csv", "unit": "mm"},
+        "toolpath": {"method": "embedded"},
+    }
+    tissue = make_tissue(parse_recipe(data, "one.yaml").tissue, tmp_path)
+    # Vessels from (1, 1, 2) to (9, 5, 2.3) mm with radii of 0.2 mm, and 2 mm around.
+    assert tissue.bounds == pytest.approx(np.array([[-1.2, -1.2, -0.2], [11.2, 7.2, 4.5]]))
+    assert "2 mm (tissue.margin_mm)" in tissue.notes[0]
+    with pytest.raises(RecipeError, match="tissue: is missing"):
+        parse_recipe(data | {"toolpath": {"method": "fresh"}}, "one.yaml")
+
+
+# --- forests from a recipe: mixing beside given vessels, notes on what isn't supplied
+CHANNEL = (
+    "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
+    "0,0,1,0,8,6,20,8,6,0.8,0.8,channel,0\n"
+)
+
+
+def designed(folder: Path, vessels: dict[str, Any]) -> dict[str, Any]:
+    block = {"shape": "block", "size_mm": [20, 16, 12]}
+    forest = {"grow": "forest", **vessels}
+    data = {"schema": 1, "name": "forest", "tissue": block, "vasculature": forest}
+    made = parse_recipe(data, "forest.yaml")
+    console = Console(file=io.StringIO())
+    design_recipe(made, folder, folder, console, until="vasculature")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    summary: dict[str, Any] = manifest["stages"]["vasculature"]["summary"]
+    return summary
+
+
+def test_a_mixing_network_grows_round_given_vessels(tmp_path: Path) -> None:
+    (tmp_path / "given.csv").write_text(CHANNEL)
+    kinds = ("artery", "artery", "vein")
+    mixed = {"trees": [{"kind": kind} for kind in kinds], "join": "mixing"}
+    given = {"network": "given.csv", "unit": "mm"}
+    found = designed(tmp_path, {"terminals": 6, "networks": [given, mixed]})
+    assert found["networks"][0]["connections"] == 6
+    net = read_network(tmp_path / "network.csv")
+    assert len(near_pairs(net, clearance_ratio=0.1).colliding) == 0
+    # Trees 0 to 2, the limbs of their nodes, what was there.
+    np.testing.assert_array_equal(np.unique(net.tree), np.arange(5))
+
+
+# --- trees with curves in the place of bends, judged by a checker of their files
+TREE = {"grow": "tree", "terminals": 60, "curves": True}
+
+
+def given_recipe(vessels: dict[str, Any]) -> Recipe:
+    block = {"shape": "block", "size_mm": [12, 10, 8]}
+    data = {"schema": 1, "name": "curved", "tissue": block, "vasculature": vessels}
+    return parse_recipe(data, "curved.yaml")
+
+
+def test_main_lines_are_curves_clear_of_each_other_with_flows_as_asked(tmp_path: Path) -> None:
+    said = io.StringIO()
+    design_recipe(given_recipe(TREE), tmp_path, tmp_path, Console(file=said), until="vasculature")
+    assert "0 curved" in said.getvalue().replace("\n", " ")
+    found = near_pairs(read_network(tmp_path / "network.csv"), 0.0, 0.1)
+    assert len(found.colliding) == 0
+    network = read_network_csv(tmp_path / "network.csv", "mm")
+    assert network.vessel_count == 2 * 60 - 1
+    assert len(network.points) > 3 * network.vessel_count
+    flow = solve_flow(network, FlowConditions(4e-3, inlet_flow_ul_s=1.0)).flow
+    ends = np.isin(network.vessel_nodes[:, 1], network.outlets())
+    assert flow[ends] == pytest.approx(1.0 / 60, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"printable": True}, "curves wouldn't keep to printable"),
+        ({"turn_angle_degrees": [0, 90]}, "curves wouldn't keep to turn_angle_degrees"),
+        ({"anatomy": {"template": "heart"}}, "curved as it is; leave curves out"),
+    ],
+)
+def test_what_curves_would_break_is_refused(more: dict[str, Any], message: str) -> None:
+    with pytest.raises(RecipeError, match=message):
+        given_recipe(TREE | more)

@@ -6,6 +6,8 @@ import io
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,17 +15,28 @@ from lxml import etree
 from PIL import Image
 from rich.console import Console
 
+from design.geometry.surface import Surface
+from design.hemodynamics import FlowConditions
 from design.network_files.csv_format import write_network_csv
+from kernels.arrays import FloatArray, IntArray
+from printctl.analysis.flow import ONE_D, ONE_D_WAVES, TABLE, steady_conditions
+from printctl.analysis.flow.conditions import Driven
 from printctl.machine.link.inserts import Insert
 from printctl.machine.link.journal import encode
 from printctl.machine.link.record import JOURNAL
 from printctl.observe.records import LookRecord, look_folder, save_look
 from printctl.pipeline.look_pictures import look_pictures
 from printctl.pipeline.run import toolpath_recipe
-from printctl.pipeline.tracing import Job
+from printctl.pipeline.stages import fidelities
+from printctl.pipeline.stages.flow import work
+from printctl.pipeline.tracing import Job, by_layer, made_by
 from printctl.pipeline.written_in_scan import looks_and_scan, save_written, written_places
 from printctl.recipe import parse_recipe
+from printctl.recipe.parts import FlowPart
+from printctl.recipe.solid import SolidPart
 from sim.gcode.deposit.strands import Strands
+from tests.design.hemodynamics.networks import network_of
+from tests.printctl.networks import vessels
 from tests.printctl.pipeline.test_heads import SIZE_MM, TUBE, WHOLE_UL, recipe
 
 
@@ -159,3 +172,151 @@ def test_so_is_a_mend_that_the_scan_does_not_find(tmp_path, job):
     first, _ = compared(tmp_path, job, hole, looks, [mend])
     assert (first["agree"], first["mended"]) == (False, True)
     assert first["words"] == "look: mended; scan: missing"
+
+
+# --- trace from a place of the print to its G-code lines
+NO_FACES = np.empty((0, 3), dtype=np.int64)
+
+NETWORK = vessels([[0, 0, 0.5], [10, 0, 0.5]])
+
+
+def written(start: FloatArray, end: FloatArray, line: IntArray) -> Strands:
+    return Strands.dosed(start, end, np.ones(len(line)), np.arange(len(line)), line)
+
+
+def traced_job(of_vessels: bool = False) -> Job:
+    """Ten layers of 0.1 mm; in each a line on either side of the vessel, at y = ±0.3."""
+    start, end, line, source = [], [], [], []
+    for layer in range(10):
+        z = 0.1 * (layer + 1)
+        for side in (-0.3, 0.3):
+            start.append((0.0, side, z))
+            end.append((10.0, side, z))
+            line.append(10 * layer + (3 if side < 0 else 6))
+            source.append(layer)
+    first = 10 * np.arange(10) + 1
+    return Job(
+        written(np.array(start), np.array(end), np.array(line)),
+        np.array(source), of_vessels, first, first + 9,
+    )  # fmt: skip
+
+
+def defect(kind: str = "stenosis", **more: object) -> dict[str, object]:
+    return {"kind": kind, "vessel": 0, "from_mm": 4.0, "to_mm": 5.0, **more}
+
+
+def test_lines_beside_a_stenosis_are_those_of_its_layers() -> None:
+    found = made_by(defect(), traced_job(), NETWORK, 0.1)
+    # Within 0.2 + 0.15 mm of the axis at z = 0.5: the walls at 0.3 mm, 0.18 mm up and down.
+    assert found["layers"] == [3, 4, 5]
+    assert (found["first_line"], found["last_line"], found["line_count"]) == (33, 56, 6)
+
+
+def test_a_vessels_own_line_is_named_in_an_embedded_print() -> None:
+    one = Job(
+        written(
+            np.array([[0.0, 0, 0.5], [0, 5, 0.5]]), np.array([[10.0, 0, 0.5], [10, 5, 0.5]]),
+            np.array([7, 9]),
+        ), np.array([0, 1]), True, np.array([6, 8]), np.array([7, 9]),
+    )  # fmt: skip
+    found = made_by(defect("occlusion"), one, NETWORK, 0.0)
+    assert found == {"vessels": [0], "first_line": 7, "last_line": 7, "line_count": 1}
+
+
+def test_layers_of_different_heights_take_what_lies_in_them() -> None:
+    """Two of 0.1 mm, the next without lines, then thinner ones; the first primes higher up."""
+    tops = np.array([0.1, 0.1, 0.5, 0.2, 0.24, 0.26])
+    end = np.column_stack([np.ones(6), np.zeros(6), tops])
+    source = np.array([0, 0, 0, 1, 3, 4])
+    lines = np.arange(1, 7)
+    one = Job(written(end - [1, 0, 0], end, lines), source, False, np.arange(5), np.arange(5))
+    report = SimpleNamespace(
+        transform_scan_to_part=np.eye(4),
+        scaled_scan_to_part=np.eye(4),
+        surface=Surface(
+            np.array([[0, 0, z] for z in (0.05, 0.15, 0.21, 0.23, 0.25, 0.4)]), NO_FACES
+        ),
+        seen=np.ones(6, dtype=bool),
+        scaled_deviation_um=np.array([1.0, 2.0, 3.0, 4.0, 5.0, 7.0]),
+    )
+    rows = by_layer(report, one)  # type: ignore[arg-type]
+    assert [row["mean_um"] for row in rows] == [1.0, 2.0, 3.0, 4.0, 6.0]
+    assert [row["z_mm"] for row in rows] == pytest.approx([0.1, 0.2, 0.22, 0.24, 0.26])
+
+
+# --- pipeline stage of flow: 1D waves on request, at the print's size
+def test_a_run_writes_the_problems_that_its_recipe_names(tmp_path: Path) -> None:
+    flow = FlowPart.model_validate({"exports": ["svzerod", "svmultiphysics"]})
+    network = network_of([[0, 0, 0], [6, 0, 0]], [(0, 1)], 0.8)
+    context: Any = SimpleNamespace(
+        recipe=SimpleNamespace(flow=flow, print_scale=2.0, solid=SolidPart()),
+        recipe_folder=Path(),
+        folder=tmp_path,
+        network=network,
+        conditions=Driven(flow, print_scale=2.0).steady(network),
+        bars=SimpleNamespace(remark=lambda *_: None),
+    )
+    summary, files = work(context, cast(Any, lambda *_: None))
+    case = json.loads((tmp_path / "svzerod.json").read_text())
+    flow_cm3_s = case["boundary_conditions"][0]["bc_values"]["Q"]
+    assert flow_cm3_s == pytest.approx([8 * 0.25 / 60] * len(flow_cm3_s))
+    assert summary["inflow_ml_min"] == pytest.approx(8 * 0.25)
+    assert {"svzerod.json", "svmultiphysics/solver.xml"} < set(files)
+    assert all((tmp_path / name).is_file() for name in files)
+
+
+def test_a_print_twice_the_size_carries_eight_times_the_flow(tmp_path: Path) -> None:
+    flow = FlowPart.model_validate(
+        {
+            "pulse": {"amplitude_ml_min": 0.1, "period_s": 1, "wall_young_kpa": 10, "steps": 20},
+            "one_d": {},
+        }
+    )
+    told: list[tuple[float, str]] = []
+    context: Any = SimpleNamespace(
+        recipe=SimpleNamespace(flow=flow, print_scale=2.0),
+        recipe_folder=Path(),
+        folder=tmp_path,
+        network=network_of([[0, 0, 0], [20, 0, 0]], [(0, 1)], 0.8),
+        conditions=steady_conditions(flow),
+        bars=SimpleNamespace(remark=lambda *_: None),
+    )
+    summary, files = work(context, cast(Any, lambda *said: told.append(said)))
+    found = summary["one_d"]
+    assert files[0] == TABLE
+    assert found["inlet_flow_mean_ml_min"] == pytest.approx(8 * 0.25)
+    assert (tmp_path / ONE_D).is_file()
+    # Twenty samples and the columns' names.
+    assert len((tmp_path / ONE_D_WAVES).read_text().splitlines()) == 21
+    shares = [share for share, _ in told]
+    assert len(told) == found["cycles"]
+    assert np.all((np.array(shares) >= 0.0) & (np.array(shares) <= 1.0))
+
+
+# --- pipeline stage of 3D flow: runs on request, reruns when its inputs change
+WAVES_NETWORK = network_of([[0, 0, 0], [0, 0, 4.0]], [(0, 1)], 0.5)
+
+
+def _context(folder: Path, fillet_ratio: float = 0.5, **flow: Any) -> Any:
+    return SimpleNamespace(
+        recipe=SimpleNamespace(
+            flow=FlowPart(**flow), solid=SimpleNamespace(fillet_ratio=fillet_ratio), print_scale=1.0
+        ),
+        recipe_folder=folder,
+        folder=folder,
+        network=WAVES_NETWORK,
+        conditions=FlowConditions(1e-3, inlet_flow_ul_s=4.0),
+    )
+
+
+def test_a_straight_lumen_has_poiseuilles_pressure(tmp_path: Path) -> None:
+    pytest.importorskip("ngsolve")
+    context = _context(tmp_path, three_d={"edge_ratio": 0.8}, compare={"points": 3})
+    told: list[str] = []
+    summary, files = fidelities.work(context, lambda share, doing: told.append(doing))
+    assert summary["comparison"]["3D"]["pressure_off_percent_of_inlet"] < 1.0
+    assert summary["comparison"]["3D"]["flow_off_percent_of_inlet"] < 1e-6
+    exact = 8.0 * 1e-3 * 4.0 * 4.0 / (np.pi * 0.5**4) / 133.322
+    assert summary["three_d"]["pressure_drop_mmhg"] == pytest.approx(exact, rel=5e-3)
+    assert all((tmp_path / name).stat().st_size for name in files)
+    assert "meshing" in told

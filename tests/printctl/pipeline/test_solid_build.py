@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
+from math import dist
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +12,29 @@ import nibabel
 import numpy as np
 import pytest
 import trimesh
-from pydantic import TypeAdapter
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
 from rich.console import Console
 
 from design.errors import DesignError, SolidError, TissueError
 from design.network import VesselNetwork
-from design.network_files.csv_format import write_network_csv
 from design.network_files.swc import write_network_swc
 from design.solids import block_solid, find_crossings, surface_genus
 from design.tissue import block, tissue_from_surface
 from design.vasculature import DepthPenalty, GrowthOptions, grow_tree, tree_to_network
+from firmware_profiles import Plate, Printer, load, shipped
 from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
 from printctl.pipeline.growing import growth_options, read_terminals, read_trunk
+from printctl.pipeline.plate_plan import (
+    assigned,
+    expand,
+    points,
+    route,
+    scanned_wells,
+    standing_plate,
+)
 from printctl.pipeline.run import design_recipe, run_recipe
 from printctl.pipeline.run_options import RunOptions
 from printctl.pipeline.solid_build import RunSolids, build
@@ -30,10 +42,12 @@ from printctl.pipeline.stages.toolpath import make_region
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe.growth import GrownNetwork
 from printctl.recipe.load import parse_recipe
+from printctl.recipe.plate import PlatePart
 from printctl.recipe.regions import RegionPart
 from printctl.recipe.solid import SolidPart
 from printctl.recipe.tissue import TissuePart
 from tests.design.solids.networks import channels, ladder
+from tests.printctl.networks import network_recipe, vessels
 
 BARB = {"kind": "barb", "bore_mm": 0.8, "outer_mm": 2.0, "length_mm": 5}
 
@@ -159,19 +173,14 @@ def test_broken_walls_and_closed_lumens_are_told(
 
 def design_notes(tmp_path: Path, ends: FloatArray, radius: float) -> str:
     """Design straight vessels between pairs of `ends` in a block; return the run's manifest."""
-    n = len(ends) // 2
-    zeros = np.zeros(n, dtype=np.int64)
-    pairs = np.arange(2 * n).reshape(-1, 2)
-    network = VesselNetwork.from_segments(ends, pairs, np.full(n, radius), zeros, zeros)
-    write_network_csv(tmp_path / "n.csv", network)
-    data = {
-        "schema": 1,
-        "name": "n",
-        "tissue": {"shape": "block", "size_mm": [10, 6, 4]},
-        "vasculature": {"network": "n.csv", "unit": "mm", "overlaps": "tell"},
-        "toolpath": {"method": "embedded"},
-        "printer": {"ink": "gelatin_sacrificial", "bath": "cell_matrix"},
-    }
+    data = network_recipe(
+        tmp_path,
+        vessels(*ends.reshape(-1, 2, 3), radius=radius),
+        (10, 6, 4),
+        vasculature={"overlaps": "tell"},
+        toolpath={"method": "embedded"},
+        printer={"ink": "gelatin_sacrificial", "bath": "cell_matrix"},
+    )
     recipe = parse_recipe(data, "n.yaml")
     design_recipe(recipe, tmp_path, tmp_path / "run", Console(quiet=True))
     return (tmp_path / "run" / "manifest.json").read_text()
@@ -224,10 +233,7 @@ def test_label_image_with_demand_from_another_image(tmp_path: Path) -> None:
 
 
 # --- regions with their own infill or head, from a recipe
-NONE = np.zeros(1, dtype=np.int64)
-TUBE = VesselNetwork.from_segments(
-    np.array([[0.0, 0, 0], [10, 0, 0]]), np.array([[0, 1]]), np.array([0.5]), NONE, NONE
-)
+TUBE = vessels([[0, 0, 0], [10, 0, 0]], radius=0.5)
 
 
 def made_regions(words: dict[str, object], folder: Path = Path()) -> float:
@@ -356,3 +362,145 @@ def test_a_trunk_is_read_from_swc(tmp_path: Path) -> None:
     tree = grow_tree(tissue, growth_options(part, 1, tmp_path), trunk=trunk)
     assert (tree.children[:, 0] < 0).sum() == 40
     assert tree.given.sum() >= 7
+
+
+# --- well plates: positions, well names, travels, assignment
+PLATE = load(Plate, "corning_24")
+PRINTER = load(Printer, "generic_marlin")
+STANDING = standing_plate(PLATE, PRINTER)
+
+
+def names(*words: str) -> list[str]:
+    return expand(words, PLATE, "plate.wells")
+
+
+def part(**said: Any) -> PlatePart:
+    return PlatePart(profile="corning_24", **said)
+
+
+@pytest.mark.parametrize("count", [6, 12, 24, 48, 96])
+def test_shipped_plates_have_their_wells_inside_the_standard_outside(count: int) -> None:
+    plate = load(Plate, f"corning_{count}")
+    assert len(plate.wells) == count
+    assert (plate.length_mm, plate.width_mm) == pytest.approx((127.76, 85.48), abs=0.25)
+    assert shipped(Plate).count(f"corning_{count}") == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"well_x_mm": 20.0, "well_y_mm": 20.0}, "don't fit beside each other"),
+        ({"a1_x_mm": 5.0}, "beyond the plate"),
+        ({"columns": 7}, "beyond the plate"),
+        ({"well_y_mm": 15.0}, "a round well"),
+        ({"well_depth_mm": 30.0}, "is above height_mm"),
+    ],
+)
+def test_a_plate_that_can_t_be_is_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValidationError, match=words):
+        Plate.model_validate(PLATE.model_dump() | changes)
+
+
+def test_a_plate_too_high_for_the_printer_is_refused() -> None:
+    low = PRINTER.model_copy(
+        update={"z_mm": PRINTER.z_mm.model_copy(update={"low": 0.0, "high": 21.0})}
+    )
+    with pytest.raises(RecipeError, match=r"above the 21 mm of .* take a lower plate"):
+        standing_plate(PLATE, low)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["Z9"], "Z9 isn't on Corning Costar 24-well plate.* rows A to D and columns 1 to 6"),
+        (["A7"], "A7 isn't on"),
+        (["A1..D9"], "D9 isn't on"),
+        (["one"], "'one' is no well"),
+        (["A1", "A1..A3"], "names A1 twice"),
+        (["B3..A1"], r"runs backwards; .* A1\.\.B3"),
+    ],
+)
+def test_wells_that_aren_t_there_are_refused(words: list[str], message: str) -> None:
+    with pytest.raises(RecipeError, match=message):
+        names(*words)
+
+
+def length(wells: list[str]) -> float:
+    return sum(dist(STANDING.centre_mm(a), STANDING.centre_mm(b)) for a, b in pairwise(wells))
+
+
+@given(st.sets(st.sampled_from(PLATE.wells), min_size=1))
+def test_the_way_visits_each_well_once_and_isn_t_longer_than_row_by_row(wells: set[str]) -> None:
+    found = route(sorted(wells), STANDING)
+    assert sorted(found) == sorted(wells)
+    assert length(found) <= length(sorted(wells)) + 1e-9
+
+
+def test_a_grid_holds_every_pair_and_a_list_only_those_named() -> None:
+    sweep = {"toolpath.write_speed_mm_s": (3, 5), "seed": (1, 2)}
+    assert [tuple(point.values.values()) for point in points(sweep, "grid")] == [
+        (3, 1), (3, 2), (5, 1), (5, 2),
+    ]  # fmt: skip
+    assert [point.label for point in points(sweep, "list")] == [
+        "write speed 3 mm/s, seed 1",
+        "write speed 5 mm/s, seed 2",
+    ]
+    assert [point.values for point in points({}, "grid")] == [{}]
+
+
+@pytest.mark.parametrize(
+    ("sweep", "words"),
+    [
+        ({"toolpath.needle": ("30g", "25g")}, "can't differ from well to well"),
+        ({"toolpath.prime.line_mm": (5, 10)}, "can't differ from well to well"),
+        ({"printer.bath": ("a", "b")}, "isn't among what can be varied"),
+        ({"scan.seed": (1, 2)}, "isn't among what can be varied"),
+        ({"ink.viscosity_pa_s": (1, 2)}, "isn't among what can be varied"),
+        ({"toolpath": (1, 2)}, "isn't among what can be varied"),
+        ({"seed": (1, 2, 1)}, "holds seed 1 more than once"),
+    ],
+)
+def test_what_no_sweep_can_vary_is_refused(sweep: dict[str, Any], words: str) -> None:
+    with pytest.raises(RecipeError, match=words):
+        points(sweep, "grid")
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ({"sweep": {"seed": [1, 2]}, "wells": ["A1..A3"]}, "names 3 wells, and 2 variants"),
+        ({"copies": 3, "wells": ["A1..A2"]}, "names 2 wells, and 1 variants with 3 copies"),
+        ({"copies": 25}, "make 25 parts, and .* has 24 wells"),
+    ],
+)
+def test_wells_that_don_t_come_out_even_are_refused(said: dict[str, Any], words: str) -> None:
+    with pytest.raises(RecipeError, match=words):
+        assigned(part(**said), PLATE)
+
+
+def test_an_empty_well_can_t_be_scanned() -> None:
+    asked = part(wells=["B1..B3"], scanned=["B3", "B2"])
+    assert scanned_wells(asked, PLATE, assigned(asked, PLATE)) == ["B2", "B3"]
+    asked = part(wells=["B1..B3"], scanned=["A1"])
+    with pytest.raises(RecipeError, match="A1, in which nothing is printed"):
+        scanned_wells(asked, PLATE, assigned(asked, PLATE))
+
+
+def test_a_turned_plate_has_a1_where_one_sees_it() -> None:
+    """Behind on the left; a quarter against the clock in front on the left; and so on."""
+    signs = [
+        tuple(
+            at > middle
+            for at, middle in zip(
+                standing_plate(PLATE, PRINTER, turned_deg=turn).centre_mm("A1"),
+                (100, 100),
+                strict=True,
+            )
+        )
+        for turn in (0, 90, 180, 270)
+    ]
+    assert signs == [(False, True), (False, False), (True, False), (True, True)]
+    box = load(Plate, "corning_6").model_copy(update={"shape": "box", "well_y_mm": 30.0})
+    for turn, size_mm in ((0, (34.8, 30.0)), (90, (30.0, 34.8)), (270, (30.0, 34.8))):
+        well = standing_plate(box, PRINTER, turned_deg=turn).dish
+        assert (well.inner_x_mm, well.inner_y_mm) == size_mm

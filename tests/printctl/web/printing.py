@@ -8,11 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
-from firmware_profiles import Printer, load
 from printctl.machine.link import LinkState, PrintClient, start_print
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
+from tests.printctl.machine.link.jobs import quick_profile
 
 LINES = 12_000
 PACE_S = 0.025
@@ -26,14 +24,6 @@ class UnderWay:
     client: PrintClient
     printer: FakeMarlin
     folder: Path
-
-
-def quick_profile(folder: Path) -> str:
-    """A printer that doesn't reset when its port is opened: no wait for its boot."""
-    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
-    path = folder / "quick.yaml"
-    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
-    return str(path)
 
 
 @contextmanager

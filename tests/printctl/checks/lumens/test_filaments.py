@@ -24,10 +24,12 @@ from tests.printctl.checks.lumens.small_gcode import (
     LINE_MM,
     UL_PER_E,
     gcode,
+    plunger_gcode,
     section,
     tube,
+    valve_gcode,
 )
-from tests.printctl.checks.lumens.written_filaments import plunger_gcode, valve_gcode
+from tests.printctl.networks import vessels
 
 PRINTER = load(Printer, "generic_marlin")
 WRITING = Writing(PRINTER, UL_PER_E)
@@ -72,10 +74,7 @@ def test_a_vessel_that_the_plan_left_out_is_no_reason_to_refuse() -> None:
 
 def test_filaments_that_only_touch_leave_a_neck() -> None:
     """Two balls of radius 0.3 whose middles are 0.4 apart meet in a circle of radius √0.05."""
-    whole = np.array([[10.0, 10, 5], [20, 10, 5]])
-    network = VesselNetwork.from_segments(
-        whole, np.array([[0, 1]]), np.array([0.3]), np.zeros(1, np.int64), np.zeros(1, np.int64)
-    )
+    network = vessels([[10, 10, 5], [20, 10, 5]], radius=0.3)
     passes = [([[10, 10, 5], [14.8, 10, 5]], 0.6), ([[15.2, 10, 5], [20, 10, 5]], 0.6)]
     found = check(passes, network)
     assert found.ideal.narrowest_mm[0] == pytest.approx(2 * np.sqrt(0.05), abs=0.02)
@@ -84,12 +83,7 @@ def test_filaments_that_only_touch_leave_a_neck() -> None:
 
 def parallel(gap: float, trees: tuple[int, int]) -> VesselNetwork:
     """Two level vessels of 0.4 mm whose walls are designed ``gap`` apart."""
-    y = 10 + 0.4 + gap
-    nodes = np.array([[10.0, 10, 5], [20, 10, 5], [10, y, 5], [20, y, 5]])
-    ends = np.array([[0, 1], [2, 3]])
-    return VesselNetwork.from_segments(
-        nodes, ends, np.array([0.2, 0.2]), np.zeros(2, np.int64), np.array(trees)
-    )
+    return vessels(*([[10, y, 5], [20, y, 5]] for y in (10, 10.4 + gap)), tree=trees)
 
 
 @pytest.mark.parametrize("trees", [(0, 0), (0, 1)])

@@ -45,20 +45,18 @@ from tests.printctl.checks.lumens.small_gcode import (
     ring,
     tube,
 )
+from tests.printctl.networks import vessels
 from tests.slower import examples
 
 HERE = np.zeros(3)
 NONE = np.zeros(3, dtype=np.int64)
 
 
-def straight(*ends: tuple[float, float, float], radius: float) -> VesselNetwork:
-    return VesselNetwork.from_segments(
-        np.array(ends), np.array([[0, 1]]), np.array([radius]), NONE[:1], NONE[:1]
-    )
-
-
-def upright(layers: int, radius: float) -> VesselNetwork:
-    return straight((0, 0, 0), (0, 0, layers * LAYER_MM), radius=radius)
+def upright(layers: int, radius: float, *at: tuple[float, float], tree: Any = 0) -> VesselNetwork:
+    """Upright vessels at places of the plane, or at its origin."""
+    top = layers * LAYER_MM
+    lines = ([[x, y, 0], [x, y, top]] for x, y in at or [(0.0, 0.0)])
+    return vessels(*lines, radius=radius, tree=tree)
 
 
 @pytest.mark.parametrize("radius", [0.1, 0.3, 1.0])
@@ -88,7 +86,7 @@ def test_a_level_channel_is_a_slot_of_whole_layers(bead: Any, notch: float) -> N
     half = 3 * LINE_MM - LINE_MM / 2  # the nearest rows left stand at 3 lines
     layers = [layer(0.0)] * 4 + [layer(2.5 * LINE_MM)] * 6 + [layer(0.0)] * 4
     lines = read_lines(gcode(layers), UL_PER_E, line_mm=LINE_MM, bead=BeadSection(bead))
-    network = straight((-1, 0, 7 * LAYER_MM), (1, 0, 7 * LAYER_MM), radius=0.3)
+    network = vessels([[-1, 0, 7 * LAYER_MM], [1, 0, 7 * LAYER_MM]], radius=0.3)
     found = measure(lines, network_lumens(network, HERE, LAYER_MM, LINE_MM))
     assert found.diameter == pytest.approx(6 * LAYER_MM + 2 * notch, abs=2e-3)
     less = LAYER_MM * (1 - np.pi / 4) if notch else 0.0
@@ -117,7 +115,7 @@ def test_a_slanted_lumen_is_narrowed_by_the_layers_steps(bead: Any, inside: floa
     lines = read_lines(gcode(layers), UL_PER_E, line_mm=LINE_MM, bead=BeadSection(bead))
     top = count * LAYER_MM
     stations = network_lumens(
-        straight((0, 0, 0), (top, 0, top), radius=radius), HERE, LAYER_MM, LINE_MM
+        vessels([[0, 0, 0], [top, 0, top]], radius=radius), HERE, LAYER_MM, LINE_MM
     )
     inner = (stations.axis[:, 2] > 0.9) & (stations.axis[:, 2] < top - 0.9)
     found = measure(lines, stations)
@@ -178,12 +176,7 @@ TOP = LAYERS * LAYER_MM
 
 def network(*at: tuple[float, float]) -> VesselNetwork:
     """Upright vessels of 0.3 mm radius, a tree each."""
-    nodes = np.array([[x, y, z] for x, y in at for z in (0.0, TOP)])
-    count = len(at)
-    return VesselNetwork.from_segments(
-        nodes, np.arange(2 * count).reshape(-1, 2), np.full(count, 0.3), NONE[:count],
-        np.arange(count) + 10,
-    )  # fmt: skip
+    return upright(LAYERS, 0.3, *at, tree=np.arange(len(at)) + 10)
 
 
 def leaks(layers: list[Strokes], designed: VesselNetwork, width: float = 0.05) -> tuple[Leak, ...]:
@@ -200,12 +193,8 @@ def slit(radius: float, width: float) -> Strokes:
     ]
 
 
-def long_tubes(layers: int = 24) -> VesselNetwork:
-    """Long enough that its ports are far from its middle."""
-    nodes = np.array([[0, 0, 0], [0, 0, layers * LAYER_MM]], dtype=float)
-    return VesselNetwork.from_segments(
-        nodes, np.array([[0, 1]]), np.array([0.3]), NONE[:1], np.array([7])
-    )
+LONG = upright(24, 0.3, tree=7)
+"""Long enough that its ports are far from its middle."""
 
 
 def test_a_tight_tube_doesnt_leak_through_its_ports() -> None:
@@ -214,7 +203,7 @@ def test_a_tight_tube_doesnt_leak_through_its_ports() -> None:
 
 def test_a_slit_as_wide_as_a_leak_is_found_where_it_is() -> None:
     layers = [slit(0.3, 0.15) if k == 12 else tube(0.3) for k in range(24)]
-    (leak,) = leaks(layers, long_tubes())
+    (leak,) = leaks(layers, LONG)
     assert (leak.tree, leak.into, leak.layer) == ("7", "outside", 12)
     assert leak.at_mm[0] == pytest.approx(0.35, abs=0.1)
     assert leak.at_mm[1] == pytest.approx(0.0, abs=0.1)
@@ -224,14 +213,11 @@ def test_a_way_over_several_layers_is_found() -> None:
     """Two inner rings open in one layer, two outer ones in the next."""
     tight, open_ = tube(0.3), slit(0.3, 0.2)
     change = {12: open_[:3] + tight[3:], 13: tight[:2] + open_[2:]}
-    assert len(leaks([change.get(k, tight) for k in range(24)], long_tubes())) == 1
+    assert len(leaks([change.get(k, tight) for k in range(24)], LONG)) == 1
 
 
 def test_two_trees_that_open_into_each_other_are_named() -> None:
-    nodes = np.array([[x, 0, z] for x in (0.0, 1.8) for z in (0.0, 24 * LAYER_MM)])
-    pair = VesselNetwork.from_segments(
-        nodes, np.array([[0, 1], [2, 3]]), np.full(2, 0.3), NONE[:2], np.array([3, 4])
-    )
+    pair = upright(24, 0.3, (0.0, 0.0), (1.8, 0.0), tree=[3, 4])
 
     def layer(gap: bool) -> Strokes:
         """A plate of lines along x, left out where the lumens are, and between them."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Bath, Dish, Ink, MeasuredFlow, Needle, Printer, Span, Syringe, load
 from printctl.checks.preflight import Check, PlacedDish, SetUp, file_checks
 from sim.gcode.dry_run.run import dry_run
 
@@ -29,23 +29,22 @@ GOOD = SetUp(
 )
 
 
-def failing(head: list[str], body: list[str], mounted: SetUp) -> list[Check]:
-    run = dry_run("\n".join([*head, *body]).encode(), mounted.printer, START)
+def failing(lines: list[str], mounted: SetUp = GOOD) -> list[Check]:
+    run = dry_run("\n".join(lines).encode(), mounted.printer, START)
     return [check for check in file_checks(run, mounted) if not check.passed]
 
 
-def changed(part: str, **values: Any) -> SetUp:
-    profile = getattr(GOOD, part)
-    return replace(GOOD, **{part: profile.model_copy(update=values)})
+def changed(part: str, base: SetUp = GOOD, **values: Any) -> SetUp:
+    return replace(base, **{part: getattr(base, part).model_copy(update=values)})
 
 
-def sure(**values: Any) -> Ink:
+def sure(**values: Any) -> SetUp:
     """Ink as if it had been measured."""
-    return INK.model_copy(update={"calibrated": True, "starting_values": (), **values})
+    return changed("ink", calibrated=True, starting_values=(), **values)
 
 
 def test_a_job_in_order_passes_all() -> None:
-    assert failing(HEAD, BODY, GOOD) == []
+    assert failing([*HEAD, *BODY]) == []
 
 
 LOW_DISH = load(Dish, "box_80mm").model_copy(update={"wall_mm": 7.5})
@@ -84,7 +83,7 @@ JOBS: list[tuple[str, list[str]]] = [
 def test_a_job_that_is_wrong_in_one_thing_is_told_of_that_alone(
     name: str, lines: list[str]
 ) -> None:
-    found = failing(HEAD, [*BODY, *lines], GOOD)
+    found = failing([*HEAD, *BODY, *lines])
     assert [check.check[: len(name)] for check in found] == [name]
     (check,) = found
     told = len(HEAD) + len(BODY) + len(lines)
@@ -94,20 +93,20 @@ def test_a_job_that_is_wrong_in_one_thing_is_told_of_that_alone(
 
 
 def test_z_lowest_is_told_beside_the_floor_it_means() -> None:
-    names = [check.check for check in failing(HEAD, [*BODY, "G0 Z-1 F240"], GOOD)]
+    names = [check.check for check in failing([*HEAD, *BODY, "G0 Z-1 F240"])]
     assert names == ["z, lowest", "lowest tip above the dish's floor"]
 
 
 def test_the_plunger_s_travel_is_a_check_of_its_own() -> None:
-    (check,) = failing(HEAD, BODY, changed("printer", plunger_travel_mm=0.03))
+    (check,) = failing([*HEAD, *BODY], changed("printer", plunger_travel_mm=0.03))
     assert check.check == "plunger travel"
     small = replace(changed("syringe", volume_ul=41, inner_mm=1.0), thinnest_bore=0.05)
-    (check,) = failing(HEAD, [*BODY, "G1 E30 F60"], small)
+    (check,) = failing([*HEAD, *BODY, "G1 E30 F60"], small)
     assert check.check.startswith("ink, with")
 
 
 def test_plunger_moves_that_are_cold_are_refused_alone() -> None:
-    (check,) = failing([line for line in HEAD if "M302" not in line], BODY, GOOD)
+    (check,) = failing([line for line in [*HEAD, *BODY] if "M302" not in line])
     assert check.check == "plunger moves that the firmware would drop"
 
 
@@ -121,7 +120,7 @@ def test_plunger_moves_that_are_cold_are_refused_alone() -> None:
         ("dish", replace(GOOD, standing=None)),
         ("pressure in the syringe", changed("syringe", max_pressure_kpa=1.0)),
         ("force on the plunger", changed("printer", max_plunger_force_n=0.1)),
-        ("shear stress at the needle's wall", replace(GOOD, ink=sure(max_shear_stress_pa=1.0))),
+        ("shear stress at the needle's wall", sure(max_shear_stress_pa=1.0)),
         ("pressure that the ink holds", changed("ink", retract_ul=0.0, yield_stress_pa=10.0)),
         ("set-up", replace(GOOD, needle=None, bath=GOOD.bath)),
         ("commands of the safe state", changed("printer", safe_state_off=("M42 P4 S0",))),
@@ -130,12 +129,126 @@ def test_plunger_moves_that_are_cold_are_refused_alone() -> None:
             replace(changed("syringe", inner_mm=0.461, volume_ul=1000.0), thinnest_bore=0.05),
         ),
         ("profile", changed("printer", max_line_bytes=200)),
-        ("profile", replace(GOOD, ink=INK.model_copy(update={"calibrated": True}))),
+        ("profile", changed("ink", calibrated=True)),
         ("profile", changed("needle", outer_mm=0.17)),
     ],
 )
 def test_a_set_up_that_is_wrong_in_one_thing_is_told_of_that_alone(
     name: str, mounted: SetUp
 ) -> None:
-    found = [check.check[: len(name)] for check in failing(HEAD, BODY, mounted)]
+    found = [check.check[: len(name)] for check in failing([*HEAD, *BODY], mounted)]
     assert set(found) == {name}
+
+
+# --- checks of a pneumatic head: each refuses one faulty job or set-up
+BASE = load(Printer, "pneumatic_marlin")
+AIR_HEAD = BASE.pneumatic
+assert AIR_HEAD is not None
+MEASURED = MeasuredFlow(flow_ul_s=0.1, pressure_kpa=80, ink=INK.name, needle=GOOD.needle.name)
+AIR_GOOD = SetUp(
+    BASE.model_copy(update={"dispenser": AIR_HEAD.model_copy(update={"measured": MEASURED})}),
+    load(Syringe, "hamilton_1ml").model_copy(update={"max_pressure_kpa": 300.0}),
+    INK,
+    GOOD.needle,
+    GOOD.bath,
+    GOOD.standing,
+)
+WATCH = "kill and dead host"
+"""What everybody with such a head is told."""
+BEGIN = ["M85 S600", "M106 P0 S0", "G21", "G90", "G92 X100 Y100 Z20", "G0 Z5 F240"]
+WRITE = ["M400", "M106 P0 S255", "G4 P30", "G1 X105 F600", "M400", "M106 P0 S0", "G4 P30"]
+END = ["G0 Z20 F240", "M400"]
+
+
+def failing_air(lines: list[str], mounted: SetUp = AIR_GOOD) -> list[Check]:
+    checks = failing(lines, mounted)
+    assert [check.refuses for check in checks if check.place == WATCH] == [False]
+    return [check for check in checks if check.place != WATCH]
+
+
+def head(**changes: Any) -> SetUp:
+    dispenser = AIR_GOOD.printer.dispenser.model_copy(update=changes)
+    return other("printer", dispenser=dispenser)
+
+
+def other(part: str, **values: Any) -> SetUp:
+    return changed(part, AIR_GOOD, **values)
+
+
+TORRENT = head(measured=MEASURED.model_copy(update={"flow_ul_s": 2e3}), closing_delay_s=0.0)
+DROPS = head(measured=MEASURED.model_copy(update={"flow_ul_s": 2.0}))
+
+
+def test_an_air_job_in_order_passes_all() -> None:
+    assert failing_air([*BEGIN, *WRITE, *END]) == []
+
+
+def without(lines: list[str], *taken: str) -> list[str]:
+    return [line for line in lines if line not in taken]
+
+
+@pytest.mark.parametrize(
+    ("name", "lines", "line"),
+    [
+        ("moves before the valve is closed", [*without(BEGIN, "M106 P0 S0"), *WRITE, *END], 5),
+        ("travels with the valve open", [*BEGIN, *WRITE[:4], "G0 X100", *WRITE[4:], *END], 11),
+        ("plunger moves, where there is none", [*BEGIN, *WRITE, "G1 E1 F60", *END], 14),
+        ("commands that set the valve", [*BEGIN, *WRITE, "M400", "M106 P0 S9", "G4 P30",
+                                         "M106 P0 S0", "G4 P30", *END], 15),
+        ("valve open at the end", [*BEGIN, *WRITE, *END, "M106 P0 S255"], 16),
+        ("valve switched while the head may", [*BEGIN, *WRITE[1:], *END], 7),
+        ("valve switched without its delay", [*BEGIN, *WRITE[:2], *WRITE[3:], *END], 8),
+    ],
+)  # fmt: skip
+def test_an_air_job_that_is_wrong_in_one_thing_is_told_of_that_alone(
+    name: str, lines: list[str], line: int
+) -> None:
+    found = failing_air(lines)
+    told = [check.check[: len(name)] for check in found if "cold" not in check.check]
+    told = [text for text in told if not text.startswith("plunger moves that")]
+    assert told == [name]
+    assert any(check.place.startswith(f"line {line}") for check in found)
+
+
+@pytest.mark.parametrize(
+    ("name", "mounted", "refuses"),
+    [
+        ("pressure, of the regulator", head(max_pressure_kpa=70.0), True),
+        ("pressure, on the syringe", other("syringe", max_pressure_kpa=79.0), True),
+        ("shear stress", other("ink", max_shear_stress_pa=63.0), True),
+        ("asked of you", other("syringe", max_pressure_kpa=None), False),
+        ("flow at the set pressure", head(measured=None), False),
+        ("flow at the set pressure", head(pressure_kpa=90.0), False),
+        ("flow at the set pressure",
+         replace(head(measured=None), ink=other("ink", yield_stress_pa=64.0).ink), True),
+        ("ink for the open valve", TORRENT, True),
+        ("drop at each path's end", DROPS, False),
+        ("fastest writing", other("ink", write_speed_mm_s=Span(low=1, high=9)), False),
+        ("slowest writing", other("ink", write_speed_mm_s=Span(low=11, high=19)), False),
+        ("profile", other("printer", safe_state_off=()), True),
+    ],
+)  # fmt: skip
+def test_an_air_set_up_that_is_wrong_in_one_thing_is_told_of_that_alone(
+    name: str, mounted: SetUp, refuses: bool
+) -> None:
+    found = failing_air([*BEGIN, *WRITE, *END], mounted)
+    assert [check.check[: len(name)] for check in found] == [name]
+    assert found[0].refuses == refuses
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"pressure_kpa": 800}, "above what the regulator gives"),
+        ({"closes": "M107"}, "one command with two"),
+        ({"closes": "M106 P0 S255"}, "one command with two"),
+        ({"opens": "G1 Z0"}, "opens"),
+        ({"kind": "peristaltic"}, "peristaltic"),
+        ({"valve": 1}, "valve"),
+    ],
+)
+def test_a_head_that_can_t_be_is_refused(changes: dict[str, Any], says: str) -> None:
+    values = BASE.model_dump(exclude_unset=True)
+    values["dispenser"] = {**values["dispenser"], **changes}
+    with pytest.raises(ValueError, match=says):
+        Printer.model_validate(values)

@@ -19,6 +19,7 @@ from sim.gcode.dry_run.run import dry_run
 MARLIN = load(Printer, "generic_marlin")
 KLIPPER = load(Printer, "klipper_bioprinter")
 DUET = load(Printer, "makergear_m2_duet2")
+DUET5 = load(Printer, "ender5_duet3_replistruder5")
 START = (50.0, 50.0, 10.0)
 BODY = "G21\nG90\nM82\n{cold}G92 {place}E0\nG1 X60 E0.05 F600\nM400\n"
 
@@ -27,8 +28,12 @@ def of(firmware: str) -> Printer:
     return MARLIN.model_copy(update={"firmware": firmware})
 
 
-def checks_of(text: str, printer: Printer) -> list[Check]:
-    return gcode_checks(dry_run(text.encode(), printer, START), printer)
+def checks_of(
+    text: str, printer: Printer, start_mm: tuple[float, ...] = START, of: str = ""
+) -> list[Check]:
+    """The checks of a job's text, or those whose names begin so."""
+    checks = gcode_checks(dry_run(text.encode(), printer, start_mm), printer)
+    return [check for check in checks if check.check.startswith(of)]
 
 
 def named(checks: list[Check], name: str) -> Check:
@@ -180,28 +185,26 @@ def test_a_safe_state_that_could_move_is_refused(command: str) -> None:
         Printer.model_validate(values)
 
 
-@pytest.mark.parametrize("printer", [MARLIN, KLIPPER, DUET], ids=["marlin", "klipper", "duet"])
-@pytest.mark.parametrize("off", ["M84", "M18", "M84 X"])
+UNPOWERED = "motors without power"
+
+
+@pytest.mark.parametrize(
+    ("printer", "off"),
+    [
+        *((printer, off) for printer in (MARLIN, DUET) for off in ("M84", "M18", "M84 X")),
+        # A real Klipper refuses the next move, the way out of the bath too (2026-11-22).
+        *((KLIPPER, off) for off in ("M84", "M18")),
+        # A dwell, a pause or a wait for heat may be longer; the link sets the time itself.
+        *((printer, off) for printer in (MARLIN, DUET)
+          for off in ("M84 S1", "M18 S1", "M84 S600", "M84 S1 X")),
+    ],
+)  # fmt: skip
 def test_motors_that_lose_their_power_before_the_last_move_are_refused(printer, off):
-    """A real Klipper refuses the next move, the way out of the bath too (2026-11-22)."""
     cold = "M302 P1\n" if printer is not KLIPPER else ""
-    if printer is KLIPPER and off != "M84":
-        off = "M18"
-    name = "motors without power"
-    found = named(checks_of(body(cold) + f"{off}\nG1 X50\n", printer), name)
-    assert (found.passed, found.place) == (False, "line 8" if cold else "line 7")
-    rest = [check.check for check in checks_of(body(cold) + f"G1 X50\n{off}\n", printer)]
-    assert not [check for check in rest if check.startswith(name)]
-
-
-@pytest.mark.parametrize("printer", [MARLIN, DUET], ids=["marlin", "duet"])
-@pytest.mark.parametrize("off", ["M84 S1", "M18 S1", "M84 S600", "M84 S1 X"])
-def test_a_time_after_which_motors_lose_their_power_is_refused_before_the_last_move(printer, off):
-    """A dwell, a pause or a wait for heat may be longer; the link sets the time itself."""
-    found = named(checks_of(body() + f"{off}\nG1 X50\n", printer), "motors without power")
-    assert (found.refuses, found.place) == (True, "line 8")
-    rest = [check.check for check in checks_of(body() + f"G1 X50\n{off}\n", printer)]
-    assert not [check for check in rest if check.startswith("motors without power")]
+    found = named(checks_of(body(cold) + f"{off}\nG1 X50\n", printer), UNPOWERED)
+    assert (found.refuses, found.passed) == (True, False)
+    assert found.place == ("line 8" if cold else "line 7")
+    assert checks_of(body(cold) + f"G1 X50\n{off}\n", printer, of=UNPOWERED) == []
 
 
 # --- digital outputs set by a controller's program file: checks
@@ -210,9 +213,7 @@ FILE = "$DO[0].X=0\nG71\nG76\nG90\nVELOCITY ON\nG92 X60 Y70 Z30\n{}\nG1 X61 F5\n
 
 
 def outputs(line: str, printer: Printer) -> Check:
-    run = dry_run(FILE.format(line).encode(), printer, (60.0, 70.0, 30.0))
-    (found,) = [one for one in gcode_checks(run, printer) if one.check.startswith("outputs set")]
-    return found
+    return named(checks_of(FILE.format(line), printer, (60.0, 70.0, 30.0)), "outputs set")
 
 
 @pytest.mark.parametrize("line", ["$DO[0].X=1", "$DO[0].X = 0", "$do[0].x=0", ""])
@@ -234,14 +235,12 @@ def test_any_other_output_is_refused_by_its_line(line):
 
 
 # --- tip positions declared in a job: once, before the first move
-DUET_PLACE_CHECKS = load(Printer, "ender5_duet3_replistruder5")
 START_PLACE_CHECKS = (100, 100, 20)
 
 
 def told_anew(printer, *lines, start=START_PLACE_CHECKS):
-    job = "\n".join(["G21", "G90", "M82", *lines, "M400", ""]).encode()
-    rows = gcode_checks(dry_run(job, printer, start), printer)
-    return [row for row in rows if row.check.startswith("place of")]
+    job = "\n".join(["G21", "G90", "M82", *lines, "M400", ""])
+    return checks_of(job, printer, start, "place of")
 
 
 PLACED = "G92 X100 Y100 Z20 E0"
@@ -258,7 +257,7 @@ NAMED = "SET_KINEMATIC_POSITION X=100 Y=100 Z=20"
         (KLIPPER, [NAMED, "G1 Z21 F200", "SET_KINEMATIC_POSITION Z=100"], ("Z", 100, 21)),
         (KLIPPER, [NAMED, "G92 Z5", "G1 Z6 F200"], ("Z", 5, 20)),
         (KLIPPER, ["G92 X30", "SET_KINEMATIC_POSITION X=30", "G1 X32 F200"], ("X", 30, 100)),
-        (DUET_PLACE_CHECKS, [PLACED, "G92 Z0", "G1 Z1 F200"], ("Z", 0, 20)),
+        (DUET5, [PLACED, "G92 Z0", "G1 Z1 F200"], ("Z", 0, 20)),
     ],
 )
 def test_another_place_told_later_is_a_failed_row(printer, lines, told):
@@ -274,7 +273,7 @@ def test_another_place_told_later_is_a_failed_row(printer, lines, told):
         (MARLIN, [PLACED, "G1 X101 E1 F200", "G92 E0", "G1 X102 E1"]),
         (MARLIN, [PLACED, "G1 X101 Z22 F200", "G92 X101 Z22"]),
         (KLIPPER, [NAMED, "G92 E0", "G1 X101 F200", "SET_KINEMATIC_POSITION X=101"]),
-        (DUET_PLACE_CHECKS, ["G92 X100", "G92 Y100", "G92 Z20", "G1 X101 F200"]),
+        (DUET5, ["G92 X100", "G92 Y100", "G92 Z20", "G1 X101 F200"]),
     ],
 )
 def test_the_same_place_and_the_plunger_s_count_pass(printer, lines):
@@ -284,41 +283,36 @@ def test_the_same_place_and_the_plunger_s_count_pass(printer, lines):
 
 
 # --- temperature waits that no heater can satisfy
-DUET_WAIT_CHECKS = load(Printer, "ender5_duet3_replistruder5")
 
 
 def waits(printer, *lines):
     job = "\n".join(["G21", "G90", "M82", "G92 E0", *lines, "G1 X101 F300", ""])
-    rows = gcode_checks(dry_run(job.encode(), printer, (100, 100, 10)), printer)
-    return [row for row in rows if row.check.startswith("wait for a temperature")]
+    return checks_of(job, printer, (100, 100, 10), "wait for a temperature")
 
 
-@pytest.mark.parametrize("printer", [MARLIN, DUET_WAIT_CHECKS], ids=["marlin", "duet"])
-@pytest.mark.parametrize("line", ["M109 R5", "M190 R2", "M191 S5", "M191 R25", "M109 R29.9"])
-def test_a_wait_for_cold_is_a_failed_row_with_its_line_and_the_room(printer, line):
-    (row,) = waits(printer, line)
-    assert row.refuses
-    assert row.place == "line 5"
-    assert (row.value, row.limit) == (float(line[6:]), 30)
-    assert "a room of 15 to 30" in row.remedy
+COLD = ["M109 R5", "M190 R2", "M191 S5", "M191 R25", "M109 R29.9"]
 
 
 @pytest.mark.parametrize(
-    "lines",
+    ("printer", "lines"),
     [
-        ["TEMPERATURE_WAIT SENSOR=extruder MAXIMUM=5"],
-        ["M104 S0", "TEMPERATURE_WAIT SENSOR=extruder MINIMUM=9"],
-        ["M104 S8", "TEMPERATURE_WAIT SENSOR=extruder MINIMUM=9"],
-        ["TEMPERATURE_WAIT SENSOR=heater_bed MINIMUM=35"],
-        ["M140 S36", "TEMPERATURE_WAIT SENSOR=heater_bed MAXIMUM=35"],
-        ["M109 S5"],
-        ["M190 S25"],
+        *((printer, [line]) for printer in (MARLIN, DUET5) for line in COLD),
+        (KLIPPER, ["TEMPERATURE_WAIT SENSOR=extruder MAXIMUM=5"]),
+        (KLIPPER, ["M104 S0", "TEMPERATURE_WAIT SENSOR=extruder MINIMUM=9"]),
+        (KLIPPER, ["M104 S8", "TEMPERATURE_WAIT SENSOR=extruder MINIMUM=9"]),
+        (KLIPPER, ["TEMPERATURE_WAIT SENSOR=heater_bed MINIMUM=35"]),
+        (KLIPPER, ["M140 S36", "TEMPERATURE_WAIT SENSOR=heater_bed MAXIMUM=35"]),
+        (KLIPPER, ["M109 S5"]),
+        (KLIPPER, ["M190 S25"]),
     ],
 )
-def test_a_wait_that_klipper_never_ends_is_a_failed_row(lines):
-    (row,) = waits(KLIPPER, *lines)
+def test_a_wait_that_never_ends_is_a_failed_row_with_its_line(printer, lines):
+    (row,) = waits(printer, *lines)
     assert row.refuses
     assert row.place == f"line {4 + len(lines)}"
+    if printer is not KLIPPER:
+        assert (row.value, row.limit) == (float(lines[0][6:]), 30)
+        assert "a room of 15 to 30" in row.remedy
 
 
 @pytest.mark.parametrize(
@@ -342,8 +336,8 @@ def test_a_wait_that_heaters_end_passes(printer, lines):
 PRINTERS = {
     "marlin": MARLIN,
     "prusa": MARLIN.model_copy(update={"firmware": "prusa"}),
-    "reprapfirmware": load(Printer, "ender5_duet3_replistruder5"),
-    "klipper": load(Printer, "klipper_bioprinter"),
+    "reprapfirmware": DUET5,
+    "klipper": KLIPPER,
 }
 INK, BATH = load(Ink, "collagen_fresh"), load(Bath, "gelatin_support")
 WARM = (INK.temperature_c.low + INK.temperature_c.high) / 2
@@ -398,17 +392,13 @@ def failed_rows(family: str, line: str):
     return [row for row in rows if row.refuses and "switch-off" not in row.check]
 
 
-@pytest.mark.parametrize("line", CODED + OTHERS)
-@pytest.mark.parametrize("family", PRINTERS)
+@pytest.mark.parametrize(
+    ("family", "line"),
+    [(family, line) for line in CODED + OTHERS for family in PRINTERS]
+    + [("klipper", line) for line in NAMED_HEAT_COMMANDS],
+)
 def test_odd_heat_is_a_failed_row_that_names_its_line(family, line):
     rows = failed_rows(family, line)
-    assert rows, line
-    assert any("line 5" in f"{row.place} {row.remedy}" for row in rows)
-
-
-@pytest.mark.parametrize("line", NAMED_HEAT_COMMANDS)
-def test_odd_heat_by_name_is_a_failed_row_that_names_its_line(line):
-    rows = failed_rows("klipper", line)
     assert rows, line
     assert any("line 5" in f"{row.place} {row.remedy}" for row in rows)
 

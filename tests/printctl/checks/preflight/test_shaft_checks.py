@@ -13,7 +13,6 @@ import pytest
 from rich.console import Console
 
 from design.network import VesselNetwork
-from design.network_files.csv_format import write_network_csv
 from design.toolpath import Toolpath
 from design.toolpath.embedded import Bundles, EmbeddedOptions, bundled, plan_embedded
 from design.toolpath.gcode import Gcode, GcodeOptions, save_gcode, stream_gcode, write_gcode
@@ -30,6 +29,7 @@ from printctl.recipe import parse_recipe
 from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.random_networks import random_network
 from tests.design.toolpath.shapes import random_tree
+from tests.printctl.networks import network_recipe, vessels
 from tests.slower import first_of, first_rows
 from tests.system.cli import called, printctl
 
@@ -40,13 +40,7 @@ NEEDLE = (0.31, 0.31, 0.0)
 SIDE = np.array([[1, 3, 4], [9, 3, 4], [1, 3.375, 3], [9, 3.375, 3]], dtype=float)
 """0.02 mm beside what a 30G needle needs."""
 PLACE, START = (95.0, 97.0, 5.0), (100.0, 100.0, 20.0)
-NETWORK = VesselNetwork.from_segments(
-    np.array([*HIGH, *LOW], dtype=float),
-    np.array([[0, 1], [2, 3]]),
-    np.full(2, RADIUS),
-    np.zeros(2, dtype=np.int64),
-    np.arange(2),
-)
+NETWORK = vessels(HIGH, LOW, radius=RADIUS, tree=[0, 1])
 
 
 def written(*order: int, lines: Any = (HIGH, LOW)) -> Toolpath:
@@ -68,13 +62,8 @@ def job(
 ) -> Path:
     """A G-code file and its map."""
     path = folder / "part.gcode"
-    made = write_gcode(
-        written(*order, lines=points),
-        load(Printer, "generic_marlin"),
-        load(Syringe, "hamilton_1ml"),
-        PLACE,
-        GcodeOptions(start_mm=START),
-    )
+    toolpath, options = written(*order, lines=points), GcodeOptions(start_mm=START)
+    made = write_gcode(toolpath, PRINTER, SYRINGE, PLACE, options)
     beside = written_arrays(network, np.array(PLACE), 0.5, 0.05, [NEEDLE])
     save_gcode(path, path.with_suffix(".map.npz"), [made], beside)
     return path
@@ -177,15 +166,9 @@ def test_a_run_refuses_what_its_recipe_doesnt_allow(
     own = Bundles.plain(NETWORK)
     planned = stage.PlannedPath([path], 8.0, lambda: NoReport(), own)  # type: ignore[arg-type, return-value]
     monkeypatch.setattr(stage, "plan", lambda _: planned)
-    write_network_csv(tmp_path / "two.csv", NETWORK)
-    recipe = {
-        "schema": 1,
-        "name": "planted",
-        "tissue": {"shape": "block", "size_mm": [10, 6, 6]},
-        "vasculature": {"network": "two.csv", "unit": "mm"},
-        "toolpath": {"method": "embedded", "needle": "30g", "allowed_crossings": allowed},
-        "printer": {"ink": "gelatin_sacrificial", "bath": "cell_matrix"},
-    }
+    toolpath = {"method": "embedded", "needle": "30g", "allowed_crossings": allowed}
+    ink = {"ink": "gelatin_sacrificial", "bath": "cell_matrix"}
+    recipe = network_recipe(tmp_path, NETWORK, (10, 6, 6), toolpath=toolpath, printer=ink)
     made = parse_recipe(recipe, "planted.yaml")
 
     def run() -> dict[str, Any]:
@@ -204,11 +187,20 @@ def test_a_run_refuses_what_its_recipe_doesnt_allow(
 
 
 # --- planned embedded jobs pass the shaft checker, except where the plan reports it
-"""Outer diameter, its tip's, and the height of its cone."""
 START_SHAFT_PLANS = (60.0, 60.0, 90.0)
+PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
+SACRIFICIAL = load(Ink, "gelatin_sacrificial")
 PLACE_SHAFT_PLANS = np.array([80.0, 80.0, 40.0])
 SHALLOW_MM = 0.02
 """The plan looks at three places of each element: what it calls a graze may be so deep."""
+
+
+def checked(made: Gcode, beside: dict[str, Any], start_mm: tuple[float, float, float]) -> Any:
+    """What the check of shafts finds in a job that was written with arrays of its ink."""
+    lines = {"source": made.line_source, "kind": made.line_kind}
+    arrays = read_written_arrays(lines | beside)
+    run = dry_run(made.data, PRINTER, start_mm)
+    return shaft_clearance(run, PRINTER, [HeadLoading(SYRINGE, SACRIFICIAL, None)], arrays)
 
 
 @pytest.mark.parametrize("seed", first_of(range(8), 2))
@@ -216,23 +208,12 @@ def test_the_checker_flags_nothing_that_a_plan_of_a_tree_doesnt_tell(seed: int) 
     options = replace(EmbeddedOptions(), open_joints=99)
     net = random_tree(4 + 3 * seed, 12.0, seed, 0.1)
     plan = plan_embedded(net, options)
-    printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
-    ink = load(Ink, "gelatin_sacrificial")
-    made = write_gcode(
-        plan.toolpath,
-        printer,
-        syringe,
-        (80.0, 80.0, 40.0),
-        GcodeOptions(start_mm=START_SHAFT_PLANS, flow_factor=ink.flow_factor),
-    )
+    writer = GcodeOptions(start_mm=START_SHAFT_PLANS, flow_factor=SACRIFICIAL.flow_factor)
+    made = write_gcode(plan.toolpath, PRINTER, SYRINGE, PLACE_SHAFT_PLANS, writer)
     beside = written_arrays(
         net, PLACE_SHAFT_PLANS, options.overlap_radii, options.clearance_mm, [NEEDLE]
     )
-    lines = {"source": made.line_source, "kind": made.line_kind}
-    run = dry_run(made.data, printer, START_SHAFT_PLANS)
-    found = shaft_clearance(
-        run, printer, [HeadLoading(syringe, ink, None)], read_written_arrays(lines | beside)
-    )
+    found = checked(made, beside, START_SHAFT_PLANS)
     told = {frozenset((one.vessel, one.through)) for one in plan.report.crossings}
     deep = {frozenset((a.vessel, a.crossed)) for a in found.crossings if a.depth_mm > SHALLOW_MM}
     assert deep <= told
@@ -248,21 +229,15 @@ def test_bundles_pass_the_checker_but_for_what_the_plan_tells(seed: int, size_mm
     made = bundled(net, np.full(net.vessel_count, 1.2 * float(net.radius.max())))
     assert not made.is_plain
     plan = plan_embedded(made, options)
-    printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
-    ink = load(Ink, "gelatin_sacrificial")
-    told = GcodeOptions(start_mm=START_SHAFT_PLANS, flow_factor=ink.flow_factor)
+    told = GcodeOptions(start_mm=START_SHAFT_PLANS, flow_factor=SACRIFICIAL.flow_factor)
     beside: dict[str, Any] = {}
     job = stream_gcode(
-        [plan.toolpath], printer, syringe, PLACE_SHAFT_PLANS, told, plan.toolpath.top_mm
+        [plan.toolpath], PRINTER, SYRINGE, PLACE_SHAFT_PLANS, told, plan.toolpath.top_mm
     )
     whole = Gcode.joined(list(made.of_design(job, beside)))
     strands = np.bincount(made.owner) > 1
     beside |= written_arrays(net, PLACE_SHAFT_PLANS, options.overlap_radii, 0.05, [NEEDLE], strands)
-    lines = {"source": whole.line_source, "kind": whole.line_kind}
-    run = dry_run(whole.data, printer, START_SHAFT_PLANS)
-    found = shaft_clearance(
-        run, printer, [HeadLoading(syringe, ink, None)], read_written_arrays(lines | beside)
-    )
+    found = checked(whole, beside, START_SHAFT_PLANS)
     named = {frozenset((one.vessel, one.through)) for one in plan.report.crossings}
     deep = {frozenset((a.vessel, a.crossed)) for a in found.crossings if a.depth_mm > SHALLOW_MM}
     assert deep <= named
@@ -290,18 +265,12 @@ def said_and_seen(seed: int) -> tuple[dict[tuple[int, int], float], dict[tuple[i
         cone_mm=cone,
     )
     plan = plan_embedded(net, options)
-    printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
-    ink = load(Ink, "gelatin_sacrificial")
-    writer = GcodeOptions(start_mm=START_PLAN_AND_CHECK, flow_factor=ink.flow_factor)
-    made = write_gcode(plan.toolpath, printer, syringe, (80.0, 80.0, 40.0), writer)
+    writer = GcodeOptions(start_mm=START_PLAN_AND_CHECK, flow_factor=SACRIFICIAL.flow_factor)
+    made = write_gcode(plan.toolpath, PRINTER, SYRINGE, PLACE_PLAN_AND_CHECK, writer)
     beside = written_arrays(
         net, PLACE_PLAN_AND_CHECK, options.overlap_radii, options.clearance_mm, [needle]
     )
-    lines = {"source": made.line_source, "kind": made.line_kind}
-    run = dry_run(made.data, printer, START_PLAN_AND_CHECK)
-    found = shaft_clearance(
-        run, printer, [HeadLoading(syringe, ink, None)], read_written_arrays(lines | beside)
-    )
+    found = checked(made, beside, START_PLAN_AND_CHECK)
     seen: dict[tuple[int, int], float] = {}
     for one in found.crossings:
         assert one.vessel is not None

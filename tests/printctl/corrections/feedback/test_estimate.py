@@ -26,8 +26,7 @@ from printctl.corrections.feedback.local import repeating
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK, NUMBERS
 from printctl.run_folder.manifest import Manifest, StageRecord, digest_file, of_simulator
-from tests.printctl.corrections.feedback.lab import Lab
-from tests.printctl.corrections.feedback.small_run import TWO, registered, small_run
+from tests.printctl.corrections.feedback.lab import TWO, Lab, registered, small_run
 
 KNOWN = Mean(0.0, 1e-3)
 """A scanner whose bias was measured on a phantom."""

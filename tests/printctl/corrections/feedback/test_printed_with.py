@@ -17,8 +17,7 @@ from printctl.errors import SafetyError, UsageError
 from printctl.run_folder.artefacts import NUMBERS
 from printctl.run_folder.manifest import Manifest
 from tests.printctl.cli.shell import Shell
-from tests.printctl.corrections.feedback.lab import Lab
-from tests.printctl.corrections.feedback.small_run import TWO, recipe_of, registered, run, small_run
+from tests.printctl.corrections.feedback.lab import TWO, Lab, recipe_of, registered, run, small_run
 
 
 @pytest.fixture(scope="module")

@@ -197,6 +197,15 @@ def test_name_that_leaves_its_folder_is_neither_written_nor_read(name):
     assert not verify_stream(stream, ()).whole
 
 
+def test_a_name_stands_in_a_bundle_once():
+    writer = PlainZipWriter(io.BytesIO())
+    writer.add("a.txt", iter([b"1"]))
+    with pytest.raises(BundleError, match=r"a\.txt"):
+        writer.add("a.txt", iter([b"2"]))
+    writer.add("b.txt", iter([b"2"]))
+    assert [member.name for member in writer.members] == ["a.txt", "b.txt"]
+
+
 def test_compressed_bomb_is_refused_without_unpacking_it():
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as made:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 
 import pytest
 
-from tests.printctl.machine.link.journals import close_all
+from tests.printctl.machine.link.jobs import close_all
 
 
 @pytest.fixture(autouse=True)
@@ -14,3 +15,14 @@ def closed_journals() -> Iterator[None]:
     """Close each journal that the test has opened."""
     yield
     close_all()
+
+
+@pytest.fixture
+def pty() -> Iterator[tuple[int, int]]:
+    """Both ends of a pseudo-terminal."""
+    if not hasattr(os, "openpty"):
+        pytest.skip("no pseudo-terminals here")
+    ends = os.openpty()
+    yield ends
+    for end in ends:
+        os.close(end)

@@ -14,8 +14,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from tests.printctl.machine.link.test_server import hear, say
-from tests.printctl.machine.link.test_socket_clients import client, crowded_door
+from tests.printctl.machine.link.test_server import client, crowded_door, hear, say
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from operator import xor
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.ports import PortPrograms
@@ -268,6 +269,8 @@ def pty_printer(
     hold_at: int | None = None,
     pace_s: float = 0.0,
 ) -> Iterator[PtyPrinter]:
+    if not hasattr(os, "openpty"):
+        pytest.skip("no pseudo-terminals here")
     served = PtyPrinter(printer, unplug_at, hold_at, pace_s)
     try:
         yield served

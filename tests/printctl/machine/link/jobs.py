@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+import yaml
+
 from firmware_profiles import Printer, load
 from printctl.machine.link import job
 from printctl.machine.link.job import Job
+from printctl.machine.link.journal import Journal
 
 MARLIN: Final = load(Printer, "generic_marlin")
 KLIPPER: Final = load(Printer, "klipper_bioprinter")
@@ -32,3 +35,28 @@ def load_job(path: Path, printer: Printer = MARLIN) -> Job:
         if path.is_file()
         else job.load_job(path, printer)
     )
+
+
+def quick_profile(folder: Path) -> str:
+    """Write a printer that doesn't reset when its port is opened: no wait for its boot."""
+    path = folder / "quick.yaml"
+    facts = MARLIN.model_copy(update={"resets_on_connect": False})
+    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
+    return str(path)
+
+
+# --- test journals, closed at each test's end (`tests/printctl/machine/link/conftest.py`)
+_OPEN: Final[list[Journal]] = []
+
+
+def journal_in(folder: Path) -> Journal:
+    """Open a print's journal."""
+    journal = Journal(folder / "journal.log")
+    _OPEN.append(journal)
+    return journal
+
+
+def close_all() -> None:
+    """Close those that were opened."""
+    while _OPEN:
+        _OPEN.pop().close()

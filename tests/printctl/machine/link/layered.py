@@ -7,27 +7,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from firmware_profiles import Printer, load
-from firmware_profiles.families.link_protocol import LinkProtocol
-from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles import Printer
 from printctl.machine.link.care import Care
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.job import Job
 from printctl.machine.link.journalled_print import JournalledPrint
-from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.transport import Transport
-from printctl.machine.link.wiring import Wiring
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.machine.link.fake_marlin import FakeMarlin
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import HEADER, PRINTER, wired
 
-PRINTER = load(Printer, "generic_marlin")
-START = (50.0, 50.0, 10.0)
-HEADER = b"M302 P1\nG90\nM82\nM85 S600\nG92 X50 Y50 Z10 E0\n"
 RETRACT_MM = 0.25
 
 
@@ -96,21 +88,13 @@ def played(
     transport: Transport,
     script: Script,
     care: Care | None = None,
-    retreat: Retreat | None = None,
     history: JournalledPrint | None = None,
-    protocol: LinkProtocol | None = None,
     printer: Printer = PRINTER,
+    **wiring: Any,
 ) -> Status:
-    wiring = Wiring(
-        transport=transport,
-        protocol=protocol or MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(folder),
-        printer=printer,
-        retreat=retreat or Retreat(),
-        on_status=script.status,
+    script.streamer = wired(
+        transport, folder, data, printer, care, on_status=script.status, **wiring
     )
-    script.streamer = Streamer(wiring, parse_job(data, "test.gcode", printer), care)
     return script.streamer.run(history)
 
 

@@ -9,23 +9,19 @@ from typing import Any
 
 from firmware_profiles import Printer
 from printctl.machine.link.care import Care
-from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.inserts import Insert
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.look_book import LookDecision
 from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
-from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
-from tests.printctl.machine.link.layered import PRINTER, START, layered
+from tests.printctl.machine.link.layered import layered
 from tests.printctl.machine.link.protocols import made_protocol
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import PRINTER, strokes, wired
 
 EVERY_LAYER = Care(checkpoint_s=None, look_after=MarkKind.LAYER)
 
@@ -147,21 +143,11 @@ def observed(
     job = parse_job(data, "test.gcode", printer)
     if history is not None:
         job = job.grown_by(history.inserts)
-    wiring = Wiring(
-        transport=transport,
-        protocol=made_protocol(firmware),
-        clock=transport.clock,
-        journal=journal_in(folder),
-        printer=printer,
-        retreat=Retreat(),
-        on_status=observer.status,
+    protocol = made_protocol(firmware)
+    observer.streamer = wired(
+        transport, folder, job, printer, care, protocol=protocol, on_status=observer.status
     )
-    observer.streamer = Streamer(wiring, job, care)
     return observer.streamer.run(history)
-
-
-def fresh() -> SimTransport:
-    return SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
 
 
 def grown_file(data: bytes, inserts: Sequence[Insert]) -> bytes:
@@ -174,12 +160,7 @@ def grown_file(data: bytes, inserts: Sequence[Insert]) -> bytes:
 
 def own_strokes(motion: ExecutedMotion) -> list[tuple[float, ...]]:
     """Ends of the moves across, with the plunger's push: the link's own go up and down alone."""
-    across = (motion.start[:, :2] != motion.end[:, :2]).any(axis=1)
-    pushed = motion.plunger_end - motion.plunger_start
-    return [
-        (*end, round(float(push), 6))
-        for end, push in zip(motion.end[across].tolist(), pushed[across].tolist(), strict=True)
-    ]
+    return [(*row[4:7], round(row[7], 6)) for row in strokes(motion).tolist()]
 
 
 __all__ = ["EVERY_LAYER", "LinkState", "Observer", "layered", "observed", "patch"]

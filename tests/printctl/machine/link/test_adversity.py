@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -31,16 +32,15 @@ from sim.devices.faults import Gauge as SimGauge
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import (
+from tests.printctl.machine.link.layered import Following, Script, doomed, layered, played
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import (
     PRINTER,
     START,
-    Following,
-    Script,
-    doomed,
-    layered,
-    played,
+    assert_same_strokes,
+    foreseen,
+    same_motion,
 )
-from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 from tests.slower import first_of
@@ -74,10 +74,8 @@ def test_port_that_goes_in_a_pause_is_gone_on_with_exactly(tmp_path, at, times, 
     script = Script(on_paused=go_on, at_line={12: hold})
     printer = Following(job, script)
     wire = Unplugged(printer, clock)
-    wire.at, wire.times = (
-        at,
-        times + (at != b"G1 Z"),
-    )  # the job, or the check before it, has one, too
+    wire.at = at
+    wire.times = times + (at != b"G1 Z")  # the job, or the check before it, has one, too
     status = played(data, tmp_path, wire, script, Care(checkpoint_s=None))
     if status.error == "PortLost":
         assert not status.position_known
@@ -214,9 +212,8 @@ def test_motors_stay_powered_from_before_the_first_line_to_the_end(tmp_path):
     assert [line for line in printer.numbered if line.startswith("M84")] == ["M84 S0"]
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(monkeypatch):
-    master, slave = os.openpty()
+def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(pty, monkeypatch):
+    master, slave = pty
     wire = SerialTransport(os.ttyname(slave), 115_200)
     drop = wire._serial.reset_output_buffer
     closing = threading.Thread(target=wire.close)
@@ -233,14 +230,12 @@ def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(monkeypatch
     monkeypatch.setattr(wire._serial, "reset_output_buffer", drop)
     with pytest.raises(PortLost):
         wire.write_urgent(b"\nM112\n")
-    os.close(slave)
-    os.close(master)
 
 
 # --- random sequences of pauses, syringe changes and host deaths in one print
 DATA = layered(5, 20)
 JOB = parse_job(DATA, "test.gcode")
-FORESEEN = dry_run(DATA, PRINTER, START, cold_extrusion=True).executed
+FORESEEN = foreseen(DATA)
 
 
 class Restless(Script):
@@ -301,14 +296,7 @@ def test_print_with_every_trouble_is_the_same_print(tmp_path, seed):
             deaths += 1
     assert status.state is LinkState.DONE, status
     assert deaths >= 1
-    motion = printer.executed()
-    across = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
-    expected = np.any(FORESEEN.start[:, :2] != FORESEEN.end[:, :2], axis=1)
-    np.testing.assert_array_equal(motion.start[across], FORESEEN.start[expected])
-    np.testing.assert_array_equal(motion.end[across], FORESEEN.end[expected])
-    pushed = (motion.plunger_end - motion.plunger_start)[across]
-    wanted = (FORESEEN.plunger_end - FORESEEN.plunger_start)[expected]
-    np.testing.assert_allclose(pushed, wanted, atol=1e-9)
+    assert_same_strokes(printer.executed(), FORESEEN)
 
 
 # --- watched gauges (force, pressure): queried during a print, ending it above a limit
@@ -325,10 +313,8 @@ def transport_of(ramp, says=SAYS, clock=None, rng=None, **troubles) -> SimTransp
     return SimTransport(printer, clock or VirtualClock(), rng, **troubles)
 
 
-def printed(tmp_path, transport, script=None, printer: Printer = WATCHING, **options) -> Status:
-    return played(
-        DATA_MEASURING, tmp_path, transport, script or Script(), printer=printer, **options
-    )
+def printed(folder, transport, script=None, printer: Printer = WATCHING, **options) -> Status:
+    return played(DATA_MEASURING, folder, transport, script or Script(), printer=printer, **options)
 
 
 def records(tmp_path, sort: str) -> list[dict]:
@@ -337,13 +323,7 @@ def records(tmp_path, sort: str) -> list[dict]:
 
 
 def assert_moved_as_foreseen(transport: SimTransport) -> None:
-    motion = transport.printer.executed()
-    foreseen = dry_run(DATA_MEASURING, PRINTER, START, cold_extrusion=True).executed
-    np.testing.assert_array_equal(motion.end, foreseen.end)
-    np.testing.assert_array_equal(motion.plunger_end, foreseen.plunger_end)
-
-
-# --- a whole print ---------------------------------------------------------------------------
+    assert same_motion(transport.printer.executed(), foreseen(DATA_MEASURING))
 
 
 def test_readings_below_the_limit_are_journalled_and_shown_and_change_nothing(tmp_path):
@@ -384,15 +364,21 @@ def test_a_reading_above_the_limit_ends_the_print_by_a_controlled_stop(tmp_path)
     assert any("limit" in text for text in read_journal(tmp_path / "journal.log").alarms)
 
 
-def test_one_wrong_answer_above_the_limit_ends_nothing(tmp_path):
+def answering_oddly(odd: Callable[[int], str]) -> SimTransport:
+    """A printer whose answer of some number is another than its gauge's, if ``odd`` gives one."""
     transport = transport_of([[0, 1.0], [100, 11.0]])
     gauge, answers = transport.printer.gauges["M871"], iter(range(10**6))
 
-    class Once(SimGauge):
+    class Odd(SimGauge):
         def at(self, time_s: float) -> str:
-            return "Force: 91.00 N" if next(answers) == 4 else gauge.at(time_s)
+            return odd(next(answers)) or gauge.at(time_s)
 
-    transport.printer.gauges = {"M871": Once(**gauge.model_dump())}
+    transport.printer.gauges = {"M871": Odd(**gauge.model_dump())}
+    return transport
+
+
+def test_one_wrong_answer_above_the_limit_ends_nothing(tmp_path):
+    transport = answering_oddly(lambda number: "Force: 91.00 N" * (number == 4))
     status = printed(tmp_path, transport)
     assert status.state is LinkState.DONE, status
     assert [one["value"] > 12.5 for one in records(tmp_path, "reading")].count(True) == 1
@@ -400,19 +386,10 @@ def test_one_wrong_answer_above_the_limit_ends_nothing(tmp_path):
 
 
 def test_answers_that_can_t_be_read_are_one_alarm(tmp_path):
-    transport = transport_of([[0, 1.0], [100, 11.0]])
-    gauge, answers = transport.printer.gauges["M871"], iter(range(10**6))
-
-    class Broken(SimGauge):
-        def at(self, time_s: float) -> str:
-            return "Force: none" if next(answers) > 2 else gauge.at(time_s)
-
-    transport.printer.gauges = {"M871": Broken(**gauge.model_dump())}
-    status = printed(tmp_path, transport)
+    status = printed(tmp_path, answering_oddly(lambda number: "Force: none" * (number > 2)))
     assert status.state is LinkState.DONE, status
-    assert [one["text"] for one in records(tmp_path, "alarm")] == [
-        "3 answers to M871 running can't be read"
-    ]
+    (alarm,) = records(tmp_path, "alarm")
+    assert alarm["text"] == "3 answers to M871 running can't be read"
 
 
 @pytest.mark.parametrize(
@@ -446,15 +423,10 @@ def test_a_host_that_dies_among_its_questions_goes_on_exactly(tmp_path, seed):
     history = read_journal(tmp_path / "journal.log")
     status = printed(tmp_path, again, printer=printer, history=history)
     assert status.state is LinkState.DONE, status
-    ends = again.printer.executed().end
-    foreseen = dry_run(DATA_MEASURING, PRINTER, START, cold_extrusion=True).executed.end
-    at = 0
-    for end in ends:
-        at += at < len(foreseen) and np.array_equal(end, foreseen[at])
-    assert at == len(foreseen)
-
-
-# --- one answer, one profile, one fault file -----------------------------------------------------
+    expected, at = foreseen(DATA_MEASURING).end, 0
+    for end in again.printer.executed().end:
+        at += at < len(expected) and np.array_equal(end, expected[at])
+    assert at == len(expected)
 
 
 @pytest.mark.parametrize(

@@ -37,13 +37,27 @@ SAID = [b"Error:MINTEMP triggered, system stopped! Heater_ID: 0", STOPPED, b"Err
 FAMILIES = {"marlin": MarlinProtocol, "pairs": partial(MarlinProtocol, pairing=Pairing(128))}
 
 
-def streaming(family=MarlinProtocol):
+def in_flight(family=MarlinProtocol):
+    """A protocol that has sent the first of the job's lines, and how many of them."""
     protocol = family()
     protocol.load(JOB, 0, 0)
     protocol.held = False
     protocol.go(0.0)
-    protocol.take_output()
-    return protocol
+    sent = protocol.take_output()
+    assert b"G1 X1" in sent
+    return protocol, sent.count(b"G1")
+
+
+def streaming(family=MarlinProtocol):
+    return in_flight(family)[0]
+
+
+def assert_nothing_leaves(protocol, now=0.0):
+    assert b"G1" not in protocol.take_output()
+    for second in range(1, 100):
+        protocol.feed(b"ok\n", now + second)
+        protocol.tick(now + second + 0.5)
+        assert b"G1" not in protocol.take_output()
 
 
 def doubting(protocol, now=0.1):
@@ -97,10 +111,7 @@ def test_an_error_counts_in_every_state_and_no_line_of_the_job_follows(family, s
     events = [*protocol.feed(said + b"\r\n", now)]
     assert [event.text for event in events if isinstance(event, Fault)] == [said.decode()]
     protocol.take_output()
-    for step in range(1, 40):
-        protocol.feed(b"ok\n", now + step)
-        protocol.tick(now + step + 0.5)
-        assert b"G1" not in protocol.take_output()
+    assert_nothing_leaves(protocol, now)
 
 
 @pytest.mark.parametrize("state", STATES)
@@ -147,9 +158,6 @@ def test_ordinary_chatter_begins_no_doubt_and_unknown_text_is_reported():
     assert protocol.feed(b"Wobble exceeded\n", 0.2) == [Remark("Wobble exceeded")]
 
 
-# --- the tables ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("families", "text", "meaning"),
     [
@@ -174,9 +182,6 @@ def test_known_messages_mean_what_their_firmware_does(families, text, meaning):
     known = load_messages(*families).find(text.encode())
     assert known is not None
     assert known.meaning is MessageMeaning(meaning)
-
-
-# --- whole prints --------------------------------------------------------------------------------
 
 
 class FaultyMarlin(FakeMarlin):
@@ -317,31 +322,19 @@ ERRORS = [
 CUTS = [(family, said, cut) for family, said in ERRORS for cut in range(1, len(said))]
 
 
-def streaming_cut_errors(family):
-    protocol = family()
-    protocol.load(JOB, 0, 0)
-    protocol.held = False
-    protocol.go(0.0)
-    return protocol, protocol.take_output().count(b"G1")
-
-
 @pytest.mark.parametrize(("family", "said", "cut"), CUTS)
 def test_no_line_leaves_between_the_halves_of_an_error_behind_the_ok(family, said, cut):
-    protocol, in_flight = streaming_cut_errors(family)
-    protocol.feed(b"ok\n" * in_flight + said[:cut], 0.1)
+    protocol, sent = in_flight(family)
+    protocol.feed(b"ok\n" * sent + said[:cut], 0.1)
     assert b"G1" not in protocol.take_output()
     events = protocol.feed(said[cut:], 0.11)
     assert any(isinstance(event, (Fault, FirmwareHalted, Halting)) for event in events)
-    assert b"G1" not in protocol.take_output()
-    for second in range(1, 50):
-        protocol.feed(b"ok\n", second)
-        protocol.tick(float(second))
-        assert b"G1" not in protocol.take_output()
+    assert_nothing_leaves(protocol)
 
 
 @pytest.mark.parametrize(("family", "said", "cut"), CUTS)
 def test_no_line_leaves_between_the_halves_of_an_error_before_the_ok(family, said, cut):
-    protocol, _ = streaming_cut_errors(family)
+    protocol = streaming(family)
     protocol.feed(said[:cut], 0.1)
     assert b"G1" not in protocol.take_output()
     events = protocol.feed(said[cut:] + b"ok\n", 0.11)
@@ -353,8 +346,8 @@ def test_no_line_leaves_between_the_halves_of_an_error_before_the_ok(family, sai
 
 @pytest.mark.parametrize(("family", "said", "cut"), CUTS)
 def test_a_half_whose_other_half_is_late_by_seconds_lets_no_line_of_the_job_go(family, said, cut):
-    protocol, in_flight = streaming_cut_errors(family)
-    protocol.feed(b"ok\n" * in_flight + said[:cut], 0.1)
+    protocol, sent = in_flight(family)
+    protocol.feed(b"ok\n" * sent + said[:cut], 0.1)
     for step in range(1, 60):
         protocol.tick(0.1 + step * 0.1)
         assert b"G1" not in protocol.take_output()
@@ -364,7 +357,7 @@ def test_a_half_whose_other_half_is_late_by_seconds_lets_no_line_of_the_job_go(f
 
 @pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol])
 def test_the_job_goes_on_once_a_cut_text_is_whole(family):
-    protocol, _ = streaming_cut_errors(family)
+    protocol = streaming(family)
     protocol.feed(b"ok\nT:21", 0.1)
     assert b"G1" not in protocol.take_output()
     protocol.feed(b".0 /0.0\n", 0.11)
@@ -396,26 +389,9 @@ ENDS = [
 ]
 
 
-def in_flight(family):
-    protocol = family()
-    protocol.load(JOB, 0, 0)
-    protocol.held = False
-    protocol.go(0.0)
-    assert b"G1 X1" in protocol.take_output()
-    return protocol
-
-
-def assert_nothing_leaves(protocol):
-    assert b"G1" not in protocol.take_output()
-    for second in range(1, 100):
-        protocol.feed(b"ok\n", second)
-        protocol.tick(float(second))
-        assert b"G1" not in protocol.take_output()
-
-
 @pytest.mark.parametrize(("family", "said"), FAULTS)
 def test_no_further_line_leaves_where_an_error_is_behind_the_ok(family, said):
-    protocol = in_flight(family)
+    protocol = streaming(family)
     events = protocol.feed(said, 0.1)
     assert [event.line for event in events if isinstance(event, Fault)] == [1]
     assert (protocol.idle, protocol.lines_done) == (True, 1)
@@ -425,7 +401,7 @@ def test_no_further_line_leaves_where_an_error_is_behind_the_ok(family, said):
 
 @pytest.mark.parametrize(("family", "said"), GLUED)
 def test_an_ok_glued_to_an_error_is_both_answer_and_error(family, said):
-    protocol = in_flight(family)
+    protocol = streaming(family)
     (fault,) = protocol.feed(said, 0.1)
     assert (fault.line, fault.refused) == (1, True)
     assert (protocol.idle, protocol.lines_done) == (True, 1)
@@ -448,7 +424,7 @@ def test_a_line_answered_by_an_error_whose_ok_is_lost_isnt_sent_again():
 
 @pytest.mark.parametrize(("family", "said", "end"), ENDS)
 def test_no_further_line_leaves_where_a_halt_or_reset_is_behind_the_ok(family, said, end):
-    protocol = in_flight(family)
+    protocol = streaming(family)
     events = [*protocol.feed(said, 0.1), *protocol.tick(9.0)]
     assert isinstance(events[-1], end)
     assert protocol.lines_done == 1
@@ -457,7 +433,7 @@ def test_no_further_line_leaves_where_a_halt_or_reset_is_behind_the_ok(family, s
 
 @pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol])
 def test_a_command_that_waits_leaves_once_the_error_is_heard_and_the_job_once_it_may(family):
-    protocol = in_flight(family)
+    protocol = streaming(family)
     protocol.submit(b"M114", 0.05)
     protocol.feed(b"ok\necho: cold extrusion prevented\nError: it is cold\n!! cold\n", 0.1)
     assert re.search(rb"M0?114", protocol.take_output())

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
+from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import StrayOk
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.machine.link.clock import VirtualClock
@@ -17,17 +19,14 @@ from printctl.machine.link.journalled_print import JournalledPrint, read_journal
 from printctl.machine.link.ports import PortPrograms
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
+from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
 from tests.printctl.machine.link.sim_transport import SimTransport
-from tests.printctl.machine.link.simulated import PRINTER, START, gcode, wire
-from tests.printctl.machine.link.simulated import printed as printed_foreign_changes
-from tests.printctl.machine.link.simulated import printed as printed_meddled_pause
+from tests.printctl.machine.link.simulated import PRINTER, START, gcode, wire, wired
+from tests.printctl.machine.link.simulated import printed as printed_shared
 from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 from tests.slower import first_of
 
@@ -181,11 +180,10 @@ def test_another_program_s_line_on_other_boards_pauses_once_and_is_told(tmp_path
             streamer.resume()
         states.append(status.state)
 
-    data = head + b"G90\nM82\n" + gcode(200).split(b"\n", 4)[4]
+    data = gcode(200, head + b"G90\nM82\nG92 X50 Y50 Z10 E0\n")
     wire = Meddled(simulated_printer(facts)(facts, START), VirtualClock())
-    protocol, journal = protocol_for(facts, 0.05), journal_in(tmp_path)
-    wiring = Wiring(wire, protocol, wire.clock, journal, facts, on_status=on_status)
-    streamer = Streamer(wiring, parse_job(data, "test.gcode", facts))
+    protocol = protocol_for(facts, 0.05)
+    streamer = wired(wire, tmp_path, data, facts, protocol=protocol, on_status=on_status)
     status = streamer.run()
     assert (status.state, status.position_known) == (LinkState.DONE, False), status
     assert states.count(LinkState.PAUSED) == 1
@@ -214,7 +212,7 @@ class SharedWire(SimTransport):
 
 def shared(folder: Path, text: bytes, *after: bytes) -> tuple[Status, ExecutedMotion]:
     wire = SharedWire(text, b" E0.07000 ", *after)
-    status, _ = printed_foreign_changes(gcode(MOVES), folder, wire)
+    status, _ = printed_shared(gcode(MOVES), folder, wire)
     return status, wire.printer.executed()
 
 
@@ -287,9 +285,7 @@ def test_a_stop_ends_a_wait_for_a_person_at_the_printers_button(tmp_path):
     def on_status(_: Status) -> None:
         wire.streamer = kept[0]
 
-    status, _ = printed_foreign_changes(
-        gcode(MOVES), tmp_path, wire, on_status=on_status, keep=kept
-    )
+    status, _ = printed_shared(gcode(MOVES), tmp_path, wire, on_status=on_status, keep=kept)
     assert status.state is LinkState.STOPPED
     alarms = " ".join(read_journal(tmp_path / "journal.log").alarms)
     assert "waits for somebody to press its own button" in alarms
@@ -297,7 +293,7 @@ def test_a_stop_ends_a_wait_for_a_person_at_the_printers_button(tmp_path):
 
 def test_heater_that_another_program_switches_on_is_set_back(tmp_path):
     wire = SharedWire(b"M140 S60\n", b" E0.07000 ")
-    status, _ = printed_foreign_changes(gcode(MOVES), tmp_path, wire)
+    status, _ = printed_shared(gcode(MOVES), tmp_path, wire)
     assert status.state is LinkState.DONE
     assert wire.printer.machine.heat.bed.target_c == 0
     alarms = " ".join(read_journal(tmp_path / "journal.log").alarms)
@@ -308,7 +304,7 @@ def test_heater_that_another_program_switches_on_is_set_back(tmp_path):
 def test_heater_that_is_too_hot_before_the_first_line_is_refused(tmp_path, celsius, told):
     wire = SharedWire(b"", b" E0.07000 ")
     wire.printer.receive(b"M140 S%d\n" % celsius)
-    status, _ = printed_foreign_changes(gcode(MOVES), tmp_path, wire)
+    status, _ = printed_shared(gcode(MOVES), tmp_path, wire)
     assert (status.state is LinkState.FAILED) == told
     assert (f"the bed is set to {celsius} °C, above 45 °C" in status.message) == told
 
@@ -328,7 +324,7 @@ def test_garbled_target_is_not_believed(tmp_path):
             return data
 
     wire = Garbled(b"M105\n", b" E0.07000 ")
-    status, _ = printed_foreign_changes(b"M140 S30\n" + gcode(MOVES), tmp_path, wire)
+    status, _ = printed_shared(b"M140 S30\n" + gcode(MOVES), tmp_path, wire)
     assert status.state is LinkState.DONE
     assert wire.times > 1
     assert wire.printer.machine.heat.bed.target_c == 30
@@ -355,7 +351,7 @@ def resumed_after(folder: Path, text: bytes) -> tuple[Status, ExecutedMotion]:
         elif status.state is LinkState.PAUSED and "job says" in status.message:
             kept[0].stop()
 
-    status, _ = printed_meddled_pause(gcode(MOVES), folder, shared, on_status=on_status, keep=kept)
+    status, _ = printed_shared(gcode(MOVES), folder, shared, on_status=on_status, keep=kept)
     assert LinkState.PAUSED in states
     return status, shared.printer.executed()
 
@@ -394,3 +390,98 @@ def test_a_plunger_that_another_program_moved_or_renamed_isnt_driven_anywhere(tm
     assert "the plunger is told at E" in status.message
     behind = made.plunger_end.max() - made.plunger_end[-1]
     assert behind <= 0.1 + 0.003  # what the pause itself drew back
+
+
+# --- another Klipper client's commands during a print, whose replies the link never receives
+KLIPPER = load(Printer, "klipper_bioprinter")
+KLIPPER_HEADER = (
+    "SET_IDLE_TIMEOUT TIMEOUT=600\nSET_KINEMATIC_POSITION X=50 Y=50 Z=10\nG90\nM82\nG92 E0\n"
+)
+KLIPPER_MOVES = 120
+
+
+def klipper_job(extra: dict[int, str] | None = None, moves: int = KLIPPER_MOVES) -> bytes:
+    lines = []
+    for i in range(moves):
+        lines.append(f"G1 X{50 + i % 2 * 3.5:.3f} Y{50 + i % 40 * 0.25:.3f} E{0.01 * (i + 1):.4f}")
+        lines += [extra[i]] if extra and i in extra else []
+    return (KLIPPER_HEADER + "G1 F600\n" + "\n".join(lines) + "\n").encode()
+
+
+class ClientsWire(SimTransport):
+    """Another client, whose answers don't come here, sends ``text`` once E0.4 has left."""
+
+    def __init__(self, text: bytes) -> None:
+        super().__init__(KlipperPrinter(KLIPPER, START), VirtualClock())
+        self._text, self._swallow = text, 0
+
+    def write(self, data: bytes) -> None:
+        super().write(data)
+        if b" E0.4000" in data and self._text:
+            self._text, text = b"", self._text
+            self._swallow = text.count(b"\n")
+            super().write(text)
+
+    def read(self, wait_s: float) -> bytes:
+        data = super().read(wait_s)
+        while self._swallow and b"ok\n" in data:
+            data, self._swallow = data.replace(b"ok\n", b"", 1), self._swallow - 1
+        return data
+
+
+def streamer_on(wire: ClientsWire, folder: Path, data: bytes, **wiring: Any) -> Streamer:
+    return wired(wire, folder, data, KLIPPER, protocol=KlipperProtocol(), **wiring)
+
+
+def printed_klipper(
+    folder: Path, text: bytes, data: bytes | None = None
+) -> tuple[Status, ExecutedMotion]:
+    folder.mkdir(exist_ok=True)
+    wire = ClientsWire(text)
+    status = streamer_on(wire, folder, klipper_job()).run()
+    return status, wire.printer.executed()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["G91", "M83", "M221 S50", "SET_GCODE_OFFSET X=2", "SET_GCODE_OFFSET Z=-2", "G92 X9", "G92 E5"]
+    + ["SET_KINEMATIC_POSITION X=60"],
+)
+def test_what_makes_the_next_lines_other_than_the_job_says_ends_the_print_soon(tmp_path, text):
+    status, made = printed_klipper(tmp_path, text.encode() + b"\n")
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert not status.position_known
+    assert len(made.end) < KLIPPER_MOVES - 20
+
+
+def test_speed_and_heaters_of_another_client_are_taken_back(tmp_path):
+    _, alone = printed_klipper(tmp_path / "alone", b"")
+    status, made = printed_klipper(tmp_path / "other", b"M220 S30\nM140 S60\n")
+    assert status.state is LinkState.DONE
+    assert np.allclose(made.end[-1], alone.end[-1])
+    alarms = read_journal(tmp_path / "other" / "journal.log").alarms
+    assert any("bed is set to 60" in text for text in alarms)
+
+
+@pytest.mark.parametrize(
+    "text", ["SET_KINEMATIC_POSITION Z=60", "G92 Z60", "G92 E5", "SET_GCODE_OFFSET Z=-2"]
+)
+def test_place_renamed_in_a_pause_is_found_before_the_needle_is_lowered(tmp_path, text):
+    """With Z called 38 mm higher the needle was driven 38 mm through the dish, and `done` said."""
+    wire = ClientsWire(b"")
+    states: list[LinkState] = []
+
+    def on_status(status: Status) -> None:
+        if status.lines_done > KLIPPER_MOVES // 4 and LinkState.PAUSING not in states:
+            streamer.pause()
+        if status.state is LinkState.PAUSED and LinkState.PAUSED not in states:
+            wire._swallow = 1
+            SimTransport.write(wire, text.encode() + b"\n")
+            streamer.resume()
+        states.append(status.state)
+
+    streamer = streamer_on(wire, tmp_path, klipper_job(), on_status=on_status)
+    status = streamer.run()
+    assert LinkState.PAUSED in states
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert wire.printer.executed().end[:, 2].min() >= START[2] - 1e-6

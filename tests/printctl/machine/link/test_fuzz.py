@@ -20,14 +20,13 @@ from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.facts import crc16
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for
-from printctl.machine.link.journal import Journal
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, zigzag
-from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.jobs import close_all, parse_job
 from tests.printctl.machine.link.protocols import STREAMED
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
+from tests.printctl.machine.link.simulated import wired
 from tests.slower import examples
 
 WORDS = [
@@ -162,20 +161,19 @@ def test_whole_print_ends_and_moves_only_along_the_file(family, said):
         left = script[0][0] if script else 0
         return words if instead else words + real
 
-    clock = VirtualClock()
     with tempfile.TemporaryDirectory() as folder:
         streamer: list[Streamer] = []
-        wiring = Wiring(
-            transport=ScriptedTransport(answer, clock),
+        one = wired(
+            ScriptedTransport(answer, VirtualClock()),
+            Path(folder),
+            parse_job(b"\n".join(JOB), "test.gcode"),
+            facts(family),
             protocol=protocol_of(family),
-            clock=clock,
-            journal=Journal(Path(folder) / "journal.log"),
-            printer=facts(family),
             on_status=lambda status: streamer[0].resume() if status.state == "paused" else None,
         )
-        streamer.append(Streamer(wiring, parse_job(b"\n".join(JOB), "test.gcode")))
-        status = streamer[0].run()
-        wiring.journal.close()
+        streamer.append(one)
+        status = one.run()
+        close_all()
     assert status.ended
     moves = [line for line in fake.executed if re.match(r"G[0123]\b", line)]
     ours = [line for line, _ in groupby(line for line in moves if line in FILE)]

@@ -28,8 +28,8 @@ from printctl.machine.print_state.actions import possible_actions
 from printctl.machine.printing.inserted_ink import filling_in_file, inserted_ink
 from printctl.machine.printing.progress import Filling
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import PRINTER
-from tests.printctl.machine.link.looking import Observer, fresh, layered, observed, patch
+from tests.printctl.machine.link.looking import Observer, layered, observed, patch
+from tests.printctl.machine.link.simulated import PRINTER, wire
 
 DATA = layered(3, 6)
 OWN = parse_job(DATA, "test.gcode")
@@ -156,7 +156,7 @@ def test_refused_with_the_reason(lines, why):
 
 
 def test_only_the_look_that_goes_on_takes_one_insert(tmp_path):
-    data, transport = layered(2, 12), fresh()
+    data, transport = layered(2, 12), wire()
     good, other = patch(data, 0), [*patch(data, 0)[:-1], "G4 P10", "G1 F300"]
     observer = Observer(decides=lambda number: None)
 

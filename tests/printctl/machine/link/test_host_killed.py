@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.cli.running_print import status_lines
+from printctl.cli.status import status_lines
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.completed_moves import moves_ahead, surely_moved
 from printctl.machine.link.errors import Refused
@@ -27,17 +26,23 @@ from printctl.machine.link.recovery_begin import NoCheckpoint
 from printctl.machine.link.resuming import resumable
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
 from printctl.machine.print_state.state import assemble_state
 from printctl.machine.printing.journal_facts import JournalledFacts
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.gcode.dry_run.run import dry_run
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
+from tests.printctl.cli.shell import Shell
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
+from tests.printctl.machine.link.jobs import journal_in, parse_job
 from tests.printctl.machine.link.layered import doomed, layered
 from tests.printctl.machine.link.sim_transport import SimTransport
-from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed
+from tests.printctl.machine.link.simulated import (
+    PRINTER,
+    START,
+    foreseen,
+    gcode,
+    printed,
+    same_motion,
+    wired,
+)
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.slower import first_of
 
@@ -60,15 +65,7 @@ def known_made(job: Job, done: int) -> int:
 
 
 def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:
-    history = read_journal(folder / "journal.log")
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(folder),
-        printer=PRINTER,
-    )
-    return Streamer(wiring, parse_job(data, "test.gcode")).run(history)
+    return wired(transport, folder, data).run(read_journal(folder / "journal.log"))
 
 
 @pytest.mark.parametrize("paused", [False, True])
@@ -130,10 +127,7 @@ def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
         resumed(data, tmp_path, doomed(printer, clock, int(rng.integers(1, 9)), 0.5))
     status = resumed(data, tmp_path, SimTransport(printer, clock))
     assert status.state is LinkState.DONE, status
-    motion = printer.executed()
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert np.array_equal(motion.end, foreseen.end)
-    assert np.array_equal(motion.plunger_end, foreseen.plunger_end)
+    assert same_motion(printer.executed(), foreseen(data))
 
 
 @pytest.mark.parametrize("last", ["reset", "another"])
@@ -211,9 +205,9 @@ def test_what_another_program_set_while_the_host_was_dead_is_taken_back(tmp_path
     status = resumed(data, tmp_path, SimTransport(printer, clock))
     assert status.state is LinkState.DONE, status
     motion = printer.executed()
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert np.array_equal(motion.end[-1], foreseen.end[-1])
-    assert motion.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
+    expected = foreseen(data)
+    assert np.array_equal(motion.end[-1], expected.end[-1])
+    assert motion.plunger_end[-1] == pytest.approx(expected.plunger_end[-1])
     assert printer.machine.heat.bed.target_c == 0
 
 
@@ -260,3 +254,34 @@ def test_command_that_recovers_can_be_copied(tmp_path):
     ]
     assert "printctl recover 'my run' --from-line " in line
     assert line.split("--from-line ")[1].split()[0].isdigit()
+
+
+# --- `printctl kill` where the print's link process is gone and the motors may run on
+
+
+def test_kill_opens_the_port_and_halts(tmp_path, monkeypatch, capsys):
+    shell = Shell(monkeypatch, capsys)
+    with pty_printer(FakeMarlin()) as served:
+        killed(tmp_path, "generic_marlin", LinkState.PRINTING, port=served.name)
+        code, _, err = shell("stop", str(tmp_path))
+        assert (code, served.printer.halted) == (1, False)
+        assert "printctl kill" in err
+        code, out, _ = shell("kill", str(tmp_path))
+        assert (code, served.printer.halted) == (0, True)
+    assert out.startswith("killed: ")
+    assert read_outcome(tmp_path).state is LinkState.KILLED
+    assert read_journal(tmp_path / JOURNAL).state is LinkState.KILLED
+
+
+@pytest.mark.parametrize("mute", [False, True])
+def test_kill_that_halts_nothing_says_so(tmp_path, monkeypatch, capsys, mute):
+    printer = FakeMarlin()
+    printer.mute = mute
+    with pty_printer(printer) as served:
+        port = served.name if mute else "/dev/nowhere"
+        killed(tmp_path, "generic_marlin", LinkState.PRINTING, port=port)
+        code, _, err = Shell(monkeypatch, capsys)("kill", str(tmp_path))
+    assert code != 0
+    assert "cut" in err
+    assert "power" in err
+    assert read_outcome(tmp_path).state is LinkState.INTERRUPTED  # it may be killed again

@@ -125,14 +125,20 @@ def test_retreat_relieves_before_it_lifts_and_stays_below_the_top():
     assert Retreat().leave(Modal(), PRINTER) == []
 
 
-def test_cooling_stays_on_where_the_profile_says_so():
-    assert heaters_off(PRINTER) == []
-    assert heaters_off(load(Printer, "marlin_avr")) == [b"M104 S0", b"M140 S0"]
+HEATERS = [b"M104 S0", b"M140 S0"]
 
 
-def test_what_is_dangerous_goes_off_before_the_heaters():
-    lamp = load(Printer, "marlin_avr").model_copy(update={"safe_state_off": ("M106 P1 S0",)})
-    assert heaters_off(lamp) == [b"M106 P1 S0", b"M104 S0", b"M140 S0"]
+@pytest.mark.parametrize(
+    ("profile", "changes", "expected"),
+    [
+        ("generic_marlin", {}, []),  # its cooling stays on
+        ("marlin_avr", {}, HEATERS),
+        ("marlin_avr", {"safe_state_off": ("M106 P1 S0",)}, [b"M106 P1 S0", *HEATERS]),
+        ("two_syringe_marlin", {"safe_state_on": ()}, [b"M104 T0 S0", b"M104 T1 S0", HEATERS[1]]),
+    ],
+)
+def test_what_is_dangerous_and_the_heaters_of_each_head_go_off(profile, changes, expected):
+    assert heaters_off(load(Printer, profile).model_copy(update=changes)) == expected
 
 
 # --- commanded state after some lines of a job: position, relief, settings

@@ -8,34 +8,40 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-import yaml
 
-from firmware_profiles import Printer, load
-from printctl.machine.link import LinkError, LinkState, attach, find_link, resume_print, start_print
+from benchmarks.observe.faults import one_print
+from printctl.machine.link import (
+    LinkError,
+    LinkState,
+    PrintClient,
+    attach,
+    find_link,
+    resume_print,
+    start_print,
+)
+from printctl.machine.link.care import Care
 from printctl.machine.link.errors import (
     AlreadyPrinting,
     HandshakeError,
     JobError,
     PortInUse,
     PortMissing,
+    Refused,
 )
 from printctl.machine.link.find_link import alive
 from printctl.machine.link.journalled_print import read_journal
-from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
-
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-
-
-@pytest.fixture(scope="module")
-def profile(tmp_path_factory) -> str:
-    """A printer that doesn't reset when its port is opened: no wait for its boot."""
-    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
-    path = tmp_path_factory.mktemp("profile") / "test.yaml"
-    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
-    return str(path)
+from printctl.machine.link.look_book import LookDecision
+from printctl.machine.link.marks import MarkKind
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.looking import layered, patch, patch_at
+from tests.waiting import wait_for
 
 
 def handshake_and(printer: FakeMarlin) -> list[str]:
@@ -58,7 +64,17 @@ def until(client, state: LinkState) -> None:
     raise AssertionError(f"never {state}")
 
 
-def test_prints_a_whole_job(tmp_path, profile):
+@contextmanager
+def held_print(folder: Path, profile: str) -> Iterator[tuple[list[str], PtyPrinter, PrintClient]]:
+    """A print whose printer holds its answers back from line 100 on, until its gate is set."""
+    lines = write_job(folder / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(folder / "job.gcode", profile, served.name, folder / "run")
+        assert served.held.wait(10)
+        yield lines, served, client
+
+
+def test_prints_a_whole_job_and_ends_by_itself(tmp_path, profile):
     lines = write_job(tmp_path / "job.gcode", 500)
     with pty_printer(FakeMarlin()) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
@@ -67,6 +83,8 @@ def test_prints_a_whole_job(tmp_path, profile):
         assert outcome.lines_done == len(lines)
         assert handshake_and(served.printer)[: len(lines)] == lines
         assert attach(tmp_path / "run").wait().state is LinkState.DONE
+    wait_for(lambda: not alive(tmp_path / "run"))
+    assert not (tmp_path / "run" / "link.sock").exists()
 
 
 def test_job_that_would_dose_twice_is_refused(tmp_path, profile):
@@ -75,9 +93,11 @@ def test_job_that_would_dose_twice_is_refused(tmp_path, profile):
         start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
 
 
-def test_unplugged_port_fails_and_says_what_was_acknowledged(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 500)
-    with pty_printer(FakeMarlin(), unplug_at=200) as served:
+def test_unplugged_port_fails_with_what_was_acknowledged_and_goes_on_when_it_is_back(
+    tmp_path, profile
+):
+    lines, printer = write_job(tmp_path / "job.gcode", 500), FakeMarlin()
+    with pty_printer(printer, unplug_at=200) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         outcome = client.wait(300)
     assert outcome.state is LinkState.FAILED
@@ -86,6 +106,10 @@ def test_unplugged_port_fails_and_says_what_was_acknowledged(tmp_path, profile):
     assert 198 <= outcome.lines_done <= 200
     assert f"{outcome.lines_done} of {len(lines)} lines were acknowledged" in outcome.message
     assert "position unknown" in outcome.message
+    with pty_printer(printer) as served:
+        outcome = resume_print(tmp_path / "run", served.name).wait(300)
+    assert outcome.state is LinkState.DONE
+    assert_all_sent_once(handshake_and(printer), lines)
 
 
 def test_reset_in_mid_print_is_position_unknown(tmp_path, profile):
@@ -102,10 +126,7 @@ def test_reset_in_mid_print_is_position_unknown(tmp_path, profile):
 
 def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile, monkeypatch):
     monkeypatch.setattr(find_link, "_ENDING_S", 0.1)
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (_, served, client):
         client.pause()
         served.gate.set()
         until(client, LinkState.PAUSED)
@@ -118,10 +139,7 @@ def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile,
 
 
 def test_pause_relieves_lifts_and_rejoins(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (lines, served, client):
         client.pause()
         served.gate.set()
         until(client, LinkState.PAUSED)
@@ -138,10 +156,7 @@ def test_pause_relieves_lifts_and_rejoins(tmp_path, profile):
 
 
 def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (lines, served, client):
         client.stop()
         served.gate.set()
         outcome = client.wait(300)
@@ -158,10 +173,7 @@ def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path, profile):
 
 
 def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (_, served, client):
         client.kill()
         time.sleep(0.05)
         served.gate.set()
@@ -194,17 +206,13 @@ def test_print_goes_on_when_its_client_is_killed(tmp_path, profile):
 
 
 def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (lines, served, client):
         for status in client.events():
             if status.lines_done > 50:
                 break
         # The status that a new client is told first may be some tenths of a second ahead.
-        journal, until = tmp_path / "run" / "journal.log", time.monotonic() + 10.0
-        while read_journal(journal).done <= 50 and time.monotonic() < until:
-            time.sleep(0.02)
+        journal = tmp_path / "run" / "journal.log"
+        wait_for(lambda: read_journal(journal).done > 50)
         os.kill(client.record.pid, signal.SIGKILL)
         outcome = client.wait(10)
         assert outcome.state is LinkState.INTERRUPTED
@@ -235,55 +243,30 @@ def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from
     assert_all_sent_once(sent, lines)
 
 
-def test_link_process_ends_by_itself(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 10)
-    with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        client.wait(300)
-        limit = time.monotonic() + 5
-        while alive(tmp_path / "run"):
-            assert time.monotonic() < limit
-            time.sleep(0.02)
-        assert not (tmp_path / "run" / "link.sock").exists()
-
-
-def test_shutdown_of_the_system_is_a_controlled_stop(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
-        os.kill(client.record.pid, signal.SIGTERM)
-        served.gate.set()
-        assert client.wait(300).state is LinkState.STOPPED
-        assert served.printer.numbered[-1] == "M400"
-
-
-def test_hang_up_and_interrupt_leave_the_link_process_alone(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
-        for sign in (signal.SIGINT, signal.SIGHUP):
+@pytest.mark.parametrize(
+    ("signs", "state"),
+    [([signal.SIGTERM], LinkState.STOPPED), ([signal.SIGINT, signal.SIGHUP], LinkState.DONE)],
+)
+def test_shutdown_of_the_system_is_a_controlled_stop_and_hang_ups_are_nothing(
+    tmp_path, profile, signs, state
+):
+    with held_print(tmp_path, profile) as (_, served, client):
+        for sign in signs:
             os.kill(client.record.pid, sign)
+        served.gate.set()
+        assert client.wait(300).state is state
+        assert state is LinkState.DONE or served.printer.numbered[-1] == "M400"
+
+
+def test_client_that_never_reads_holds_nobody_up(tmp_path, profile):
+    # Subscribed by `attach`; reads nothing.
+    with held_print(tmp_path, profile) as (_, served, client), attach(tmp_path / "run"):
         served.gate.set()
         assert client.wait(300).state is LinkState.DONE
 
 
-def test_client_that_never_reads_holds_nobody_up(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
-        with attach(tmp_path / "run"):  # subscribed by that; reads nothing
-            served.gate.set()
-            assert client.wait(300).state is LinkState.DONE
-
-
 def test_manual_command_that_would_break_the_count_is_refused(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (_, served, client):
         with pytest.raises(LinkError, match="M110 N5 isn't for manual use"):
             client.command("M110 N5")
         client.stop()
@@ -300,18 +283,6 @@ def test_folder_with_a_long_path_still_has_its_socket(tmp_path, profile):
         assert attach(folder).status.state is LinkState.DONE
 
 
-def test_print_goes_on_after_the_cable_was_out(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 400)
-    printer = FakeMarlin()
-    with pty_printer(printer, unplug_at=200) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert client.wait(300).error == "PortLost"
-    with pty_printer(printer) as served:
-        outcome = resume_print(tmp_path / "run", served.name).wait(300)
-    assert outcome.state is LinkState.DONE
-    assert_all_sent_once(handshake_and(printer), lines)
-
-
 def test_what_cant_be_gone_on_with_is_refused_and_stays_as_it_was(tmp_path, profile):
     write_job(tmp_path / "job.gcode", 20)
     with pty_printer(FakeMarlin()) as served:
@@ -322,10 +293,7 @@ def test_what_cant_be_gone_on_with_is_refused_and_stays_as_it_was(tmp_path, prof
 
 
 def test_client_whose_connection_broke_finds_the_print_again(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 400)
-    with pty_printer(FakeMarlin(), hold_at=100) as served:
-        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        assert served.held.wait(10)
+    with held_print(tmp_path, profile) as (_, served, client):
         client._connection._socket.shutdown(socket.SHUT_RDWR)
         client.stop()
         served.gate.set()
@@ -337,3 +305,149 @@ def test_link_process_that_dies_at_once_is_told_with_its_last_words(tmp_path, pr
     (tmp_path / "run" / "link.json").mkdir(parents=True)
     with pytest.raises(LinkError, match=r"ended at once: .*IsADirectoryError"):
         start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
+
+
+# --- looks of a link process over a real pseudo-terminal, killed by kill -9 with an insert taken
+def look(client, number: int) -> dict:
+    """Wait until the print is held for a look."""
+    for status in client.events():
+        if status.state is LinkState.LOOKING and status.look["number"] == number:
+            return status.look
+        assert not status.ended, status
+    raise AssertionError(f"never held for look {number}")
+
+
+def with_x(lines) -> list[str]:
+    return [line for line in lines if " X" in line]
+
+
+def test_insert_outlives_the_process_that_took_it(tmp_path, profile):
+    data, job, run = layered(2, 6), tmp_path / "job.gcode", tmp_path / "run"
+    job.write_bytes(data)
+    care, lines = Care(checkpoint_s=None, look_after=MarkKind.LAYER), patch(data, 0)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(job, profile, served.name, run, care=care)
+        look(client, 1)
+        with pytest.raises(Refused, match="G28 may not be inserted"):
+            client.looks.insert(1, ["G28"])
+        answer = client.looks.insert(1, lines, "a gap")
+        os.kill(client.record.pid, signal.SIGKILL)
+        client.wait(300)
+        client = resume_print(run, served.name)
+        held = look(client, 1)
+        assert (held["inserted"], held["insert_sha256"]) == (11, answer["sha256"])
+        assert client.looks.insert(1, lines, "a gap") == answer
+        with pytest.raises(Refused, match="has an insert of 11 lines already"):
+            client.looks.insert(1, lines[:3])
+        client.looks.decide(1, LookDecision.GO_ON)
+        look(client, 2)
+        assert client.looks.decide(1, LookDecision.GO_ON)["decision"] == "go_on"
+        client.looks.decide(2, LookDecision.GO_ON)
+        assert client.wait(300).state is LinkState.DONE
+    grown = parse_job(data, "a").grown_by(read_journal(run / "journal.log").inserts)
+    assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)
+
+
+def test_a_stroke_held_within_and_killed_there_is_written_once(tmp_path, profile):
+    lines = layered(2, 6, "PASS_END").splitlines()
+    first = next(k for k, line in enumerate(lines) if b" X" in line and b" E" in line)
+    data = b"\n".join([*lines[: first + 3], b";PART_END:0", *lines[first + 3 :]]) + b"\n"
+    job, run = tmp_path / "job.gcode", tmp_path / "run"
+    job.write_bytes(data)
+    care = Care(checkpoint_s=None, look_after=MarkKind.VESSEL)
+    done = parse_job(data, "a").marks.of(MarkKind.PART)[0].index
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(job, profile, served.name, run, care=care)
+        held = look(client, 1)
+        assert (held["mark"], held["done"]) == ("end of a part of vessel 0", done)
+        inside = [line.replace("Z9.900", "Z10") for line in patch_at(data, done)]
+        client.looks.insert(1, inside, "a gap")
+        os.kill(client.record.pid, signal.SIGKILL)
+        client.wait(300)
+        client = resume_print(run, served.name)
+        look(client, 1)
+        for number in (1, 2, 3):
+            client.looks.decide(number, LookDecision.GO_ON)
+            if number < 3:
+                look(client, number + 1)
+        assert client.wait(300).state is LinkState.DONE
+    grown = parse_job(data, "a").grown_by(read_journal(run / "journal.log").inserts)
+    assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)
+
+
+def test_a_look_that_was_heard_before_is_told_again(tmp_path, profile):
+    """`start_print` waits for the first lines, and may hear of the first look in doing so."""
+    job, run = tmp_path / "job.gcode", tmp_path / "run"
+    job.write_bytes(layered(1, 6))
+    care = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=5)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(job, profile, served.name, run, care=care)
+        look(client, 1)
+        assert next(client.events()).state is LinkState.LOOKING  # paused by the link in 5 s
+        client.stop()
+        client.wait(300)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, 12])
+def test_simulated_printer_makes_each_stroke_of_the_grown_job_once(tmp_path, seed, monkeypatch):
+    monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path))
+    run, state, found = one_print(seed, tmp_path, 6)
+    assert state is LinkState.DONE
+    assert found.exact, (found, run.killed)
+
+
+# --- another program that has the printer's serial port open, over a real pseudo-terminal
+THIEF = """
+import os, sys
+port = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+print("open", flush=True)
+sys.stdin.readline()
+taken = 0
+os.write(port, b"".join(line.encode() + b"\\n" for line in sys.argv[2:]))
+while taken < 3:
+    taken += bool(os.read(port, 4096))
+sys.stdin.readline()
+"""
+
+
+@contextmanager
+def thief(port: str, *writes: str) -> Iterator[subprocess.Popen[str]]:
+    """Open the port in another process; it takes three answers once told to."""
+    command = [sys.executable, "-c", THIEF, port, *writes]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "open\n"
+        yield process
+        process.kill()
+
+
+def tell(process: subprocess.Popen[str]) -> None:
+    assert process.stdin is not None
+    process.stdin.write("\n")
+    process.stdin.flush()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="programs are looked for on Linux")
+@pytest.mark.parametrize("writes", [(), ("M105",)])
+def test_program_that_reads_the_port_is_named_and_the_print_paused_once(tmp_path, profile, writes):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), pace_s=0.02) as served, thief(served.name, *writes) as process:
+        run = tmp_path / "run"
+        client = start_print(tmp_path / "job.gcode", profile, served.name, run)
+        pauses: list[str] = []
+        told = False
+        for status in client.events():
+            if status.lines_done > 50 and not told:
+                told = True
+                tell(process)
+            if status.state is LinkState.PAUSED:
+                pauses.append(status.message)
+                client.resume()
+        outcome = client.wait(300)
+    name = f"pid {process.pid}) has this port open"
+    assert outcome.state is LinkState.DONE
+    assert len(pauses) == 1
+    assert name in pauses[0]
+    assert any(name in text for text in read_journal(run / "journal.log").alarms)

@@ -9,20 +9,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_profiles import Printer, ProfileError, load
+from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import (
     CommandReplied,
+    Fault,
     FirmwareReset,
     LinesResent,
     Notice,
     Renumbered,
     StrayOk,
+    Timing,
     TokenSent,
 )
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import Kind, classify, frame
 from firmware_profiles.families.marlin.sender import guard_command
 from firmware_profiles.families.marlin.state import QUESTION, RENUMBER
+from firmware_profiles.families.pairing import Pairing
 from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.families import protocol_for
 from printctl.machine.link.journal import read_records
 from printctl.machine.link.states import LinkState
 from sim.devices.board.wire import Wire
@@ -30,8 +36,18 @@ from sim.devices.families.marlin.numbering import EMERGENCY
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.sim_transport import SimTransport
-from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed
+from tests.printctl.machine.link.simulated import (
+    PRINTER,
+    START,
+    foreseen,
+    gcode,
+    printed,
+    same_motion,
+    wire,
+    wired,
+)
 from tests.printctl.machine.link.test_streamer import job_of, streamer_of
+from tests.slower import first_rows
 
 JOB = [b"G1 X1", b"G1 X2", b"G1 X3", b"G1 X4"]
 TOKEN = frame(2, b"M0118 E1 at 2.1")
@@ -44,13 +60,13 @@ def answer(last: int) -> bytes:
     )
 
 
-def started() -> MarlinProtocol:
-    """Past the handshake, with the job's first line in flight at time 0."""
+def started(job: list[bytes] = JOB, first: int = 0) -> MarlinProtocol:
+    """Past the handshake, with line ``first`` + 1 of the job in flight at time 0."""
     protocol = MarlinProtocol()
-    protocol.load(JOB, 0, 0)
+    protocol.load(job, first, first)
     protocol.held = False
     protocol.go(0.0)
-    assert protocol.take_output() == frame(1, JOB[0])
+    assert protocol.take_output() == frame(first + 1, job[first])
     return protocol
 
 
@@ -153,16 +169,6 @@ def test_reset_in_mid_job_ends_it_even_if_start_was_garbled():
 JOB_LATE_OKS = [b"G1 X%d" % k for k in range(1, 41)]
 
 
-def started_late_oks(first: int = 30) -> MarlinProtocol:
-    """Line ``first`` + 1 is in flight at time 0."""
-    protocol = MarlinProtocol()
-    protocol.load(JOB_LATE_OKS, first, first)
-    protocol.held = False
-    protocol.go(0.0)
-    assert protocol.take_output() == frame(first + 1, JOB_LATE_OKS[first])
-    return protocol
-
-
 def silent_then_taken(protocol: MarlinProtocol, last: int, now: float = 0.0) -> list:
     """Fall silent; say that the line in flight was taken; give the events of what follows."""
     protocol.tick(now + 2.6)
@@ -183,7 +189,7 @@ def echo_of(token: TokenSent) -> bytes:
 
 def test_ok_that_comes_after_the_question_is_not_the_next_lines():
     """Found on a real Marlin: each later ok was one line early, and the print was done too soon."""
-    protocol = started_late_oks()
+    protocol = started(JOB_LATE_OKS, 30)
     token = token_of(silent_then_taken(protocol, 31), protocol)
     assert protocol.lines_done == 31  # it is taken, as the printer says
     assert not protocol.feed(b"ok\n", 3.2)  # line 31's, 0.57 s later
@@ -195,7 +201,7 @@ def test_ok_that_comes_after_the_question_is_not_the_next_lines():
 
 
 def test_several_oks_that_come_in_one_read_move_nothing_forward():
-    protocol = started_late_oks()
+    protocol = started(JOB_LATE_OKS, 30)
     token = token_of(silent_then_taken(protocol, 31), protocol)
     assert protocol.feed(b"ok\nok\nok\n", 3.0) == []
     assert protocol.take_output() == b""
@@ -207,7 +213,7 @@ def test_several_oks_that_come_in_one_read_move_nothing_forward():
 
 def test_slow_board_is_asked_again_within_two_seconds_and_waited_for():
     """Taken, and its echo not back: no more tokens than the board's queue has room for."""
-    protocol = started_late_oks()
+    protocol = started(JOB_LATE_OKS, 30)
     token = token_of(silent_then_taken(protocol, 31), protocol)
     now, asked_s, tokens = 2.7, 2.7, 0
     while now < 600.0:
@@ -223,7 +229,6 @@ def test_slow_board_is_asked_again_within_two_seconds_and_waited_for():
     assert token
 
 
-# --- garbled echo of a synchronisation token: queried again at once
 # --- interpretation of a real Marlin's replies, and framing of lines to it
 @pytest.mark.parametrize(
     ("text", "kind", "number"),
@@ -343,3 +348,167 @@ def test_room_that_lies_costs_nothing(tmp_path, room):
     assert status.line_errors == status.alarms == 0
     assert len(told_odd(tmp_path)) == (room.startswith((b"P-", b"P1.")))
     assert transport.clock.now() < 60
+
+
+# --- two lines in flight: which pairs are sent together, and recovery from doubt
+MOVES = [b"G1 X%d E%d" % (k, k) for k in range(8)]
+
+
+def pair(number: int) -> bytes:
+    return frame(number, MOVES[number - 1]) + frame(number + 1, MOVES[number])
+
+
+def pairs(job=MOVES, buffer_bytes: int = 128, withholds: bool = False) -> MarlinProtocol:
+    protocol = MarlinProtocol(Timing(calm_lines=0), Pairing(buffer_bytes, withholds))
+    protocol.load(job, 0, 0)
+    protocol.held = False
+    protocol.go(0.0)
+    return protocol
+
+
+def refusal(last: int, why: bytes = b"Line Number is not Last Line Number+1") -> bytes:
+    return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (why, last, last + 1)
+
+
+def in_doubt(protocol: MarlinProtocol, last: int, now: float = 1.0) -> list:
+    """Let the protocol ask, and answer."""
+    protocol.tick(now + 0.051)
+    assert protocol.take_output() == QUESTION
+    events = list(protocol.feed(refusal(last), now + 0.06))
+    return [*events, *protocol.tick(now + 0.12)]
+
+
+def test_two_moves_leave_in_one_write_and_the_next_two_after_both_oks():
+    protocol = pairs()
+    assert protocol.take_output() == pair(1)
+    protocol.feed(b"ok\n", 0.1)
+    assert (protocol.take_output(), protocol.lines_done) == (b"", 1)
+    protocol.feed(b"ok\n", 0.2)
+    assert (protocol.take_output(), protocol.lines_done) == (pair(3), 2)
+    protocol.feed(b"ok\nok\n", 0.3)
+    assert (protocol.take_output(), protocol.lines_done) == (pair(5), 4)
+
+
+@pytest.mark.parametrize("odd", [b"G4 S1", b"M17", b"G1 X1 E1 M1", b"G28", b"G92 E0", b"G2 X1 I1"])
+def test_what_isnt_a_plain_move_flies_alone(odd):
+    protocol = pairs([MOVES[0], odd, MOVES[1]])
+    assert protocol.take_output() == frame(1, MOVES[0])
+    protocol.feed(b"ok\n", 0.1)
+    assert protocol.take_output() == frame(2, odd)
+
+
+def test_pair_that_would_overfill_the_receive_buffer_leaves_one_by_one():
+    long = [b"G1 X123.456 Y123.456 Z12.345 E12.%05d F12000" % k for k in range(4)]
+    assert len(frame(1, long[0]) + frame(2, long[1])) == 104  # and 25 that may follow
+    assert pairs(long).take_output() == frame(1, long[0])
+    assert pairs(long, buffer_bytes=256).take_output() == frame(1, long[0]) + frame(2, long[1])
+
+
+def test_tail_of_the_second_that_was_run_holds_the_job():
+    protocol = pairs()
+    protocol.take_output()
+    protocol.feed(refusal(0, b"checksum mismatch") + b"ok\n", 1.0)  # "G1 X1 E1*..." was run
+    assert in_doubt(protocol, 0) == [StrayOk(1)]
+    assert protocol.held
+    assert protocol.take_output() == b""
+
+
+def test_profile_chooses_and_families_without_a_count_refuse(tmp_path):
+    facts = load(Printer, "generic_marlin")
+    assert protocol_for(facts, 0.05).state.pairing is None
+    slow = {"lines_in_flight": 2, "host_turnaround_s": 0.016}
+    two = protocol_for(facts.model_copy(update=slow), 0.25)
+    assert (two.state.pairing, two.timing.quiet_s) == (Pairing(128), 0.25)
+    klipper = load(Printer, "klipper_bioprinter")
+    assert isinstance(protocol_for(klipper, 0.05), KlipperProtocol)
+    path = tmp_path / "two.yaml"
+    path.write_text(klipper.model_copy(update={"lines_in_flight": 2}).model_dump_json())
+    with pytest.raises(ProfileError, match="lines_in_flight 2: klipper keeps no count"):
+        load(Printer, str(path))
+
+
+@pytest.mark.parametrize(
+    ("withholds", "noise", "delay", "seed"),
+    [*first_rows([(False, 0.0004, 0.002, seed) for seed in range(6)], 2),
+     *first_rows([(True, 0.0006, 0.0003, seed) for seed in range(8)], 2)],
+)  # fmt: skip
+def test_noisy_print_with_two_lines_in_flight_is_exact(tmp_path, withholds, noise, delay, seed):
+    transport = wire(seed=seed, noise=noise, drop_ok=0.002, delay=delay)
+    pairing = Pairing(PRINTER.receive_buffer_bytes, withholds)
+    data, protocol = gcode(400), MarlinProtocol(Timing(calm_lines=0), pairing)
+    status = wired(transport, tmp_path, data, protocol=protocol).run()
+    assert status.state is LinkState.DONE, status
+    assert same_motion(transport.printer.executed(), foreseen(data))
+
+
+# --- line sent without its end: executed only once the end follows, else refused
+def text(number: int) -> bytes:
+    return frame(number, MOVES[number - 1])[:-2]
+
+
+def end(number: int) -> bytes:
+    return frame(number, MOVES[number - 1])[-2:]
+
+
+def test_each_ok_sends_the_end_of_one_line_and_the_text_of_the_next():
+    protocol = pairs(withholds=True)
+    assert protocol.take_output() == frame(1, MOVES[0]) + text(2)
+    protocol.feed(b"ok\n", 0.1)
+    assert protocol.take_output() == end(2) + text(3)
+    protocol.feed(b"ok\n", 0.2)
+    assert (protocol.take_output(), protocol.lines_done) == (end(3) + text(4), 2)
+
+
+def test_no_line_is_whole_before_the_one_before_it_was_answered():
+    printer, protocol = FakeMarlin(), pairs(withholds=True)
+    for _ in MOVES:
+        said = printer.receive(protocol.take_output())
+        assert said == b"ok\n"
+        assert len(printer.numbered) == protocol.lines_done + 1
+        protocol.feed(said, 0.1)
+    assert printer.numbered == [line.decode() for line in MOVES]
+
+
+def test_a_foreign_line_end_has_the_printer_refuse_a_line_without_its_end():
+    pairing = Pairing(128, withholds=True)
+    lines = [frame(number, b"G1 X%d F%d" % (number, 7 * number)) for number in range(1, 2000)]
+    for number, line in enumerate(lines, 1):
+        printer, count = FakeMarlin(), pairing.withheld(line)
+        printer.last = number - 1
+        said = printer.receive(line[: len(line) - count] + b"\n") if count else b""
+        assert printer.executed == []
+        assert said.startswith(b"Error") == bool(count)
+    whole = [line for line in lines if not pairing.withheld(line)]
+    assert 0 < len(whole) < 100
+    assert all(line.endswith(b"*0\n") for line in whole)
+
+
+@pytest.mark.parametrize("said", [b"echo: cold extrusion prevented\nok\n", b"Error:hot\nok\n"])
+def test_behind_an_error_the_second_line_is_refused_not_run(said):
+    protocol, printer = pairs(withholds=True), FakeMarlin()
+    printer.receive(protocol.take_output())
+    events = list(protocol.feed(said, 0.1))
+    now = 0.1
+    for _ in range(12):
+        now = max(now, protocol.deadline if protocol.deadline < 99 else now) + 0.001
+        events += protocol.tick(now)
+        events += protocol.feed(printer.receive(protocol.take_output()), now)
+    assert sum(isinstance(event, Fault) for event in events) == 1
+    assert printer.numbered == [MOVES[0].decode()]
+    assert protocol.held
+    protocol.held = False
+    protocol.go(now)
+    for _ in range(60):
+        events += protocol.feed(printer.receive(protocol.take_output()), now)
+        now += 0.01
+        events += protocol.tick(now)
+    assert printer.numbered == [line.decode() for line in MOVES]
+    assert not any(isinstance(event, StrayOk) for event in events)
+
+
+def test_profile_chooses_by_how_soon_answers_come():
+    facts = load(Printer, "generic_marlin")
+    two = facts.model_copy(update={"lines_in_flight": 2, "baud": 115_200})
+    assert protocol_for(two, 0.05).state.pairing == Pairing(128, withholds=True)
+    slow = two.model_copy(update={"host_turnaround_s": 0.016})
+    assert protocol_for(slow, 0.05).state.pairing == Pairing(128)

@@ -25,15 +25,18 @@ from sim.devices.faults import parse_fault
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import PRINTER, START, Script, layered, played
+from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport
-from tests.printctl.machine.link.simulated import gcode, printed, wire
-from tests.printctl.machine.link.test_stop_in_waits import HEADER, MARLIN, Moment, stopped
-from tests.printctl.machine.link.test_stop_in_waits import RETREAT as RETREAT_STOP_PLACE
+from tests.printctl.machine.link.simulated import PRINTER, START, foreseen, gcode, printed, wire
+from tests.printctl.machine.link.test_halting import MARLIN as MARLIN
+from tests.printctl.machine.link.test_halting import RETREAT as RETREAT_STOP_PLACE
+from tests.printctl.machine.link.test_halting import START_HEADER as HEADER
+from tests.printctl.machine.link.test_halting import Moment
+from tests.printctl.machine.link.test_halting import stopped_at as stopped
 
 DATA = layered(5, 20)
 JOB = parse_job(DATA, "test.gcode")
-FORESEEN = dry_run(DATA, PRINTER, START, cold_extrusion=True).executed
+FORESEEN = foreseen(DATA)
 RETREAT = Retreat(relief_mm=0.3)
 NOTHING_KNOWN = JournalledPrint()
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.history_entry import entry_of
 from printctl.machine.link.journal import Journal
@@ -22,23 +21,21 @@ from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.slips import SOONEST_LINES
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
 from printctl.machine.printing.journal_facts import read_journal_facts
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import Fault, PermanentFaults
-from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.hardware import Board
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
-from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.journals import journal_in
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import (
     PRINTER,
     START,
+    foreseen,
     gcode,
     printed,
     same_motion,
     wire,
+    wired,
 )
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport
 from tests.printctl.machine.link.test_streamer import job_of, streamer_of
@@ -49,8 +46,7 @@ def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
     data, transport = gcode(500), wire()
     status, _ = printed(data, tmp_path, transport)
     assert status.state is LinkState.DONE
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert same_motion(transport.printer.executed(), foreseen)
+    assert same_motion(transport.printer.executed(), foreseen(data))
     steps = np.diff(transport.printer.executed().line)
     assert set(steps) <= {1, 2}  # nothing between the moves but a token
     assert np.count_nonzero(steps == 2) <= transport.clock.now() / EVERY_S
@@ -97,17 +93,13 @@ def test_fault_during_the_last_moves_is_no_finished_print(tmp_path):
 
 def test_controlled_stop_leaves_the_bath(tmp_path):
     transport = wire()
-    streamer_at: list[Streamer] = []
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(tmp_path),
-        printer=PRINTER,
-        on_status=lambda status: streamer_at[0].stop() if status.lines_done > 50 else None,
-    )
-    streamer_at.append(Streamer(wiring, parse_job(gcode(500), "test.gcode")))
-    status = streamer_at[0].run()
+
+    def on_status(status: Status) -> None:
+        if status.lines_done > 50:
+            streamer.stop()
+
+    streamer = wired(transport, tmp_path, gcode(500), on_status=on_status)
+    status = streamer.run()
     motion = transport.printer.executed()
     assert status.state is LinkState.STOPPED
     assert status.position_known
@@ -123,8 +115,7 @@ def test_noise_lost_oks_and_delays_neither_lose_nor_double_a_line(tmp_path, seed
     transport = wire(seed=seed, noise=0.0004, drop_ok=0.002, delay=0.002)
     status, _ = printed(data, tmp_path, transport)
     assert status.state is LinkState.DONE, status
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert same_motion(transport.printer.executed(), foreseen)
+    assert same_motion(transport.printer.executed(), foreseen(data))
     assert read_journal(tmp_path / "journal.log").done == status.lines_total
 
 
@@ -160,23 +151,14 @@ def test_kill_halts_a_printer_with_full_queues(tmp_path, parser, profiled):
             left.set()
 
     transport = Urgent(printer, VirtualClock())
-    at: list[Streamer] = []
 
     def on_status(status: Status) -> None:
         if status.lines_done > 50 and not left.is_set():
-            threading.Thread(target=at[0].kill).start()
+            threading.Thread(target=streamer.kill).start()
             assert left.wait(10)
 
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(tmp_path),
-        printer=facts,
-        on_status=on_status,
-    )
-    at.append(Streamer(wiring, parse_job(gcode(500), "test.gcode")))
-    status = at[0].run()
+    streamer = wired(transport, tmp_path, gcode(500), facts, on_status=on_status)
+    status = streamer.run()
     assert printer.dead
     assert status.state is LinkState.KILLED
     assert "has halted" in status.message
@@ -202,15 +184,8 @@ class StoppedAtTheEnd(SimTransport):
 
 def test_a_stop_during_the_last_moves_relieves_the_plunger_before_settings_are_put_back(tmp_path):
     transport = StoppedAtTheEnd(MarlinPrinter(PRINTER, START))
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(tmp_path),
-        printer=PRINTER,
-        retreat=Retreat(relief_mm=0.5),
-    )
-    streamer = transport.streamer = Streamer(wiring, parse_job(gcode(30), "test.gcode"))
+    streamer = wired(transport, tmp_path, gcode(30), retreat=Retreat(relief_mm=0.5))
+    transport.streamer = streamer
     status = streamer.run()
     assert (status.state, status.alarms) == (LinkState.STOPPED, 0), status
     assert "way out" not in status.message
@@ -250,9 +225,8 @@ def test_motors_some_steps_off_behind_a_long_last_move_are_not_done(tmp_path, ax
 
 
 @pytest.mark.parametrize("bed", [True, False])
-def test_a_printer_without_bed_is_not_told_to_switch_it_off(tmp_path, monkeypatch, bed):
+def test_a_printer_without_bed_is_not_told_to_switch_it_off(tmp_path, bed):
     bare = PRINTER.model_copy(update={"safe_state_on": ()})
-    monkeypatch.setattr("tests.printctl.machine.link.test_streamer.load", lambda *_: bare)
 
     class Bare(FakeMarlin):
         def _reply(self, word: str, command: str) -> str:
@@ -265,6 +239,7 @@ def test_a_printer_without_bed_is_not_told_to_switch_it_off(tmp_path, monkeypatc
         FakeTransport(printer, VirtualClock()),
         tmp_path,
         lambda status: streamer.stop() if status.lines_done > 10 else None,
+        printer=bare,
     )
     assert streamer.run().state is LinkState.STOPPED
     assert ("M140 S0" in printer.numbered) is bed
@@ -299,8 +274,7 @@ def check_print(transport: SimulatedTransport, folder: Path) -> None:
     said_s = transport.clock.now()
     assert status.state is LinkState.DONE, status
     assert said_s >= last_step_s(transport)
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert same_motion(transport.printer.executed(), foreseen)
+    assert same_motion(transport.printer.executed(), foreseen(data))
 
 
 @pytest.mark.parametrize("seed", first_of([0, 3, 1, 2]))

@@ -22,8 +22,9 @@ from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
-from tests.printctl.machine.link.layered import PRINTER, START, Script, layered, played
+from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import PRINTER, START
 from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 
 DATA = layered(1, 10)

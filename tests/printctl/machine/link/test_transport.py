@@ -2,21 +2,41 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
+import select
 import signal
 import socket
 import subprocess
 import sys
 import threading
 
+import numpy as np
 import pytest
 from serial import Serial, SerialException
+from typer.testing import CliRunner
 
 from firmware_profiles import Printer, load
-from printctl.machine.link import transport_serial
-from printctl.machine.link.errors import PortDenied, PortError, PortInUse, PortLost, PortMissing
+from firmware_profiles.families.marlin.state import QUESTION
+from printctl.cli import ports as ports_command
+from printctl.cli.main import app
+from printctl.machine.link import LinkState, port_detection, start_print, transport_serial
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.errors import (
+    HandshakeError,
+    PortDenied,
+    PortError,
+    PortInUse,
+    PortLost,
+    PortMissing,
+)
+from printctl.machine.link.port_detection import AUTO, choose_port, matches, rates_to_try, sweep
+from printctl.machine.link.ports import PortInfo
 from printctl.machine.link.transport import open_port
 from printctl.machine.link.transport_serial import SerialTransport, _refusal
+from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, write_job
 
 PRINTER = load(Printer, "generic_marlin")
 needs_pty = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
@@ -48,15 +68,12 @@ def test_serial_port_reads_writes_and_notices_the_unplugging():
         wire.read(0.0)
 
 
-@needs_pty
-def test_port_is_held_by_one_program_alone():
-    master, slave = os.openpty()
+def test_port_is_held_by_one_program_alone(pty):
+    _, slave = pty
     wire = SerialTransport(os.ttyname(slave), 115_200)
     with pytest.raises(PortInUse, match="another program"):
         SerialTransport(os.ttyname(slave), 115_200)
     wire.close()
-    os.close(slave)
-    os.close(master)
 
 
 def test_tcp_port_is_held_by_one_program_alone_under_whatever_name():
@@ -95,11 +112,10 @@ def test_modem_lines_are_as_the_profile_says_before_the_port_opens(monkeypatch, 
     assert lines == [("/dev/board", dtr, rts)]
 
 
-@needs_pty
-def test_rate_is_changed_while_the_port_is_open():
+def test_rate_is_changed_while_the_port_is_open(pty):
     import termios
 
-    master, slave = os.openpty()
+    master, slave = pty
     wire = SerialTransport(os.ttyname(slave), 115_200)
     os.write(master, b"from another rate")
     wire.set_baud(57_600)
@@ -107,8 +123,6 @@ def test_rate_is_changed_while_the_port_is_open():
     assert not termios.tcgetattr(slave)[2] & termios.HUPCL
     assert wire.read(0.0) == b""
     wire.close()
-    os.close(slave)
-    os.close(master)
 
 
 def test_refusals_name_the_remedy():
@@ -147,12 +161,11 @@ def test_tcp_reads_writes_and_notices_the_end(form):
         wire.close()
 
 
-@needs_pty
 @pytest.mark.skipif(
     sys.platform != "linux" or os.geteuid() != 0, reason="needs another user's program, on Linux"
 )
-def test_other_users_programs_are_kept_out_until_the_port_is_closed():
-    master, slave = os.openpty()
+def test_other_users_programs_are_kept_out_until_the_port_is_closed(pty):
+    _, slave = pty
     name = os.ttyname(slave)
     os.chmod(name, 0o666)
 
@@ -165,8 +178,6 @@ def test_other_users_programs_are_kept_out_until_the_port_is_closed():
     assert not opens()
     wire.close()
     assert opens()
-    os.close(slave)
-    os.close(master)
 
 
 HOLDER = """
@@ -179,7 +190,6 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-@needs_pty
 @pytest.mark.skipif(sys.platform != "linux", reason="a pseudo-terminal of Linux")
 def test_host_that_is_killed_locks_nobody_out_of_a_pseudo_terminal():
     master, slave = os.openpty()
@@ -198,3 +208,157 @@ def test_file_that_is_no_port_is_refused(tmp_path):
     path.write_text("x")
     with pytest.raises(PortError, match="serial port"):
         open_port(str(path), PRINTER)
+
+
+# --- port and baud rate detection; nothing that moves is sent
+MEGA = PortInfo("/dev/ttyACM0", "Arduino Mega", "2341:0042", "7583")
+TWIN = PortInfo("/dev/ttyACM1", "Arduino Mega", "2341:0042", "9911")
+OTHER = PortInfo("/dev/ttyS0", "ttyS0", "", "")
+
+
+def with_ids(*ids: str) -> Printer:
+    return PRINTER.model_copy(update={"usb_ids": ids})
+
+
+# --- the port
+def test_two_alike_are_refused_with_both_named_unless_the_serial_number_tells_them_apart():
+    with pytest.raises(PortError, match=r"several ports.*ttyACM0 .*7583.*ttyACM1 .*9911.*--port"):
+        choose_port(with_ids("2341:0042"), [MEGA, TWIN, OTHER])
+    assert choose_port(with_ids("2341:0042:9911"), [MEGA, TWIN]) == "/dev/ttyACM1"
+
+
+def test_none_is_refused_with_what_there_is():
+    with pytest.raises(PortMissing, match=r"no port has a USB id .*27b1:0001.*ttyACM0.*ttyS0"):
+        choose_port(with_ids("27b1:0001"), [MEGA, OTHER])
+    with pytest.raises(PortMissing, match=r"names no USB id.*ttyACM0"):
+        choose_port(with_ids(), [MEGA])
+    assert not matches(with_ids(), OTHER)
+
+
+# --- the rate
+class Line:
+    """A wire that reads well at one rate; at others both sides hear noise."""
+
+    def __init__(self, printer, rate: int, clock: VirtualClock, boots_until: float = -1.0) -> None:
+        self.printer, self.rate, self.clock = printer, rate, clock
+        self.rng, self.at, self.opened = np.random.default_rng(0), 0, 0
+        self.boots_until, self.tried, self.waiting = boots_until, [], b""
+
+    def set_baud(self, baud: int) -> None:
+        self.at, self.waiting = baud, b""
+        self.tried.append(baud)
+
+    def write(self, data: bytes) -> None:
+        if self.clock.now() < self.boots_until:
+            return
+        if self.at != self.rate:
+            data = self.rng.bytes(len(data))
+        said = self.printer.receive(data)
+        self.waiting += said if self.at == self.rate else self.rng.bytes(30)
+
+    def read(self, timeout: float) -> bytes:
+        if not self.waiting and 0 < self.boots_until - self.clock.now() <= timeout:
+            self.waiting = b"start\n"
+            timeout = self.boots_until - self.clock.now()
+        data, self.waiting = self.waiting, b""
+        self.clock.sleep(0.001 if data and self.boots_until < 0 else timeout)
+        return data
+
+
+@pytest.mark.parametrize("make", [FakeMarlin, FakeDuet, FakeKlipper])
+@pytest.mark.parametrize("rate", [250_000, 115_200, 57_600])
+def test_rate_is_found_by_a_valid_answer_of_any_family(make, rate):
+    printer, clock = make(), VirtualClock()
+    line = Line(printer, rate, clock)
+    assert sweep(line, rates_to_try(PRINTER), clock, resets=False) == rate
+    assert line.tried[0] == PRINTER.baud  # the profile's own comes first
+    assert len(set(line.tried)) == len(line.tried)
+    assert not [line for line in printer.executed if re.match(r"[GT]\d|M(?!105)\d", line)]
+
+
+def test_board_that_resets_is_given_time_to_start():
+    clock = VirtualClock()
+    line = Line(FakeMarlin(), 115_200, clock, boots_until=1.7)
+    assert sweep(line, (115_200, 250_000), clock, resets=True) == 115_200
+    assert line.tried == [115_200]
+
+
+def test_silence_at_all_rates_is_told_with_the_rates():
+    clock = VirtualClock()
+    line = Line(FakeMarlin(), 9_600, clock)
+    with pytest.raises(HandshakeError, match=r"115200, 250000, 500000, 1000000, 57600 Bd .*heard"):
+        sweep(line, rates_to_try(PRINTER), clock, resets=True)
+    assert clock.now() < 20
+
+
+def sampled(data: bytes, sent_at: int, read_at: int) -> bytes:
+    """What a UART at one rate reads of bytes sent at another: start, eight bits, stop."""
+    levels = [1] * 20
+    for byte in data:
+        levels += [0, *(byte >> k & 1 for k in range(8)), 1]
+    levels += [1] * 400
+    ratio, out, at = sent_at / read_at, bytearray(), 0.0
+    while (begin := next((k for k in range(int(at), len(levels)) if not levels[k]), -1)) >= 0:
+        start = max(at, float(begin))
+        bits = [levels[min(int(start + (k + 0.5) * ratio), len(levels) - 1)] for k in range(10)]
+        if not bits[0]:
+            out.append(sum(bit << k for k, bit in enumerate(bits[1:9])))
+        at = start + 9.5 * ratio
+    return bytes(out)
+
+
+def test_question_at_a_wrong_rate_reads_as_no_command():
+    rates = [9600, 19200, 38400, 57600, 115200, 230400, 250000, 500000, 921600, 1000000, 2000000]
+    assert sampled(QUESTION, 115_200, 115_200) == QUESTION
+    for sent_at in rates:
+        for read_at in rates:
+            if sent_at != read_at:
+                heard = sampled(QUESTION, sent_at, read_at)
+                assert not re.search(rb"[GMTgmt]\s*\d", heard), (sent_at, read_at, heard)
+
+
+# --- through a real port
+@pytest.mark.skipif(sys.platform != "linux", reason="a terminal's rate is looked up as on Linux")
+def test_auto_port_and_rate_start_a_print(tmp_path, monkeypatch, profile):
+    import termios
+
+    master, slave = os.openpty()
+    printer, over, seen = FakeMarlin(), threading.Event(), []
+
+    def serve() -> None:
+        while not over.is_set():
+            if select.select([master], [], [], 0.02)[0]:
+                data = os.read(master, 4096)
+                seen.append(termios.tcgetattr(slave)[5])
+                right = seen[-1] == termios.B57600
+                os.write(master, printer.receive(data) if right else b"\x80\xff\x00\x91")
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    port = PortInfo(os.ttyname(slave), "board", "2341:0042", "1")
+    monkeypatch.setattr(port_detection, "list_ports", lambda: [OTHER, port])
+    write_job(tmp_path / "job.gcode", 20)
+    try:
+        client = start_print(tmp_path / "job.gcode", profile, AUTO, tmp_path / "run", baud=AUTO)
+        assert client.wait(300).state is LinkState.DONE
+        assert (client.record.port, client.record.baud) == (port.device, 57_600)
+    finally:
+        over.set()
+        thread.join(2.0)
+        os.close(slave)
+        os.close(master)
+    assert len(set(seen)) > 1
+
+
+def test_command_lists_ports_with_ids_and_the_profiles_they_match(monkeypatch):
+    monkeypatch.setattr(ports_command, "list_ports", lambda: [MEGA, OTHER])
+    run = CliRunner().invoke
+    first, second = run(app, ["ports"]).stdout.splitlines()
+    told = first.split("\t")
+    assert told[:4] == ["/dev/ttyACM0", "2341:0042", "7583", "Arduino Mega"]
+    assert "generic_marlin" in told[4]
+    assert second.split("\t")[1:] == ["-", "-", "ttyS0", "no profile's"]
+    found = json.loads(run(app, ["ports", "--json"]).stdout)["ports"]
+    assert found[0]["usb_id"] == "2341:0042"
+    assert "marlin_avr" in found[0]["profiles"]
+    assert run(app, ["ports", "--find"]).exit_code == 2

@@ -13,7 +13,7 @@ from printctl.machine.link.journalled_print import JournalledPrint, read_journal
 from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.recovering import plan_recovery
 from printctl.machine.link.reloading import plan_head_reloads, plunger_travel
-from printctl.machine.link.retreat import Retreat, heaters_off
+from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.valve import is_open
@@ -24,16 +24,10 @@ from tests.printctl.machine.link.fake_marlin import FakeTransport
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import Arming, Script, doomed, played
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import assert_same_strokes, strokes
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.printctl.machine.link.two_heads import DATA as DATA_HEADS
-from tests.printctl.machine.link.two_heads import (
-    FORESEEN,
-    QUICK,
-    assert_same_print,
-    job_of,
-    machine,
-    strokes,
-)
+from tests.printctl.machine.link.two_heads import FORESEEN, QUICK, job_of, machine
 from tests.printctl.machine.link.two_heads import JOB as JOB_HEADS
 from tests.printctl.machine.link.two_heads import START as START_HEADS
 from tests.slower import first_of
@@ -63,12 +57,6 @@ def within_a_path() -> int:
 
 def sent(printer: Airy) -> list[str]:
     return [line for line in printer.executed if not line.startswith(("M105", "M114", "M110"))]
-
-
-# --- what is read and said -------------------------------------------------------------------
-
-
-# --- stops and pauses --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("where", ["stop", "fault", "deadman"])
@@ -184,9 +172,6 @@ def test_nothing_is_sent_to_a_printer_that_another_profile_is_of(tmp_path):
     assert CLOSES not in printer.executed
 
 
-# --- a host that died ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("seed", first_of(range(12), 4))
 def test_a_host_that_died_shuts_the_valve_first_and_rejoins(tmp_path, seed):
     rng = np.random.default_rng(seed)
@@ -220,9 +205,6 @@ def test_a_host_that_died_shuts_the_valve_first_and_rejoins(tmp_path, seed):
     down = next(k for k, line in enumerate(commands) if b"G1 Z" in line)
     assert len(opened) == stood_open
     assert all(down < k for k in opened)
-
-
-# --- the rest of a job ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("begin", range(7, len(JOB) - 2, 5))
@@ -262,12 +244,6 @@ def went_on(folder, printer, clock, script=None, **more):
     )  # fmt: skip
 
 
-# --- what is read and said -------------------------------------------------------------------
-
-
-# --- whole prints -----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("seed", first_of(range(60), 6))
 def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
     rng = np.random.default_rng(seed)
@@ -285,7 +261,7 @@ def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
             printer.take_output()
         status = went_on(tmp_path, printer, clock)
     assert status.state is LinkState.DONE, status
-    assert_same_print(printer.executed())
+    assert_same_strokes(printer.executed(), FORESEEN, 1.01 / 6400)
 
 
 def test_a_stop_leaves_with_the_head_in_use_relieved(tmp_path):
@@ -314,14 +290,6 @@ def test_a_stop_leaves_with_the_head_in_use_relieved(tmp_path):
     assert done.end[-1, 2] > done.end[-3, 2]
 
 
-def test_every_head_s_heater_goes_off():
-    assert heaters_off(QUICK.model_copy(update={"safe_state_on": ()})) == [
-        b"M104 T0 S0",
-        b"M104 T1 S0",
-        b"M140 S0",
-    ]
-
-
 def test_a_firmware_built_for_one_extruder_is_refused_before_the_first_line(tmp_path):
     one = MarlinPrinter(QUICK.model_copy(update={"heads": ()}), START_HEADS)
     transport = SimTransport(one, VirtualClock())
@@ -329,9 +297,6 @@ def test_a_firmware_built_for_one_extruder_is_refused_before_the_first_line(tmp_
     assert (status.state, status.error) == (LinkState.FAILED, "HandshakeError")
     assert "built for 1 (EXTRUDER_COUNT)" in status.message
     assert len(one.executed()) == 0
-
-
-# --- change of syringe ---------------------------------------------------------------------------
 
 
 def change(streamer):
@@ -361,7 +326,7 @@ def test_the_syringe_of_the_idle_head_is_changed_without_a_stroke_of_the_other(t
     )
     assert status.state is LinkState.DONE, status
     assert len([one for one in script.pauses if "head " in one.message]) == len(plan)
-    assert_same_print(printer.executed())
+    assert_same_strokes(printer.executed(), FORESEEN, 1.01 / 6400)
 
 
 @pytest.mark.parametrize("seed", first_of(range(30), 8))
@@ -381,7 +346,7 @@ def test_a_host_killed_while_a_syringe_is_changed(tmp_path, seed):
         again = Script(on_paused=change)
         status = went_on(tmp_path, printer, clock, again, care=care)
     assert status.state is LinkState.DONE, status
-    assert_same_print(printer.executed())
+    assert_same_strokes(printer.executed(), FORESEEN, 1.01 / 6400)
 
 
 def test_reloads_are_planned_for_each_head_where_its_own_syringe_ends():
@@ -411,9 +376,6 @@ def test_a_firmware_that_doesn_t_take_the_head_is_not_moved(tmp_path):
     assert status.state is LinkState.POSITION_UNKNOWN
     assert "doesn't say that it uses head" in status.message
     assert printer.machine.motion.planner["position"][0].tolist() == before
-
-
-# --- after a power cut -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("part", [0.3, 0.5, 0.8])

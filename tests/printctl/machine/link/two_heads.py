@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from design.toolpath.moves import MoveBuilder
@@ -14,7 +13,6 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.machine.link.clock import VirtualClock
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
-from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
 
 TWO = load(Printer, "two_syringe_marlin")
@@ -57,22 +55,7 @@ DATA = job_of((0, 1, 0, 1, 1, 0))
 JOB = parse_job(DATA, "test.gcode", QUICK)
 
 
-def strokes(motion: ExecutedMotion) -> NDArray[np.float64]:
-    """Moves across: the head, where each begins and ends, and what its plunger does in it."""
-    across = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
-    pushed = motion.plunger_end - motion.plunger_start
-    return np.column_stack([motion.tool, motion.start, motion.end, pushed])[across]
-
-
 FORESEEN = dry_run(DATA, QUICK, START).executed
-
-
-def assert_same_print(motion: ExecutedMotion, foreseen: ExecutedMotion = FORESEEN) -> None:
-    """No stroke lost, doubled or by the wrong head, and the same ink in each, to a step."""
-    ours, theirs = strokes(motion), strokes(foreseen)
-    assert ours.shape == theirs.shape
-    np.testing.assert_array_equal(ours[:, :7], theirs[:, :7])
-    np.testing.assert_allclose(ours[:, 7], theirs[:, 7], atol=1.01 / 6400)
 
 
 def machine(**more: Any) -> tuple[MarlinPrinter, VirtualClock]:

@@ -50,8 +50,9 @@ from printctl.observe.starting import ObserverError
 from printctl.progress import StageBars
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import START, layered
-from tests.printctl.machine.link.test_stop_in_waits import JOB
+from tests.printctl.machine.link.layered import layered
+from tests.printctl.machine.link.simulated import START
+from tests.printctl.machine.link.test_halting import JOB
 from tests.sim_process import printer_process
 
 MOVES = 3000
@@ -117,7 +118,7 @@ def test_interrupted_print_is_neither_repeated_nor_resumed_unasked(
     resumed.wait(300)
 
 
-# --- test_who_is_alive
+# --- whether a lock's holder is alive
 HELD = "some.lock"
 
 
@@ -159,15 +160,19 @@ class Told:
         return PrintOutcome(LinkState.DONE, 5, 5, "all 5 lines done")
 
 
-def test_each_alarm_is_said_in_words_while_a_print_is_followed(tmp_path):
+def followed(client: Told) -> list[str]:
+    """Lines on the screen while a print is followed."""
     screen = io.StringIO()
-    bars = StageBars(Console(file=screen, width=200))
+    bars = StageBars(Console(file=screen, width=2000))
     with bars.all(), bars.stage("print") as report:
-        follow(Told(tmp_path), report, bars)
-    assert screen.getvalue().splitlines() == [
-        "print          note: 1 alarm: M204 R is 500",
-        "print          note: 2 alarms, the last: M203 X is 90",
-    ]
+        follow(client, report, bars)
+    return screen.getvalue().splitlines()
+
+
+def test_each_alarm_is_said_in_words_while_a_print_is_followed(tmp_path):
+    first, second = followed(Told(tmp_path))
+    assert first.endswith("note: 1 alarm: M204 R is 500")
+    assert second.endswith("note: 2 alarms, the last: M203 X is 90")
 
 
 class Held(Told):
@@ -183,11 +188,7 @@ class Held(Told):
 
 
 def test_what_a_pause_waits_for_is_said_once_with_the_command_that_goes_on(tmp_path):
-    screen = io.StringIO()
-    bars = StageBars(Console(file=screen, width=2000))
-    with bars.all(), bars.stage("print") as report:
-        follow(Held(tmp_path), report, bars)
-    syringe, pause = screen.getvalue().splitlines()
+    syringe, pause = followed(Held(tmp_path))
     assert "change the syringe" in syringe
     assert f"printctl resume {tmp_path} --plunger-mm" in syringe
     assert "paused at line 9" in pause
@@ -227,25 +228,34 @@ def test_change_that_is_agreed_to_satisfies_the_checks_it_concerns_and_no_other(
         refuse_failed(with_reloads([wrong, *checks()], job(), 0.5, wanted=True)[0])
 
 
-# --- lines of inserts for the live view: where they write, and whether they are executed
 # --- syringe change reported to a print whose link process died beforehand
 module = sys.modules[continue_print.__module__]
 
 
-def broken_off(folder: Path, wanted: str, **care) -> None:
-    """Leave a print whose process was killed while the needle was being lifted."""
+def journalled(folder: Path, *records: dict[str, Any], care: Care | None = None) -> str:
+    """Leave a print of the job whose process is gone, and its journal; return the job's hash."""
     file = folder / "a.gcode"
     file.write_text(JOB)
     job = parse_job(JOB.encode(), "a.gcode")
     record = LinkRecord(0, "", "", str(file), "generic_marlin", "/dev/nowhere", 0.0)
-    replace(record, care=Care(**care).to_dict()).save(folder)
+    replace(record, care=care.to_dict() if care else record.care).save(folder)
     journal = Journal(folder / JOURNAL)
     journal.add("job", sha256=job.sha256, lines=len(job))
-    journal.add("state", state=LinkState.PRINTING, message="printing")
-    journal.add("wanted", after=wanted)
-    journal.add("state", state=LinkState.PAUSING, message="lifting the needle")
-    journal.add("ack", done=30)
+    for one in records:
+        journal.add(**one)
     journal.close()
+    return job.sha256
+
+
+PRINTING = {"sort": "state", "state": LinkState.PRINTING, "message": "printing"}
+END = {"sort": "end", "done": 30, "position_known": True}
+
+
+def broken_off(folder: Path, wanted: str, *records: dict[str, Any], **care: Any) -> str:
+    """Leave a print whose process was killed while the needle was being lifted."""
+    lifting = {"sort": "state", "state": LinkState.PAUSING, "message": "lifting the needle"}
+    asked, done = {"sort": "wanted", "after": wanted}, {"sort": "ack", "done": 30}
+    return journalled(folder, PRINTING, asked, lifting, done, *records, care=Care(**care))
 
 
 @pytest.mark.parametrize(
@@ -317,12 +327,9 @@ def test_a_look_that_is_being_judged_is_not_gone_on_with(
 
 
 def test_of_a_print_that_failed_the_way_to_its_rest_is_told(tmp_path):
-    broken_off(tmp_path, "")
-    journal = Journal(tmp_path / JOURNAL)
-    journal.add("end", state="failed", message="disk full", done=30, position_known=True)
-    journal.close()
+    sha256 = broken_off(tmp_path, "", {**END, "state": "failed", "message": "disk full"})
     with pytest.raises(Refused, match="`printctl recover` writes its rest"):
-        resumable(tmp_path, parse_job(JOB.encode(), "a.gcode").sha256)
+        resumable(tmp_path, sha256)
 
 
 # --- true state of a stopped print: `stood`, if certain, says how much was printed
@@ -331,18 +338,10 @@ TAKEN, STOOD = 30, 17
 
 def left_behind(folder: Path, state: LinkState, stood: dict[str, Any] | None) -> PrintTruth:
     """What is told of a print whose process ended before it could leave its last status."""
-    file = folder / "a.gcode"
-    file.write_text(JOB)
-    job = parse_job(JOB.encode(), "a.gcode")
-    LinkRecord(0, "", "", str(file), "generic_marlin", "", 0.0).save(folder)
-    journal = Journal(folder / JOURNAL)
-    journal.add("job", sha256=job.sha256, lines=len(job))
-    journal.add("state", state=LinkState.PRINTING, message="printing")
-    journal.add("ack", done=TAKEN)
+    records = [PRINTING, {"sort": "ack", "done": TAKEN}]
     if stood is not None:
-        journal.add("stood", done=TAKEN, begin_at=None, dropped=True, **stood)
-    journal.add("end", state=state, message="", done=TAKEN, error="", position_known=True)
-    journal.close()
+        records.append({"sort": "stood", "done": TAKEN, "begin_at": None, "dropped": True, **stood})
+    journalled(folder, *records, {**END, "state": state, "message": "", "error": ""})
     return read_print(folder)
 
 
@@ -363,14 +362,8 @@ def test_moves_that_a_stop_dropped_count_as_not_made(tmp_path, stood, made):
 
 
 def test_a_print_of_which_no_line_was_sent_has_nothing_to_recover(tmp_path):
-    file = tmp_path / "a.gcode"
-    file.write_text(JOB)
-    job = parse_job(JOB.encode(), "a.gcode")
-    LinkRecord(0, "", "", str(file), "generic_marlin", "", 0.0).save(tmp_path)
-    journal = Journal(tmp_path / JOURNAL)
-    journal.add("job", sha256=job.sha256, lines=len(job))
-    journal.add("state", state=LinkState.CHECKING, message="asking the firmware what it is")
-    journal.close()
+    asking = "asking the firmware what it is"
+    journalled(tmp_path, {"sort": "state", "state": LinkState.CHECKING, "message": asking})
     assert "print it anew" in read_print(tmp_path).status.message
     assert "Recover" not in read_print(tmp_path).status.message
     with pytest.raises(PrintctlError, match="no line of the job was sent"):

@@ -13,9 +13,7 @@ from firmware_profiles import Axes, Printer, Span, load
 from firmware_profiles.families import find_family
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import PortInUse
-from printctl.machine.link.journal import Journal
 from printctl.machine.link.transport import open_port
-from printctl.machine.link.wiring import Wiring
 from printctl.machine.probing import (
     Settings,
     compare,
@@ -27,6 +25,7 @@ from printctl.machine.probing.queries import query_transport
 from sim.devices.families.registry import simulated_printer
 from tests.printctl.machine.link.protocols import made_protocol
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import wired
 from tests.sim_process import printer_process
 from tests.system.cli import called
 
@@ -47,13 +46,7 @@ def asked(firmware: str, folder: Path) -> tuple[Settings, Printer]:
     transport = SimTransport(
         simulated_printer(real)(real, (50.0, 50.0, 10.0)), VirtualClock(), np.random.default_rng(1)
     )
-    wiring = Wiring(
-        transport=transport,
-        protocol=made_protocol(firmware),
-        clock=transport.clock,
-        journal=Journal(folder / "journal.log"),
-        printer=profile,
-    )
+    wiring = wired(transport, folder, b"G21\n", profile, protocol=made_protocol(firmware)).wiring
     return query_transport(wiring), profile
 
 

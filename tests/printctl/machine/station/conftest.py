@@ -6,19 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import yaml
 
-from firmware_profiles import Printer, load
 from printctl.machine.station import Station, connect
-
-
-@pytest.fixture(scope="session")
-def profile(tmp_path_factory) -> str:
-    """A printer that doesn't reset when its port is opened: no wait for its boot."""
-    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
-    path = tmp_path_factory.mktemp("profile") / "test.yaml"
-    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
-    return str(path)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,9 +20,8 @@ from printctl.machine.link.retreat import Retreat
 from printctl.machine.printing.find import Order
 from printctl.machine.station import Station, StationState, attach, connect
 from printctl.machine.station.record import load_station
-from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
-
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
+from tests.waiting import wait_for
 
 
 class Listening(FakeMarlin):
@@ -40,13 +40,6 @@ class Listening(FakeMarlin):
         return super().receive(data)
 
 
-def wait_for(true: Callable[[], bool]) -> None:
-    limit = time.monotonic() + 20
-    while not true() and time.monotonic() < limit:
-        time.sleep(0.01)
-    assert true()
-
-
 def all_heard(served) -> bytes:
     """Return all that was sent: a slow computer repeats M112, and a repeat after a reset halts."""
     heard = b""
@@ -60,6 +53,27 @@ def until(station: Station, *states: StationState) -> str:
         if status.state in states:
             return status.message
     raise AssertionError(f"never {states}")
+
+
+def print_on(station: Station, folder: Path, profile: str, moves: int) -> tuple[Any, list[str]]:
+    """Print a job on a station; return the client and the job's lines."""
+    lines = write_job(folder / "job.gcode", moves)
+    order = Order(folder / "job.gcode", profile, "", folder / "run", Retreat())
+    return station.print(order), lines
+
+
+def held_print(fake: Any, folder: Path, profile: str) -> Any:
+    """A print on a station whose printer holds its answers back until it is let go."""
+    served, station = fake
+    served.hold_at = served.printer.last + 400
+    client, _ = print_on(station, folder, profile, 5000)
+    assert served.held.wait(10)
+    return client
+
+
+def let_go(served: PtyPrinter) -> None:
+    served.hold_at = None
+    served.gate.set()
 
 
 @pytest.fixture
@@ -140,8 +154,7 @@ def test_killed_while_it_moves(fake):
     thread.start()
     assert served.held.wait(10)
     station.kill()
-    served.hold_at = None
-    served.gate.set()
+    let_go(served)
     until(station, StationState.HALTED)
     thread.join(10)
     assert "killed by the user" in ended[0]
@@ -150,13 +163,9 @@ def test_killed_while_it_moves(fake):
 
 def test_killed_while_it_prints(fake, tmp_path, profile):
     served, station = fake
-    write_job(tmp_path / "job.gcode", 5000)
-    served.hold_at = served.printer.last + 400
-    client = station.print(Order(tmp_path / "job.gcode", profile, "", tmp_path / "run", Retreat()))
-    assert served.held.wait(10)
+    client = held_print(fake, tmp_path, profile)
     station.kill()
-    served.hold_at = None
-    served.gate.set()
+    let_go(served)
     assert client.wait(10).state is LinkState.KILLED
     assert "print killed" in until(station, StationState.HALTED)
     assert served.printer.halted
@@ -166,15 +175,8 @@ def test_killed_while_it_connects_to_a_printer_that_says_nothing(folder, profile
     master, slave = os.openpty()
     try:
         folder.mkdir()
-        command = [
-            sys.executable,
-            "-m",
-            "printctl.machine.station",
-            "--printer",
-            profile,
-            "--detach",
-        ]
-        spawn([*command, "--port", os.ttyname(slave), "--folder", str(folder)])
+        command = [sys.executable, "-m", "printctl.machine.station", "--printer", profile]
+        spawn([*command, "--detach", "--port", os.ttyname(slave), "--folder", str(folder)])
         heard, limit = b"", time.monotonic() + 30
         while b"N" not in heard and time.monotonic() < limit:  # it speaks, so it can be reached
             if select.select([master], [], [], 0.1)[0]:
@@ -217,9 +219,8 @@ def test_reset_board_is_noticed(fake):
 
 def test_print_uses_the_open_port_and_returns_it(fake, tmp_path, profile):
     served, station = fake
-    lines = write_job(tmp_path / "job.gcode", 200)
     station.mount(syringe="bd_1ml")
-    client = station.print(Order(tmp_path / "job.gcode", profile, "", tmp_path / "run", Retreat()))
+    client, lines = print_on(station, tmp_path, profile, 200)
     assert client.wait(20).state is LinkState.DONE
     assert until(station, StationState.READY).startswith("print done")
     sent = served.printer.numbered
@@ -231,10 +232,7 @@ def test_print_uses_the_open_port_and_returns_it(fake, tmp_path, profile):
 
 def test_refused_while_it_prints_and_console_goes_through(fake, tmp_path, profile):
     served, station = fake
-    write_job(tmp_path / "job.gcode", 3000)
-    served.hold_at = served.printer.last + 400
-    client = station.print(Order(tmp_path / "job.gcode", profile, "", tmp_path / "run", Retreat()))
-    assert served.held.wait(10)
+    client = held_print(fake, tmp_path, profile)
     held = client.status
     assert {one.name: one.now_c for one in station.status.temperatures}["nozzle"] == 36.6
     assert 300 < held.lines_executed == held.lines_done - 20, "planner and queue hold so many"
@@ -243,23 +241,17 @@ def test_refused_while_it_prints_and_console_goes_through(fake, tmp_path, profil
     with pytest.raises(Refused, match="a print goes on in"):
         station.close()
     assert station.status.state is StationState.PRINTING
-    served.hold_at = None
-    served.gate.set()
+    let_go(served)
     assert station.command("M105")[0].startswith("ok T:")
     assert client.wait(300).state is LinkState.DONE
 
 
 def test_dead_station_is_told_and_its_print_isnt_thrown_away(fake, folder, tmp_path, profile):
     served, station = fake
-    write_job(tmp_path / "job.gcode", 5000)
-    served.hold_at = served.printer.last + 400
-    order = Order(tmp_path / "job.gcode", profile, "", tmp_path / "run", Retreat())
-    station.print(order).detach()
-    assert served.held.wait(10)
+    held_print(fake, tmp_path, profile).detach()
     os.kill(load_station(folder).pid, signal.SIGKILL)
     until(station, StationState.LOST)
-    served.hold_at = None
-    served.gate.set()
+    let_go(served)
     with pytest.raises(Refused, match=r"was interrupted after at least \d+ of 5004 lines"):
         connect(profile, served.name, folder)
     again = connect(profile, served.name, folder, discard_interrupted=True)
@@ -287,3 +279,42 @@ def test_stopped_move_ends_early_and_is_known(fake):
     assert 100 <= moved[0] < 190
     assert station.status.position_trusted
     assert station.jog("x", -1).position_mm == (pytest.approx(moved[0] - 1), 100, 100)
+
+
+# --- another program's lines to an idle printer: its position becomes unknown
+def write_as_another(served: PtyPrinter, data: bytes) -> None:
+    port = os.open(served.name, os.O_RDWR | os.O_NOCTTY)
+    os.write(port, data)
+    os.close(port)
+
+
+def test_line_of_another_program_takes_a_standing_printers_place(folder, profile):
+    with pty_printer(FakeMarlin()) as served:
+        station = connect(profile, served.name, folder)
+        station.set_position(100, 100, 50)
+        assert station.status.position_trusted
+        write_as_another(served, b"G92 X0 Y0\n")
+        assert "another program or noise wrote to it" in until(station, StationState.HALTED)
+        assert not station.status.position_trusted
+        assert station.reconnect().state is StationState.READY
+        assert not station.status.position_trusted
+        station.close()
+
+
+def test_line_of_another_program_pauses_a_print_above_the_dish_and_takes_its_place(
+    folder, profile, tmp_path
+):
+    with pty_printer(FakeMarlin(), hold_at=40) as served:
+        station = connect(profile, served.name, folder)
+        station.set_position(0, 0, 0)
+        client, _ = print_on(station, tmp_path, profile, 120)
+        assert served.held.wait(20)
+        write_as_another(served, b"G1 X90\n")
+        served.gate.set()
+        wait_for(lambda: client.status.state is LinkState.PAUSED)
+        assert served.printer.at["Z"] >= 0.5 + Retreat().lift_mm
+        client.resume()
+        assert client.wait(300).state is LinkState.DONE
+        assert "another program" in until(station, StationState.HALTED)
+        assert not station.status.position_trusted
+        station.close()

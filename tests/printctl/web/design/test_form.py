@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +32,7 @@ from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
+from tests.waiting import wait_for
 
 SHIPPED = [STARTER, *sorted(EXAMPLES.glob("*.yaml"))]
 FORM = recipe_form()
@@ -195,13 +195,6 @@ def recipes(tmp_path: Path) -> Recipes:
     return Recipes(Workspace(tmp_path / "ws").make())
 
 
-def test_a_text_changed_elsewhere_isnt_overwritten(recipes: Recipes) -> None:
-    first = recipes.new("one")
-    recipes.write("one", first.text + "# mine\n", first.version)
-    with pytest.raises(ConflictError, match="changed elsewhere"):
-        recipes.write("one", first.text + "# yours\n", first.version)
-
-
 @pytest.mark.parametrize("name", ["../x", "a/b", "", ".x", "x" * 99, "a b", "ä", "..", "x\n"])
 def test_names_that_lead_elsewhere_are_refused(recipes: Recipes, name: str) -> None:
     with pytest.raises(BadRequestError):
@@ -265,13 +258,8 @@ def service(workspace: Workspace) -> DesignService:
 
 
 def _until(service: DesignService, *states: str) -> RunProgress:
-    deadline = time.monotonic() + _LIMIT_S
-    while time.monotonic() < deadline:
-        run = service.runs.progress("one")
-        if run.state in states:
-            return run
-        time.sleep(0.05)
-    raise AssertionError(f"never {states}: {service.runs.progress('one')}")
+    wait_for(lambda: service.runs.progress("one").state in states, _LIMIT_S)
+    return service.runs.progress("one")
 
 
 @pytest.mark.slow

@@ -25,7 +25,6 @@ from tests.system.cli import called as printctl
 from tests.system.forks import FORK, of_fork
 
 pytestmark = pytest.mark.browser
-_LONG_MS = 240_000
 STAND_IN = """<!doctype html><html lang="en"><head><title>Stand-in</title></head><body><script>
 addEventListener("message", (event) => { document.body.dataset.told = event.data.view; });
 document.body.dataset.state = "ready";
@@ -108,20 +107,6 @@ def _begin(page: Any, button: str, name: str) -> None:
     page.get_by_text(re.compile(f"^{name}: ready to be made")).wait_for()
 
 
-@pytest.mark.slow
-def test_a_recipe_is_begun_and_made(served: Process, browser: Any) -> None:
-    page = shown(browser, f"{served.url}/design")
-    _begin(page, "New", "clicked")
-    text = page.get_by_label("Recipe as YAML")
-    text.fill(of_fork(text.input_value()))
-    page.get_by_text("clicked: ready to be made · saved").wait_for()
-    page.get_by_role("tab", name="Make").click()
-    page.get_by_role("button", name="Make the design").click()
-    page.get_by_text("clicked: made as far as lumens").wait_for(timeout=_LONG_MS)
-    assert page.get_by_role("progressbar").count() >= 7
-    assert serious(page) == []
-
-
 def test_networks_beside_each_other_are_shut_in_and_hear_of_each_others_view(
     served: Process, browser: Any, two: tuple[str, str]
 ) -> None:
@@ -183,16 +168,6 @@ def _differ(one: bytes, other: bytes) -> float:
     """Mean difference of two pictures, 0 to 255."""
     seen = [Image.open(io.BytesIO(data)).convert("L") for data in (one, other)]
     return float(ImageStat.Stat(ImageChops.difference(*seen)).mean[0])
-
-
-@pytest.mark.slow
-def test_an_embedded_page_cant_reach_ours(served: Process, browser: Any, made: Path) -> None:
-    page = shown(browser, f"{served.url}/design?recipe=one&tab=look")
-    inside = page.frame_locator("iframe").first  # it is loaded anew once the theme is known
-    inside.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
-    frame = page.query_selector("iframe[src]").content_frame()
-    assert frame.evaluate("origin") == "null"
-    assert frame.evaluate(_ASK) == "refused"
 
 
 @pytest.mark.slow

@@ -249,7 +249,6 @@ def test_a_needle_that_a_pause_or_a_stop_has_raised_isn_t_told_to_be_in_the_part
     assert facts(told(state), None)["tip"] == said
 
 
-# --- scene of the first shown job, prepared in advance
 # --- job table, progress and remaining time, against slow oracles
 PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
 INK = load(Ink, "collagen_fresh")

@@ -1,6 +1,5 @@
 """Fixtures: Printer page service with a simulated printer behind a station."""
 
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from printctl.web.core import Core
 from printctl.web.printer.service import PrinterService
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
+from tests import waiting
 
 ME = Principal("me", "the operator")
 OTHER = Principal("other", "the office")
@@ -55,7 +55,4 @@ def service(station_root: Path) -> Iterator[PrinterService]:
 
 def wait_for(service: PrinterService, true: Callable[[], bool]) -> None:
     """Wait until something holds; fails after half a minute."""
-    limit = time.monotonic() + 30
-    while not true():
-        assert time.monotonic() < limit, service.status
-        time.sleep(0.02)
+    waiting.wait_for(true, told=lambda: service.status)

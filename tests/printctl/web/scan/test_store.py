@@ -13,12 +13,19 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
+from starlette.testclient import TestClient
 
+from printctl.web.app import build_app
+from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError
 from printctl.web.scan import store as unpacked_size
 from printctl.web.scan.findings import alignment, findings
 from printctl.web.scan.slices import TINT, Slices, picture, plane
-from printctl.web.scan.store import ScanStore, refuse_growth, scan_name, unpack_stack
+from printctl.web.scan.store import ScanStore, scan_name
+from printctl.web.scan.unpacked_size import refuse_growth
+from printctl.web.scan.unpacking import unpack_stack
+from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 from registration.files.readers import ScanOverrides, read_scan, write_scan_tiff
 from registration.scan import Scan
@@ -135,8 +142,9 @@ MOST = 10**10
 SIZE = 2_600_000
 
 
-def zeros(level: int = 31) -> bytes:
-    packer = zlib.compressobj(9, zlib.DEFLATED, level)
+@pytest.fixture(scope="module")
+def packed() -> bytes:
+    packer = zlib.compressobj(9, zlib.DEFLATED, 31)
     piece = bytes(100_000)
     return b"".join(packer.compress(piece) for _ in range(SIZE // 10**5)) + packer.flush()
 
@@ -147,28 +155,20 @@ def _growth_is_looked_at_early(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(unpacked_size, "_RATIO_FROM", 2_000_000)
 
 
-@pytest.fixture(scope="module")
-def packed() -> bytes:
-    return zeros()
-
-
-def test_a_gzip_that_grows_is_refused(tmp_path: Path, packed: bytes) -> None:
-    (tmp_path / "scan.nii.gz").write_bytes(packed)
+@pytest.mark.parametrize(
+    ("name", "before"),
+    [
+        ("scan.nii.gz", b""),
+        ("scan.nii.gz", gzip.compress(b"first")),  # what follows a small stream counts as well
+        ("scan.nrrd", b"NRRD0004\ntype: uint8\nencoding: gzip\n\n"),
+    ],
+)
+def test_a_gzip_that_grows_is_refused(
+    tmp_path: Path, packed: bytes, name: str, before: bytes
+) -> None:
+    (tmp_path / name).write_bytes(before + packed)
     with pytest.raises(BadRequestError, match="more than 200 times its size"):
-        refuse_growth(tmp_path / "scan.nii.gz", MOST)
-
-
-def test_what_follows_a_small_gzip_stream_counts_as_well(tmp_path: Path, packed: bytes) -> None:
-    (tmp_path / "scan.nii.gz").write_bytes(gzip.compress(b"first") + packed)
-    with pytest.raises(BadRequestError, match="more than 200 times its size"):
-        refuse_growth(tmp_path / "scan.nii.gz", MOST)
-
-
-def test_an_nrrd_with_gzip_inside_is_refused(tmp_path: Path, packed: bytes) -> None:
-    head = b"NRRD0004\ntype: uint8\nencoding: gzip\n\n"
-    (tmp_path / "scan.nrrd").write_bytes(head + packed)
-    with pytest.raises(BadRequestError, match="more than 200 times its size"):
-        refuse_growth(tmp_path / "scan.nrrd", MOST)
+        refuse_growth(tmp_path / name, MOST)
 
 
 def test_zips_that_grow_are_refused(tmp_path: Path) -> None:
@@ -242,27 +242,6 @@ NUMBERS: dict[str, Any] = {
     "interval_95": {"rotation_deg": [0.01, 0.02], "shift_um": [1.0, 4.0], "scale": [0.001]},
     "rigid": {"rms_um": 30.5, "p95_um": 75.4},
     "ambiguity": {"flag": False},
-    "vessels": [
-        {
-            "vessel": 0,
-            "designed_um": 1000,
-            "measured_um": 980,
-            "error_percent": -2,
-            "open": True,
-            "decision": "pass",
-        },
-        {
-            "vessel": 1,
-            "designed_um": 400,
-            "measured_um": 300,
-            "error_percent": -25,
-            "open": True,
-            "decision": "fail",
-        },
-        {"vessel": 2, "designed_um": 400, "measured_um": 100, "error_percent": -75, "open": False},
-        {"vessel": 3, "designed_um": 400, "measured_um": None, "open": None},
-    ],
-    "verdict": {"passed": False, "reasons": ["Vessel 2 is closed"]},
 }
 
 
@@ -293,3 +272,146 @@ def test_more_than_is_taken_is_refused_at_any_ratio(tmp_path: Path) -> None:
     (tmp_path / "scan.nii.gz").write_bytes(gzip.compress(bytes(range(256)) * 8000))
     with pytest.raises(BadRequestError, match="at most 1 MB"):
         refuse_growth(tmp_path / "scan.nii.gz", 10**6)
+
+
+# --- rEST routes of scans
+VOLUME = np.random.default_rng(3).integers(0, 200, (4, 6, 8), dtype=np.uint8)
+SAID = {
+    "voxel_um": [10, 20, 30],
+    "modality": "microct",
+    "scale": "linear",
+    "depth_down": False,
+    "refractive_index": 1.0,
+    "optical_depth": False,
+    "axes": "zyx",
+    "mirrored": False,
+}
+
+
+def _workspace(tmp_path: Path) -> Workspace:
+    (tmp_path / "secret.txt").write_text("secret")
+    made = Workspace(tmp_path / "ws").make()
+    made.run("one").mkdir()
+    (made.run("one") / "secret.key").write_text("secret")
+    return made
+
+
+def _client(workspace: Workspace) -> TestClient:
+    core = Core(ServeSettings(workspace.root, upload_mb=1.0), workspace)
+    return TestClient(build_app(core, pages=False), raise_server_exceptions=True)
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    return _workspace(tmp_path)
+
+
+@pytest.fixture
+def client(workspace: Workspace) -> TestClient:
+    return _client(workspace)
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory: pytest.TempPathFactory) -> tuple[TestClient, str]:
+    """A client and a scan of which all is said, for all tests that are refused."""
+    client = _client(_workspace(tmp_path_factory.mktemp("known")))
+    scan = _added(client)
+    client.put(f"/api/v1/scans/{scan}/said", json=SAID)
+    return client, scan
+
+
+def _added(client: TestClient) -> str:
+    out = io.BytesIO()
+    tifffile.imwrite(out, VOLUME, photometric="minisblack")
+    answer = client.post("/api/v1/scans", files={"file": ("my scan.tif", out.getvalue())})
+    assert answer.status_code == 201, answer.text
+    return str(answer.json()["scan"])
+
+
+def test_what_a_file_doesnt_say_is_asked_and_then_known(client: TestClient) -> None:
+    scan = _added(client)
+    refused = client.get(f"/api/v1/scans/{scan}")
+    assert refused.status_code == 422
+    assert "voxel" in refused.json()["message"]
+    assert "/" not in refused.json()["message"].split(":")[0]
+    known = client.put(f"/api/v1/scans/{scan}/said", json=SAID).json()
+    assert known["shape"] == [8, 6, 4]
+    assert known["voxel_um"] == pytest.approx([10, 20, 30])
+    assert client.get(f"/api/v1/scans/{scan}").json() == known
+
+
+def test_a_slice_is_that_of_the_file(client: TestClient) -> None:
+    scan = _added(client)
+    client.put(f"/api/v1/scans/{scan}/said", json=SAID)
+    answer = client.get(f"/api/v1/scans/{scan}/slices/z/2?low=0&high=255")
+    assert answer.headers["content-type"] == "image/png"
+    seen = np.asarray(Image.open(io.BytesIO(answer.content)))
+    np.testing.assert_array_equal(seen[..., 1], VOLUME[2])
+
+
+@pytest.mark.parametrize("voxel", [[0, 0, 0], [-1, 1, 1], ["inf", 1, 1], [1e300, 1, 1], [1, 2]])
+def test_a_voxel_that_cant_be_is_refused(
+    known: tuple[TestClient, str], voxel: list[object]
+) -> None:
+    client, scan = known
+    answer = client.put(f"/api/v1/scans/{scan}/said", json={**SAID, "voxel_um": voxel})
+    assert answer.status_code == 422
+    client.put(f"/api/v1/scans/{scan}/said", json=SAID)
+    assert client.get(f"/api/v1/scans/{scan}").status_code == 200
+
+
+@pytest.mark.parametrize(
+    "slices", ["z/9", "z/-1", "w/1", "z/1?low=5", "z/1?low=5&high=5", "z/1?low=nan&high=1", "z/x"]
+)
+def test_a_slice_that_isnt_there_is_refused(known: tuple[TestClient, str], slices: str) -> None:
+    client, scan = known
+    assert client.get(f"/api/v1/scans/{scan}/slices/{slices}").status_code == 422
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "file~..%2F..%2Fsecret.txt",
+        "run~..%2F..",
+        "x",
+        "file~a/with/..%2F/progress",
+        "run~one/with/one/files/secret.key",
+        "run~one/with/one/files/..%2Fsecret.key",
+        "run~one/with/%2e%2e/report",
+    ],
+)
+def test_nothing_beyond_the_scans_is_given(known: tuple[TestClient, str], path: str) -> None:
+    answer = known[0].get(f"/api/v1/scans/{path}")
+    assert answer.status_code in (404, 422)
+    assert "secret\n" not in answer.text
+
+
+def test_a_broken_volume_is_told_so(client: TestClient) -> None:
+    for data in (b"II*\0" + b"\xff" * 40, b"PK\x03\x04rubbish", b"\x1f\x8b12345", b"hello", b""):
+        answer = client.post("/api/v1/scans", files={"file": ("b.tif", data)})
+        if answer.status_code == 201:
+            assert client.get("/api/v1/scans/file~b.tif").status_code == 422
+            assert client.delete("/api/v1/scans/file~b.tif").status_code == 204
+        else:
+            assert answer.status_code == 422
+
+
+def test_a_registration_wants_a_design(client: TestClient) -> None:
+    scan = _added(client)
+    answer = client.post(f"/api/v1/scans/{scan}/with/one/start", json={})
+    assert answer.status_code == 409
+    assert "make its design first" in answer.json()["message"]
+    assert client.post(f"/api/v1/scans/{scan}/with/none/start", json={}).status_code == 404
+    assert client.get(f"/api/v1/scans/{scan}/with/one/progress").json()["state"] == "never"
+    assert client.get(f"/api/v1/scans/{scan}/with/one/report").status_code == 404
+
+
+def test_files_with_other_names_in_the_folders_do_no_harm(
+    client: TestClient, workspace: Workspace
+) -> None:
+    for place in ("runs/a b", "scans/x y.tif", "recipes/ä.yaml", "runs/.hidden"):
+        (workspace.root / place).mkdir()
+    for rows in ("scans", "runs", "recipes"):
+        answer = client.get(f"/api/v1/{rows}")
+        assert answer.status_code == 200
+        assert all("name" not in row or row["name"] == "one" for row in answer.json())

@@ -15,6 +15,7 @@ from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link import airy, layered
 from tests.printctl.machine.link.layered import Script, played
 from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import START
 
 PRINTER = load(Printer, "generic_marlin")
 FILE = b"; a job\nG90\n\nG1 X1 (there) F600 ; over there\nM400\nG1 X2\n  M113 S1\nG1 X1\n"
@@ -36,7 +37,7 @@ def test_the_file_s_commands_are_found_in_their_order_and_all_else_is_the_host_s
 @pytest.mark.parametrize("slow", [False, True])
 def test_pauses_and_checkpoints_leave_each_block_its_command(tmp_path, slow) -> None:
     data = layered.layered(3, 20)
-    printer = MarlinPrinter(layered.PRINTER, layered.START)
+    printer = MarlinPrinter(PRINTER, START)
     printer.job = JobLines(data, PRINTER)
     if slow:
         printer.firmware.take_at_once = lambda waiting, alarm: waiting  # type: ignore[method-assign]
@@ -55,7 +56,7 @@ def test_pauses_and_checkpoints_leave_each_block_its_command(tmp_path, slow) -> 
     status = played(data, tmp_path, transport, script, retreat=Retreat(lift_mm=30))
     assert status.state is LinkState.DONE
     assert len(script.pauses) == 3
-    foreseen = dry_run(data, layered.PRINTER, layered.START, cold_extrusion=True).executed
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     motion = printer.executed()
     own = motion.line < 0
     assert 6 <= np.count_nonzero(own) == len(motion) - len(foreseen)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -42,13 +40,3 @@ def seen_colour(jpeg: bytes) -> tuple[int, int, int]:
         middle = picture.convert("RGB").getpixel((picture.width // 2, picture.height // 2))
     assert isinstance(middle, tuple)
     return middle[0], middle[1], middle[2]
-
-
-def until(done: Callable[[], Any], limit_s: float = 30.0) -> Any:
-    """Wait for something that is true."""
-    limit = time.monotonic() + limit_s
-    while time.monotonic() < limit:
-        if found := done():
-            return found
-        time.sleep(0.02)
-    raise AssertionError("it never came")

@@ -8,10 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import yaml
 from PIL import Image, ImageDraw
 
-from firmware_profiles import Printer, load
 from printctl.machine.link import LinkState, start_print
 from printctl.machine.link.care import Care
 from printctl.machine.link.client import PrintClient
@@ -21,6 +19,7 @@ from printctl.machine.link.process import hold_folder
 from printctl.observe.records import OBSERVER_LOCK, LookRecord, look_folder, save_look
 from printctl.web.workspace import Workspace
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
+from tests.printctl.machine.link.jobs import quick_profile
 from tests.printctl.machine.link.looking import layered
 
 JOB = "file~zigzag.gcode"
@@ -55,12 +54,10 @@ def print_held_for_a_look(workspace: Workspace, observed: bool = True) -> Iterat
     file = workspace.root / "jobs" / "zigzag.gcode"
     file.write_bytes(layered(3, 6))
     folder = workspace.print_folder(JOB)
-    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
-    profile = workspace.root / "test.yaml"
-    profile.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
+    profile = quick_profile(workspace.root)
     care = Care(checkpoint_s=None, look_after=MarkKind.LAYER)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(file, str(profile), served.name, folder, care=care)
+        client = start_print(file, profile, served.name, folder, care=care)
         try:
             _until(client, LinkState.LOOKING)
             picture(folder, 1)
