@@ -28,7 +28,7 @@ from firmware_profiles.load import DATA
 from firmware_profiles.strict_model import is_output, switch_words
 from printctl.errors import RecipeError
 from printctl.recipe.load import parse_recipe
-from printctl.web.api.errors import answer_errors
+from printctl.web.api import answer_errors
 
 MODELS: tuple[type[Facts], ...] = (Printer, Needle, Syringe, Ink, Bath, Dish, Plate)
 SHIPPED = [(model, name) for model in MODELS for name in shipped(model)]

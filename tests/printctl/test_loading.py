@@ -16,7 +16,7 @@ from design.on_demand import exported_names
 from printctl.pipeline.run_options import WHOLE_NAMES
 from printctl.pipeline.sequences import WHOLE
 from printctl.second_process import SecondProcess
-from printctl.web.rooms import ROOMS
+from printctl.web.app import ROOMS
 
 HEAVY = (
     "cv2",

@@ -14,7 +14,7 @@ from pypdf import PdfReader
 from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.solids import write_stl
 from printctl.cli import compare as command
-from printctl.cli.register_design import read_design
+from printctl.cli.register_work import read_design
 from printctl.errors import UsageError
 from printctl.history.signing import lab_key
 from printctl.machine.link.journal import encode

@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -25,10 +26,9 @@ from printctl.errors import UsageError
 from printctl.machine.link import LinkError
 from printctl.machine.station import attach
 from printctl.web.listening import bind
-from printctl.web.low_priority import lower_priority, run_at_low_priority
-from printctl.web.serve import check
-from printctl.web.server_register import Running
+from printctl.web.serve import Running, check
 from printctl.web.settings import ServeSettings, is_loopback
+from printctl.web.worker import lower_priority, run_at_low_priority
 from tests.printctl.web.serving import PAGE, ROOT, Process, Served, served, server_process
 from tests.slower import first_of
 from tests.waiting import wait_for

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printctl.cli.status import status_lines
+from printctl.cli.running_print import status_lines
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.completed_moves import moves_ahead, surely_moved
 from printctl.machine.link.errors import Refused

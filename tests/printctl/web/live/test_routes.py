@@ -11,11 +11,9 @@ from hypothesis import strategies as st
 
 from printctl.checks.gcode_view import LineMap, read_line_map
 from printctl.web.live import JobSource, LiveScene, SceneError, make_scene
-from printctl.web.live.maker_client import SceneMaker
-from printctl.web.live.pack import pack_scene
-from printctl.web.live.routes import router
+from printctl.web.live.routes import SceneMaker, router
 from printctl.web.live.scene import ACT, NONE, VESSEL
-from printctl.web.live.scene_worker import write_scene
+from printctl.web.live.scene_worker import pack_scene, write_scene
 from registration.report.gcode import Act
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.web.live import jobs

@@ -17,7 +17,7 @@ from starlette.responses import Response
 from firmware_profiles import Dish, Printer, Syringe, load
 from printctl.machine.link.errors import Refused
 from printctl.machine.station import StationState, StationStatus
-from printctl.web.api.errors import answer_errors
+from printctl.web.api import answer_errors
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotInControlError
 from printctl.web.printer import following

@@ -22,9 +22,7 @@ from printctl.web.errors import BadRequestError, NotFoundError
 from printctl.web.scan import store as unpacked_size
 from printctl.web.scan.findings import alignment, findings
 from printctl.web.scan.slices import TINT, Slices, picture, plane
-from printctl.web.scan.store import ScanStore, scan_name
-from printctl.web.scan.unpacked_size import refuse_growth
-from printctl.web.scan.unpacking import unpack_stack
+from printctl.web.scan.store import ScanStore, refuse_growth, scan_name, unpack_stack
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 from registration.files.readers import ScanOverrides, read_scan, write_scan_tiff
@@ -386,14 +384,21 @@ def test_nothing_beyond_the_scans_is_given(known: tuple[TestClient, str], path: 
     assert "secret\n" not in answer.text
 
 
-def test_a_broken_volume_is_told_so(client: TestClient) -> None:
-    for data in (b"II*\0" + b"\xff" * 40, b"PK\x03\x04rubbish", b"\x1f\x8b12345", b"hello", b""):
+def test_what_is_no_scan_is_refused_as_it_comes(client: TestClient) -> None:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        archive.writestr("notes.txt", "no slices")
+    for data in (out.getvalue(), b"PK\x03\x04rubbish", b"\x1f\x8b12345", b"hello", b""):
         answer = client.post("/api/v1/scans", files={"file": ("b.tif", data)})
-        if answer.status_code == 201:
-            assert client.get("/api/v1/scans/file~b.tif").status_code == 422
-            assert client.delete("/api/v1/scans/file~b.tif").status_code == 204
-        else:
-            assert answer.status_code == 422
+        assert answer.status_code == 422
+        assert "/" not in answer.json()["message"].split(":")[0]
+    assert client.get("/api/v1/scans").json() == []
+
+
+def test_a_broken_volume_is_told_so(client: TestClient) -> None:
+    data = b"II*\0" + b"\xff" * 40
+    assert client.post("/api/v1/scans", files={"file": ("b.tif", data)}).status_code == 201
+    assert client.get("/api/v1/scans/file~b.tif").status_code == 422
 
 
 def test_a_registration_wants_a_design(client: TestClient) -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 from printctl.machine.link.look_book import LookDecision
 from printctl.observe.records import answer_of, look_folder, save_look
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.job.looks.look_service import LookTold
+from printctl.web.job.looks import LookTold
 from printctl.web.workspace import Workspace
 from tests.printctl.web.job.conftest import OPERATOR, OTHER
 from tests.printctl.web.job.looks.held import JOB, picture, print_held_for_a_look, record
