@@ -238,14 +238,13 @@ def _explain(
     figure: Figure, axes: Axes, job: GcodeJob, rows: IntArray, colouring: Colouring
 ) -> list[Artist]:
     """A colour bar, or what goes into the legend."""
-    if colouring.labels:
+    if colouring.colours:
         there = np.unique(job.kind[rows][job.kind[rows] >= 0])[:_LEGEND_AT_MOST]
         return [Patch(color=colouring.colours[k], label=colouring.labels[k]) for k in there]
-    if not colouring.colours:
-        bar = figure.colorbar(
-            ScalarMappable(Normalize(*colouring.limits), SEQUENTIAL), ax=axes, pad=0.02, shrink=0.8
-        )
-        unit = f" / {colouring.unit}" if colouring.unit else ""
-        bar.set_label(colouring.name + (unit or ", first to last"))
-        bar.outline.set_visible(False)
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(*colouring.limits), SEQUENTIAL), ax=axes, pad=0.02, shrink=0.8
+    )
+    unit = f" / {colouring.unit}" if colouring.unit else ""
+    bar.set_label(colouring.name + (unit or ", first to last"))
+    bar.outline.set_visible(False)
     return []

@@ -36,6 +36,13 @@ def _changed(path: str, value: Any) -> dict[str, Any]:
     return data
 
 
+def test_polish_is_read_where_it_was_off_and_refused_where_it_was_on() -> None:
+    growth: dict[str, Any] = {"grow": "tree", "terminals": 10}
+    assert GrownNetwork.model_validate(growth | {"polish": False}) == GrownNetwork(**growth)
+    with pytest.raises(ValidationError, match="polish"):
+        GrownNetwork.model_validate(growth | {"polish": True})
+
+
 @pytest.mark.parametrize(
     "path",
     sorted(

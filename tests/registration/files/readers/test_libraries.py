@@ -99,6 +99,16 @@ def test_matlab_array_comes_back(tmp_path: Path, compress: bool, kind: str) -> N
         assert found.voxel_mm == (1.0, 2.0, 3.0)
 
 
+def test_matlab_logical_volumes_are_read_and_complex_ones_refused(tmp_path: Path) -> None:
+    path, known = tmp_path / "s.mat", {"axes": "zyx", "voxel_mm": [1.0, 2.0, 3.0]}
+    savemat(path, {"V": counts() > 100, "scale": "linear", **known})
+    found = read_scan(path, ScanOverrides(modality="microct"))
+    np.testing.assert_array_equal(found.volume, counts() > 100)
+    savemat(path, {"V": counts() * (1 + 1j), **known})
+    with pytest.raises(ScanFileError, match=r"V holds complex numbers; save abs\(V\)"):
+        read_scan(path, MODALITY)
+
+
 def test_broken_matlab_file_is_refused_before_memory_is_taken(tmp_path: Path) -> None:
     path = tmp_path / "s.mat"
     savemat(path, {"V": counts()})
@@ -152,9 +162,15 @@ CODECS: list[dict[str, Any] | None] = [
 
 @pytest.mark.parametrize("codec", CODECS)
 def test_ome_zarr_comes_back(tmp_path: Path, codec: dict[str, Any] | None) -> None:
-    found = read_scan(zarr_2(tmp_path / "s.zarr", codec), MODALITY)
-    np.testing.assert_array_equal(found.volume, counts())
-    assert found.voxel_mm == pytest.approx((0.01, 0.02, 0.03))
+    path = zarr_2(tmp_path / "s.zarr", codec)
+    for _ in range(2):
+        found = read_scan(path, MODALITY)
+        np.testing.assert_array_equal(found.volume, counts())
+        assert found.voxel_mm == pytest.approx((0.01, 0.02, 0.03))
+        (path / ".zgroup").unlink(missing_ok=True)  # some programs write none
+    (path / ".zattrs").write_text("{}")
+    with pytest.raises(ScanFileError, match="no image metadata"):
+        read_scan(path, MODALITY)
 
 
 @pytest.mark.parametrize(
