@@ -147,8 +147,17 @@ class Workspace:
         return self.inside(path.parent / "print" if run else path.with_name(path.name + ".print"))
 
     def jobs(self) -> list[str]:
-        """Every job, the newest file first."""
-        paths = [(p, f"run~{p.parent.name}") for p in self.found("runs/*/part.gcode")]
-        paths += [(p, f"file~{p.name}") for p in self.found("jobs/*.gcode")]
-        paths.sort(key=lambda pair: pair[0].stat().st_mtime, reverse=True)
-        return [job for _, job in paths]
+        """Every job whose name can be used, the newest file first."""
+        jobs = [(p, f"{sort}~{name}") for sort, name, p in self._job_files() if is_name(name)]
+        jobs.sort(key=lambda pair: pair[0].stat().st_mtime, reverse=True)
+        return [job for _, job in jobs]
+
+    def unusable_job_names(self) -> list[str]:
+        """Names of G-code files and run folders that must be renamed to become jobs, sorted."""
+        names = {name for _, name, _ in self._job_files() if not is_name(name)}
+        return sorted(name for name in names if not name.startswith("."))
+
+    def _job_files(self) -> list[tuple[str, str, Path]]:
+        files = [("run", path.parent.name, path) for path in self.found("runs/*/part.gcode")]
+        files += [("file", path.name, path) for path in self.found("jobs/*.gcode")]
+        return [one for one in files if one[2].is_file()]

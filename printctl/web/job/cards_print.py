@@ -48,6 +48,11 @@ async def add_jobs(service: JobService, chosen: str, folds: Folds) -> None:
         with ui.element("ul").classes("job-list"):
             for one in jobs:
                 _row(one, chosen)
+        if unusable := await run.io_bound(service.core.workspace.unusable_job_names):
+            small(
+                f"Not shown: {', '.join(unusable)}. Rename each: 1 to 64 letters a–z, digits, "
+                "'.', '_' or '-', beginning with a letter or digit."
+            ).classes("break-all")
 
 
 async def keep(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
@@ -13,6 +14,8 @@ from firmware_profiles import ProfileError
 from printctl.failures import message_and_code
 from printctl.web.controls import Principal
 from printctl.web.shell.assets import FOLDER, link
+
+log = logging.getLogger("printctl.web")
 
 
 def this_browser() -> Principal:
@@ -102,7 +105,26 @@ def frame(path: str) -> Iterator[None]:
     ui.add_body_html(header(path, leave=guard is not None and not guard.settings.open))
     with ui.element("div").classes("pc-content").props("id=content tabindex=-1"):
         ui.html(escape(name), tag="h1", sanitize=False).classes("pc-title")
+        with contained(f"The page {name}"):
+            yield
+
+
+@contextmanager
+def contained(part: str) -> Iterator[None]:
+    """Say on the page that a part of it failed; the rest, above all STOP, is shown all the same.
+
+    Parameters
+    ----------
+    part : str
+        Name of the part, at the beginning of a sentence.
+    """
+    try:
         yield
+    except Exception as exc:
+        log.exception("%s can't be shown", part)
+        known = message_and_code(exc)
+        reason = known[0] if known else f"internal error {type(exc).__name__}, see the server's log"
+        ui.label(f"{part} can't be shown in full: {reason}. STOP above works.").props("role=alert")
 
 
 def head(stop_port: int) -> str:
