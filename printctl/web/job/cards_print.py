@@ -90,7 +90,7 @@ def _facts(one: JobEntry) -> str:
     kind = "from a run" if one.id.startswith("run~") else "uploaded"
     known: list[Any] = [kind]
     if one.layers:
-        known.append(f"{one.layers} layers")
+        known.append(f"{one.layers} layer{'s' if one.layers > 1 else ''}")
     if one.duration_s is not None:
         known.append(span(one.duration_s))
     if one.ink_ul is not None:
