@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import signal
 import socket
@@ -21,7 +22,7 @@ import pytest
 from printctl.cli import serve as cli_serve
 from printctl.errors import UsageError
 from printctl.web.listening import bind
-from printctl.web.serve import Running, check
+from printctl.web.serve import Running, check, log_to_terminal
 from printctl.web.settings import ServeSettings, is_loopback
 from tests.printctl.web.serving import ROOT, Process, server_process
 
@@ -221,3 +222,13 @@ def test_ctrl_c_ends_the_server_and_its_door_in_order(server: tuple[Process, Pat
         urllib.request.urlopen(started.stop, timeout=5)
     assert not (workspace / ".printctl" / "serve.json").exists()
     assert "a print that runs goes on" in (workspace.parent / "serve.log").read_text()
+
+
+def test_a_closed_tab_leaves_no_traceback_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    log_to_terminal(verbose=False)
+    for text in ("The parent slot of Timer(id=145) has been deleted.", "another fault"):
+        try:
+            raise RuntimeError(text)
+        except RuntimeError as exc:
+            logging.getLogger("nicegui").exception(exc)
+    assert [record.getMessage() for record in caplog.records] == ["another fault"]
