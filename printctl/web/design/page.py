@@ -12,7 +12,7 @@ from nicegui import events, ui
 from printctl.pipeline.run_options import TOOLPATH_NAMES
 from printctl.web.design import form as forms
 from printctl.web.design.editor import Editor
-from printctl.web.design.embed import embed, follow_theme, run_in_thread
+from printctl.web.design.embed import embed, follow_theme, make_in_thread, run_in_thread
 from printctl.web.design.form_widgets import FormPane, PickPane
 from printctl.web.design.recipes import SUFFIXES
 from printctl.web.design.run_views import Difference, Figure
@@ -374,14 +374,19 @@ class ViewTab:
         if not name:
             return
         self._frame.clear()
-        self._note.text = "The view is being made ..." if view in ("network", "layers") else ""
+        made = view in ("network", "layers")
+        self._note.text = "The view is being made ..." if made else ""
+        problem = ""
         try:
-            await run_in_thread(self._service.page, name, view)
+            await (make_in_thread if made else run_in_thread)(self._service.page, name, view)
         except Exception as exc:
             # Whatever a view can't show is said in its place; the other views still stand.
-            self._note.text = str(exc)
+            problem = str(exc)
+        if (name, view) != (self._run, self._view.value):
+            return  # another was chosen meanwhile
+        self._note.text = problem
+        if problem:
             return
-        self._note.text = ""
         with self._frame:
             embed(f"/api/v1/runs/{name}/pages/{view}", f"{VIEWS[view]} of {name}")
 
