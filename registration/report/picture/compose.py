@@ -356,10 +356,10 @@ def _explain(figure: Figure, quantity: Quantity, left: float) -> None:
     else:
         drawn.locator = MaxNLocator(6, steps=[1, 2, 2.5, 5, 10])
         drawn.update_ticks()
-    bar.set_title(fill(quantity.title, 15), loc="left", fontsize=8.5, pad=8)
-    if beyond != "neither":
-        least, greatest = quantity.extremes
-        bar.set_xlabel(f"values from\n{least:.3g}\nto {greatest:.3g}", fontsize=7.5, labelpad=6)
+    least, greatest = quantity.extremes
+    span = f"\n({least:.3g} to {greatest:.3g})" if beyond != "neither" else ""
+    title = fill(quantity.title, 15) + span.replace("-", "\u2212")
+    bar.set_title(title, loc="left", fontsize=8.5, pad=8 if beyond in ("neither", "min") else 16)
 
 
 class _PlainLog(LogFormatter):

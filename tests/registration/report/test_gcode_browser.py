@@ -101,3 +101,14 @@ def test_keys_go_through_layers_and_moves(tmp_path: Path) -> None:
     )
     dom = page(tmp_path, layered_job(), "width", keys)
     assert title(dom) == ["layer", "2", "layer", "2", "layer", "1", "2", "true"]
+
+
+def test_a_layer_that_is_typed_is_rounded_and_kept_within_the_job(tmp_path: Path) -> None:
+    script = "".join(
+        f"set('number', '{typed}'); await wait(150); set('number', '{typed}', 'change');"
+        "say(['number', 'layer'].map((id) => document.getElementById(id).value).join('/'));"
+        for typed in ("1.3", "2.7", "-4")
+    )
+    dom = page(tmp_path, layered_job(), "width", script)
+    assert title(dom) == ["1/1", "2/2", "1/1"]
+    assert "2 layers" in dom
