@@ -148,16 +148,21 @@ class Workspace:
 
     def jobs(self) -> list[str]:
         """Every job whose name can be used, the newest file first."""
-        jobs = [(p, f"{sort}~{name}") for sort, name, p in self._job_files() if is_name(name)]
+        files = [("run", path.parent.name, path) for path in self.found("runs/*/part.gcode")]
+        files += [("file", path.name, path) for path in self.found("jobs/*.gcode")]
+        jobs = [(p, f"{sort}~{name}") for sort, name, p in files if is_name(name) and p.is_file()]
         jobs.sort(key=lambda pair: pair[0].stat().st_mtime, reverse=True)
         return [job for _, job in jobs]
 
-    def unusable_job_names(self) -> list[str]:
-        """Names of G-code files and run folders that must be renamed to become jobs, sorted."""
-        names = {name for _, name, _ in self._job_files() if not is_name(name)}
-        return sorted(name for name in names if not name.startswith("."))
+    def unusable_names(self, *patterns: str) -> list[str]:
+        """Files and folders of patterns that no page shows before they are renamed, sorted.
 
-    def _job_files(self) -> list[tuple[str, str, Path]]:
-        files = [("run", path.parent.name, path) for path in self.found("runs/*/part.gcode")]
-        files += [("file", path.name, path) for path in self.found("jobs/*.gcode")]
-        return [one for one in files if one[2].is_file()]
+        Hidden ones are none of the user's.
+        """
+        return sorted(
+            path.relative_to(self.root).as_posix()
+            for pattern in patterns
+            for path in self.found(pattern)
+            if not is_name(path.stem if path.suffix == ".yaml" else path.name)
+            and not path.name.startswith(".")
+        )

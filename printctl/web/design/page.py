@@ -19,7 +19,7 @@ from printctl.web.design.run_views import Difference, Figure
 from printctl.web.design.runs import LAST_STAGE, RunProgress
 from printctl.web.design.service import DesignService
 from printctl.web.errors import WebError
-from printctl.web.shell.frame import dialog_named, frame, run_or_notify, upload
+from printctl.web.shell.frame import add_unusable_names, dialog_named, frame, run_or_notify, upload
 
 # Recipe toolbar of the Design page: choose, create, copy, rename, import, delete, undo.
 
@@ -493,6 +493,8 @@ class _Page:
         """Make the page, with a recipe and a tab to begin with."""
         self._tab = tab
         self._bar = RecipesBar(self._editor, self._edit)
+        workspace = self._service.core.workspace
+        await add_unusable_names(workspace, "recipes/*.yaml", "runs/*")
         with ui.tabs(on_change=self._turned).props("no-caps align=left") as tabs:
             for key, name in _TABS.items():
                 ui.tab(key, label=name)

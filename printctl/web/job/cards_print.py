@@ -27,7 +27,7 @@ from printctl.web.job.layout import (
     small,
 )
 from printctl.web.job.service import JobService
-from printctl.web.shell.frame import dialog_named, upload
+from printctl.web.shell.frame import add_unusable_names, dialog_named, upload
 
 
 async def add_jobs(service: JobService, chosen: str, folds: Folds) -> None:
@@ -48,11 +48,7 @@ async def add_jobs(service: JobService, chosen: str, folds: Folds) -> None:
         with ui.element("ul").classes("job-list"):
             for one in jobs:
                 _row(one, chosen)
-        if unusable := await run.io_bound(service.core.workspace.unusable_job_names):
-            small(
-                f"Not shown: {', '.join(unusable)}. Rename each: 1 to 64 letters a–z, digits, "
-                "'.', '_' or '-', beginning with a letter or digit."
-            ).classes("break-all")
+        await add_unusable_names(service.core.workspace, "jobs/*.gcode", "runs/*")
 
 
 async def keep(

@@ -14,6 +14,7 @@ from firmware_profiles import ProfileError
 from printctl.failures import message_and_code
 from printctl.web.controls import Principal
 from printctl.web.shell.assets import FOLDER, link
+from printctl.web.workspace import Workspace
 
 log = logging.getLogger("printctl.web")
 
@@ -23,6 +24,15 @@ def this_browser() -> Principal:
     request = ui.context.client.request
     principal = getattr(request.state, "principal", None) if request is not None else None
     return principal or Principal("local", "this browser")
+
+
+async def add_unusable_names(workspace: Workspace, *patterns: str) -> None:
+    """Say which files of patterns in the workspace a list leaves out for their names, if any."""
+    if names := await run.io_bound(workspace.unusable_names, *patterns):
+        ui.label(
+            f"Not shown: {', '.join(names)}. Rename each: 1 to 64 letters a to z, digits, '.', '_' "
+            "or '-', beginning with a letter or digit."
+        ).classes("text-sm break-all")
 
 
 def dialog_named(name: str) -> ui.dialog:

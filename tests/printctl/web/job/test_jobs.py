@@ -56,7 +56,8 @@ def test_a_name_that_cant_be_used_hides_no_other_job(service):
     (root / "runs" / "my run").mkdir()
     (root / "runs" / "my run" / "part.gcode").write_bytes(b"G1 X1\n")
     assert [one.id for one in service.jobs()] == [job]
-    assert service.core.workspace.unusable_job_names() == sorted([*odd, "my run"])
+    unusable = service.core.workspace.unusable_names("jobs/*.gcode", "runs/*")
+    assert unusable == sorted([*(f"jobs/{name}" for name in odd), "runs/my run"])
 
 
 def test_a_part_of_a_page_that_fails_takes_nothing_else_from_it():
