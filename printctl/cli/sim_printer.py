@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +10,7 @@ import typer
 
 from printctl.cli.options import PrinterOption
 from printctl.errors import PrintctlError
+from printctl.sources import python_command
 
 
 def sim_printer(
@@ -29,7 +29,7 @@ def sim_printer(
     Any host program can print on it: it answers as the profile's firmware does, on a
     pseudo-terminal or a TCP port.
     """
-    command = [sys.executable, "-m", "sim", "--printer", printer, "--speed", str(speed)]
+    command = [*python_command("sim"), "--printer", printer, "--speed", str(speed)]
     command += ["--link", str(link)] if link else []
     command += ["--tcp", str(tcp)] if tcp is not None else []
     try:

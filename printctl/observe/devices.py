@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from printctl.errors import PrintctlError
+from printctl.sources import python_command
 
 # Data class of a camera's or scanner's settings: kind, source, size, time limit; as JSON.
 
@@ -251,7 +252,7 @@ def simulated_picture(settings: DeviceSettings, out: Path) -> Path:
     device = next(one for one in ("oct", "laser_line", "camera") if one in settings.extra)
     path = out.with_suffix(".png" if device == "camera" else ".npz")
     look = 2 * int(out.parent.name) + (out.name != "picture")  # another noise in each picture
-    command = [sys.executable, "-m", "sim", device, "--out", str(path), "--look", str(look)]
+    command = [*python_command("sim"), device, "--out", str(path), "--look", str(look)]
     for name, value in settings.extra.items():
         command += [f"--{name}={value}"]  # a place may begin with a minus
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
@@ -297,7 +298,7 @@ def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -
         settings = replace(settings, extra={**settings.extra, "low": low, "high": high})
     before = _files_before(settings)
     process = subprocess.Popen(
-        [sys.executable, "-m", "printctl.observe.devices", settings.to_json(), str(out)],
+        [*python_command("printctl.observe.devices"), settings.to_json(), str(out)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 from typing import Final
@@ -20,6 +19,7 @@ from printctl.machine.link.errors import LinkError
 from printctl.machine.link.find_link import alive, has_ended, stays_alive
 from printctl.machine.link.record import RECORD, load_record
 from printctl.observe.records import LOG, OBSERVER_LOCK, ORDER, READY
+from printctl.sources import python_command
 
 _READY_LIMIT_S: Final = 300.0
 """Loading takes some seconds; a camera's first picture has a limit of its own."""
@@ -57,7 +57,7 @@ def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
     ready = folder / READY
     ready.unlink(missing_ok=True)
     try:
-        pid = spawn([sys.executable, "-m", "printctl.observe", str(folder.resolve()), "--detach"])
+        pid = spawn([*python_command("printctl.observe"), str(folder.resolve()), "--detach"])
     except LinkError as exc:
         raise ObserverError(_refusal(str(exc), remedy)) from exc
     limit = time.monotonic() + _READY_LIMIT_S

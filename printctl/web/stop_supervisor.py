@@ -7,13 +7,13 @@ import json
 import logging
 import os
 import subprocess
-import sys
 import threading
 from dataclasses import asdict
 from pathlib import Path
 
 import printctl
 from printctl.errors import PrintctlError
+from printctl.sources import python_command
 from printctl.web.security.access import Access
 from printctl.web.settings import ServeSettings
 
@@ -57,7 +57,7 @@ class StopProcess:
     def _start(self) -> subprocess.Popen[str]:
         paths = [str(Path(printctl.__file__).resolve().parents[1]), os.environ.get("PYTHONPATH")]
         process = subprocess.Popen(
-            [sys.executable, "-m", "printctl.web.stop_process"],
+            python_command("printctl.web.stop_process"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from typing import Final, TypeVar
 
+from printctl.sources import python_command
 from printctl.web.errors import ConflictError
 
 _LATER: Final = 10
@@ -58,7 +59,7 @@ def run_worker(
     """
     try:
         done = subprocess.run(
-            [sys.executable, "-m", __name__, module, *words],
+            [*python_command(__name__), module, *words],
             input=said,
             capture_output=True,
             text=True,

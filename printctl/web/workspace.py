@@ -147,8 +147,22 @@ class Workspace:
         return self.inside(path.parent / "print" if run else path.with_name(path.name + ".print"))
 
     def jobs(self) -> list[str]:
-        """Every job, the newest file first."""
-        paths = [(p, f"run~{p.parent.name}") for p in self.found("runs/*/part.gcode")]
-        paths += [(p, f"file~{p.name}") for p in self.found("jobs/*.gcode")]
-        paths.sort(key=lambda pair: pair[0].stat().st_mtime, reverse=True)
-        return [job for _, job in paths]
+        """Every job whose name can be used, the newest file first."""
+        files = [("run", path.parent.name, path) for path in self.found("runs/*/part.gcode")]
+        files += [("file", path.name, path) for path in self.found("jobs/*.gcode")]
+        jobs = [(p, f"{sort}~{name}") for sort, name, p in files if is_name(name) and p.is_file()]
+        jobs.sort(key=lambda pair: pair[0].stat().st_mtime, reverse=True)
+        return [job for _, job in jobs]
+
+    def unusable_names(self, *patterns: str) -> list[str]:
+        """Files and folders of patterns that no page shows before they are renamed, sorted.
+
+        Hidden ones are none of the user's.
+        """
+        return sorted(
+            path.relative_to(self.root).as_posix()
+            for pattern in patterns
+            for path in self.found(pattern)
+            if not is_name(path.stem if path.suffix == ".yaml" else path.name)
+            and not path.name.startswith(".")
+        )

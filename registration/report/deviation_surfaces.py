@@ -17,8 +17,11 @@ def split_surfaces(
 ) -> list[ReportSurface]:
     """Lumens first (the page shows the first coloured surface), then the rest, if there is any."""
     lumen = near_lumen(vertices, network)[faces].all(axis=1)
-    parts = (("Lumens as scanned, deviation", lumen), ("Outside as scanned, deviation", ~lumen))
-    return [_part(name, vertices, faces[kept], deviation_um) for name, kept in parts if kept.any()]
+    return [
+        _part(f"{part} as scanned, deviation (scaled fit)", vertices, faces[kept], deviation_um)
+        for part, kept in (("Lumens", lumen), ("Outside", ~lumen))
+        if kept.any()
+    ]
 
 
 def _part(

@@ -169,7 +169,7 @@ def network_figure(
     lines = np.stack([start, end], axis=1)[order][:, :, [across, up]]
     finite = colour[np.isfinite(colour)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-    norm = Normalize(low, high if high > low else low + max(abs(low) * 1e-3, 1e-9))
+    norm = Normalize(low, high if high > low else low + (abs(low) or 1.0))
     rgba = SEQUENTIAL(norm(np.nan_to_num(colour[order], nan=low)))
     rgba[~np.isfinite(colour[order])] = to_rgba(NO_DATA)
     with styled():
@@ -178,6 +178,8 @@ def network_figure(
         axes.set(xlabel=f"{names[across]} / mm", ylabel=f"{names[up]} / mm", aspect="equal")
         set_limits(axes, network.points[:, [across, up]], float(network.radius.max()))
         bar = figure.colorbar(ScalarMappable(norm, SEQUENTIAL), ax=axes, pad=0.02, shrink=0.9)
+        if high == low:
+            bar.set_ticks([low])
         bar.set_label(label)
         bar.outline.set_visible(False)
         draw_scaled_lines(figure, list(lines), (r0 + r1)[order], rgba)

@@ -14,7 +14,7 @@ from registration.report.page_frame import render, scene
 from registration.report.picture import Quantity
 from registration.report.scripts import ENTRY
 from registration.report.surface import ReportSurface
-from registration.report.wording import number
+from registration.report.wording import count, number
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def write_places_html(path: Path, tissue: ReportSurface, page: NetworkPage) -> N
     """
     faces = len(tissue.surface.faces)
     view = scene("Tissue", [tissue], None) | {"pick": True}
-    _write(path, page, [f"{number(faces)} triangles"], view)
+    _write(path, page, [count(faces, "triangle")], view)
 
 
 def _write(path: Path, page: NetworkPage, facts: list[str], view: dict[str, Any]) -> None:
@@ -102,8 +102,8 @@ def network_facts(network: VesselNetwork) -> list[str]:
     """A few numbers for the top of the page."""
     low, high = (2.0 * float(r) for r in (network.radius.min(), network.radius.max()))
     return [
-        f"{number(network.vessel_count)} vessels",
-        f"{number(len(network.pieces()[4]))} straight pieces",
+        count(network.vessel_count, "vessel"),
+        count(len(network.pieces()[4]), "straight piece"),
         f"{number(len(network.inlets()))} in, {number(len(network.outlets()))} out",
         f"diameters {number(low, 3)} to {number(high, 3)} mm",
         f"{number(float(network.lengths().sum()), 3)} mm long",

@@ -132,6 +132,7 @@ def _colouring(
         "unit": quantity.unit,
         "scale": quantity.scale,
         "limits": list(quantity.limits),
+        "extremes": list(quantity.extremes),
         "labels": list(quantity.labels),
         "colours": list(quantity.colours),
         "at": "point" if at_points else "vessel",

@@ -119,6 +119,7 @@ def pack_surface(surface: ReportSurface, max_faces: int) -> dict[str, Any]:
         "name": surface.name,
         "unit": surface.unit,
         "limits": list(surface.colour_limits()),
+        "extremes": list(surface.extremes()),
         "vertex_count": len(shown.surface.vertices),
         "face_count": len(shown.surface.faces),
         "full_face_count": len(surface.surface.faces),

@@ -47,7 +47,7 @@ FLOW_COLUMNS: Final = (
     Column("velocity_mm_s", "Velocity", "mm/s", digits=4),
     Column("pressure_in_mmhg", "Pressure in", "mmHg"),
     Column("pressure_out_mmhg", "Pressure out", "mmHg"),
-    Column("wall_shear_pa", "Wall shear", "Pa", digits=4),
+    Column("wall_shear_pa", "Wall shear at mean radius", "Pa", digits=4),
     Column("wall_shear_band", "Band", kind="text"),
 )
 FIDELITY_COLUMNS: Final = (

@@ -84,6 +84,12 @@ class ReportSurface:
             return (0.0, 1.0)
         return robust_limits(self.scalar)
 
+    def extremes(self) -> tuple[float, float]:
+        """Least and greatest value, in `unit`; the limits where there is none."""
+        if self.scalar is None or not np.isfinite(self.scalar).any():
+            return self.colour_limits()
+        return float(np.nanmin(self.scalar)), float(np.nanmax(self.scalar))
+
 
 def robust_limits(values: NDArray[np.floating[Any]]) -> tuple[float, float]:
     """Colour limits that leave out the last percent, symmetric where the sign changes.
@@ -96,7 +102,7 @@ def robust_limits(values: NDArray[np.floating[Any]]) -> tuple[float, float]:
     Returns
     -------
     (float, float)
-        Ascending; (0, 1) when no value is finite.
+        Ascending, or equal for a constant; (0, 1) when no value is finite.
     """
     finite = np.asarray(values, dtype=np.float64)[np.isfinite(values)]
     if len(finite) == 0:
@@ -105,4 +111,4 @@ def robust_limits(values: NDArray[np.floating[Any]]) -> tuple[float, float]:
     if finite.min() < 0.0 < finite.max():
         reach = max(-low, high, 1e-9)
         return (-reach, reach)
-    return (low, high) if high > low else (low - 0.5, low + 0.5)
+    return (low, high)

@@ -53,6 +53,11 @@ def number(value: Any, digits: int = 4) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+def count(value: int, noun: str, plural: str = "") -> str:
+    """A whole number with its noun: "1 layer", "2 layers"."""
+    return f"{number(value)} {noun if value == 1 else plural or noun + 's'}"
+
+
 def superscript(power: int) -> str:
     """An integer in superscript digits."""
     return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

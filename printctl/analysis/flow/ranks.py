@@ -151,7 +151,7 @@ def _output(command: list[str]) -> tuple[str, str]:
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, check=False, timeout=_LIMIT_S,
-            stdin=subprocess.DEVNULL, env=clean_environment(),
+            stdin=subprocess.DEVNULL, env=clean_environment() | {"PYTHONSAFEPATH": "1"},
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as exc:
         return "", str(exc)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -28,6 +27,7 @@ from printctl.machine.link.record import LOG, LinkRecord, load_record
 from printctl.machine.link.resuming import resumable
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import EARLY, PrintOutcome, Status
+from printctl.sources import python_command
 
 _PATIENCE_S: Final = 60.0
 """For an answer to a manual command, which waits for the line in flight."""
@@ -280,9 +280,7 @@ def start_print(
         place = locate(port, baud, load(Printer, printer))
         port, baud = place.port, place.baud
     command = [
-        sys.executable,
-        "-m",
-        "printctl.machine.link",
+        *python_command("printctl.machine.link"),
         str(job.resolve()),
         "--printer",
         printer,

@@ -10,6 +10,7 @@ from typing import Final
 
 import printctl
 from printctl.machine.link.errors import LinkError
+from printctl.sources import python_command
 
 START_LIMIT_S: Final = 60.0
 
@@ -50,7 +51,7 @@ def detach(log: Path, module: str) -> None:
     On Windows there is no fork; a copy of this command is started instead.
     """
     if not hasattr(os, "fork"):
-        command = [sys.executable, "-m", module, *sys.argv[1:]]
+        command = [*python_command(module), *sys.argv[1:]]
         command.remove("--detach")
         with log.open("ab") as handle:
             flags = 0x00000008 | 0x00000200  # DETACHED_PROCESS, CREATE_NEW_PROCESS_GROUP

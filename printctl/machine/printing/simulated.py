@@ -11,6 +11,7 @@ from typing import Final
 from printctl.errors import PrinterFailedError
 from printctl.machine.link.ports import SIMULATED
 from printctl.machine.link.record import JOURNAL
+from printctl.sources import python_command
 
 __all__ = ["SIMULATED", "simulated_printer"]
 
@@ -60,7 +61,7 @@ def simulated_printer(
         When it doesn't come up.
     """
     address, errors = folder / "sim.address", folder / "sim.log"
-    command = [sys.executable, "-m", "sim", "--printer", profile, "--speed", f"{speed:g}"]
+    command = [*python_command("sim"), "--printer", profile, "--speed", f"{speed:g}"]
     command += ["--start", ",".join(f"{value:.6f}" for value in start_mm)]
     if job:
         journal = journal or folder / JOURNAL

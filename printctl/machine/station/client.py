@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import math
 import socket
-import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,6 +35,7 @@ from printctl.machine.station.single_request import (
     send_request,
 )
 from printctl.machine.station.status import StationState, StationStatus
+from printctl.sources import python_command
 
 if TYPE_CHECKING:
     from printctl.machine.printing.find import Order
@@ -282,9 +282,7 @@ def connect(
     if not discard_interrupted and port != SIMULATED:
         _refuse_interrupted(folder)
     command = [
-        sys.executable,
-        "-m",
-        "printctl.machine.station",
+        *python_command("printctl.machine.station"),
         "--printer",
         profile,
         "--port",

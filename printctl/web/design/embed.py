@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, Final, TypeVar, cast
 
 from nicegui import run, ui
@@ -13,6 +16,14 @@ T = TypeVar("T")
 async def run_in_thread(work: Callable[..., T], *args: Any) -> T:
     """Call ``work`` in a thread; what it raises is raised here."""
     return cast(T, await run.io_bound(work, *args))
+
+
+_MAKER: Final = ThreadPoolExecutor(1, "page maker")
+
+
+async def make_in_thread(work: Callable[..., T], *args: Any) -> T:
+    """Call ``work``, which makes a page and may take minutes; no other call waits behind it."""
+    return await asyncio.get_running_loop().run_in_executor(_MAKER, partial(work, *args))
 
 
 # Show a run's HTML pages in frames with the page's theme; rotate adjacent 3D views together.

@@ -15,7 +15,7 @@ from nicegui.events import ValueChangeEventArguments
 from firmware_profiles.yaml_file import read_yaml
 from printctl.web.design import form as forms
 from printctl.web.design.editor import Editor
-from printctl.web.design.embed import embed, run_in_thread
+from printctl.web.design.embed import embed, make_in_thread
 from printctl.web.design.form import PickTarget, pick_targets
 from printctl.web.design.recipes import PROFILES, Recipes
 from printctl.web.design.schema import FormField, Node
@@ -467,7 +467,7 @@ class PickPane:
         self._frame.clear()
         self._note.text = "The tissue is being made ..."
         try:
-            await run_in_thread(self._service.tissue, name)
+            await make_in_thread(self._service.tissue, name)
         except WebError as exc:
             self._note.text = str(exc)
             return

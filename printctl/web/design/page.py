@@ -12,14 +12,14 @@ from nicegui import events, ui
 from printctl.pipeline.run_options import TOOLPATH_NAMES
 from printctl.web.design import form as forms
 from printctl.web.design.editor import Editor
-from printctl.web.design.embed import embed, follow_theme, run_in_thread
+from printctl.web.design.embed import embed, follow_theme, make_in_thread, run_in_thread
 from printctl.web.design.form_widgets import FormPane, PickPane
 from printctl.web.design.recipes import SUFFIXES
 from printctl.web.design.run_views import Difference, Figure
 from printctl.web.design.runs import LAST_STAGE, RunProgress
 from printctl.web.design.service import DesignService
 from printctl.web.errors import WebError
-from printctl.web.shell.frame import dialog_named, frame, run_or_notify, upload
+from printctl.web.shell.frame import add_unusable_names, dialog_named, frame, run_or_notify, upload
 
 # Recipe toolbar of the Design page: choose, create, copy, rename, import, delete, undo.
 
@@ -374,14 +374,19 @@ class ViewTab:
         if not name:
             return
         self._frame.clear()
-        self._note.text = "The view is being made ..." if view in ("network", "layers") else ""
+        made = view in ("network", "layers")
+        self._note.text = "The view is being made ..." if made else ""
+        problem = ""
         try:
-            await run_in_thread(self._service.page, name, view)
+            await (make_in_thread if made else run_in_thread)(self._service.page, name, view)
         except Exception as exc:
             # Whatever a view can't show is said in its place; the other views still stand.
-            self._note.text = str(exc)
+            problem = str(exc)
+        if (name, view) != (self._run, self._view.value):
+            return  # another was chosen meanwhile
+        self._note.text = problem
+        if problem:
             return
-        self._note.text = ""
         with self._frame:
             embed(f"/api/v1/runs/{name}/pages/{view}", f"{VIEWS[view]} of {name}")
 
@@ -488,6 +493,8 @@ class _Page:
         """Make the page, with a recipe and a tab to begin with."""
         self._tab = tab
         self._bar = RecipesBar(self._editor, self._edit)
+        workspace = self._service.core.workspace
+        await add_unusable_names(workspace, "recipes/*.yaml", "runs/*")
         with ui.tabs(on_change=self._turned).props("no-caps align=left") as tabs:
             for key, name in _TABS.items():
                 ui.tab(key, label=name)

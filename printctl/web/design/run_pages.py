@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import sys
-from importlib import import_module
 from pathlib import Path
 from typing import Final
 
@@ -131,21 +130,15 @@ def write_tissue(recipe: Path, path: Path) -> None:
 #
 # What can't be made is said in the last line of standard error, with exit code 1.
 
-_WRITERS: Final = {
-    "network": "network_page:write_network",
-    "gcode": "gcode_page:write_gcode",
-    "tissue": "tissue_page:write_tissue",
-}
-"""Modules of this package; a page waits for what its own one imports alone."""
+_WRITERS: Final = {"network": write_network, "gcode": write_gcode, "tissue": write_tissue}
 
 
 def main() -> int:
     """Make one page."""
     lower_priority()
     sort, run, page = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
-    module, _, writer = _WRITERS[sort].partition(":")
     try:
-        getattr(import_module(f"{__package__}.{module}"), writer)(run, page)
+        _WRITERS[sort](run, page)
     except Exception as exc:
         known = message_and_code(exc)
         if known is None:

@@ -96,8 +96,8 @@ _FIGURES: Final[tuple[tuple[str, str, str, Callable[[Stages], float | str | None
     ("inflow", "Flow", "mL/min", _of("flow", "inflow_ml_min")),
     ("drop_pa", "Pressure drop", "Pa", _pressure_pa),
     ("drop_mmhg", "Pressure drop", "mmHg", _pressure_mmhg),
-    ("shear_max", "Greatest wall shear", "Pa", _of("flow", "wall_shear_max_pa")),
-    ("shear_median", "Median wall shear", "Pa", _of("flow", "wall_shear_median_pa")),
+    ("shear_max", "Greatest wall shear at mean radius", "Pa", _of("flow", "wall_shear_max_pa")),
+    ("shear_median", "Median wall shear at mean radius", "Pa", _of("flow", "wall_shear_median_pa")),
     ("print_time", "Print time", "min", _of("dry run", "print_time_s", 1 / 60)),
     ("ink", "Ink needed", "µL", _of("dry run", "ink_needed_ul")),
     ("fillings", "Fillings of the syringe", "", _of("dry run", "fillings")),
@@ -210,7 +210,8 @@ _OF_NETWORK: Final = (NETWORK, "flow.csv", "tissue.stl", LUMENS, OXYGEN, "regist
 _OF_GCODE: Final = (GCODE, LINE_MAP, SOLID)
 _MAKING: Final = threading.Lock()
 """One page is made at a time: two would take the memory of both."""
-_LONGEST_S: Final = 600.0
+_LONGEST_S: Final = 180.0
+"""That a page takes, and that it waits for another one."""
 
 
 def network_page(run: Path, kept: Path) -> Path:
@@ -282,13 +283,22 @@ def _state(files: list[Path]) -> list[Any]:
 def _page(run: Path, kept: Path, sort: str, state: list[Any]) -> Path:
     digest = hashlib.sha256(json.dumps(state).encode()).hexdigest()[:16]
     page = kept / f"{run.stem}.{sort}.{digest}.html"
-    with _MAKING:
-        if not page.is_file():
+    if page.is_file():
+        return page
+    if not _MAKING.acquire(timeout=_LONGEST_S):
+        raise ConflictError(
+            f"the page of {run.stem!r} has waited {_LONGEST_S:g} s for another one that is still "
+            "being made; try again"
+        )
+    try:
+        if not page.is_file():  # as made by the one that was waited for
             kept.mkdir(parents=True, exist_ok=True)
             _make(sort, run, page)
             for old in kept.glob(f"{run.stem}.{sort}.*.html"):
                 if old != page:
                     old.unlink(missing_ok=True)
+    finally:
+        _MAKING.release()
     return page
 
 

@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from printctl.machine.link.states import ENDED
 from printctl.pipeline.lock import is_run_active
 from printctl.pipeline.run_options import TOOLPATH_NAMES, names_until
 from printctl.run_folder.manifest import MANIFEST
+from printctl.sources import python_command
 from printctl.web.design.recipes import Recipes
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import Workspace, is_name
@@ -188,7 +188,7 @@ class DetachedProcesses:
         """
         folder.mkdir(parents=True, exist_ok=True)
         (folder / PROGRESS).unlink(missing_ok=True)
-        line = [sys.executable, "-m", "printctl", *command]
+        line = [*python_command("printctl"), *command]
         line += ["--progress-file", str((folder / PROGRESS).resolve())]
         with (folder / LOG).open("wb") as log:
             self._children[folder] = subprocess.Popen(

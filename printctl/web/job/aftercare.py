@@ -132,7 +132,8 @@ def flush_limit(flow_csv: Path, wall_shear_pa: float) -> FlushLimit | None:
     """Pressure at which the run's steady flow shears no wall more than allowed.
 
     Flow, pressure and wall shear of a Newtonian fluid in open, round channels grow together
-    (Poiseuille), so the solved ones are scaled. None where the run solved no flow.
+    (Poiseuille), so the solved ones are scaled. None where the run solved no flow. A vessel counts
+    by its mean radius: the narrow end of a taper has more, by 1 / r³.
 
     Parameters
     ----------

@@ -121,7 +121,8 @@ async def _flush(service: JobService, job: str, do: Any) -> None:
             "No flow was solved for this job: keep the pressure low and look at the outlet."
             if flushed is None
             else f"At most {flushed.pressure_pa:.3g} Pa between inlet and outlet: vessel "
-            f"{flushed.vessel} then has {flushed.wall_shear_pa:g} Pa at its wall."
+            f"{flushed.vessel} then has {flushed.wall_shear_pa:g} Pa at its wall (at its "
+            "mean radius; its narrow end has more)."
         )
 
     allowed.on_value_change(reckon)

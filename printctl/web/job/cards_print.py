@@ -27,7 +27,7 @@ from printctl.web.job.layout import (
     small,
 )
 from printctl.web.job.service import JobService
-from printctl.web.shell.frame import dialog_named, upload
+from printctl.web.shell.frame import add_unusable_names, dialog_named, upload
 
 
 async def add_jobs(service: JobService, chosen: str, folds: Folds) -> None:
@@ -48,6 +48,7 @@ async def add_jobs(service: JobService, chosen: str, folds: Folds) -> None:
         with ui.element("ul").classes("job-list"):
             for one in jobs:
                 _row(one, chosen)
+        await add_unusable_names(service.core.workspace, "jobs/*.gcode", "runs/*")
 
 
 async def keep(
@@ -85,7 +86,7 @@ def _facts(one: JobEntry) -> str:
     kind = "from a run" if one.id.startswith("run~") else "uploaded"
     known: list[Any] = [kind]
     if one.layers:
-        known.append(f"{one.layers} layers")
+        known.append(f"{one.layers} layer{'s' if one.layers > 1 else ''}")
     if one.duration_s is not None:
         known.append(span(one.duration_s))
     if one.ink_ul is not None:

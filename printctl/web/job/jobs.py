@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import json
+import logging
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,10 +14,12 @@ from typing import IO, Any, Final
 from printctl.errors import PrintctlError
 from printctl.recipe.model import Recipe
 from printctl.run_folder.manifest import Manifest
-from printctl.web.errors import BadRequestError, ConflictError
+from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.security.uploads import save_upload
 from printctl.web.workspace import Workspace, checked_name, file_hash
+
+log = logging.getLogger("printctl.web")
 
 ENDINGS: Final = (".gcode", ".gco", ".g", ".nc")
 _HEAD_BYTES: Final = 512
@@ -60,7 +63,7 @@ class JobEntry:
 
 
 def list_jobs(workspace: Workspace, facts: Path) -> list[JobEntry]:
-    """Every job, the newest first.
+    """Every job, the newest first, but for files that can't be read.
 
     Parameters
     ----------
@@ -68,7 +71,13 @@ def list_jobs(workspace: Workspace, facts: Path) -> list[JobEntry]:
     facts : Path
         Folder of what dry runs have found, by the file's hash.
     """
-    return [entry_of(workspace, job, facts) for job in workspace.jobs()]
+    entries = []
+    for job in workspace.jobs():
+        try:
+            entries.append(entry_of(workspace, job, facts))
+        except (OSError, NotFoundError):
+            log.warning("job %s can't be read", job, exc_info=True)
+    return entries
 
 
 def entry_of(workspace: Workspace, job: str, facts: Path) -> JobEntry:

@@ -20,7 +20,7 @@ from printctl.web.job.layout import Folds, card, run_or_explain, small
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.live.routes import LiveView, live_view, preload
-from printctl.web.shell.frame import frame, this_browser
+from printctl.web.shell.frame import contained, frame, this_browser
 
 REFRESH_S: Final = 0.5
 _BEGUN_S: Final = 0.05
@@ -34,17 +34,19 @@ def register(service: JobService) -> None:
 
     @ui.page("/job", response_timeout=30.0)  # else no frame, no stop
     async def job_page(job: str = "") -> None:
-        chosen = await run.io_bound(first_job, service, job) or ""
-        if chosen:  # while the page is put together and the browser loads its scripts
-            making = background_tasks.create(make_scene(service, chosen), name="scene")
-            await asyncio.wait({making}, timeout=_BEGUN_S)
         with frame("/job"):
             ui.add_css(style)
-            if chosen:
+            chosen = await run.io_bound(first_job, service, job) or ""
+            if chosen:  # while the page is put together and the browser loads its scripts
+                making = background_tasks.create(make_scene(service, chosen), name="scene")
+                await asyncio.wait({making}, timeout=_BEGUN_S)
                 ui.add_head_html(preload(chosen))
             folds = Folds()
             with ui.element("div").classes("job-cards") as cards:
-                with ui.element("div").classes("job-column job-at-jobs"):
+                with (
+                    ui.element("div").classes("job-column job-at-jobs"),
+                    contained("The list of jobs"),
+                ):
                     await add_jobs(service, chosen, folds)
                 if chosen:
                     cards.classes("job-chosen")

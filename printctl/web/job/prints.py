@@ -23,7 +23,7 @@ from printctl.web.job.preflight import Preflights, load_table
 from printctl.web.job.record import Records
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.set_ups import SetUps
-from printctl.web.workspace import Workspace, file_hash
+from printctl.web.workspace import Workspace, file_hash, is_name
 
 # Find running prints of a workspace, also those started from the command line.
 
@@ -32,10 +32,12 @@ LOOK_AGAIN_S: Final = 1.0
 
 def prints_of(workspace: Workspace) -> Iterator[tuple[str, Path]]:
     """Job and folder of every print that was ever started in a workspace."""
-    for path in workspace.found(f"runs/*/print/{RECORD}"):
-        yield f"run~{path.parent.parent.name}", path.parent
-    for path in workspace.found(f"jobs/*.print/{RECORD}"):
-        yield f"file~{path.parent.name.removesuffix('.print')}", path.parent
+    folders = [("run", path.parent) for path in workspace.found(f"runs/*/print/{RECORD}")]
+    folders += [("file", path.parent) for path in workspace.found(f"jobs/*.print/{RECORD}")]
+    for sort, folder in folders:
+        name = folder.parent.name if sort == "run" else folder.name.removesuffix(".print")
+        if is_name(name):
+            yield f"{sort}~{name}", folder
 
 
 class Finder:

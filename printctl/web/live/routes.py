@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import re
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -18,6 +17,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, HTTPException, Request, Response
 from nicegui.element import Element
 
+from printctl.sources import python_command
 from printctl.web.live.source import JobSource, SceneError, cached_scene
 from printctl.web.worker import BEHIND, NOW
 
@@ -175,9 +175,7 @@ class SceneMaker:
         if self._process is not None and self._process.returncode is None:
             return
         self._process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            "printctl.web.live",
+            *python_command("printctl.web.live"),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             env=os.environ | _KEEP_MEMORY,

@@ -20,7 +20,7 @@ from printctl.web.scan.findings import Findings, VesselFinding
 from printctl.web.scan.routes import ScanMetadataRequest
 from printctl.web.scan.service import ScanService
 from printctl.web.scan.slices import AXES, Axis, OpenScan
-from printctl.web.shell.frame import dialog_named, frame, run_or_notify, upload
+from printctl.web.shell.frame import add_unusable_names, dialog_named, frame, run_or_notify, upload
 
 # Form for the metadata that a scan's file lacks, such as voxel size.
 
@@ -281,6 +281,7 @@ class _Page:
                 select.props("outlined dense").classes("pc-recipe")
             ui.button("Add a scan", on_click=self._add)
             self._delete = ui.button("Delete this scan", on_click=self._throw).props("outline")
+        await add_unusable_names(self._service.core.workspace, "scans/*", "runs/*")
         self._facts = ui.label().classes("pc-state-line").props("role=status")
         self._form = MetadataForm(self._say)
         self._slices = SlicesCard()

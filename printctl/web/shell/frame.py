@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
@@ -13,6 +14,9 @@ from firmware_profiles import ProfileError
 from printctl.failures import message_and_code
 from printctl.web.controls import Principal
 from printctl.web.shell.assets import FOLDER, link
+from printctl.web.workspace import Workspace
+
+log = logging.getLogger("printctl.web")
 
 
 def this_browser() -> Principal:
@@ -20,6 +24,15 @@ def this_browser() -> Principal:
     request = ui.context.client.request
     principal = getattr(request.state, "principal", None) if request is not None else None
     return principal or Principal("local", "this browser")
+
+
+async def add_unusable_names(workspace: Workspace, *patterns: str) -> None:
+    """Say which files of patterns in the workspace a list leaves out for their names, if any."""
+    if names := await run.io_bound(workspace.unusable_names, *patterns):
+        ui.label(
+            f"Not shown: {', '.join(names)}. Rename each: 1 to 64 letters a to z, digits, '.', '_' "
+            "or '-', beginning with a letter or digit."
+        ).classes("text-sm break-all")
 
 
 def dialog_named(name: str) -> ui.dialog:
@@ -102,7 +115,26 @@ def frame(path: str) -> Iterator[None]:
     ui.add_body_html(header(path, leave=guard is not None and not guard.settings.open))
     with ui.element("div").classes("pc-content").props("id=content tabindex=-1"):
         ui.html(escape(name), tag="h1", sanitize=False).classes("pc-title")
+        with contained(f"The page {name}"):
+            yield
+
+
+@contextmanager
+def contained(part: str) -> Iterator[None]:
+    """Say on the page that a part of it failed; the rest, above all STOP, is shown all the same.
+
+    Parameters
+    ----------
+    part : str
+        Name of the part, at the beginning of a sentence.
+    """
+    try:
         yield
+    except Exception as exc:
+        log.exception("%s can't be shown", part)
+        known = message_and_code(exc)
+        reason = known[0] if known else f"internal error {type(exc).__name__}, see the server's log"
+        ui.label(f"{part} can't be shown in full: {reason}. STOP above works.").props("role=alert")
 
 
 def head(stop_port: int) -> str:

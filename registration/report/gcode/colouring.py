@@ -37,6 +37,8 @@ class Colouring:
     limits : tuple of 2 floats
         Where the scale ends; values beyond take the colour of its end. Of the places of `labels`
         where there are some; of the share of the layer for the order.
+    extremes : tuple of 2 floats, optional
+        Least and greatest value, where they lie beyond `limits`.
     labels, colours : tuple of str
         Of "names"; of other scales the labels are the ticks' texts.
     scale : {"linear", "diverging", "names"}
@@ -49,6 +51,7 @@ class Colouring:
     labels: tuple[str, ...] = ()
     colours: tuple[str, ...] = ()
     scale: ScaleKind = "linear"
+    extremes: tuple[float, float] | None = None
 
 
 PLAIN: Final = Colouring(
@@ -61,8 +64,7 @@ def colourings(job: GcodeJob) -> list[Colouring]:
     """Those that say something of this job."""
     writes, chosen = job.writes, []
     if not np.isnan(job.width_mm[writes]).all():
-        limits = usual_span(job.width_mm[writes], job.way_mm[writes])
-        chosen.append(Colouring("width", "Line width", "mm", limits))
+        chosen.append(width_colouring("Line width", job.width_mm[writes], job.way_mm[writes]))
     named = np.unique(job.kind[writes])
     if (named >= 0).any():
         chosen.append(Colouring("kind", "Kind of line", "", (0.0, 1.0), *_kinds(job), "names"))
@@ -76,6 +78,14 @@ def colourings(job: GcodeJob) -> list[Colouring]:
     if job.vessel is not None:
         chosen.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS, "names"))
     return chosen
+
+
+def width_colouring(name: str, width_mm: FloatArray, way_mm: FloatArray) -> Colouring:
+    """Widths (n,), mm, of written ways (n,), mm, on the scale of the usual ones."""
+    known = width_mm[~np.isnan(width_mm)]
+    extremes = float(known.min()), float(known.max())
+    limits = usual_span(width_mm, way_mm)
+    return Colouring("width", name, "mm", limits, extremes=extremes)
 
 
 def usual_span(values: FloatArray, weights: FloatArray | None) -> tuple[float, float]:

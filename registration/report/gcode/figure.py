@@ -32,6 +32,7 @@ from registration.report.gcode.colouring import PLAIN, Colouring
 from registration.report.gcode.outline_pack import SCALE_UM
 from registration.report.gcode.part_outline import DesignOutline
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
+from registration.report.picture.quantity import bar_ends
 from registration.report.svg import MUTED
 from registration.report.wording import number
 
@@ -242,8 +243,9 @@ def _explain(
         there = np.unique(job.kind[rows][job.kind[rows] >= 0])[:_LEGEND_AT_MOST]
         return [Patch(color=colouring.colours[k], label=colouring.labels[k]) for k in there]
     bar = figure.colorbar(
-        ScalarMappable(Normalize(*colouring.limits), SEQUENTIAL), ax=axes, pad=0.02, shrink=0.8
-    )
+        ScalarMappable(Normalize(*colouring.limits), SEQUENTIAL), ax=axes, pad=0.02, shrink=0.8,
+        extend=bar_ends(colouring.limits, colouring.extremes),
+    )  # fmt: skip
     unit = f" / {colouring.unit}" if colouring.unit else ""
     bar.set_label(colouring.name + (unit or ", first to last"))
     bar.outline.set_visible(False)

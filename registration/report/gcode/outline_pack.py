@@ -25,7 +25,7 @@ _BEYOND: Final = Colouring(
     "Ink beyond the design’s outline",
     "µm",
     (-SCALE_UM, SCALE_UM),
-    (f"−{SCALE_UM:.0f}, lumen wider", "0", f"{SCALE_UM:.0f}, narrower"),
+    (f"−{SCALE_UM:.0f}, wider", "0", f"{SCALE_UM:.0f}, narrower"),
     scale="diverging",
 )
 

@@ -18,7 +18,7 @@ from registration.report.gcode.colouring import PLAIN, colourings
 from registration.report.gcode.outline_pack import MAX_POINTS, PackedOutlines, pack_outlines
 from registration.report.gcode.part_outline import DesignOutline
 from registration.report.page_frame import page_colours, render
-from registration.report.wording import number
+from registration.report.wording import count, number
 
 MAX_MOVES: Final = 12_000_000
 """Moves of a page at most: about 200 MB."""
@@ -131,12 +131,13 @@ def _facts(job: GcodeJob) -> list[str]:
     written = float(job.dose_ul[writes].sum())
     minutes = float(job.time_s.sum()) / 60.0
     time = f"{number(minutes, 3)} min" if minutes < 120 else f"{number(minutes / 60, 3)} h"
-    noun = "passes" if job.layers.passes else "layers"
+    noun = ("pass", "passes") if job.layers.passes else ("layer", "layers")
     way = float(job.way_mm[writes].sum())
-    moves, lines = int((job.act != Act.JUMP).sum()), job.text.count(b"\n")
+    moves, lines = int((job.act != Act.JUMP).sum()), len(job.text.splitlines())
+    arcs = " (arcs in pieces)" if moves > lines else ""
     return [
-        f"{number(len(job.layers))} {noun}",
-        f"{number(moves)} moves in {number(lines)} lines",
+        count(len(job.layers), *noun),
+        f"{count(moves, 'move')}{arcs} in {count(lines, 'line')}",
         *([f"{number(written, 4)} µL written"] if np.isfinite(written) else []),
         f"{number(way / 1e3, 4)} m written",
         f"{time} as fed",

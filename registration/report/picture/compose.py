@@ -26,7 +26,7 @@ from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 from registration.report.picture.camera import Camera, View, fitted_camera
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
-from registration.report.picture.quantity import Quantity
+from registration.report.picture.quantity import Quantity, bar_ends
 from registration.report.picture.render import shade
 
 # Draw flow direction arrows, inlets and outlets over a network's picture.
@@ -338,20 +338,28 @@ def _explain(figure: Figure, quantity: Quantity, left: float) -> None:
                       handlelength=1.0, handleheight=1.0, title_fontsize=8.5)  # fmt: skip
         return
     low, high = quantity.limits
-    norm = LogNorm(low, high) if quantity.scale == "log" else Normalize(low, high)
+    # A constant has one tick, at the foot of a bar of any height.
+    top = high if high > low else low + (abs(low) or 1.0)
+    norm = LogNorm(low, high) if quantity.scale == "log" else Normalize(low, top)
     bar = figure.add_axes((left + 0.015, 0.22, 0.016, 0.62))
     colours = DIVERGING if quantity.scale == "diverging" else SEQUENTIAL
-    drawn = figure.colorbar(ScalarMappable(norm, colours), cax=bar)
+    beyond = bar_ends(quantity.limits, quantity.extremes)
+    drawn = figure.colorbar(ScalarMappable(norm, colours), cax=bar, extend=beyond)
     drawn.outline.set_linewidth(0.5)
     if quantity.scale == "log":
         decades = np.log10(high / low)
         labelled = (1.0, 2.0, 5.0) if decades < 2.5 else (1.0,)
         drawn.ax.yaxis.set_minor_formatter(_PlainLog(labelled, decades))
         drawn.ax.yaxis.set_major_formatter(_PlainLog(labelled, decades))
+    elif high == low:
+        drawn.set_ticks([low])
     else:
         drawn.locator = MaxNLocator(6, steps=[1, 2, 2.5, 5, 10])
         drawn.update_ticks()
-    bar.set_title(fill(quantity.title, 15), loc="left", fontsize=8.5, pad=8)
+    least, greatest = quantity.extremes
+    span = f"\n({least:.3g} to {greatest:.3g})" if beyond != "neither" else ""
+    title = fill(quantity.title, 15) + span.replace("-", "\u2212")
+    bar.set_title(title, loc="left", fontsize=8.5, pad=8 if beyond in ("neither", "min") else 16)
 
 
 class _PlainLog(LogFormatter):

@@ -44,6 +44,16 @@ def point_pressure(
     return np.asarray(first[vessel] + part * (last - first)[vessel], dtype=np.float64)
 
 
+def bar_ends(
+    limits: tuple[float, float], extremes: tuple[float, float] | None
+) -> Literal["neither", "min", "max", "both"]:
+    """Matplotlib's ``extend`` of a colour bar: at which ends values lie beyond its limits."""
+    least, greatest = extremes or limits
+    rounding = 1e-9 * max(map(abs, limits))
+    below, above = least < limits[0] - rounding, greatest > limits[1] + rounding
+    return ("both" if above else "min") if below else "max" if above else "neither"
+
+
 ScaleKind = Literal["linear", "log", "diverging", "names"]
 LOG_FROM = 8.0
 """Numbers that span more than this factor are shown on a logarithmic scale."""
@@ -62,7 +72,7 @@ class Quantity:
     scale : {"linear", "log", "diverging", "names"}
         With "names" the values are numbers of ``labels`` and ``colours``.
     limits : (float, float)
-        Ends of the colour bar.
+        Ends of the colour bar; equal ones of a constant.
     labels, colours : tuples of str
         Of the named values.
     """
@@ -80,6 +90,11 @@ class Quantity:
     def title(self) -> str:
         """Name and unit, as axes are labelled."""
         return f"{self.name} / {self.unit}" if self.unit else self.name
+
+    @property
+    def extremes(self) -> tuple[float, float]:
+        """Least and greatest known value; they may lie beyond `limits`."""
+        return float(np.nanmin(self.values)), float(np.nanmax(self.values))
 
     def at_points(self, network: VesselNetwork) -> bool:
         """Whether there is a value for each point of the polylines, not for each vessel."""
@@ -103,7 +118,7 @@ class Quantity:
             # Nought has no logarithm and goes to the lower end.
             values = np.log(np.maximum(values, low))
             low, high = np.log(low), np.log(high)
-        return np.clip((values - low) / (high - low), 0.0, 1.0)
+        return np.clip((values - low) / ((high - low) or np.inf), 0.0, 1.0)
 
     def rgb(self, values: FloatArray) -> FloatArray:
         """Colour of each value, (n, 3), sRGB from 0 to 1."""
@@ -135,7 +150,7 @@ def magnitude(
         least = float(known[known > high * 1e-9].min())
         if high > LOG_FROM * least:
             return Quantity(key, name, unit, numbers, "log", (least, high))
-    return Quantity(key, name, unit, numbers, "linear", separate_limits((low, high)))
+    return Quantity(key, name, unit, numbers, "linear", merged_limits((low, high)))
 
 
 def signed(key: str, name: str, unit: str, values: NDArray[np.floating[Any]]) -> Quantity | None:
@@ -148,13 +163,10 @@ def signed(key: str, name: str, unit: str, values: NDArray[np.floating[Any]]) ->
     return Quantity(key, name, unit, numbers, "diverging", (-reach, reach))
 
 
-def separate_limits(limits: tuple[float, float]) -> tuple[float, float]:
-    """Limits that are apart, as a colour bar needs them."""
+def merged_limits(limits: tuple[float, float]) -> tuple[float, float]:
+    """Return the limits, equal where only rounding sets them apart."""
     low, high = limits
-    if high - low > 1e-9 * max(abs(low), abs(high)):
-        return limits
-    half = 0.5 * abs(low) or 0.5
-    return (low - half, low + half)
+    return limits if high - low > 1e-9 * max(abs(low), abs(high)) else (low, low)
 
 
 # Collect the quantities to colour vessels by: radius, flow, pressure, shear, order, deviation.
@@ -169,6 +181,9 @@ FLOW: Final = (
     "velocity_mm_s",
 )
 """Columns of `Known.flow`."""
+VELOCITY: Final = "Velocity at mean radius"
+SHEAR: Final = "Wall shear at mean radius"
+"""As `FlowSolution.wall_shear` is; where a vessel is narrower its wall has more, by 1 / r³."""
 GAUGED: Final = ("error_percent", "rms_um", "offset_um")
 """Columns of `Known.gauged`."""
 _MMHG_FROM = 1.0
@@ -205,8 +220,8 @@ def quantities(network: VesselNetwork, known: VesselQuantities | None = None) ->
         magnitude("radius", "Radius", "mm", network.radius),
         magnitude("flow", "Flow", "mL/min", np.abs(flow.get("flow_ml_min", none))),
         pressure(network, flow),
-        magnitude("shear", "Wall shear", "Pa", np.abs(flow.get("wall_shear_pa", none))),
-        magnitude("velocity", "Velocity", "mm/s", np.abs(flow.get("velocity_mm_s", none))),
+        magnitude("shear", SHEAR, "Pa", np.abs(flow.get("wall_shear_pa", none))),
+        magnitude("velocity", VELOCITY, "mm/s", np.abs(flow.get("velocity_mm_s", none))),
         order(network, known.orders),
         named_kinds(network),
         named_trees(network),

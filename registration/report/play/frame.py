@@ -15,7 +15,9 @@ from PIL import Image
 from kernels.arrays import FloatArray, IntArray
 from registration.gcode_job import Act
 from registration.report.drawing import aspect, blank, draw_scaled_lines, set_limits, styled
+from registration.report.gcode.colouring import Colouring
 from registration.report.picture.colours import SEQUENTIAL
+from registration.report.picture.quantity import bar_ends
 from registration.report.play.playback import Playback, PlayRows
 from registration.report.play.serialise import NOT_HELD, OFF, colourings
 
@@ -40,14 +42,14 @@ def draw_frame(played: Playback) -> tuple[bytes, str]:
     values = 100 * played.compared[written] if off else rows.width_mm[written]
     scale = OFF if off else SEQUENTIAL
     name = f"{chosen.name} / {chosen.unit}" if chosen.unit else chosen.name
-    return _drawn(played, written, values, chosen.limits, scale, name), f"{said}. {name}."
+    return _drawn(played, written, values, chosen, scale, name), f"{said}. {name}."
 
 
 def _drawn(
     played: Playback,
     written: IntArray,
     values: FloatArray,
-    limits: tuple[float, float],
+    chosen: Colouring,
     scale: Colormap,
     name: str,
 ) -> bytes:
@@ -63,8 +65,10 @@ def _drawn(
         )
         width = played.rows.width_mm[written]
         set_limits(axes, ends, float(width.max(initial=0.0)) / 2)
-        norm = Normalize(*limits)
-        bar = figure.colorbar(ScalarMappable(norm, scale), ax=axes, pad=0.02, shrink=0.8)
+        norm, beyond = Normalize(*chosen.limits), bar_ends(chosen.limits, chosen.extremes)
+        bar = figure.colorbar(
+            ScalarMappable(norm, scale), ax=axes, pad=0.02, shrink=0.8, extend=beyond
+        )
         bar.set_label(name)
         bar.outline.set_visible(False)
         colour = np.where(np.isnan(values)[:, None], to_rgba(NOT_HELD), scale(norm(values)))

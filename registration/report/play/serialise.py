@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kernels.arrays import IntArray
 from registration.gcode_job import Act
 from registration.report.gcode.chunks import NO_WIDTH
-from registration.report.gcode.colouring import Colouring, usual_span
+from registration.report.gcode.colouring import Colouring, width_colouring
 from registration.report.packing import PackedColumn, pack_table
 from registration.report.picture.colours import DIVERGING_ANCHORS, TREE_COLOURS, samples
 from registration.report.play.playback import Playback
@@ -90,14 +90,15 @@ def colourings(played: Playback) -> list[Colouring]:
     rows = played.rows
     writes = (rows.act == Act.WRITE) & ~np.isnan(rows.width_mm)
     chosen = []
-    if not np.isnan(played.compared[writes]).all():
+    off = 100 * played.compared[writes]
+    if not np.isnan(off).all():
         limits = (-100 * MOST_OFF, 100 * MOST_OFF)
-        chosen.append(
-            Colouring("off", f"Width against {played.wanted}", "%", limits, scale="diverging")
-        )
+        extremes = float(np.nanmin(off)), float(np.nanmax(off))
+        name = f"Width against {played.wanted}"
+        chosen.append(Colouring("off", name, "%", limits, scale="diverging", extremes=extremes))
     if writes.any():
-        limits = usual_span(rows.width_mm[writes], rows.way_mm[writes])
-        chosen.append(Colouring("width", "Predicted width", "mm", limits))
+        widths = rows.width_mm[writes]
+        chosen.append(width_colouring("Predicted width", widths, rows.way_mm[writes]))
     if (rows.vessel >= 0).any():
         chosen.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS, "names"))
     if len(played.inks) > 1:

@@ -1,5 +1,5 @@
 // A view on a plain canvas: an orthographic camera, size, theme, pointer and wheel. Heirs paint.
-import { onTheme, soon } from "viewer/page";
+import { ZOOM, onTheme, soon } from "viewer/page";
 
 const DEG = Math.PI / 180;
 const DRAG_DEG = 0.4; // a pixel
@@ -38,6 +38,7 @@ export class Camera {
     const middle = spans.map(([from, to]) => (from + to) / 2);
     this.target = [0, 1, 2].map((k) => axes.reduce((sum, axis, i) => sum + axis[k] * middle[i], 0));
     this.scale = this.margin * Math.min(this.size[0] / wide, this.size[1] / high);
+    this.fittedScale = this.scale;
   }
 
   u(x, y) {
@@ -61,7 +62,8 @@ export class Camera {
   }
 
   zoom(factor, u, v) {
-    const scale = Math.min(Math.max(this.scale * factor, 0.05), 2e5);
+    const [least, most] = [ZOOM.least, ZOOM.most].map((times) => times * this.fittedScale);
+    const scale = Math.min(Math.max(this.scale * factor, least), most);
     const moved = 1 - scale / this.scale;
     this.scale = scale;
     this.pan((u - this.size[0] / 2) * moved, (v - this.size[1] / 2) * moved);

@@ -2,6 +2,8 @@
 const SVG = "http://www.w3.org/2000/svg";
 const NEXT_THEME = { system: "light", light: "dark", dark: "system" };
 const LATEST_FRAME_MS = 100;
+// Of the picture in which all is seen.
+export const ZOOM = { least: 0.2, most: 500 };
 const KEY = { turn: Math.PI / 24, panPx: 40, zoom: 1.2 };
 
 export const byId = (id) => document.getElementById(id);
@@ -100,11 +102,15 @@ export async function startPage(work = null) {
 
 // Starts a viewer by `work`; its state says whether that went well. Without it the rest still works.
 export async function startView(viewer, work) {
+  const message = viewer.querySelector(".message");
+  const needs = message?.textContent;
+  if (message) message.textContent = "The view is being drawn; a page printed now is without it.";
   try {
     await work();
     viewer.dataset.state = "ready";
   } catch (problem) {
     viewer.dataset.state = "failed";
+    if (message) message.textContent = needs;
     console.warn(`View: ${problem.message}`);
   }
 }

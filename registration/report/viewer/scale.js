@@ -8,12 +8,14 @@ export const rgbOf = (hex) => [1, 3, 5].map((at) => Number.parseInt(hex.slice(at
 
 export const cssOf = (rgb) => `rgb(${rgb.map(Math.round).join(" ")})`;
 
-// Of { name, unit, scale, limits, labels, colours }: `scale` is linear, log, diverging or names. Of
-// linear ones the labels are the ticks' texts. `colours` has the house's scales, and that of no value.
+// Of { name, unit, scale, limits, extremes, labels, colours }: `scale` is linear, log, diverging or
+// names. Of linear ones the labels are the ticks' texts. Equal limits are those of a constant. Values may
+// lie beyond the limits, as far as the `extremes`. `colours` has the house's scales, and that of no value.
 export class Scale {
   constructor(quantity, colours) {
     Object.assign(this, quantity);
     [this.low, this.high] = quantity.limits;
+    [this.least, this.greatest] = quantity.extremes ?? quantity.limits;
     this.diverging = this.scale === "diverging";
     this.named = this.scale === "names";
     this.stops = this.named ? quantity.colours
@@ -26,8 +28,9 @@ export class Scale {
 
   // Where a value lies between the scale's ends; diverging colours have their middle at zero.
   place(value) {
+    if (this.high === this.low) return 0;
     if (this.diverging) return 0.5 + value / (2 * Math.max(-this.low, this.high));
-    if (this.scale !== "log") return (value - this.low) / Math.max(this.high - this.low, 1e-12);
+    if (this.scale !== "log") return (value - this.low) / (this.high - this.low);
     return Math.log(Math.max(value, this.low) / this.low) / Math.log(this.high / this.low);
   }
 
@@ -73,6 +76,9 @@ export class Scale {
   }
 
   ramp() {
+    if (this.high === this.low) {
+      return [make("div", { className: "swatches" }, swatch(cssOf(this.rgb(this.low)), short(this.low)))];
+    }
     const [from, to] = this.labels.length ? [0, 1] : [this.place(this.low), this.place(this.high)];
     const last = this.stops.length - 1;
     const stops = this.stops.map((hue, i) => `${hue} ${(100 * (i / last - from)) / (to - from)}%`);
@@ -80,11 +86,21 @@ export class Scale {
     const ticks = this.labels.length
       ? this.labels.map((text, k) => tick(k / (this.labels.length - 1), text))
       : [this.low, ...this.between(from, to), this.high].map((value) =>
-        tick((this.place(value) - from) / (to - from), short(value, 3, this.diverging)));
+        tick((this.place(value) - from) / (to - from), this.endSign(value) + this.text(value)));
+    const beyond = this.least < this.low || this.greatest > this.high;
     return [
       make("div", { className: "ramp", style: `background:linear-gradient(to right,${stops})` }),
       make("div", { className: "ticks" }, ...ticks),
+      ...(beyond ? [make("p", { className: "small" }, `Values from ${this.text(this.least)} to `
+        + `${this.text(this.greatest)}; beyond an end all have its colour.`)] : []),
     ];
+  }
+
+  text(value) { return short(value, 3, this.diverging); }
+
+  endSign(value) {
+    if (value === this.low && this.least < this.low) return "≤ ";
+    return value === this.high && this.greatest > this.high ? "≥ " : "";
   }
 
   // Round numbers between the ends, with room for their text.
@@ -93,7 +109,7 @@ export class Scale {
     let left = 0.06;
     return (this.scale === "log" ? decades : evens)(this.low, this.high).filter((value) => {
       const share = (this.place(value) - from) / (to - from);
-      if (share < left + 0.24 || share > 0.78) return false;
+      if (share < left + 0.24 || share > 0.74) return false;
       left = share;
       return true;
     });

@@ -2,14 +2,13 @@
 // orthographic, so the scale bar holds everywhere in the picture.
 import * as THREE from "three";
 import { OrbitControls } from "three/orbit";
-import { make, showScaleBar } from "viewer/page";
+import { ZOOM, make, showScaleBar } from "viewer/page";
 
 export const DIRECTIONS = {
   Oblique: [-0.55, -1, 0.85], Top: [0, -1e-4, 1], Front: [0, -1, 0], Side: [1, 0, 0],
   Back: [0, 1, 0], Below: [0, -1e-4, -1],
 };
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
-const ZOOM = { least: 0.2, most: 500 };
 const LINK_DIGITS = 1e5;
 
 export class Stage {
@@ -18,12 +17,22 @@ export class Stage {
     this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, ...drawing });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.canvas = this.renderer.domElement;
-    element.append(this.canvas);
+    this.lost = make("p", { className: "view-lost", role: "status", hidden: true },
+      "The browser took the graphics card away from this view. It is drawn again when it has it back; "
+      + "if it stays so, load the page again.");
+    element.append(this.canvas, this.lost);
+    this.canvas.addEventListener("webglcontextlost", () => { this.lost.hidden = false; });
+    this.canvas.addEventListener("webglcontextrestored", () => {
+      this.lost.hidden = true;
+      this.renderer.setClearAlpha(0); // three.js starts again with opaque black
+      this.draw();
+    });
     this.scene = new THREE.Scene();
     this.camera = new THREE.OrthographicCamera();
     this.camera.up.set(0, 0, 1);
     this.addLights();
     this.controls = new OrbitControls(this.camera, this.canvas);
+    [this.controls.minZoom, this.controls.maxZoom] = [ZOOM.least, ZOOM.most];
     this.controls.addEventListener("change", () => this.draw());
     this.hold(false);
     this.listeners = [];

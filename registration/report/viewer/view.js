@@ -43,7 +43,7 @@ export async function view(element, data, { onPick = null } = {}) {
   startMarkers(shown);
   startPointer(shown);
   window.addEventListener("beforeprint", () => {
-    Object.assign(byId("print-picture"), { src: stage.picture(), hidden: false });
+    if (stage.lost.hidden) Object.assign(byId("print-picture"), { src: stage.picture(), hidden: false });
   });
   linkView(stage);
   return shown;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import logging
 import os
 import signal
 import socket
@@ -26,7 +27,7 @@ from printctl.errors import UsageError
 from printctl.machine.link import LinkError
 from printctl.machine.station import attach
 from printctl.web.listening import bind
-from printctl.web.serve import Running, check
+from printctl.web.serve import Running, check, log_to_terminal
 from printctl.web.settings import ServeSettings, is_loopback
 from printctl.web.worker import lower_priority, run_at_low_priority
 from tests.printctl.web.serving import PAGE, ROOT, Process, Served, served, server_process
@@ -226,6 +227,16 @@ def test_ctrl_c_ends_the_server_and_its_door_in_order(server: tuple[Process, Pat
         urllib.request.urlopen(started.stop, timeout=5)
     assert not (workspace / ".printctl" / "serve.json").exists()
     assert "a print that runs goes on" in (workspace.parent / "serve.log").read_text()
+
+
+def test_a_closed_tab_leaves_no_traceback_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    log_to_terminal(verbose=False)
+    for text in ("The parent slot of Timer(id=145) has been deleted.", "another fault"):
+        try:
+            raise RuntimeError(text)
+        except RuntimeError as exc:
+            logging.getLogger("nicegui").exception(exc)
+    assert [record.getMessage() for record in caplog.records] == ["another fault"]
 
 
 # --- operating system errors: answered with a remedy, never a bare 500

@@ -3,6 +3,7 @@
 import json
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -83,12 +84,20 @@ def test_a_page_that_does_ask_would_be_noticed(tmp_path: Path) -> None:
     assert any("ReferenceError" in line for line in console)
 
 
-def test_without_webgl_the_rest_of_the_page_still_works(tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    write_sample(path)
-    dom, _, _ = opened(path, "--disable-3d-apis")
+@pytest.mark.parametrize(("write", "below"), [("report", True), ("network", False)])
+def test_without_webgl_the_page_says_so_and_the_rest_works(
+    tmp_path: Path, write: str, below: bool
+) -> None:
+    path = tmp_path / "page.html"
+    (write_sample if write == "report" else write_network)(path)
+    look = "const p = document.querySelector('.message'); document.body.dataset.seen = "
+    dom, _ = acted(
+        path, f"{look}[getComputedStyle(p).display, p.textContent];", "--disable-3d-apis"
+    )
     assert state(dom, 'div class="viewer"') == "failed"
     assert state(dom, "html") == "ready"
+    assert 'data-seen="grid,The 3D view needs JavaScript and WebGL' in dom
+    assert ("tables below" in dom) is below
 
 
 READY = (
@@ -117,16 +126,49 @@ KEYS = (
 """``counted``: pixels of the stage whose red, blue, alpha are such."""
 
 
-def acted(path: Path, script: str) -> tuple[str, list[str]]:
+def acted(path: Path, script: str, *flags: str) -> tuple[str, list[str]]:
     """The DOM after ``script`` ran beside the page's own, whose policy forbids it; what it said."""
     text = path.read_text(encoding="utf-8")
     text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
     added = f'<script type="module">{READY}{script} await wait(300);</script></body>'
     path.write_text(text.replace("</body>", added), encoding="utf-8")
-    dom, console, urls = opened(path)
-    assert console == []
+    dom, console, urls = opened(path, *flags)
+    assert flags or console == []
     assert urls == []
     return dom, re.search(r"<title>(.*?)</title>", dom, re.S).group(1).strip().split("|")[1:]
+
+
+def test_a_lost_context_is_said_and_drawn_again_when_it_is_back(tmp_path: Path) -> None:
+    path = tmp_path / "network.html"
+    write_network(path)
+    dom, _ = acted(
+        path,
+        "const canvas = document.querySelector('#stage canvas'); const seen = [];"
+        "const shown = () => seen.push(document.querySelector('.view-lost').hidden);"
+        "const hold = canvas.getContext('webgl2').getExtension('WEBGL_lose_context');"
+        "shown(); hold.loseContext(); await wait(100); shown();"
+        "hold.restoreContext(); await wait(300); shown();"
+        "window.dispatchEvent(new Event('beforeprint'));"
+        "seen.push(document.getElementById('print-picture').src.length > 5000);"
+        "document.body.dataset.seen = seen;",
+    )
+    assert 'data-seen="true,false,true,true"' in dom
+
+
+def test_legends_tell_a_constant_and_what_lies_beyond_their_ends(tmp_path: Path) -> None:
+    path = tmp_path / "network.html"
+    network = planar_network()
+    network = replace(network, radius=np.full_like(network.radius, 0.5))
+    error = np.zeros(network.vessel_count)
+    error[:2] = -90.0, 1.0
+    shown = quantities(network, VesselQuantities(gauged={"error_percent": error}))
+    write_network_html(path, network, shown, [], NetworkPage("planar"))
+    assert inner(opened(path)[0], "legends").split() == ["Radius", "/", "mm", "0.5"]
+    write_network_html(path, network, shown, [], NetworkPage("planar", "deviation"))
+    dom = opened(path)[0]
+    assert ">≤ −" in dom
+    assert ">≥ " not in dom
+    assert "Values from −90 to +1" in dom
 
 
 def write_network(path: Path, first: str = "radius") -> None:
@@ -231,6 +273,17 @@ def test_keys_go_through_layers_and_moves(tmp_path: Path) -> None:
         "await wait(300); say(document.getElementById('move').value); say(inked() < whole);"
     )
     assert job_page(tmp_path, keys)[1] == ["layer 2", "layer 2", "layer 1", "2", "true"]
+
+
+def test_a_layer_that_is_typed_is_rounded_and_kept_within_the_job(tmp_path: Path) -> None:
+    script = POINT + "".join(
+        f"change('number', '{typed}', 'input'); await wait(150); change('number', '{typed}');"
+        "say(['number', 'layer'].map((id) => document.getElementById(id).value).join('/'));"
+        for typed in ("1.3", "2.7", "-4")
+    )
+    dom, said = job_page(tmp_path, script)
+    assert said == ["1/1", "2/2", "1/1"]
+    assert "2 layers" in dom
 
 
 def played(folder: Path, job, script: str) -> tuple[str, list[str]]:

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Final, Literal, Protocol
 
 from printctl.errors import UsageError
+from printctl.sources import python_command
 from printctl.web.job.camera.pipe import Message, read_message
 
 APART_S: Final = 1.0
@@ -152,7 +152,7 @@ class CameraProcess:
 
     def _begun(self) -> subprocess.Popen[bytes]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "printctl.web.job.camera"],
+            python_command("printctl.web.job.camera"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -6,7 +6,6 @@ import logging
 import queue
 import shutil
 import subprocess
-import sys
 import threading
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any, Final
 from design.files import write_bytes
 from printctl.machine.printing.films import film_file, frames_folder
 from printctl.machine.printing.progress import Progress
+from printctl.sources import python_command
 from printctl.web.job.camera.camera import Camera
 from printctl.web.job.following import PrintReport
 
@@ -159,7 +159,7 @@ class TimeLapse:
     def _make_now(self, frames: Path, film: Path) -> None:
         if len(list(frames.glob("*.jpg"))) < 2 or film.is_file():
             return
-        command = [sys.executable, "-m", "printctl.web.job.camera.film", str(frames), str(film)]
+        command = [*python_command("printctl.web.job.camera.film"), str(frames), str(film)]
         self._film = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         )

@@ -147,7 +147,6 @@ export class GlPainter extends Stage {
     this.controls.addEventListener("start", () => { this.turning = true; });
     this.controls.addEventListener("end", () => this.settle());
     element.addEventListener("wheel", () => this.settle(), { passive: true });
-    this.canvas.addEventListener("webglcontextrestored", () => this.draw());
   }
 
   makeMoves() {

@@ -63,7 +63,7 @@ class GcodeView extends LinesView {
 
   // Shows a layer whole, or as far as a move (counted from 1).
   async show(layer, move = Infinity) {
-    const k = Math.min(Math.max(layer, 0), this.count - 1);
+    const k = Math.min(Math.max(Math.round(layer), 0), this.count - 1);
     this.wanted = k;
     // The layer, after what is shown with it: the one below, or all passes before.
     const from = this.passes ? 0 : Math.max(k - 1, 0);
@@ -199,6 +199,7 @@ function startPanel(view) {
   for (const id of ["layer", "number"]) {
     byId(id).addEventListener("input", () => byId(id).value && view.show(byId(id).value - 1));
   }
+  byId("number").addEventListener("change", () => { byId("number").value = view.wanted + 1; });
   byId("up").addEventListener("click", () => view.show(view.layer + 1));
   byId("down").addEventListener("click", () => view.show(view.layer - 1));
   byId("move").addEventListener("input", () => view.to(Number(byId("move").value)));

@@ -12,6 +12,9 @@ from starlette.testclient import TestClient
 from printctl.run_folder.manifest import Manifest, StageRecord
 from printctl.web.app import build_app
 from printctl.web.core import Core
+from printctl.web.design import run_views
+from printctl.web.design.run_views import tissue_page
+from printctl.web.errors import ConflictError
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 
@@ -126,6 +129,22 @@ def test_a_page_of_a_run_is_shut_in(asked: TestClient) -> None:
     assert answer.headers["x-frame-options"] == "SAMEORIGIN"
     assert '<html lang="en" data-theme="dark">' in answer.text
     assert asked.get("/api/v1/runs/one/pages/report?theme=x").status_code == 422
+
+
+def test_a_view_is_made_whatever_lies_in_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "design.py").write_text("raise SystemExit('the working folder was imported')")
+    monkeypatch.chdir(tmp_path)
+    recipe = tmp_path / "one.yaml"
+    recipe.write_text("tissue: {shape: block, size_mm: [16, 8, 3]}\n")
+    page = tissue_page(recipe, {}, tmp_path / "pages")
+    assert "view-data" in page.read_text()
+    with run_views._MAKING:  # one that is there waits for none that is being made
+        assert tissue_page(recipe, {}, tmp_path / "pages") == page
+        monkeypatch.setattr(run_views, "_LONGEST_S", 0.01)
+        with pytest.raises(ConflictError, match="still being made; try again"):
+            tissue_page(recipe, {"another": 1}, tmp_path / "pages")
 
 
 def test_two_runs_are_compared(asked: TestClient) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from nicegui import Client, ui
 from PIL import Image
 
 from firmware_profiles import Ink, Printer, Syringe, load
@@ -31,6 +32,7 @@ from printctl.web.job.machine import Machine, mounted_checks, set_up_of
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.set_ups import declared_of, places_to
+from printctl.web.shell.frame import contained
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import load_job, parse_job
 from tests.printctl.machine.link.layered import layered
@@ -42,6 +44,30 @@ def test_names_that_leave_the_folder_are_refused(service, name):
     with pytest.raises(BadRequestError):
         service.upload(name, io.BytesIO(b"G1 X1\n"))
     assert service.jobs() == []
+
+
+def test_a_name_that_cant_be_used_hides_no_other_job(service):
+    job, root = add(service), service.core.workspace.root
+    odd = ["Gefäß.gcode", "a" * 65 + ".gcode", "my part.gcode"]
+    for name in ("._part.gcode", *odd):
+        (root / "jobs" / name).write_bytes(b"G1 X1\n")
+    (root / "jobs" / "folder.gcode").mkdir()
+    (root / "jobs" / "gone.gcode").symlink_to(root / "jobs" / "nowhere")
+    (root / "runs" / "my run").mkdir()
+    (root / "runs" / "my run" / "part.gcode").write_bytes(b"G1 X1\n")
+    assert [one.id for one in service.jobs()] == [job]
+    unusable = service.core.workspace.unusable_names("jobs/*.gcode", "runs/*")
+    assert unusable == sorted([*(f"jobs/{name}" for name in odd), "runs/my run"])
+
+
+def test_a_part_of_a_page_that_fails_takes_nothing_else_from_it():
+    with Client(ui.page("/contained"), request=None) as client:
+        with contained("The list of jobs"):
+            raise ZeroDivisionError
+        ui.label("afterwards")
+    texts = [getattr(one, "text", "") for one in client.elements.values()]
+    assert any(text.startswith("The list of jobs can't be shown in full") for text in texts)
+    assert "afterwards" in texts
 
 
 def test_what_is_no_text_or_too_large_is_refused_and_leaves_nothing(service):

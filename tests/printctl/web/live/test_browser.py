@@ -156,3 +156,18 @@ def test_mends_are_drawn_where_they_lie_and_unlike_the_job(
 
     assert violet(before) == 0
     assert violet(after) > 50
+
+
+def test_a_lost_context_is_said_and_the_view_comes_back_as_it_was(page: Any, address: str) -> None:
+    opened(page, f"{address}/job/squares")
+    page.wait_for_timeout(1000)
+    before = picture(page)
+    page.evaluate(
+        "window.held = view.painter.renderer.getContext().getExtension('WEBGL_lose_context')"
+    )
+    page.evaluate("held.loseContext()")
+    page.wait_for_selector(".view-lost:not([hidden])")
+    page.evaluate("held.restoreContext()")
+    page.wait_for_selector(".view-lost", state="hidden")
+    page.wait_for_timeout(2000)
+    assert np.abs(picture(page) - before).mean() < 1
