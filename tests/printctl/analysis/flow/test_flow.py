@@ -88,6 +88,17 @@ def test_a_steady_case_for_another_solver_gives_the_steady_flow(fork: Path) -> N
     assert inlet == pytest.approx(10 * drop, rel=1e-6)
 
 
+def test_a_vessel_drawn_backwards_is_noted_by_its_nodes(fork: Path) -> None:
+    head, *rows = FORK.splitlines()
+    back = "1,2,1,10,7,7,7,7,3,0.4,0.4,artery,0"
+    series = [head, rows[0], back, "2,2,3,10,7,7,12,7,7,0.4,0.4,artery,0"]
+    (fork / "back.csv").write_text("\n".join(series) + "\n")
+    done = printctl("flow", "back.csv", "--unit", "mm", "--json", cwd=fork)
+    (note,) = json.loads(done.stdout)["notes"]
+    assert "direction alone: 2 (node 2 at (10, 7, 7) mm is an inlet, as vessels 1, 2 all" in note
+    assert "node 1 at (7, 7, 3) mm is an outlet, as vessels 0, 1 all end there" in note
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
