@@ -179,8 +179,8 @@ def direction_notes(network: VesselNetwork, conditions: FlowConditions) -> list[
     more = f", and {len(ends) - _SHOWN} more" if len(ends) > _SHOWN else ""
     return [
         f"ends where vessels meet, by the vessels' direction alone: {len(ends)} ("
-        f"{'; '.join(shown)}{more}); where flow should pass through, turn a vessel round in the file "
-        "(swap its ends)"
+        f"{'; '.join(shown)}{more}); where flow should pass through, turn a vessel round in the "
+        "file (swap its ends)"
     ]
 
 
