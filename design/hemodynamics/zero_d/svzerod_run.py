@@ -208,12 +208,14 @@ def _check_blocks(data: Mapping[str, Any]) -> None:
             names[name] = key
     for block in entries(data, "boundary_conditions"):
         values = block.get("bc_values") if isinstance(block, Mapping) else None
-        time = values.get("t") if isinstance(values, Mapping) else None
-        for key, value in values.items() if isinstance(time, list) else ():
-            if isinstance(value, list) and (len(value) != len(time) or not value):
+        if not isinstance(values, Mapping) or not isinstance(values.get("t"), list):
+            continue
+        times = len(values["t"])
+        for key, value in values.items():
+            if isinstance(value, list) and (len(value) != times or not value):
                 raise FlowError(
                     f"boundary_conditions {block.get('bc_name')!r}: {key} has {len(value)} values, "
-                    f"t has {len(time)}; give a value for each time"
+                    f"t has {times}; give a value for each time"
                 )
 
 
