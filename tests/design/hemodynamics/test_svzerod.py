@@ -129,6 +129,32 @@ def test_a_last_cycle_that_still_changes_is_reported(out: Path) -> None:
     assert run_svzerod(_windkessel(output_mean_only=True), out).periodic is None
 
 
+def test_a_small_vessel_that_still_changes_is_reported(out: Path) -> None:
+    """One with 1/400 of the flow, whose Windkessel fills with a time constant of 5 s."""
+    data = _windkessel(number_of_cardiac_cycles=35, number_of_time_pts_per_cardiac_cycle=11,
+                       steady_initial=False)  # fmt: skip
+    data["boundary_conditions"] = [
+        {"bc_name": "IN", "bc_type": "FLOW", "bc_values": {"Q": [5.0, 5.0], "t": [0.0, 1.0]}},
+        {"bc_name": "A", "bc_type": "RESISTANCE", "bc_values": {"R": 100.0, "Pd": 0.0}},
+        {"bc_name": "B", "bc_type": "RCR",
+         "bc_values": {"Rp": 2e4, "Rd": 2e4, "C": 5e-4, "Pd": 0.0}},
+    ]  # fmt: skip
+    ends: list[dict[str, str]] = [{"inlet": "IN"}, {"outlet": "A"}, {"outlet": "B"}]
+    data["vessels"] = [_vessel(k, f"v{k}", {"R_poiseuille": 1.0}, **ends[k]) for k in range(3)]
+    data["junctions"] = [{"junction_name": "J", "junction_type": "NORMAL_JUNCTION",
+                          "inlet_vessels": [0], "outlet_vessels": [1, 2]}]  # fmt: skip
+    run = run_svzerod(data, out)
+    assert run.change == pytest.approx(np.exp(-34 / 5) - np.exp(-35 / 5), rel=0.03)
+    assert run.periodic is False
+
+
+def test_no_temporary_folder_can_shorten_a_table(
+    out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", "/no/such/folder")
+    assert run_svzerod(_windkessel(), out).periodic
+
+
 def test_both_kinds_of_table_hold_the_same_numbers(out: Path) -> None:
     data = _windkessel(output_derivative=True)
     data["vessels"][0]["vessel_name"] = "a,b"
