@@ -153,7 +153,7 @@ def nearest_feet(own: Samples, others: list[Samples]) -> Feet:
     )
 
 
-def shared_stretches(own: Samples, feet: Feet, *, between_nodes: bool) -> list[Stretch]:
+def shared_stretches(own: Samples, feet: Feet, *, at_node: tuple[bool, bool]) -> list[Stretch]:
     """Return the stretches over which samples run along other polylines, in their order.
 
     Parameters
@@ -161,9 +161,10 @@ def shared_stretches(own: Samples, feet: Feet, *, between_nodes: bool) -> list[S
     own : Samples
     feet : Feet
         Of these samples.
-    between_nodes : bool
-        Whether the polyline's ends are nodes of those that it may run along: if it is near them
-        all the way, its length doesn't matter.
+    at_node : (bool, bool)
+        Whether the polyline's first and last end are nodes of those that it may run along. If both
+        are and it is near them all the way, its length doesn't matter. From a node that they share,
+        vessels that only diverge are a bifurcation's, however slowly they do.
     """
     radius = np.minimum(own.radius, feet.radius)
     alike = np.maximum(own.radius, feet.radius) <= _ALIKE * radius
@@ -176,8 +177,12 @@ def shared_stretches(own: Samples, feet: Feet, *, between_nodes: bool) -> list[S
         if not len(rows):
             continue
         first, last = int(rows[0]), int(rows[-1])
-        whole = between_nodes and first == 0 and last == len(near) - 1
+        begins, ends = at_node[0] and first == 0, at_node[1] and last == len(near) - 1
+        whole = begins and ends
         if not whole:
+            rises = np.diff(feet.gap[first : last + 1])
+            if (begins and (rises > 0.0).all()) or (ends and (rises < 0.0).all()):
+                continue
             first, last = _parting(own, feet, radius, first, last)
         span = slice(first, last + 1)
         least = _LEAST_LENGTH * float(np.median(radius[span]))

@@ -59,6 +59,9 @@ def read_with_notes(
 ) -> NetworkWithNotes:
     """Read a network, in mm, and merge vessels that run along each other.
 
+    Formats that number the nodes where vessels meet (.json, .npz, .csv of vessels) say it so:
+    there only vessels with the same points are merged.
+
     Parameters
     ----------
     path : Path
@@ -95,7 +98,8 @@ def read_with_notes(
             return NetworkWithNotes(network, notes)
     else:
         network, notes = _read(path, unit, ends)
-    merged = merge_shared(path, network, by_place=suffix == ".vtp")
+    numbered = suffix in (".json", ".npz") or (suffix == ".csv" and not has_points(path))
+    merged = merge_shared(path, network, by_place=suffix == ".vtp", identical=numbered)
     beside = side_by_side(merged.network)
     return NetworkWithNotes(merged.network, (*notes, *merged.notes, *beside))
 

@@ -49,13 +49,16 @@ class NetworkWithNotes(NamedTuple):
     notes: tuple[str, ...]
 
 
-def merge_shared(path: Path, network: VesselNetwork, *, by_place: bool = False) -> NetworkWithNotes:
+def merge_shared(
+    path: Path, network: VesselNetwork, *, by_place: bool = False, identical: bool = False
+) -> NetworkWithNotes:
     """Merge vessels of one kind where they run along each other.
 
     Vessels are compared in their order. Where the axis of one stays within `SAME_AXIS` radii of
     earlier ones', over two radii at least or all the way between two of their nodes, it is the
     same lumen. Axis and radii of the earlier vessel are kept, and the later one begins where they
-    part. Vessels that touch, cross or run side by side are left as they are.
+    part. Vessels that touch, cross or run side by side are left as they are, and so are those that
+    diverge from a node that they share.
 
     Where merged vessels were given in opposite directions, all of the part of the network that
     they belong to is directed away from the end that most of them share (veins, lymph: towards
@@ -69,8 +72,12 @@ def merge_shared(path: Path, network: VesselNetwork, *, by_place: bool = False) 
     by_place : bool
         Whether points at the same place, to the bit, are one node. They are joined after merging:
         cut there before, lines of one lumen would be too short to be told as such.
+    identical : bool
+        Merge only vessels with the same points: for formats that state which vessels meet where.
     """
     pairs = _beside(network)
+    if identical:
+        pairs = pairs[[_same_line(network, one, two) for one, two in pairs.tolist()]]
     links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(network.vessel_count,) * 2)
     _, group = connected_components(links, directed=False)
     involved = np.unique(pairs)
@@ -85,6 +92,12 @@ def merge_shared(path: Path, network: VesselNetwork, *, by_place: bool = False) 
     if not merge.shared:
         return NetworkWithNotes(merged, ())
     return NetworkWithNotes(merged, (_note(network, merged, merge.shared, turned),))
+
+
+def _same_line(network: VesselNetwork, one: int, two: int) -> bool:
+    """Whether two vessels have the same points, in either direction."""
+    line, other = network.polyline(one)[0], network.polyline(two)[0]
+    return np.array_equal(line, other) or np.array_equal(line, other[::-1])
 
 
 def side_by_side(network: VesselNetwork) -> tuple[str, ...]:
@@ -238,8 +251,7 @@ class _Merge:
                 for at, other in kept[feet.path[k]].labelled
             )
 
-        between_nodes = is_node(0) and is_node(last)
-        stretches = shared_stretches(own, feet, between_nodes=between_nodes)
+        stretches = shared_stretches(own, feet, at_node=(is_node(0), is_node(last)))
         if not stretches:
             return [path]
         along = _Along(path, own, feet, kept)

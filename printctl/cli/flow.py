@@ -103,19 +103,18 @@ def _lines(before: str, values: dict[str, object]) -> list[str]:
 
 SVZEROD_CASE: Final = "svzerod"
 _FOR_CASES: Final = ("network", "out", "results", "as_json")
-_MARKS: Final = (
-    {"boundary_conditions", "vessels"},
-    {"boundary_conditions", "simulation_parameters"},
-)
+_MARKS: Final = {"simulation_parameters", "boundary_conditions", "vessels", "junctions"}
+"""Keys of a case; a network has vessels, too, but `_OF_NETWORKS` besides."""
+_OF_NETWORKS: Final = {"format", "nodes"}
 
 
 def read_case(path: Path) -> dict[str, Any] | None:
-    """Return the JSON of an input file of svZeroDSolver; None for any other file.
+    """Return the JSON of an input file of svZeroDSolver; None for a network's and other files.
 
     Raises
     ------
     FlowError
-        As `parse_json`.
+        As `parse_json`, and for JSON that is neither.
     OSError
         When it can't be read.
     """
@@ -127,8 +126,14 @@ def read_case(path: Path) -> dict[str, Any] | None:
         raise FlowError(f"{path} isn't text in UTF-8: {exc}") from exc
     except FlowError as exc:
         raise FlowError(f"{path}: {exc}") from exc
-    if not isinstance(data, dict) or not any(marks <= set(data) for marks in _MARKS):
+    keys = set(data) if isinstance(data, dict) else set()
+    if keys & _OF_NETWORKS and "simulation_parameters" not in keys:
         return None
+    if not keys & _MARKS:
+        raise FlowError(
+            f"{path} is neither a network, which has format, nodes and vessels, nor a case of "
+            f"svZeroDSolver, which has {', '.join(sorted(_MARKS))}"
+        )
     return data
 
 
@@ -160,8 +165,9 @@ def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path
         summary["initial_values_unused"] = list(run.unused)
     if run.periodic is False:
         messages().print(
-            f"the last cycle still changed by {run.change:.2g} of the largest value: the "
-            "file's number_of_cardiac_cycles is too small for a periodic state", style="yellow"
+            f"the last cycle still changed a vessel's flow or pressure by {run.change:.2g} of its "
+            "mean: the file's number_of_cardiac_cycles is too small for a periodic state",
+            style="yellow",
         )  # fmt: skip
     return FlowOutput(summary, [file])
 

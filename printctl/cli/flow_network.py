@@ -149,10 +149,10 @@ def run_network(
     else:
         driven = Driven(part_of(asked)[0])
         fillet = FILLET if asked["fillet_ratio"] is None else asked["fillet_ratio"]
-    if source.notes:
-        output.summary["notes"] = list(source.notes)
     tables = NpzTables(out / NPZ) if asked["results"] == "npz" else CsvTables(out)
     lumped_and_waves(source.network, driven, tables, output)
+    if source.notes:
+        output.summary["notes"] = [*source.notes, *output.summary.get("notes", ())]
     output.files = list(tables.files)
     paths = {name: asked[name] for name in EXPORTS if asked[name] is not None}
     space = space_of(asked)

@@ -134,7 +134,7 @@ class FlowOutput:
 # Parse the fluid's file, stenoses and number lists of `printctl flow`.
 
 _FLUID: Final[TypeAdapter[Any]] = TypeAdapter(FluidPart)
-_GIVE: Final = "write model: carreau and its numbers"
+_GIVE: Final = "write model: carreau, power_law or pries_1994, and its numbers"
 
 
 def fluid_section(path: Path | None) -> dict[str, Any]:
@@ -159,9 +159,11 @@ def fluid_section(path: Path | None) -> dict[str, Any]:
         _FLUID.validate_python(values)
     except ValidationError as exc:
         first = exc.errors()[0]
-        # The first key is the model's name, which the file has elsewhere.
-        key = "".join(f"{key} " for key in first["loc"][1:])
-        raise UsageError(f"--fluid {path}: {key}{wording(first)}; {_GIVE}") from exc
+        # The first key is the model's name; there is none where the model is wrong.
+        model, *keys = first["loc"] or (None,)
+        key = "".join(f"{key} " for key in keys)
+        give = f"mend the numbers of model: {model}" if model else _GIVE
+        raise UsageError(f"--fluid {path}: {key}{wording(first)}; {give}") from exc
     return {"viscosity": values}
 
 

@@ -1,33 +1,36 @@
 """Run an svZeroDSolver input file by the package `svzerod`, in a process of its own.
 
 The solver is the extra ``svzerod`` (github.com/SimVascular/svZeroDSolver, 3.2). Some faulty cases
-end its process by a signal: a block without an inlet or outlet, an empty list.
+end its process by a signal: a block without an inlet or outlet, an empty list. Case and results go
+through pipes, so that a full disk can't shorten them.
 """
 
 from __future__ import annotations
 
+import csv
 import json
+import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
 
 from design.errors import FlowError
 from design.files import atomic_replacement
-from design.hemodynamics.json_keys import check_keys, flag, whole
+from design.hemodynamics.json_keys import check_keys, entries, flag, whole
 from kernels.arrays import FloatArray
 
 PERIODIC: Final = 1e-6
-"""Largest change over a cycle, relative to the largest value, of a periodic state."""
+"""Largest change over a cycle, relative to a column's mean magnitude, of a periodic state."""
+_MIN_SCALE: Final = 1e-3
+"""Of the largest mean magnitude of its kind: smaller ones are noise of the solver's tolerance."""
 MAX_STEPS: Final = 10_000_000
 """Of a run; the solver counts steps in 32 bits and keeps them all in memory."""
 _OPTIONS: Final = "simulation_parameters"
@@ -39,23 +42,48 @@ _MAX_MESSAGE: Final = 300
 """Characters of a solver's message that are shown; it may repeat a whole number of the file."""
 _ALL: Final = ("flow_all", "pressure_all")
 """Initial values that stand for many variables."""
+_NAMES: Final = (
+    ("vessels", "vessel_id"), ("vessels", "vessel_name"), ("boundary_conditions", "bc_name"),
+    ("junctions", "junction_name"), ("valves", "name"), ("chambers", "name"),
+)  # fmt: skip
+"""Lists of a case, and what names their blocks."""
+_BODIES: Final = ("chambers", "valves", "closed_loop_blocks")
+"""Lists that a case may have in place of vessels."""
+_NO_PACKAGE: Final = 3
+"""Exit code."""
 _SCRIPT: Final = """
-import json, sys
-import svzerod
+import json, os, signal, sys, types
+solver = os.getpid()
+if os.fork() == 0:
+    # The solver holds the interpreter's lock: this process ends it when printctl is gone.
+    os.closerange(0, 3)
+    os.read(int(sys.argv[1]), 1)
+    if os.getppid() == solver:
+        os.kill(solver, signal.SIGKILL)
+    os._exit(0)
+answer = os.fdopen(os.dup(1), "w", encoding="utf-8", errors="replace")
+os.dup2(2, 1)
 try:
-    svzerod.run_simulation_cli()
-    solver, unused = svzerod.Solver(sys.argv[1]), []
-    with open(sys.argv[1], encoding="utf-8") as file:
-        given = json.load(file).get("initial_condition", {})
-    for name in given:
+    import svzerod
+except Exception as exc:
+    answer.write(f"{type(exc).__name__}: {exc}")
+    sys.exit(3)
+# The table is given to pandas, which rounds its numbers: the text is taken instead.
+sys.modules["pandas"] = types.SimpleNamespace(read_csv=lambda table: table.getvalue())
+try:
+    case = json.load(sys.stdin, parse_int=lambda n: int(n) if len(n) < 19 else float(n))
+    run, unused = svzerod.Solver(case), []
+    run.run()
+    table = run.get_full_result()
+    for name in case.get("initial_condition", {}):
         try:
-            solver.get_single_result(name)
+            run.get_single_result(name)
         except RuntimeError:
             unused.append(name)
 except Exception as exc:
-    sys.exit(str(exc))
-print()
-print(json.dumps(unused))
+    answer.write(str(exc))
+    sys.exit(1)
+answer.write(json.dumps(unused) + "\\n" + table)
 """
 
 
@@ -68,8 +96,9 @@ class SvZeroDRun:
     cycles : int or None
         Gone through; None where the solver derives them from the Windkessels' decay.
     change : float or None
-        Of flows and pressures from begin to end of the last cycle, relative to the largest value
-        of its kind; None where the results don't hold both.
+        Largest of flows and pressures from begin to end of the last cycle, each over its own mean
+        magnitude in it, or over `_MIN_SCALE` of the largest of these; None where the results don't
+        hold both.
     unused : tuple of str
         Initial values that the file gives for no variable of its model.
     """
@@ -101,45 +130,40 @@ def run_svzerod(data: Mapping[str, Any], path: Path) -> SvZeroDRun:
     data : mapping
         The input file's content.
     path : Path
-        The solver's own CSV; or, ending in .npz, NumPy arrays: ``name`` (m,), ``time`` (t,) and
-        each column (t, m). All in the file's own units.
+        A CSV with the solver's own digits; or, ending in .npz, NumPy arrays: ``name`` (m,),
+        ``time`` (t,) and each column (t, m). All in the file's own units.
 
     Raises
     ------
     FlowError
-        Without the package; for options that the solver would take for others; with its message
-        where it refuses the case or finds no solution, with the signal where one ended it.
+        Without the package; for options that the solver would take for others, and what would end
+        its process or break its table; with its message where it refuses the case or finds no
+        solution, with the signal where one ended it.
     OSError
         When a file can't be written.
     """
-    if find_spec("svzerod") is None:
-        raise FlowError(
-            "a case of svZeroDSolver needs the package svzerod, which isn't installed; "
-            "pip install 'printctl[svzerod]'"
-        )
+    _check_blocks(data)
     how = _checked_options(data)
     until_repeated = how.get(_UNTIL_REPEATED, False)
     cycles = None if until_repeated else int(how[_CYCLES])
-    with TemporaryDirectory(prefix="svzerod_") as folder:
-        table = Path(folder) / "results.csv"
-        said = _solve(data, table)
-        extra = _EXTRA_CYCLES.search(said)
-        if until_repeated and extra:
-            cycles = int(how[_CYCLES]) + int(extra[1])
-            if int(extra[1]):
-                # Its table of added cycles is incomplete, and their times begin anew.
-                how = {**how, _CYCLES: cycles, _UNTIL_REPEATED: False}
-                said = _solve({**data, _OPTIONS: how}, table)
-        found = _read(table)
-        if not all(np.isfinite(column).all() for column in found.columns.values()):
-            raise FlowError("the solution isn't finite; check values for their size and sign")
-        with atomic_replacement(path) as draft:
-            if path.suffix == ".npz":
-                np.savez(draft, name=np.array(found.names), time=found.time, **found.columns)  # type: ignore[arg-type]
-            else:
-                shutil.copyfile(table, draft)
-    unused = (name for name in json.loads(said.splitlines()[-1]) if name not in _ALL)
-    named = tuple(name for name in unused if not name.startswith("_"))
+    unused, lines, log = _solve(data)
+    extra = _EXTRA_CYCLES.search(log)
+    if until_repeated and extra:
+        cycles = int(how[_CYCLES]) + int(extra[1])
+        if int(extra[1]):
+            # Its table of added cycles is incomplete, and their times begin anew.
+            how = {**how, _CYCLES: cycles, _UNTIL_REPEATED: False}
+            unused, lines, _ = _solve({**data, _OPTIONS: how})
+    found = _read(lines)
+    if not all(np.isfinite(column).all() for column in found.columns.values()):
+        raise FlowError("the solution isn't finite; check values for their size and sign")
+    with atomic_replacement(path) as draft:
+        if path.suffix == ".npz":
+            np.savez(draft, name=np.array(found.names), time=found.time, **found.columns)  # type: ignore[arg-type]
+        else:
+            with draft.open("w", encoding="utf-8", newline="") as file:
+                csv.writer(file, lineterminator="\n").writerows(_cells(lines))
+    named = tuple(name for name in unused if name not in _ALL and not name.startswith("_"))
     return SvZeroDRun(cycles, _change(found, how), named)
 
 
@@ -165,41 +189,83 @@ def _checked_options(data: Mapping[str, Any]) -> dict[str, Any]:
     return how
 
 
-def _solve(data: Mapping[str, Any], table: Path) -> str:
-    """Run the solver on a case; return what it printed."""
-    case = table.with_suffix(".json")
-    case.write_text(json.dumps(data), encoding="utf-8")
-    command = [sys.executable, "-P", "-c", _SCRIPT, str(case), str(table)]
-    done = subprocess.run(
-        command, capture_output=True, encoding="utf-8", errors="replace", check=False
-    )
-    if done.returncode == 0:
-        return done.stdout
+def _check_blocks(data: Mapping[str, Any]) -> None:
+    """Raise `FlowError` for lists that end the solver's process, names that break its table."""
+    for key, others in ((_OPTIONS, ()), ("vessels", _BODIES), ("boundary_conditions", ())):
+        if not any(one in data for one in (key, *others)):
+            raise FlowError(f"{key} is missing, which a case of svZeroDSolver needs; add it")
+    names: dict[str | int, str] = {}
+    for key, field in _NAMES:
+        for block in entries(data, key):
+            name = block.get(field) if isinstance(block, Mapping) else None
+            if not isinstance(name, str | int):
+                continue  # the solver says so
+            if isinstance(name, str) and not (name and name.isprintable()):
+                raise FlowError(f"{key}: {field} is {name!r}; write a name in one line")
+            if name in names:
+                where = key if names[name] == key else f"{names[name]} and {key}"
+                raise FlowError(f"{where}: {field} {name!r} is given twice; each needs its own")
+            names[name] = key
+    for block in entries(data, "boundary_conditions"):
+        values = block.get("bc_values") if isinstance(block, Mapping) else None
+        if not isinstance(values, Mapping) or not isinstance(values.get("t"), list):
+            continue
+        times = len(values["t"])
+        for key, value in values.items():
+            if isinstance(value, list) and (len(value) != times or not value):
+                raise FlowError(
+                    f"boundary_conditions {block.get('bc_name')!r}: {key} has {len(value)} values, "
+                    f"t has {times}; give a value for each time"
+                )
+
+
+def _solve(data: Mapping[str, Any]) -> tuple[list[str], list[str], str]:
+    """Run the solver; return unused initial values, lines of its table, and what it printed."""
+    watched, kept = os.pipe()  # whose end tells the solver that this process is gone
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", _SCRIPT, str(watched)], input=json.dumps(data),
+            capture_output=True, encoding="utf-8", errors="replace", check=False,
+            pass_fds=(watched,),
+        )  # fmt: skip
+    finally:
+        os.close(kept)
+        os.close(watched)
+    said = done.stdout.strip()[:_MAX_MESSAGE]
+    if done.returncode == _NO_PACKAGE:
+        raise FlowError(
+            "a case of svZeroDSolver needs the package svzerod, which can't be imported "
+            f"({said}); pip install 'printctl[svzerod]'"
+        )
     if done.returncode > 0:
-        raise FlowError(f"svZeroDSolver: {done.stderr.strip()[:_MAX_MESSAGE]}")
-    by = signal.Signals(-done.returncode).name
-    raise FlowError(
-        f"svZeroDSolver crashed ({by}); it does so for a block without an inlet or outlet and for "
-        "an empty list: check that boundary_conditions and junctions join each vessel at both ends"
-    )
+        raise FlowError(f"svZeroDSolver: {said}")
+    if done.returncode < 0:
+        raise FlowError(
+            f"svZeroDSolver crashed ({signal.Signals(-done.returncode).name}); it does so for a "
+            "block without an inlet or outlet, a boundary condition that no vessel names and an "
+            "empty list: check that boundary_conditions and junctions join each vessel at both ends"
+        )
+    unused, *lines = done.stdout.rstrip("\n").split("\n")
+    return json.loads(unused), lines, done.stderr
 
 
-def _read(table: Path) -> _Table:
-    with table.open(encoding="utf-8") as lines:
-        keys = next(lines).strip().split(",")[2:]
-        # From the right: a name may have commas.
-        rows = [line.rsplit(",", len(keys) + 1)[:2] for line in lines]
-    names = tuple(dict.fromkeys(name for name, _ in rows))
-    if not names:
+def _read(lines: list[str]) -> _Table:
+    rows, keys = lines[1:], lines[0].split(",")[2:]
+    names = tuple(dict.fromkeys(row[0] for row in _cells(lines, 1)))
+    if not rows:
         return _Table((), np.zeros(0), {})
     count = len(rows) // len(names)
-    time = np.array([float(text) for _, text in rows[:count] if text])
+    time = np.array([float(row[1]) for row in islice(_cells(lines, 1), count) if row[1]])
     places = range(-len(keys), 0)
-    values = np.loadtxt(
-        table, delimiter=",", skiprows=1, usecols=places, comments=None, encoding="utf-8", ndmin=2
-    )
+    values = np.loadtxt(rows, delimiter=",", usecols=places, comments=None, ndmin=2)
     values = values.reshape(len(names), count, len(keys))
     return _Table(names, time, {key: values[:, :, k].T for k, key in enumerate(keys)})
+
+
+def _cells(lines: list[str], first: int = 0) -> Iterator[list[str]]:
+    """Cells of each line from the first; a name may have commas, numbers have none."""
+    count = lines[0].count(",")
+    return (line.rsplit(",", count) for line in islice(lines, first, None))
 
 
 def _change(found: _Table, how: Mapping[str, Any]) -> float | None:
@@ -214,8 +280,9 @@ def _change(found: _Table, how: Mapping[str, Any]) -> float | None:
             for key, column in found.columns.items()
             if key == "y" or key.startswith(kind)
         ]
-        begin, end = (np.concatenate([c[row] for c in columns]) for row in (-1 - parts, -1))
-        largest = float(np.abs(end).max(initial=0.0))
-        if largest > 0.0:
-            worst = max(worst, float(np.abs(end - begin).max()) / largest)
+        cycle = np.concatenate([column[-1 - parts :] for column in columns], axis=1)
+        scale = np.abs(cycle).mean(axis=0)
+        scale = np.maximum(scale, _MIN_SCALE * scale.max(initial=0.0))
+        moved = np.abs(cycle[-1] - cycle[0])[scale > 0.0]
+        worst = max(worst, float((moved / scale[scale > 0.0]).max(initial=0.0)))
     return worst

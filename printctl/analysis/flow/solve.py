@@ -144,11 +144,44 @@ def solve_and_write_one_d(
     return summary
 
 
-# Notes on flow that runs backwards at inlets or outlets, steady or in a cycle.
+# Notes on ends that are ends by direction alone, and on flow that runs backwards at ends.
 
 _LITTLE: Final = 1e-6
 """Of what enters, below which flow at an end counts as none."""
 _SHOWN: Final = 5
+
+
+def direction_notes(network: VesselNetwork, conditions: FlowConditions) -> list[str]:
+    """Return a note on ends at which vessels meet: one drawn backwards makes such ends.
+
+    None where the conditions name the ends.
+    """
+    if conditions.inlets or conditions.outlets:
+        return []
+    degree = network.degree()
+    ends = [
+        (node, what)
+        for what, nodes in (("inlet", network.inlets()), ("outlet", network.outlets()))
+        for node in nodes[degree[nodes] > 1].tolist()
+    ]
+    if not ends:
+        return []
+    shown = []
+    for node, what in ends[:_SHOWN]:
+        x, y, z = network.nodes[node]
+        vessels = np.flatnonzero((network.vessel_nodes == node).any(axis=1)).tolist()
+        named = ", ".join(map(str, vessels[:_SHOWN])) + (", ..." if len(vessels) > _SHOWN else "")
+        does = "begin" if what == "inlet" else "end"
+        shown.append(
+            f"node {node} at ({x:.4g}, {y:.4g}, {z:.4g}) mm is an {what}, as vessels {named} all "
+            f"{does} there"
+        )
+    more = f", and {len(ends) - _SHOWN} more" if len(ends) > _SHOWN else ""
+    return [
+        f"ends where vessels meet, by the vessels' direction alone: {len(ends)} ("
+        f"{'; '.join(shown)}{more}); where flow should pass through, turn a vessel round in the "
+        "file (swap its ends)"
+    ]
 
 
 def steady_notes(
@@ -225,7 +258,7 @@ def solve_section(
     """
     driven = steady or steady_conditions(part, folder, network)
     solution, summary = solve_steady(tables, network, driven, part)
-    notes = steady_notes(network, solution, driven)
+    notes = direction_notes(network, driven) + steady_notes(network, solution, driven)
     if part.pulse is None:
         return solution, summary | _said(notes)
     steps = part.pulse.steps

@@ -241,7 +241,8 @@ def _explain(
     """A colour bar, or what goes into the legend."""
     if colouring.colours:
         there = np.unique(job.kind[rows][job.kind[rows] >= 0])[:_LEGEND_AT_MOST]
-        return [Patch(color=colouring.colours[k], label=colouring.labels[k]) for k in there]
+        named = there if colouring.labels else ()  # vessels have colours alone
+        return [Patch(color=colouring.colours[k], label=colouring.labels[k]) for k in named]
     bar = figure.colorbar(
         ScalarMappable(Normalize(*colouring.limits), SEQUENTIAL), ax=axes, pad=0.02, shrink=0.8,
         extend=bar_ends(colouring.limits, colouring.extremes),

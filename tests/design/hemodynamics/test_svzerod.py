@@ -2,6 +2,10 @@
 
 import csv
 import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -114,12 +118,8 @@ def test_a_last_cycle_that_still_changes_is_reported(out: Path) -> None:
     data = _windkessel(number_of_cardiac_cycles=1, steady_initial=False)
     run = run_svzerod(data, out)
     found = _solved(data, out)
-    change = max(
-        np.abs(np.diff(np.concatenate([found[f"{kind}_{end}"][[0, -1]] for end in ("in", "out")],
-                                      axis=1), axis=0)).max()
-        / max(np.abs(found[f"{kind}_{end}"][-1]).max() for end in ("in", "out"))
-        for kind in ("flow", "pressure")
-    )  # fmt: skip
+    columns = [found[f"{kind}_{end}"] for kind in ("flow", "pressure") for end in ("in", "out")]
+    change = max(float(np.abs(x[-1] - x[0])[0] / np.abs(x).mean()) for x in columns)
     assert run.change == pytest.approx(change)
     assert run.periodic is False
     every = run_svzerod(_windkessel(output_all_cycles=True, output_variable_based=True), out)
@@ -127,12 +127,39 @@ def test_a_last_cycle_that_still_changes_is_reported(out: Path) -> None:
     assert run_svzerod(_windkessel(output_mean_only=True), out).periodic is None
 
 
+def test_a_small_vessel_that_still_changes_is_reported(out: Path) -> None:
+    """One with 1/400 of the flow, whose Windkessel fills with a time constant of 5 s."""
+    data = _windkessel(number_of_cardiac_cycles=35, number_of_time_pts_per_cardiac_cycle=11,
+                       steady_initial=False)  # fmt: skip
+    data["boundary_conditions"] = [
+        {"bc_name": "IN", "bc_type": "FLOW", "bc_values": {"Q": [5.0, 5.0], "t": [0.0, 1.0]}},
+        {"bc_name": "A", "bc_type": "RESISTANCE", "bc_values": {"R": 100.0, "Pd": 0.0}},
+        {"bc_name": "B", "bc_type": "RCR",
+         "bc_values": {"Rp": 2e4, "Rd": 2e4, "C": 5e-4, "Pd": 0.0}},
+    ]  # fmt: skip
+    ends: list[dict[str, str]] = [{"inlet": "IN"}, {"outlet": "A"}, {"outlet": "B"}]
+    data["vessels"] = [_vessel(k, f"v{k}", {"R_poiseuille": 1.0}, **ends[k]) for k in range(3)]
+    data["junctions"] = [{"junction_name": "J", "junction_type": "NORMAL_JUNCTION",
+                          "inlet_vessels": [0], "outlet_vessels": [1, 2]}]  # fmt: skip
+    run = run_svzerod(data, out)
+    assert run.change == pytest.approx(np.exp(-34 / 5) - np.exp(-35 / 5), rel=0.03)
+    assert run.periodic is False
+
+
+def test_no_temporary_folder_can_shorten_a_table(
+    out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", "/no/such/folder")
+    assert run_svzerod(_windkessel(), out).periodic
+
+
 def test_both_kinds_of_table_hold_the_same_numbers(out: Path) -> None:
     data = _windkessel(output_derivative=True)
     data["vessels"][0]["vessel_name"] = "a,b"
     arrays = _solved(data, out)
     run_svzerod(data, out.with_suffix(".csv"))
-    rows = [line.rsplit(",", 9) for line in out.with_suffix(".csv").read_text().splitlines()]
+    with out.with_suffix(".csv").open(newline="") as handle:
+        rows = list(csv.reader(handle))
     assert {row[0] for row in rows[1:]} == {"a,b"}
     for place, name in enumerate(rows[0][2:], 2):
         assert [float(row[place]) for row in rows[1:]] == arrays[name][:, 0].tolist()
@@ -217,7 +244,10 @@ IN, OUT, VESSEL = ("boundary_conditions", 0), ("boundary_conditions", 1), ("vess
         ((*VESSEL, "zero_d_element_type"), "Door", "block type Door"),
         ((*VESSEL, "boundary_conditions", "outlet"), "X", "No block defined with name X"),
         ((*VESSEL, "boundary_conditions"), {"inlet": "IN"}, "^svZeroDSolver"),
-        ((*IN, "bc_values", "Q"), [], "^svZeroDSolver"),
+        ((*IN, "bc_values", "Q"), [], "'IN': Q has 0 values, t has 101; give a value for each"),
+        ((*OUT, "bc_name"), "IN", "boundary_conditions: bc_name 'IN' is given twice"),
+        ((*VESSEL, "vessel_name"), "a\nb", r"vessel_name is 'a\\nb'; write a name in one line"),
+        ((*VESSEL, "vessel_name"), "", "vessel_name is ''; write a name in one line"),
         ((*IN, "bc_values", "Q", 5), 1e307, "singular"),
         ((*OUT, "bc_values", "C"), -1e-4, "Maximum number of non-linear iterations"),
         ((OPTIONS, "number_of_cardiac_cycles"), 2.5, "cycles is 2.5; write an integer of 1"),
@@ -244,9 +274,50 @@ def test_a_crash_of_the_solver_and_a_missing_package_are_named(
     monkeypatch.setattr(svzerod_run, "_SCRIPT", "import os; os.abort()")
     with pytest.raises(FlowError, match=r"crashed \(SIGABRT\).* without an inlet or outlet"):
         run_svzerod(_windkessel(), out)
-    monkeypatch.setattr(svzerod_run, "find_spec", lambda name: None)
-    with pytest.raises(FlowError, match=r"pip install 'printctl\[svzerod\]'"):
+
+
+def test_a_case_without_the_package_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = svzerod_run._SCRIPT.replace("import svzerod", "import svzerod_of_nowhere")
+    monkeypatch.setattr(svzerod_run, "_SCRIPT", script)
+    with pytest.raises(FlowError, match=r"No module.*pip install 'printctl\[svzerod\]'"):
         run_svzerod(_windkessel(), tmp_path / "svzerod.csv")
+
+
+def test_what_ends_printctl_ends_the_solver(out: Path) -> None:
+    busy = f"""
+import fcntl, time
+file = open({str(out)!r}, "w")
+fcntl.flock(file, fcntl.LOCK_EX)
+time.sleep(60)
+"""
+    script = svzerod_run._SCRIPT.split("answer =")[0] + busy
+    run = "import sys; from design.hemodynamics.zero_d import svzerod_run as run\n"
+    run += "run._SCRIPT = sys.argv[1]; run._solve({})"
+    first = subprocess.Popen([sys.executable, "-c", run, script])
+    assert _until(lambda: not _free(out)), "the solver didn't begin"
+    first.kill()
+    first.wait()
+    assert _until(lambda: _free(out)), "the solver went on"
+
+
+def _until(true: Callable[[], bool]) -> bool:
+    return any(true() or time.sleep(0.1) for _ in range(300))  # type: ignore[func-returns-value]
+
+
+def _free(path: Path) -> bool:
+    """Whether a file is there that no process has locked."""
+    import fcntl
+
+    try:
+        with path.open() as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return True
+    except BlockingIOError:
+        return False
+    return True
 
 
 def test_chains_of_r_c_l_come_close_to_the_networks_own_answer(out: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from design.errors import NetworkError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselKind, VesselNetwork
+from design.network_files.by_suffix import read_network, write_network
 from design.network_files.merge import merge_shared, side_by_side
 from design.network_files.xcavate import read_network_xcavate
 from kernels.arrays import FloatArray
@@ -104,6 +105,19 @@ def test_lines_that_all_run_to_one_end_are_questioned() -> None:
     found, notes = merge_shared(Path("lines"), vessels(*(line(*way)[::-1] for way in WAYS)))
     assert (len(found.inlets()), len(found.outlets())) == (3, 1)
     assert "all 3 lines run to one end, which is more likely the inlet" in notes[0]
+
+
+def test_legs_of_a_hairpin_are_two_vessels(tmp_path: Path) -> None:
+    legs = [line((0, 0, 0), (1, 0, 0)), line((3, 0, 0), (4, 0, 0)), line((1, 0, 0), (2, 40, 0)),
+            line((2, 40, 0), (3, 0, 0))]  # fmt: skip
+    hairpin = polylines(legs, np.repeat([0.3, 0.3, 0.15, 0.1], [len(one) for one in legs]))
+    assert merge_shared(Path("lines"), hairpin) == (hairpin, ())
+    # Formats that number nodes: no lines are merged, but those that are there twice.
+    beside = polylines([*legs, line((0, 0.01, 0), (1, 0.01, 0)), legs[0][::-1]], 1.0)
+    for name in ("a.json", "a.npz", "a.csv"):
+        write_network(tmp_path / name, beside)
+        found = read_network(tmp_path / name, "mm")
+        assert found.lengths().sum() == pytest.approx(beside.lengths()[:5].sum()), name
 
 
 @pytest.mark.parametrize(("apart", "told"), [(0.5, True), (0.9, True), (1.2, False), (2.1, False)])

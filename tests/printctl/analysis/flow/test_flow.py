@@ -69,10 +69,16 @@ def test_a_pulse_leaves_tables_and_the_case_for_another_solver(fork: Path) -> No
     assert case.returncode == 0, case.stderr
     with np.load(fork / "theirs" / "svzerod.npz") as arrays:
         assert arrays["flow_in"].shape == (101, len(rows))
-    for name, option, words in (("case.json", ("--one-d",), "--one-d is for networks"),):
+    for name, given in (("half.json", {"vessels": []}), ("list.json", [])):
+        (fork / name).write_text(json.dumps(given))
+    for name, option, words in (
+        ("case.json", ("--one-d",), "--one-d is for networks"),
+        ("half.json", (), "simulation_parameters is missing, which a case of svZeroDSolver needs"),
+        ("list.json", (), "is neither a network, which has format, nodes and vessels, nor a case"),
+    ):
         refused = printctl("flow", name, *option, cwd=fork)
         assert refused.returncode in (1, 2)
-        assert words in refused.stderr
+        assert words in " ".join(refused.stderr.split())
 
 
 def test_a_steady_case_for_another_solver_gives_the_steady_flow(fork: Path) -> None:
@@ -88,6 +94,17 @@ def test_a_steady_case_for_another_solver_gives_the_steady_flow(fork: Path) -> N
     assert inlet == pytest.approx(10 * drop, rel=1e-6)
 
 
+def test_a_vessel_drawn_backwards_is_noted_by_its_nodes(fork: Path) -> None:
+    head, *rows = FORK.splitlines()
+    back = "1,2,1,10,7,7,7,7,3,0.4,0.4,artery,0"
+    series = [head, rows[0], back, "2,2,3,10,7,7,12,7,7,0.4,0.4,artery,0"]
+    (fork / "back.csv").write_text("\n".join(series) + "\n")
+    done = printctl("flow", "back.csv", "--unit", "mm", "--json", cwd=fork)
+    (note,) = json.loads(done.stdout)["notes"]
+    assert "direction alone: 2 (node 2 at (10, 7, 7) mm is an inlet, as vessels 1, 2 all" in note
+    assert "node 1 at (7, 7, 3) mm is an outlet, as vessels 0, 1 all end there" in note
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -101,12 +118,17 @@ def test_a_steady_case_for_another_solver_gives_the_steady_flow(fork: Path) -> N
         (("--waveform", "wave.csv"), "line 3: '' is no number"),
         (("--waveform", "other.csv"), "set inlet_flow_ml_min: 2"),
         (("--waveform", "missing.csv"), "missing.csv"),
+        (
+            ("--fluid", "fluid.yaml"),
+            "at most 0.8; mend the numbers of model: pries_1994",
+        ),
         (("--viscosity-mpa-s", "1000", "--inlet-flow-ml-min", "9999"), "mmHg"),
     ],
 )
 def test_mistakes_end_in_one_message(fork: Path, options: tuple[str, ...], words: str) -> None:
     (fork / "wave.csv").write_text("time_s,flow_ml_min\n0,1\n0.5,\n1,1\n")
     (fork / "other.csv").write_text("time_s,flow_ml_min\n0,1\n0.5,3\n1,1\n")
+    (fork / "fluid.yaml").write_text("model: pries_1994\nhaematocrit: 5\n")
     done = printctl("flow", "fork.csv", "--unit", "mm", *options, cwd=fork)
     assert done.returncode in (1, 2)
     assert "Traceback" not in done.stderr
