@@ -134,39 +134,33 @@ def rounded_to_steps(moves: Moves, steps_per_mm: float) -> Moves:
     return replace(moves, start=ends[0], end=ends[1])
 
 
-def written_lines(
-    moves: Moves, ul_per_e: float, layer_mm: float, *, rounded: bool, planned: Moves | None = None
-) -> Lines:
-    """The lines that ink flowed in.
+def written_lines(moves: Moves, ul_per_e: float, layer_mm: float, *, planned: Moves) -> Lines:
+    """Return the lines that ink flowed in: rectangles with round sides, w h - (1 - pi/4) h².
 
-    A line's cross-section is its volume over its length: width times height for lines that abut,
-    and a rectangle with round sides, w h - (1 - pi/4) h², for a slicer that plans it so
-    (``rounded``). E is written with few digits, so that its change over a short move says little:
-    what counts is its change over `WINDOW_MM` of way about the move, within one stroke.
-    ``planned`` gives the lengths that volumes were planned for.
+    E is written with few digits, so that its change over a short move says little: what counts is
+    its change over `WINDOW_MM` of way about the move, within one stroke. ``planned`` gives the
+    lengths that volumes were planned for.
     """
-    way = (planned or moves).end - (planned or moves).start
-    length = np.linalg.norm(way[:, :2], axis=1)
-    wrote = (moves.pushed > 0) & (length > 1e-6)
-    stroke = np.cumsum(~wrote)[wrote]
-    width = _flow(length[wrote], moves.pushed[wrote], stroke) * ul_per_e / layer_mm
-    if rounded:
-        width += layer_mm * (1 - np.pi / 4)
+    wrote, length = _wrote(moves, planned)
+    flow = _flow(length[wrote], moves.pushed[wrote], np.cumsum(~wrote)[wrote])
+    width = flow * ul_per_e / layer_mm + layer_mm * (1 - np.pi / 4)
     return Lines(moves.start[wrote, :2], moves.end[wrote, :2], width, moves.end[wrote, 2])
 
 
-def own_lines(
-    moves: Moves, ul_per_e: float, layer_mm: float, *, planned: Moves | None = None
-) -> Lines:
-    """Lines with round sides, each by its own change of E alone."""
-    way = (planned or moves).end - (planned or moves).start
-    length = np.linalg.norm(way[:, :2], axis=1)
-    wrote = (moves.pushed > 0) & (length > 1e-6)
+def own_lines(moves: Moves, ul_per_e: float, layer_mm: float, *, planned: Moves) -> Lines:
+    """Return lines with round sides, each by its own change of E alone."""
+    wrote, length = _wrote(moves, planned)
     area = moves.pushed[wrote] / length[wrote] * ul_per_e
     round_part = np.pi / 4 * layer_mm**2
     wide = (area - round_part) / layer_mm + layer_mm
     width = np.where(area > round_part, wide, 2 * np.sqrt(area / np.pi))
     return Lines(moves.start[wrote, :2], moves.end[wrote, :2], width, moves.end[wrote, 2])
+
+
+def _wrote(moves: Moves, planned: Moves) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Return which moves write across, (n,), and their planned lengths, mm."""
+    length = np.linalg.norm((planned.end - planned.start)[:, :2], axis=1)
+    return (moves.pushed > 0) & (length > 1e-6), length
 
 
 def _flow(length: FloatArray, pushed: FloatArray, stroke: NDArray[np.int64]) -> FloatArray:

@@ -299,35 +299,31 @@ def lumens(design: Design) -> Any:
     return manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add)
 
 
-def sweep(points: np.ndarray, radius: np.ndarray) -> Any:
+def sweep(points: np.ndarray, radius: np.ndarray, sides: int = FACETS) -> Any:
     """Return a closed tube along a polyline, its rings halving the angles between pieces."""
     steps = np.diff(points, axis=0)
     steps /= np.linalg.norm(steps, axis=1)[:, None]
     tangent = np.vstack([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-    angle = np.linspace(0, 2 * np.pi, FACETS, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)[:, None]
     side, rings = np.linalg.svd(tangent[:1])[2][1], []
     for point, axis, wide in zip(points, tangent, radius, strict=True):
         side = side - axis * (side @ axis)
         side /= np.linalg.norm(side)
-        other = np.cross(axis, side)
-        rings.append(
-            point + wide * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other)
-        )
-    vertices = np.vstack([*rings, points[:1], points[-1:]])
-    here = np.arange(FACETS)
-    after, low, high = (here + 1) % FACETS, len(vertices) - 2, len(vertices) - 1
-    faces = [np.column_stack([np.full(FACETS, low), after, here])]
-    for k in range(len(points) - 1):
-        a, b = k * FACETS, (k + 1) * FACETS
+        rings.append(point + wide * (np.cos(angle) * side + np.sin(angle) * np.cross(axis, side)))
+    here, low, high = np.arange(sides), sides * len(points), sides * len(points) + 1
+    after = (here + 1) % sides
+    faces = [np.column_stack([np.full(sides, low), after, here])]
+    for a in range(0, low - sides, sides):
+        b = a + sides
         faces += [
             np.column_stack([a + here, a + after, b + after]),
             np.column_stack([a + here, b + after, b + here]),
         ]
-    last = (len(points) - 1) * FACETS
-    faces.append(np.column_stack([np.full(FACETS, high), last + here, last + after]))
-    mesh = manifold3d.Mesh(vertices.astype(np.float32), np.vstack(faces).astype(np.uint32))
-    return manifold3d.Manifold(mesh)
+    last = low - sides
+    faces.append(np.column_stack([np.full(sides, high), last + here, last + after]))
+    vertices = np.vstack([*rings, points[:1], points[-1:]]).astype(np.float32)
+    return manifold3d.Manifold(manifold3d.Mesh(vertices, np.vstack(faces).astype(np.uint32)))
 
 
 def write_stl(solid: Any, path: Path) -> None:
