@@ -17,26 +17,15 @@ BODY_FACETS = 256
 
 @dataclass(frozen=True)
 class Body:
-    """A convex body in the part's frame.
+    """A convex body in the part's frame, mm; its bounding box begins at 0.
 
-    Attributes
-    ----------
-    size : (3,) float, mm
-        Its bounding box begins at 0.
-    planes : (n, 4) float
-        Outward unit normals and offsets (mm): inside is ``normal @ p <= offset``.
-    cylinder : (float, float, float), mm
-        Axis' x and y and radius of a cylinder along z; a radius of 1e6 is none.
+    ``planes`` (n, 4): outward unit normals and offsets, inside is ``normal @ p <= offset``;
+    ``cylinder``: axis' x and y and radius of one along z, 1e6 for none.
     """
 
     size: np.ndarray
     planes: np.ndarray
     cylinder: tuple[float, float, float] = NO_CYLINDER
-
-    @property
-    def is_round(self) -> bool:
-        """Whether a cylinder bounds it."""
-        return self.cylinder[2] < 1e5
 
     def depth(self, points: np.ndarray) -> np.ndarray:
         """Distance of points (n, 3) outwards beyond the surface, mm; negative inside."""
@@ -46,8 +35,8 @@ class Body:
 
     def solid(self) -> Any:
         """The body as a manifold."""
-        if self.is_round:
-            x, y, radius = self.cylinder
+        x, y, radius = self.cylinder
+        if radius < 1e5:
             whole = manifold3d.Manifold.cylinder(self.size[2], radius, radius, BODY_FACETS)
             whole = whole.translate((x, y, 0.0))
         else:
@@ -59,11 +48,8 @@ class Body:
 
 def box_planes(size: np.ndarray) -> np.ndarray:
     """Return the six planes of a box from 0 to `size` (mm)."""
-    rows = []
-    for axis in range(3):
-        normal = np.eye(3)[axis]
-        rows += [[*normal, size[axis]], [*-normal, 0.0]]
-    return np.array(rows)
+    sides = zip(np.eye(3), size, strict=True)
+    return np.array([row for normal, s in sides for row in ([*normal, s], [*-normal, 0.0])])
 
 
 def block(x: float, y: float, z: float) -> Body:
@@ -94,15 +80,7 @@ PIECE_MM = 0.25
 
 @dataclass(frozen=True)
 class Vessel:
-    """A polyline with a radius at each point; it runs from node to node.
-
-    Attributes
-    ----------
-    nodes : (int, int)
-        Numbers of the nodes at its start and end.
-    points : (n, 3) float, mm
-    radius : (n,) float, mm
-    """
+    """A polyline ``points`` (n, 3) with ``radius`` (n,) from node to node, mm."""
 
     nodes: tuple[int, int]
     points: np.ndarray
@@ -111,9 +89,8 @@ class Vessel:
     @property
     def along(self) -> np.ndarray:
         """Length from the start to each point, mm."""
-        return np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))]
-        )
+        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        return np.append(0.0, np.cumsum(steps))
 
     def at(self, along: np.ndarray | float) -> np.ndarray:
         """Return points at lengths along it, mm; shape (..., 3)."""
@@ -153,13 +130,10 @@ class Design:
         points = curve(ends, np.array(bend)) if bend else ends
         if len(diameters) > 1 and not bend:
             points = np.linspace(ends[0], ends[1], 9)
-        share = np.linspace(0, 1, len(points))
-        radius = np.interp(
-            share,
-            np.linspace(0, 1, max(len(diameters), 2)),
-            np.resize(diameters, max(len(diameters), 2)),
-        )
-        self.vessels.append(Vessel((a, b), points, radius / 2))
+        known = np.resize(diameters, max(len(diameters), 2))
+        share = np.linspace(0, len(known) - 1, len(points))
+        radius = np.interp(share, np.arange(len(known)), known) / 2
+        self.vessels.append(Vessel((a, b), points, radius))
 
     def open_ends(self, vessel: int) -> tuple[bool, bool]:
         """Whether a vessel's start and end lie on the body's surface."""
