@@ -76,7 +76,7 @@ def sections(
     for number, vessel in enumerate(design.vessels):
         length = vessel.along[-1]
         along = np.linspace(0, length, max(int(length / SECTION_STEP_MM), 2) + 1)
-        smooth, made, clear, in_view = [], [], [], []
+        smooth, made, clear, in_view = list[float](), list[float](), list[bool](), list[bool]()
         for s in along:
             point = vessel.at(s)
             axis = vessel.at(min(s + 0.02, length)) - vessel.at(max(s - 0.02, 0))
