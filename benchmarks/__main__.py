@@ -36,7 +36,6 @@ SUBJECTS: dict[str, dict[str, str]] = {
     "tissue": {"supply": "tissue.run:rows"},
     "flow": {
         "steady": "flow.lumped:steady_rows",
-        "pulsatile": "flow.lumped:pulsatile_rows",
         "oxygen": "flow.oxygen:rows",
         "lumens": "flow.lumens:rows",
         "loops": "flow.loops:rows",

@@ -107,12 +107,8 @@ def store(intensity: np.ndarray, asked: argparse.Namespace) -> None:
         intensity = np.flip(intensity, "zyx".index(asked.mirror))
     tifffile.imwrite(asked.out + ".tif", intensity, photometric="minisblack", metadata=None)
     x, y, z = (v / 1e3 for v in asked.voxel_um)
-    facts: dict[str, object] = {
-        "voxel_mm": [z * asked.index / FILE_INDEX, y, x],
-        "axes": "zyx",
-        "modality": "oct",
-    }
-    facts |= {"scale": "linear", "depth_down": True, "optical_depth": False}
+    facts: dict[str, object] = {"voxel_mm": [z * asked.index / FILE_INDEX, y, x], "axes": "zyx"}
+    facts |= {"modality": "oct", "scale": "linear", "depth_down": True, "optical_depth": False}
     Path(asked.out + ".json").write_text(json.dumps(facts | {"refractive_index": FILE_INDEX}))
 
 
