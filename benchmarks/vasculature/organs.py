@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from statistics import median
 
 import numpy as np
 
@@ -50,10 +49,6 @@ def _run(way: str, stl: Path, terminals: int, out: Path, *root: float, seed: int
     return run_module("benchmarks.vasculature.worker", way, stl, terminals, seed, out, *root)
 
 
-def _medians(runs: list[Row]) -> Row:
-    return {key: median(run[key] for run in runs) for key in runs[0]}
-
-
 def _time(name: str, run: Row, goal_s: float | None = None) -> Row:
     """Return tissue plus growth, audited."""
     made = limited(f"{name}: tissue, growth, audit", run["tissue_s"] + run["growth_s"], "s", goal_s)
@@ -61,13 +56,13 @@ def _time(name: str, run: Row, goal_s: float | None = None) -> Row:
 
 
 def _tree_rows(
-    where: str, mesh: str, terminals: int, goal_s: float, goal_gb: float = np.inf, times: int = 1
+    where: str, mesh: str, terminals: int, goal_s: float, goal_gb: float | None = None
 ) -> Iterator[Row]:
     """Yield time, memory and the checkers' findings of one tree."""
     name, stl = f"{where} {terminals:,}", needed(DATA / mesh)
     with scratch() as folder:
         out = folder / "network.csv"
-        run = _medians([_run("tree", stl, terminals, out) for _ in range(times)])
+        run = _run("tree", stl, terminals, out)
         yield _time(name, run, goal_s)
         yield limited(f"{name}: peak memory, file and all", run["peak_mb"] / 1e3, "GB", goal_gb)
         yield from rows_of(name, terminals, check(out, stl, run["flow_ul_s"]))
@@ -75,7 +70,7 @@ def _tree_rows(
 
 def gyrus_rows(quick: bool) -> Iterator[Row]:
     """Yield 8,000 terminals in a patch of cortex."""
-    return _tree_rows("gyrus", GYRUS, 8000, 5.0, times=1 if quick else 3)
+    return _tree_rows("gyrus", GYRUS, 8000, 5.0)
 
 
 def biventricle_rows(quick: bool) -> Iterator[Row]:
