@@ -35,6 +35,9 @@ SIZE_MM = np.array([11.0, 5.6, 2.6])
 SHRUNK = Placing(rotation_deg=12.0, shrink=(0.98, 0.978, 0.975))
 COARSE = OctOptions(voxel_mm=(0.040, 0.030, 0.030), attenuation_mm=0.6, placing=SHRUNK)
 FINE = replace(COARSE, voxel_mm=(0.0215, 0.018, 0.017))
+LEVEL = Placing(rotation_deg=4.0, tilt_deg=1.0, shrink=SHRUNK.shrink)
+WHOLE = replace(COARSE, voxel_mm=(0.0235, 0.0195, 0.0172), placing=LEVEL)
+"""Some 1000 x 500 x 250 voxels."""
 LIGHTS = (
     COARSE,
     replace(COARSE, signal_db=27.0, looks=1),
@@ -87,8 +90,8 @@ def branched() -> Part:
 
 def whole_rows(quick: bool) -> Iterator[Row]:
     """Yield time and memory of ``printctl register`` on a file of some 125 million voxels."""
-    part, options = planar(), COARSE if quick else FINE
-    scanned = simulate_oct(part.printed(INK_MM), options, 1)
+    part = planar()
+    scanned = simulate_oct(part.printed(INK_MM), COARSE if quick else WHOLE, 1)
     dz, dy, dx = scanned.voxel_mm
     with scratch() as folder:
         tifffile.imwrite(folder / "scan.tif", scanned.volume)
