@@ -36,7 +36,6 @@ SUBJECTS: dict[str, dict[str, str]] = {
     "tissue": {"supply": "tissue.run:rows"},
     "flow": {
         "steady": "flow.lumped:steady_rows",
-        "pulsatile": "flow.lumped:pulsatile_rows",
         "oxygen": "flow.oxygen:rows",
         "lumens": "flow.lumens:rows",
         "loops": "flow.loops:rows",
@@ -55,7 +54,8 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "kills": "link.virtual:kill_rows",
     },
     "operator": {
-        "stop": "operator.stop:rows",
+        "stop": "operator.stop:stop_rows",
+        "slowing": "operator.stop:slowing_rows",
         "view": "operator.view:rows",
         "stop_door": "operator.stop_door:rows",
         "first_print": "operator.first_print:rows",
@@ -69,9 +69,9 @@ SUBJECTS: dict[str, dict[str, str]] = {
         for name in ("noise", "faults", "stop", "looks", "speed", "dry_run")
     },
     "registration": {
-        "whole": "registration.vessels:whole_rows",
-        "landing": "registration.pose:landing_rows",
-        "diameters": "registration.vessels:diameter_rows",
+        "whole": "registration.scans:whole_rows",
+        "landing": "registration.scans:landing_rows",
+        "diameters": "registration.scans:diameter_rows",
         "dye": "registration.dye:rows",
     },
     "scans": {"count": "scans.rows:rows"},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import platform
@@ -9,7 +10,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +57,30 @@ def limited(measure: str, value: float, unit: str, most: float | None) -> Row:
     if most is None:
         return row(measure, value, unit)
     return row(measure, value, unit, f"<= {most:g}", value <= most)
+
+
+def at_least(measure: str, value: float, unit: str, least: float) -> Row:
+    """Return a row whose value must be ``least`` or more."""
+    return row(measure, value, unit, f">= {least:g}", value >= least)
+
+
+def all_of(measure: str, value: int, count: int) -> Row:
+    """Return a row of cases, all of which must hold."""
+    return row(measure, value, f"of {count}", "all", value == count)
+
+
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """Make a temporary folder, in which records of prints go, too."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        os.environ["PRINTCTL_DATA"] = folder
+        yield Path(folder)
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    """Return a table's rows by column name."""
+    with path.open() as table:
+        return list(csv.DictReader(table))
 
 
 def machine() -> dict[str, Any]:

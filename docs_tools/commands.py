@@ -82,7 +82,7 @@ def _section(name: str, command: Any, shared: dict[str, tuple[str, ...]]) -> str
     items = [(param, _item(param)) for param in _shown(command)]
     own = [item for _, item in items if item not in shared]
     parts += [*own, ""] if own else []
-    shared_names = ", ".join(_head(param) for param, item in items if item in shared)
+    shared_names = ", ".join(_names(param) for param, item in items if item in shared)
     parts += [f"[Shared](#shared-options): {shared_names}.", ""] if shared_names else []
     codes = {k: v for k, v in MANUAL[name].exit_codes().items() if ALWAYS.get(k) != v}
     if codes:
@@ -105,8 +105,11 @@ def _item(param: Any) -> str:
 
 
 def _head(param: Any) -> str:
-    names = ", ".join(f"`{one}`" for one in (*param.opts, *param.secondary_opts))
-    return f"{names} (needed)" if param.required else names
+    return f"{_names(param)} (needed)" if param.required else _names(param)
+
+
+def _names(param: Any) -> str:
+    return ", ".join(f"`{one}`" for one in (*param.opts, *param.secondary_opts))
 
 
 def _value(param: Any) -> str:

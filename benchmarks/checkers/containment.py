@@ -24,26 +24,15 @@ from benchmarks.checkers.networks import Pieces
 ROUNDING_MM = 1e-9
 
 # Three directions that no drawn edge or face is likely to lie along.
-_RAYS = np.array(
-    [
-        [0.5773817, 0.6122449, 0.5401231],
-        [-0.8017837, 0.2672613, 0.5345317],
-        [0.1690309, -0.9213321, 0.3501373],
-    ]
-)
+_RAYS = np.array([[0.577, 0.612, 0.540], [-0.802, 0.267, 0.535], [0.169, -0.921, 0.350]])
 
 
 @dataclass(frozen=True)
 class Outside:
-    """Pieces that aren't wholly in the tissue.
+    """Pieces that aren't wholly in the tissue, less those that leave an inlet.
 
-    Attributes
-    ----------
-    pieces : (k,) int64
-        Without those that leave an inlet: the root has to pass the surface.
-    excess_mm : (k,) float64
-        How far the lumen reaches beyond the surface: radius less the axis's distance to it, or
-        infinity where the axis is outside or passes the surface.
+    ``excess_mm``: how far the lumen reaches beyond the surface: radius less the axis's distance to
+    it, or infinity where the axis is outside or passes the surface.
     """
 
     pieces: NDArray[np.int64]
@@ -51,16 +40,10 @@ class Outside:
 
 
 def pieces_outside(net: Pieces, triangles: NDArray[np.float64]) -> Outside:
-    """Find the pieces whose lumen (a capsule) leaves the tissue.
+    """Find the pieces whose lumen (a capsule) leaves the tissue, triangles (f, 3, 3), mm.
 
     A piece is inside when no point of its axis is nearer to the surface than its (larger) radius,
-    and its end has a winding number above 0 with respect to the surface.
-
-    Parameters
-    ----------
-    net : Pieces
-    triangles : (f, 3, 3) float64, mm
-        The tissue's closed surface, wound outward.
+    and its end has a winding number above 0 with respect to the closed surface, wound outward.
     """
     tree = surface_tree(triangles)
     radius = net.widest

@@ -28,18 +28,10 @@ _LINES = 400
 
 @dataclass(frozen=True)
 class Tubes:
-    """A network of straight tubes, dye let in at one end at ``start_s``.
+    """A network of straight tubes, dye let in at one end; mm, µL/s.
 
-    Attributes
-    ----------
-    node : (m, 3) float64, mm
-    vessel : (n, 2) int64
-        Ends of each.
-    radius : (n,) float64, mm
-    flow : (n,) float64, µL/s
-        From first end to last; 0 in closed ones and in what they cut off.
-    entered : (m, k) float64
-        Concentration at each node at multiples of `STEP_S`.
+    ``vessel`` (n, 2): ends of each; ``flow`` (n,) from first end to last, 0 in closed ones and in
+    what they cut off; ``entered`` (m, k): concentration at each node at multiples of `STEP_S`.
     """
 
     node: FloatArray
@@ -156,18 +148,9 @@ _BLUE_GREEN_RED_PER_MM = np.array([0.2, 0.6, 1.3])
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A camera above a part, tilted about an axis in the part's plane.
+    """A camera above a part, tilted about an axis at ``about_deg`` from the part's x.
 
-    Attributes
-    ----------
-    width, height : int, px
-    px_per_mm : float
-        At ``centre``.
-    centre : (3,) float64, mm
-        In the picture's middle.
-    distance_mm : float
-    tilt_deg, about_deg : float
-        Tilt, and the direction of its axis from the part's x.
+    ``centre`` (3,), mm, is in the picture's middle, ``px_per_mm`` there, ``distance_mm`` away.
     """
 
     width: int
@@ -294,12 +277,8 @@ def _table(camera: Pinhole, generator: np.random.Generator) -> FloatArray:
     """The light table, brighter in the middle, with grain, (height, width, 3)."""
     shape = (camera.height, camera.width)
     v, u = np.mgrid[-1 : 1 : shape[0] * 1j, -1 : 1 : shape[1] * 1j]
-    grain = sum(
-        part / part.std()
-        for part in (
-            cv2.GaussianBlur(generator.standard_normal(shape), (0, 0), wide) for wide in (1.5, 6)
-        )
-    )
+    parts = [cv2.GaussianBlur(generator.standard_normal(shape), (0, 0), wide) for wide in (1.5, 6)]
+    grain = sum(part / part.std() for part in parts)
     level = 185 * (1 - 0.12 * (u**2 + v**2)) * (1 + 0.03 * grain)
     return np.asarray(level[:, :, None] * np.array([0.93, 1.0, 0.97]))
 
@@ -311,7 +290,6 @@ def _taken(
     size = (clean.shape[1], clean.shape[0])
     seen = cv2.warpAffine(clean, shift, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     seen = cv2.GaussianBlur(seen, (0, 0), spoilt.blur_px)
-    noise = np.sqrt(spoilt.noise**2 + np.maximum(seen, 0) / 50) * generator.standard_normal(
-        seen.shape
-    )
+    noise = np.sqrt(spoilt.noise**2 + np.maximum(seen, 0) / 50)
+    noise *= generator.standard_normal(seen.shape)
     return np.asarray(np.clip(np.rint(seen + noise), 0, 255), dtype=np.uint8)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,23 +39,11 @@ TRIED = 6
 
 @dataclass(frozen=True)
 class Axes:
-    """Vessels as polylines, and dense points along them.
+    """Vessels as polylines, and dense points along them; mm.
 
-    Attributes
-    ----------
-    ends : (v, 2) int64
-        Nodes at the first and the last point of each vessel.
-    node : (m, 3) float64, mm
-    lines : list of (k, 4) float64, mm
-        Points and radius of each vessel.
-    length : (v,) float64, mm
-    volume_ul : float
-        Of all vessels as frustums, joints counted for each vessel that meets there.
-    tree : KDTree
-        Of the dense points.
-    vessel : (p,) int64
-    arc, radius : (p,) float64, mm
-        Of each dense point.
+    ``ends`` (v, 2): nodes at the first and last point of each vessel; ``node`` (m, 3); ``lines``:
+    points and radius (k, 4); ``volume_ul`` as frustums, joints counted for each vessel that meets
+    there. Of each dense point in ``tree``: ``vessel``, ``arc`` and ``radius`` (p,).
     """
 
     ends: IntArray
@@ -102,10 +91,6 @@ class Axes:
         away = np.linalg.norm(start + part[:, None] * way - points, axis=1)
         return away, self.arc[index] + part * (self.arc[other] - self.arc[index])
 
-    def degree(self) -> IntArray:
-        """Vessels' ends at each node."""
-        return np.bincount(self.ends.ravel(), minlength=len(self.node))
-
 
 def arcs(points: FloatArray) -> FloatArray:
     """Arc length at each point of a polyline, mm."""
@@ -113,14 +98,8 @@ def arcs(points: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def read_axes(path: Path, scale: float = 1.0) -> Axes:
-    """Read a `network.csv`, mm, scaled as it is printed.
-
-    Raises
-    ------
-    ValueError
-        When the pieces of a vessel aren't in their order.
-    """
+def read_axes(path: Path) -> Axes:
+    """Read a `network.csv`, mm; refuse one whose pieces of a vessel aren't in their order."""
     pieces = read_network(path)
     lines, ends = [], []
     first = np.flatnonzero(np.diff(pieces.vessel, prepend=pieces.vessel[0] - 1))
@@ -131,38 +110,29 @@ def read_axes(path: Path, scale: float = 1.0) -> Axes:
     for low, high in zip(first, last, strict=True):
         if np.any(pieces.node[low : high - 1, 1] != pieces.node[low + 1 : high, 0]):
             raise ValueError(f"{path}: vessel {pieces.vessel[low]} isn't in the order of its flow")
-        points = np.vstack([pieces.start[low:high], pieces.end[high - 1]]) * scale
-        radius = np.append(pieces.radius[low:high, 0], pieces.radius[high - 1, 1]) * scale
+        points = np.vstack([pieces.start[low:high], pieces.end[high - 1]])
+        radius = np.append(pieces.radius[low:high, 0], pieces.radius[high - 1, 1])
         lines.append(np.column_stack([points, radius]))
         ends.append((pieces.node[low, 0], pieces.node[high - 1, 1]))
         node[pieces.node[low, 0]], node[pieces.node[high - 1, 1]] = points[0], points[-1]
-    r0, r1 = pieces.radius.T * scale
-    volume = np.pi / 3 * (pieces.length * scale * (r0 * r0 + r0 * r1 + r1 * r1)).sum()
+    r0, r1 = pieces.radius.T
+    volume = np.pi / 3 * (pieces.length * (r0 * r0 + r0 * r1 + r1 * r1)).sum()
     return _dense(np.array(ends), node, lines, float(volume))
 
 
 def _dense(ends: IntArray, node: FloatArray, lines: list[FloatArray], volume: float) -> Axes:
-    points, vessel, arc, radius = [], [], [], []
+    dense: list[list[Any]] = [[], [], [], []]
     length = np.zeros(len(lines))
     for k, line in enumerate(lines):
         along = arcs(line[:, :3])
         length[k] = along[-1]
         at = np.linspace(0.0, along[-1], int(np.ceil(along[-1] / STEP_MM)) + 1)
-        points.append(np.column_stack([np.interp(at, along, line[:, x]) for x in range(3)]))
-        vessel.append(np.full(len(at), k))
-        arc.append(at)
-        radius.append(np.interp(at, along, line[:, 3]))
-    return Axes(
-        ends,
-        node,
-        lines,
-        length,
-        volume,
-        KDTree(np.concatenate(points)),
-        np.concatenate(vessel),
-        np.concatenate(arc),
-        np.concatenate(radius),
-    )
+        place = np.column_stack([np.interp(at, along, line[:, x]) for x in range(3)])
+        found = (place, np.full(len(at), k), at, np.interp(at, along, line[:, 3]))
+        for column, values in zip(dense, found, strict=True):
+            column.append(values)
+    points, vessel, arc, radius = map(np.concatenate, dense)
+    return Axes(ends, node, lines, length, volume, KDTree(points), vessel, arc, radius)
 
 
 FINEST = 0.3
@@ -174,23 +144,12 @@ OFF_MM = 0.015
 
 @dataclass(frozen=True)
 class Ink:
-    """Ink as short stretches, in the order of writing.
+    """Ink as short stretches (n,) in the order of writing; mm.
 
-    Attributes
-    ----------
-    point : (n, 3) float64, mm
-        Middle of each stretch.
-    tip : (n, 3) float64, mm
-        Its end: where the tip stands when it is written.
-    radius, length : (n,) float64, mm
-    move, stroke : (n,) int64
-        Move of the file, and pass.
-    arc : (n,) float64, mm
-        Along the pass, at the stretch's end.
-    vessel : (n,) int64
-        Of the nearest axis; -1 for ink beside the network (a prime line, say).
-    vessel_arc, off_mm, design_radius : (n,) float64, mm
-        Along the vessel, distance from its axis and its radius there.
+    ``point``: middle; ``tip``: its end, where the tip stands when it is written; ``move`` of the
+    file, ``stroke``: pass; ``arc`` along the pass at the stretch's end. Of the nearest axis:
+    ``vessel`` (-1 beside the network, a prime line, say), ``vessel_arc`` along it, ``off_mm`` from
+    it, ``design_radius`` there.
     """
 
     point: FloatArray

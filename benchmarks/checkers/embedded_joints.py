@@ -33,16 +33,9 @@ AT_NODE = 1.25
 
 @dataclass(frozen=True)
 class Joint:
-    """A place where ink must hold together.
+    """A place (3,) where ink must hold together, radius of the widest vessel there, mm.
 
-    Attributes
-    ----------
-    place : (3,) float64, mm
-    radius : float, mm
-        Of the widest vessel there.
-    sides : list of Side
-    node : int
-        -1 for a cut inside a vessel.
+    ``node`` is -1 for a cut inside a vessel.
     """
 
     place: FloatArray

@@ -77,17 +77,11 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Tips:
-    """Places of the tip in order of time.
+    """Places of the tip, ``point`` (n, 3), mm, in order of time.
 
-    Attributes
-    ----------
-    point : (n, 3) float64, mm
-    move : (n,) int64
-    before : (n,) int64
-        How many stretches of ink are there by then.
-    last, next : (n,) int64
-        Stretch of ink whose vessel the needle is at: while writing both that being written; on a
-        travel the one just written and the one that follows; -1 where there is none.
+    ``before``: how many stretches of ink are there by then. ``last``, ``next``: stretch of ink
+    whose vessel the needle is at: while writing both that being written; on a travel the one just
+    written and the one that follows; -1 where there is none.
     """
 
     point: FloatArray
@@ -99,24 +93,15 @@ class Tips:
 
 @dataclass(frozen=True)
 class Bad:
-    """Moves of which the shaft enters ink.
+    """Moves (n,) of which the shaft enters ink, in order.
 
-    Attributes
-    ----------
-    move : (n,) int64
-        Without repeats, in order.
-    through : (n,) int64
-        Vessel that is entered deepest; -1 beside the network.
-    depth_mm : (n,) float64, mm
-        How deep, radially, at most.
-    samples : (n,) int64
-        Places at which it happens.
+    ``through``: vessel that is entered deepest, -1 beside the network; ``depth_mm``: how deep,
+    radially, at most.
     """
 
     move: IntArray
     through: IntArray
     depth_mm: FloatArray
-    samples: IntArray
 
 
 def tips_of(moves: Moves, ink: Ink, step_mm: float) -> Tips:
@@ -154,12 +139,9 @@ def bad_moves(
     needle_outer_mm: float,
     graze_mm: float = 0.005,
 ) -> Bad:
-    """Every move that drives the shaft deeper than ``graze_mm`` into ink that no joint excuses.
+    """Find moves that drive the shaft deeper than ``graze_mm`` into ink that no joint excuses.
 
-    Parameters
-    ----------
-    cuts : list of (vessel, (3,) point)
-        Places off a vessel's nodes where a pass begins or ends.
+    ``cuts``: vessel and place (3,) off its nodes where a pass begins or ends.
     """
     shaft = needle_outer_mm / 2
     tips = tips_of(moves, ink, shaft / 3)
@@ -180,7 +162,7 @@ def bad_moves(
         for low, n in zip(first, samples, strict=True)
     ]
     at = np.array(deepest, dtype=np.int64)
-    return Bad(move, ink.vessel[through[at]], depth[at], samples)
+    return Bad(move, ink.vessel[through[at]], depth[at])
 
 
 def _grid(ink: Ink, shaft: float) -> tuple[Any, ...]:
@@ -290,38 +272,17 @@ def judge(
     place_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
     syringe_bore_mm: float = SYRINGE_MM,
     flow_factor: float = 1.0,
-    scale: float = 1.0,
     graze_mm: float = 0.005,
     named: int = 20,
 ) -> dict[str, Any]:
-    """Read G-code and network (mm), and say what is wrong with the print.
+    """Read G-code and network (mm), and count what is wrong with the print.
 
-    Parameters
-    ----------
-    gcode_path, network_csv_path : path
-    needle_outer_mm : float
-        Outer diameter; no clearance is added.
-    place_mm : (3,) float, mm
-        Where the network's origin lies in the G-code's frame.
-    syringe_bore_mm, flow_factor : float
-        Volume pushed per mm of E: pi / 4 bore² × factor.
-    scale : float
-        Of the print against the network.
-    graze_mm : float
-        Depth up to which touching ink isn't counted.
-    named : int
-        How many bad moves and open joints are named.
-
-    Returns
-    -------
-    dict
-        ``bad_moves``, ``bad_moves_elsewhere`` than where the network overlaps itself,
-        ``bad_passes``, ``joints``, ``joints_open``, ``cuts``, ``cuts_open``, ``passes``, speeds,
-        volumes, times; ``bad`` and ``open`` name them (line, vessels, place
-        in the network's frame).
+    ``place_mm`` is where the network's origin lies in the G-code's frame; 1 mm of E pushes
+    pi / 4 bore² × factor. ``bad`` and ``open`` name some moves and joints (line, vessels, place in
+    the network's frame); ``bad_moves_elsewhere`` than where the network overlaps itself.
     """
-    axes = read_axes(Path(network_csv_path), scale)
-    moves = _moved(read_moves(Path(gcode_path).read_text()), np.array(place_mm))
+    axes, moves = read_axes(Path(network_csv_path)), read_moves(Path(gcode_path).read_text())
+    moves = replace(moves, start=moves.start - place_mm, end=moves.end - place_mm)
     ul_per_e = np.pi / 4 * syringe_bore_mm**2 * flow_factor
     ink = written_ink(moves, axes, ul_per_e)
     if not len(ink.point):
@@ -338,12 +299,7 @@ def judge(
         "cuts_open": len(uncut),
         "open": (unclosed + uncut)[:named],
         **_written(moves, written_ink(moves, axes, ul_per_e, 0.5 * BIN_MM), axes),
-        **_times(moves),
     }
-
-
-def _moved(moves: Moves, place: FloatArray) -> Moves:
-    return replace(moves, start=moves.start - place, end=moves.end - place)
 
 
 def _crossings(
@@ -365,7 +321,6 @@ def _crossings(
     return {
         "bad_moves": len(bad.move),
         "bad_moves_elsewhere": len(own) - sum(own),
-        "bad_writing": int(writes.sum()),
         "bad_travels": int((~writes).sum()),
         "bad_passes": len(np.unique(ink.stroke[at])),
         "bad": [
@@ -389,8 +344,6 @@ def _written(moves: Moves, ink: Ink, axes: Axes) -> dict[str, Any]:
     written = float(volume.sum()) - beside
     overlap = overlap_ul(ink, axes)
     speed = moves.speed[moves.writes]
-    single = (ink.vessel >= 0) & (ink.off_mm < 0.03)
-    ratio = ink.radius[single] / ink.design_radius[single]
     return {
         "passes": int(ink.stroke.max()) + 1,
         "speed_least_mm_s": round(float(speed.min()), 4),
@@ -400,24 +353,4 @@ def _written(moves: Moves, ink: Ink, axes: Axes) -> dict[str, Any]:
         "beside_ul": beside,
         "overlap_ul": overlap,
         "volume_error_percent": 100 * ((written - overlap) / axes.volume_ul - 1),
-        "radius_error_p1_p99_percent": [
-            round(float(100 * (q - 1)), 2) for q in np.percentile(ratio, [1, 99])
-        ],
-        "written_mm": float(ink.length.sum()),
-        "design_mm": float(axes.length.sum()),
     }
-
-
-def _times(moves: Moves) -> dict[str, float]:
-    """Seconds at constant speeds; an upright travel is a lift."""
-    duration = np.where(np.isnan(moves.speed), 0.0, moves.duration)
-    upright = np.linalg.norm((moves.end - moves.start)[:, :2], axis=1) < 1e-9
-    travels = ~moves.writes & ~moves.stands
-    found = {
-        "writing_s": float(duration[moves.writes].sum()),
-        "travel_s": float(duration[travels & ~upright].sum()),
-        "lift_s": float(duration[travels & upright].sum()),
-        "plunger_s": float(duration[moves.stands].sum()),
-        "dwell_s": moves.dwell_s,
-    }
-    return found | {"total_s": sum(found.values())}

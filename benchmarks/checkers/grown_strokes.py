@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sim.gcode.motion.executed import ExecutedMotion
 
 WITHIN_MM = 0.02
@@ -19,16 +21,10 @@ Stroke = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Compared:
-    """What became of a grown file's strokes.
+    """What became of a grown file's strokes, as many as ``expected`` in the text.
 
-    Attributes
-    ----------
-    expected, made : int
-        How many there are in the text, and by the motors.
-    wrong : int
-        Places in the order at which the two differ; of those beyond the shorter list, all.
-    misnamed : int
-        Strokes that the record calls another command than the text's.
+    ``wrong``: places in the order at which text and motors differ, all beyond the shorter list;
+    ``misnamed``: strokes that the record calls another command than the text's.
     """
 
     expected: int
@@ -45,27 +41,16 @@ class Compared:
 def compared(
     commands: Sequence[str], start: tuple[float, float, float], motion: ExecutedMotion
 ) -> Compared:
-    """Compare.
+    """Compare commands of a grown file, absolute and without comments, with executed motion.
 
-    Parameters
-    ----------
-    commands : sequence of str
-        Of the grown file, one a line, without comments; absolute places throughout.
-    start : (x, y, z), mm
-        Where the tip stands before them.
-    motion : ExecutedMotion
+    ``start`` is where the tip stands before them, mm.
     """
     asked = _of_text(commands, start)
-    done = [
-        (line, (float(end[0]), float(end[1]), float(end[2]), float(push)))
-        for begin, end, push, line in zip(
-            motion.start,
-            motion.end,
-            motion.plunger_end - motion.plunger_start,
-            motion.line.tolist(),
-            strict=True,
-        )
-        if max(abs(end[0] - begin[0]), abs(end[1] - begin[1])) > WITHIN_MM / 4
+    across = np.abs(motion.end - motion.start)[:, :2].max(axis=1) > WITHIN_MM / 4
+    made = np.column_stack([motion.end, motion.plunger_end - motion.plunger_start])[across]
+    done: list[tuple[int, Stroke]] = [
+        (line, (x, y, z, push))
+        for line, (x, y, z, push) in zip(motion.line[across].tolist(), made.tolist(), strict=True)
     ]
     pairs = list(zip(asked, done, strict=False))
     wrong = sum(not _same(one, other) for (_, one), (_, other) in pairs)

@@ -20,15 +20,9 @@ _STATED_AGAIN = (b"G21", b"G90", b"M82")
 
 @dataclass(frozen=True)
 class Taken:
-    """A line that the printer took.
+    """A line that the printer took, as it arrived, number and checksum included.
 
-    Attributes
-    ----------
-    time_s : float
-    text : bytes
-        As it arrived, number and checksum included.
-    meant : bytes or None
-        What the host had last sent under that number; None for a line without a number.
+    ``meant``: what the host had last sent under that number; None for a line without a number.
     """
 
     time_s: float
@@ -38,24 +32,13 @@ class Taken:
 
 @dataclass(frozen=True)
 class Order:
-    """What became of a file.
+    """What became of a file's lines.
 
-    Attributes
-    ----------
-    lost, doubled, swapped : int
-        Lines before the last taken one that never were; taken again; taken after a later one.
-    unfinished : int
-        Lines after the last taken one: the print ended before them.
-    slipped : int
-        Lines of the file taken with another text than was sent: the checksum didn't show it.
-    slipped_beside : int
-        The same of the host's own lines between them, such as M114.
-    strays : int
-        Lines without a number that were taken.
-    unverified : int
-        Strays that read like a command after which no M114 was asked before the file went on.
-    longest_gap_s : float
-        Between two lines of the file.
+    ``lost``, ``doubled``, ``swapped``: before the last taken one never taken; taken again; taken
+    after a later one. ``unfinished``: after the last taken one. ``slipped``: taken with another
+    text than was sent, which the checksum didn't show; ``slipped_beside``: the same of the host's
+    own lines between them. ``strays``: taken without a number; ``unverified``: those that read like
+    a command after which no M114 was sent before the file went on.
     """
 
     lost: int
@@ -132,12 +115,7 @@ def _unverified(place: dict[bytes, int], taken: list[Taken]) -> int:
 
 
 def unreached(expected: NDArray[np.int64], executed: NDArray[np.int64]) -> tuple[int, int]:
-    """How many of the expected ends of moves weren't reached in order, and how many more there are.
-
-    Parameters
-    ----------
-    expected, executed : (n, 4) and (m, 4) int64, steps
-    """
+    """Count ends of moves (n, 4), steps, that weren't reached in order, and surplus ones."""
     rows = [tuple(row) for row in executed.tolist()]
     last_at: dict[tuple[int, ...], list[int]] = {}
     for index, row in enumerate(rows):

@@ -1,8 +1,7 @@
 """Free cross-section of lumens among printed lines, and a layer's ink against its section.
 
-Shares no code with the product. A line is a slab as high as its layer, as wide as the crest of its
-round-sided bead (`flat`), or that bead itself (`rounded`). Rays go out from a lumen's axis, in the
-plane across it, to the nearest ink. Lengths are mm.
+Shares no code with the product. A line is a round-sided bead; of upright lumens its widest place
+counts. Rays go out from a lumen's axis, in the plane across it, to the nearest ink. Lengths are mm.
 """
 
 from __future__ import annotations
@@ -56,16 +55,7 @@ CLOSE = 1e-5
 
 @dataclass(frozen=True)
 class Axis:
-    """Points on a lumen's axis that are to be measured.
-
-    Attributes
-    ----------
-    name : str
-    point, along : (n, 3) float64, mm
-        Place, and unit vector of the axis.
-    diameter : (n,) float64, mm
-        As designed.
-    """
+    """Points (n, 3) on a lumen's axis, unit vectors along it, diameters (n,) as designed, mm."""
 
     name: str
     point: FloatArray
@@ -73,42 +63,13 @@ class Axis:
     diameter: FloatArray
 
 
-@dataclass(frozen=True)
-class Free:
-    """What is free at each point of an axis: (n,) float64, mm.
-
-    Attributes
-    ----------
-    round : of the circle of the free area
-    inner : of the widest circle about the axis
-    """
-
-    round: FloatArray
-    inner: FloatArray
-
-
-def free_sections(lines: Lines, layer_mm: float, axis: Axis, *, rounded: bool) -> Free:
-    """Measure an axis' sections."""
-    way = free_outline(lines, layer_mm, axis, RAYS, rounded=rounded)
-    return Free(2 * np.sqrt(np.mean(way**2, axis=1)), 2 * way.min(axis=1))
-
-
-def free_outline(
-    lines: Lines, layer_mm: float, axis: Axis, rays: int, *, rounded: bool = True
-) -> FloatArray:
-    """Way to the nearest ink at evenly spread angles about each point, (n, rays), mm."""
+def free_diameters(lines: Lines, layer_mm: float, axis: Axis) -> FloatArray:
+    """Return the diameter of the widest circle about each point that no ink enters, (n,), mm."""
     top = np.round(lines.z, 4)
     order = np.argsort(top, kind="stable")
-    top = top[order]
     data = np.column_stack([lines.start, lines.end, lines.width / 2, lines.z - layer_mm / 2])[order]
-    turn = (np.arange(rays) + 0.5) / rays * 2 * np.pi
-    circle = np.column_stack([np.cos(turn), np.sin(turn)])
-    return np.array(
-        [
-            _section(data, top, layer_mm, *row, circle, rounded)
-            for row in zip(axis.point, axis.along, axis.diameter, strict=True)
-        ]
-    )
+    rows = zip(axis.point, axis.along, axis.diameter, strict=True)
+    return np.array([2 * _section(data, top[order], layer_mm, *row).min() for row in rows])
 
 
 def _section(
@@ -118,9 +79,8 @@ def _section(
     point: FloatArray,
     along: FloatArray,
     diameter: float,
-    circle: FloatArray,
-    rounded: bool,
 ) -> FloatArray:
+    """Return the way to the nearest ink at evenly spread angles about a point, mm."""
     reach = diameter / 2 + 0.15
     low, high = np.searchsorted(top, [point[2] - reach - layer, point[2] + reach + 2 * layer])
     near = data[low:high]
@@ -129,26 +89,22 @@ def _section(
     near = near[(box - half < reach).all(axis=1)]
     one = np.cross(along, [0.0, 0.0, 1.0] if abs(along[2]) < 0.9 else [1.0, 0.0, 0.0])
     one /= np.linalg.norm(one)
-    two = np.cross(along, one)
-    rays = circle @ np.array([one, two])
-    return _trace(np.ascontiguousarray(near), layer / 2, point, rays, reach, rounded)
+    turn = (np.arange(RAYS) + 0.5) / RAYS * 2 * np.pi
+    rays = np.column_stack([np.cos(turn), np.sin(turn)]) @ np.array([one, np.cross(along, one)])
+    return _trace(np.ascontiguousarray(near), layer / 2, point, rays, reach)
 
 
 @compiled
 def _trace(
-    near: FloatArray, r: float, point: FloatArray, rays: FloatArray, reach: float, rounded: bool
+    near: FloatArray, r: float, point: FloatArray, rays: FloatArray, reach: float
 ) -> FloatArray:
     """Way along each ray to the nearest ink, by steps as long as the way to it in any direction."""
     found = np.empty(len(rays))
     for k in range(len(rays)):
         t = 0.0
         for _ in range(400):
-            x, y, z = (
-                point[0] + t * rays[k, 0],
-                point[1] + t * rays[k, 1],
-                point[2] + t * rays[k, 2],
-            )
-            gap = reach
+            x, y = point[0] + t * rays[k, 0], point[1] + t * rays[k, 1]
+            z, gap = point[2] + t * rays[k, 2], reach
             for j in range(len(near)):
                 up = abs(z - near[j, 5])
                 if up - r >= gap:
@@ -158,14 +114,8 @@ def _trace(
                 size = ax * ax + ay * ay
                 share = min(1.0, max(0.0, (px * ax + py * ay) / size)) if size > 0 else 0.0
                 away = np.sqrt((px - share * ax) ** 2 + (py - share * ay) ** 2)
-                if rounded:
-                    flat = max(near[j, 4] - r, 0.0)
-                    ball = min(r, near[j, 4])
-                    side = max(away - flat, 0.0)
-                    gap = min(gap, np.sqrt(side * side + up * up) - ball)
-                else:
-                    side, over = max(away - near[j, 4], 0.0), max(up - r, 0.0)
-                    gap = min(gap, np.sqrt(side * side + over * over))
+                side = max(away - max(near[j, 4] - r, 0.0), 0.0)
+                gap = min(gap, np.sqrt(side * side + up * up) - min(r, near[j, 4]))
             if gap < CLOSE:
                 break
             t += gap
@@ -176,41 +126,19 @@ def _trace(
     return found
 
 
-LEAST_MM = 0.12
-"""Narrower holes of a section aren't counted as holes."""
 EVERY = 12
 
 
-@dataclass(frozen=True)
-class LayerSections:
-    """Of every twelfth layer.
+def bare_percent(lines: Lines, material: Callable[[float], shapely.Geometry]) -> float:
+    """Return the share of material that no line covers, mean of every twelfth layer, %.
 
-    Attributes
-    ----------
-    holes, closed : int
-        Free places of the sections, within their bounds; those where less than 20 µm stays free.
-    bare_percent : float, %
-        Material that no line covers.
+    ``material`` gives the section at mid-layer, in the lines' frame, for the tip's height.
     """
-
-    holes: int
-    closed: int
-    bare_percent: float
-
-
-def compare_layers(lines: Lines, material: Callable[[float], shapely.Geometry]) -> LayerSections:
-    """Hold lines against ``material`` (tip's height -> section at mid-layer, lines' frame)."""
-    holes = closed = 0
     bare: list[float] = []
     for z in np.unique(np.round(lines.z, 4))[4:-4:EVERY]:
         section = material(float(z))
         here = np.abs(lines.z - z) < 1e-3
         ways = shapely.linestrings(np.stack([lines.start[here], lines.end[here]], axis=1))
         ink = shapely.union_all(shapely.buffer(ways, lines.width[here] / 2, quad_segs=8))
-        for free in shapely.get_parts(shapely.difference(section.envelope, section)):
-            if shapely.buffer(free, -LEAST_MM / 2).is_empty:
-                continue
-            holes += 1
-            closed += shapely.buffer(shapely.difference(free, ink), -0.01).is_empty
         bare.append(shapely.difference(section, ink).area / section.area)
-    return LayerSections(holes, closed, 100 * float(np.mean(bare)))
+    return 100 * float(np.mean(bare))

@@ -7,7 +7,6 @@ is round, A = π r². What is missing is cut out of the moves before they are pa
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -25,15 +24,7 @@ EXCUSED_RADII = 0.5
 
 @dataclass(frozen=True)
 class Ink:
-    """Straight pieces of ink.
-
-    Attributes
-    ----------
-    start, end : (n, 3) float64, mm
-    area : (n,) float64, mm²
-    move : (n,) int64
-        Move that laid each.
-    """
+    """Straight pieces of ink (n, 3) to (n, 3), mm, ``area`` (n,), mm², ``move`` that laid each."""
 
     start: FloatArray
     end: FloatArray
@@ -64,26 +55,21 @@ class Stroke:
         return float(self.arc[-1])
 
 
-def lengths(moves: Moves) -> FloatArray:
-    """Way of each move, (n,), mm."""
-    return np.asarray(np.linalg.norm(moves.end - moves.start, axis=1))
-
-
 def written(moves: Moves) -> BoolArray:
     """Moves that push while they go, (n,)."""
-    return (moves.pushed > 0) & (lengths(moves) > 1e-6)
+    return (moves.pushed > 0) & (moves.length > 1e-6)
 
 
 def ink_of(moves: Moves, ul_per_e: float) -> Ink:
     """All ink that moves lay."""
     rows = np.flatnonzero(written(moves))
-    area = moves.pushed[rows] * ul_per_e / lengths(moves)[rows]
+    area = moves.pushed[rows] * ul_per_e / moves.length[rows]
     return Ink(moves.start[rows], moves.end[rows], area, rows)
 
 
 def strokes_of(moves: Moves) -> list[Stroke]:
     """Paths without a way between their moves that doesn't write."""
-    wrote, way = written(moves), lengths(moves)
+    wrote, way = written(moves), moves.length
     found: list[Stroke] = []
     current: list[int] = []
     for k in range(len(way)):
@@ -108,24 +94,22 @@ def place_on(stroke: Stroke, moves: Moves, at: float) -> FloatArray:
     return np.asarray(moves.start[row] + share * (moves.end[row] - moves.start[row]))
 
 
-def parted(ink: Ink, stroke: Stroke, spans: Sequence[tuple[float, float]]) -> tuple[Ink, list[Ink]]:
-    """What is there, and what is missing in each gap; gaps are from, to along a stroke, mm."""
+def parted(ink: Ink, stroke: Stroke, gap: tuple[float, float]) -> tuple[Ink, Ink]:
+    """Return what is there, and what is missing in a gap: from, to along a stroke, mm."""
     kept: list[tuple[FloatArray, FloatArray, float, int]] = []
-    lost: list[list[tuple[FloatArray, FloatArray, float, int]]] = [[] for _ in spans]
+    lost: list[tuple[FloatArray, FloatArray, float, int]] = []
     for k, row in enumerate(stroke.moves):
         a, b = stroke.arc[k], stroke.arc[k + 1]
         piece = int(np.flatnonzero(ink.move == row)[0])
         step = ink.end[piece] - ink.start[piece]
-        cuts = sorted({a, b, *(min(max(at, a), b) for span in spans for at in span)})
+        cuts = sorted({a, b, *(min(max(at, a), b) for at in gap)})
         for one, other in pairwise(cuts):
             ends = [ink.start[piece] + step * (at - a) / (b - a) for at in (one, other)]
-            middle = (one + other) / 2
-            gap = [k for k, (low, high) in enumerate(spans) if low <= middle <= high]
-            (lost[gap[0]] if gap else kept).append(
-                (ends[0], ends[1], float(ink.area[piece]), int(row))
-            )
+            missing = gap[0] <= (one + other) / 2 <= gap[1]
+            own = (ends[0], ends[1], float(ink.area[piece]), int(row))
+            (lost if missing else kept).append(own)
     rest = ink.where(~np.isin(ink.move, stroke.moves))
-    return joined(rest, _ink(kept)), [_ink(own) for own in lost]
+    return joined(rest, _ink(kept)), _ink(lost)
 
 
 def _ink(rows: list[tuple[FloatArray, FloatArray, float, int]]) -> Ink:
@@ -206,18 +190,10 @@ def _inside(
 class Judged:
     """One mend.
 
-    Attributes
-    ----------
-    covered : float
-        Share of the missing voxels that ink fills after it; 1 where other ink lies there anyway.
-    in_lumen_mm : float
-        Deepest ink of the mend within a lumen.
-    beside_mm : float
-        Farthest ink of the mend from where the sound job has ink.
-    crossed : int
-        Moves that take the needle through ink.
-    off_mm : float
-        Between place and plunger's count at the insert's end, and at its begin.
+    ``covered``: share of the missing voxels that ink fills after it, 1 where other ink lies there
+    anyway; ``in_lumen_mm``: deepest ink of the mend within a lumen; ``beside_mm``: farthest from
+    where the sound job has ink; ``crossed``: moves that take the needle through ink; ``off_mm``:
+    between place and plunger's count at the insert's end, and at its begin.
     """
 
     covered: float
@@ -229,22 +205,9 @@ class Judged:
 
 @dataclass(frozen=True)
 class Case:
-    """A held job with a gap, for the judge.
+    """A held job with a gap: its ``lines`` so far, the ``insert``, where the tip stood at first.
 
-    Attributes
-    ----------
-    lines : list of str
-        Of the job, up to where it is held.
-    insert : list of str
-    begin_mm : tuple
-        Where the tip stands before the first line.
-    ul_per_e : float
-    layer_mm : float or None
-        None for filaments.
-    needle_mm : float
-        Outer diameter.
-    edge_mm : float
-        Of voxels.
+    ``layer_mm`` is None for filaments; ``needle_mm``: outer diameter; ``edge_mm`` of voxels.
     """
 
     lines: list[str]
@@ -263,42 +226,24 @@ def judge(
     lumens: tuple[FloatArray, FloatArray, FloatArray],
 ) -> Judged:
     """Judge an insert; ``lumens`` are starts, ends (n, 3) and radii (n, 2) of open tubes."""
-    return judge_all(case, [(stroke, gap)], lumens)[0]
-
-
-def judge_all(
-    case: Case,
-    gaps: Sequence[tuple[Stroke, tuple[float, float]]],
-    lumens: tuple[FloatArray, FloatArray, FloatArray],
-) -> list[Judged]:
-    """Judge an insert that mends several gaps: what it does as a whole, and how each is covered."""
     before = read_moves("\n".join(case.lines), case.begin_mm)
     whole = read_moves("\n".join([*case.lines, *case.insert]), case.begin_mm)
-    count = len(before.end)
+    count, layer = len(before.end), case.layer_mm
     ink = ink_of(whole, case.ul_per_e)
     job, mend = ink.where(ink.move < count), ink.where(ink.move >= count)
-    there, missing = _with_gaps(job, gaps)
-    ends = np.concatenate([end for one in (*missing, mend) for end in (one.start, one.end)])
-    wide = math.sqrt(float(job.area.max())) + (case.layer_mm or 0.0)
+    there, missing = parted(job, stroke, gap)
+    ends = np.concatenate([end for one in (missing, mend) for end in (one.start, one.end)])
+    wide = math.sqrt(float(job.area.max())) + (layer or 0.0)
     grid = Grid.around(ends, wide + 2 * case.edge_mm, case.edge_mm)
-    sound, left, new = (grid.paint(one, case.layer_mm) for one in (job, there, mend))
-    deepest, beside = _depth(grid.places(new), lumens), _beside(grid, new & ~sound, sound)
-    crossed, off = _crossed(whole, count, there, mend, case), _off(before, whole, case)
-    bare = (sound & ~left & grid.paint(one, case.layer_mm) for one in missing)
-    covered = (float((new & own).sum() / own.sum()) if own.any() else 1.0 for own in bare)
-    return [Judged(share, deepest, beside, crossed, off) for share in covered]
-
-
-def _with_gaps(
-    ink: Ink, gaps: Sequence[tuple[Stroke, tuple[float, float]]]
-) -> tuple[Ink, list[Ink]]:
-    """What is there of ink with gaps, and what each of them lacks."""
-    lost, firsts = dict[int, Ink](), [int(stroke.moves[0]) for stroke, _ in gaps]
-    for first in sorted(set(firsts)):
-        own = [k for k, one in enumerate(firsts) if one == first]
-        ink, parts = parted(ink, gaps[own[0]][0], [gaps[k][1] for k in own])
-        lost |= dict(zip(own, parts, strict=True))
-    return ink, [lost[k] for k in range(len(gaps))]
+    sound, left, new, lost = (grid.paint(one, layer) for one in (job, there, mend, missing))
+    bare = sound & ~left & lost
+    return Judged(
+        float((new & bare).sum() / bare.sum()) if bare.any() else 1.0,
+        _depth(grid.places(new), lumens),
+        _beside(grid, new & ~sound, sound),
+        _crossed(whole, count, there, mend, case),
+        _off(before, whole, case),
+    )
 
 
 def _off(before: Moves, whole: Moves, case: Case) -> float:

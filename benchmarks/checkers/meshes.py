@@ -20,13 +20,7 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("spare", "<
 
 
 def read_stl(path: Path) -> NDArray[np.float64]:
-    """Corners of the triangles, (f, 3, 3), mm, wound so that the enclosed volume is positive.
-
-    Raises
-    ------
-    ValueError
-        When the file isn't a binary STL.
-    """
+    """Return the corners (f, 3, 3), mm, of a binary STL, wound so that the volume is positive."""
     data = path.read_bytes()
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else 0
     if count == 0 or len(data) != 84 + count * _FACET.itemsize:
@@ -149,14 +143,8 @@ _PER_LEAF = 4
 class BoxTree(NamedTuple):
     """Boxes sorted, and the boxes around them.
 
-    Attributes
-    ----------
-    order : (n,) int64
-        Number that the i-th box along the curve has in the caller's arrays.
-    around : (2^(levels + 1), 6) float64
-        Low and high corner of every node.
-    levels : int
-        Level of the leaves.
+    ``order`` (n,): number that the i-th box along the curve has in the caller's arrays; ``around``
+    (2^(levels + 1), 6): low and high corner of every node; ``levels``: level of the leaves.
     """
 
     order: NDArray[np.int64]

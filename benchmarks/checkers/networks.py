@@ -17,36 +17,17 @@ from benchmarks.checkers.meshes import box_tree, first_in, meets, segment_segmen
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-COLUMNS = {
-    "vessel": "i8",
-    "node0": "i8",
-    "node1": "i8",
-    "x0": "f8",
-    "y0": "f8",
-    "z0": "f8",
-    "x1": "f8",
-    "y1": "f8",
-    "z1": "f8",
-    "radius0_mm": "f8",
-    "radius1_mm": "f8",
-    "kind": "U12",
-    "tree": "i8",
-}
+WHOLE = ("vessel", "node0", "node1", "tree")
+NUMBERS = ("x0", "y0", "z0", "x1", "y1", "z1", "radius0_mm", "radius1_mm")
+COLUMNS = dict.fromkeys(WHOLE, "i8") | dict.fromkeys(NUMBERS, "f8") | {"kind": "U12"}
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """Straight pieces of vessels, nodes numbered from 0 without gaps.
+    """Straight pieces (n,) of vessels, nodes numbered from 0 without gaps; mm.
 
-    Attributes
-    ----------
-    vessel, tree : (n,) int64
-    kind : (n,) str
-    node : (n, 2) int64
-        At the start and end of each piece; designed flow runs from the first to the second.
-    start, end : (n, 3) float64, mm
-    radius : (n, 2) float64, mm
-        At start and end.
+    ``node`` (n, 2), ``radius`` (n, 2) and ``start``, ``end`` (n, 3): designed flow runs from the
+    first to the second.
     """
 
     vessel: IntArray
@@ -89,14 +70,7 @@ class Pieces:
 
 
 def read_network(path: Path) -> Pieces:
-    """Read the pieces of a file in mm.
-
-    Raises
-    ------
-    ValueError
-        When a column is missing, a number can't be read, or pieces that share a node number don't
-        meet within a nanometre.
-    """
+    """Read the pieces of a file in mm; refuse one without all columns (see `pieces_of`, too)."""
     with path.open(encoding="utf-8") as lines:
         names = [name.strip() for name in lines.readline().split(",")]
         missing = set(COLUMNS) - set(names)
@@ -124,9 +98,10 @@ def pieces_of(
     tree: IntArray | None = None,
     kind: NDArray[np.str_] | None = None,
 ) -> Pieces:
-    """Pieces from arrays; refuses what isn't a network (see `read_network`).
+    """Make pieces of arrays; ``radius`` may be (n,) where pieces don't taper.
 
-    ``radius`` may be (n,) where pieces don't taper.
+    Raises ValueError where a number isn't finite, a radius isn't above 0, or pieces that share a
+    node number don't meet within a nanometre.
     """
     start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     radius = np.asarray(radius, dtype=np.float64)
@@ -136,15 +111,10 @@ def pieces_of(
     number = number.reshape(-1, 2).astype(np.int64)
     _check(start, end, radius, number)
     n = len(start)
-    return Pieces(
-        vessel=np.arange(n) if vessel is None else vessel,
-        tree=np.zeros(n, dtype=np.int64) if tree is None else tree,
-        kind=np.full(n, "artery") if kind is None else kind,
-        node=number,
-        start=start,
-        end=end,
-        radius=radius,
-    )
+    vessel = np.arange(n) if vessel is None else vessel
+    tree = np.zeros(n, dtype=np.int64) if tree is None else tree
+    kind = np.full(n, "artery") if kind is None else kind
+    return Pieces(vessel, tree, kind, number, start, end, radius)
 
 
 def _check(start: FloatArray, end: FloatArray, radius: FloatArray, node: IntArray) -> None:
@@ -194,16 +164,10 @@ def from_roots(parent: Any) -> Any:
 def ways_within(
     net: Pieces, pairs: NDArray[np.int64], limit: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether the shortest way between both pieces of each pair is within its limit, (k,).
+    """Whether the shortest way between both pieces of each pair (k, 2) is within its limit, (k,).
 
     The way runs from an end of the one to an end of the other, over whatever vessels join them,
     loops included; pieces of unconnected trees have none.
-
-    Parameters
-    ----------
-    net : Pieces
-    pairs : (k, 2) int64
-    limit : (k,) float64, mm
     """
     ends = net.node.ravel()
     order = np.argsort(ends, kind="stable")
@@ -248,16 +212,10 @@ ROUNDING_MM = 1e-9
 
 @dataclass(frozen=True)
 class Near:
-    """Pairs that share no node and come nearer than the clearance.
+    """Pairs (k, 2), first below second, that share no node and come nearer than the clearance.
 
-    Attributes
-    ----------
-    pairs : (k, 2) int64
-        First below second.
-    gap : (k,) float64, mm
-        Between the walls; negative where they overlap.
-    joint : (k,) bool
-        Within one joint; the others collide.
+    ``gap`` (k,), mm, between the walls, negative where they overlap; ``joint``: within one joint;
+    the others collide.
     """
 
     pairs: NDArray[np.int64]
@@ -276,17 +234,12 @@ class Near:
 
 
 def near_pairs(net: Pieces, clearance_mm: float = 0.0, clearance_ratio: float = 0.0) -> Near:
-    """All near pairs of a network.
+    """Find all near pairs of a network.
 
     The clearance is the larger of ``clearance_mm`` and ``clearance_ratio`` times the thinner
     radius. A pair that is nearer collides when the way between the two along the vessels is longer
     than twice the sum of their radii plus the clearance. A tapered piece counts as wide as its
     wider end. What is nearer by less than a picometre isn't counted: it is rounding.
-
-    Parameters
-    ----------
-    net : Pieces
-    clearance_mm, clearance_ratio : float
     """
     radius = net.widest
     reach = (radius + 0.5 * np.maximum(clearance_mm, clearance_ratio * radius))[:, None]
@@ -295,17 +248,9 @@ def near_pairs(net: Pieces, clearance_mm: float = 0.0, clearance_ratio: float = 
     tree = box_tree(low, high)
     order = tree.order
     found, gap = _near(
-        tree.around,
-        tree.levels,
-        low[order],
-        high[order],
-        net.start[order],
-        net.end[order],
-        radius[order],
-        net.node[order],
-        clearance_mm,
-        clearance_ratio,
-    )
+        tree.around, tree.levels, low[order], high[order], net.start[order], net.end[order],
+        radius[order], net.node[order], clearance_mm, clearance_ratio,
+    )  # fmt: skip
     pairs = np.sort(order[found], axis=1)
     by_number = np.lexsort((pairs[:, 1], pairs[:, 0]))
     pairs, gap = pairs[by_number], gap[by_number]
@@ -317,17 +262,9 @@ def near_pairs(net: Pieces, clearance_mm: float = 0.0, clearance_ratio: float = 
 
 @compiled
 def _near(
-    around: Any,
-    levels: int,
-    low: Any,
-    high: Any,
-    start: Any,
-    end: Any,
-    radius: Any,
-    node: Any,
-    clearance_mm: float,
-    clearance_ratio: float,
-) -> Any:
+    around: Any, levels: int, low: Any, high: Any, start: Any, end: Any, radius: Any, node: Any,
+    clearance_mm: float, clearance_ratio: float,
+) -> Any:  # fmt: skip
     """Walk the box tree for each piece; a pair is found by the earlier of the two."""
     n = len(start)
     pairs, gaps, found = np.empty((1024, 2), np.int64), np.empty(1024), 0
@@ -346,12 +283,8 @@ def _near(
                 depth += 2
                 continue
             for j in range(max(i + 1, first_in(k, level, n)), behind):
-                if (
-                    node[i, 0] == node[j, 0]
-                    or node[i, 0] == node[j, 1]
-                    or node[i, 1] == node[j, 0]
-                    or node[i, 1] == node[j, 1]
-                ):
+                a, b, c, d = node[i, 0], node[i, 1], node[j, 0], node[j, 1]
+                if a in (c, d) or b in (c, d):
                     continue
                 gap = segment_segment(start[i], end[i], start[j], end[j]) - radius[i] - radius[j]
                 keep = max(clearance_mm, clearance_ratio * min(radius[i], radius[j]))
@@ -374,11 +307,8 @@ def _doubled(pairs: Any, gaps: Any) -> Any:
 
 def murray_ratios(net: Pieces, exponent: float = 3.0) -> FloatArray:
     """Σ r^γ leaving over Σ r^γ entering at each node where vessels branch, (b,); 1 is exact."""
-    entering = np.bincount(
-        net.node[:, 1], weights=net.radius[:, 1] ** exponent, minlength=net.node_count
-    )
-    leaving = np.bincount(
-        net.node[:, 0], weights=net.radius[:, 0] ** exponent, minlength=net.node_count
+    leaving, entering = (
+        np.bincount(net.node[:, k], net.radius[:, k] ** exponent, net.node_count) for k in (0, 1)
     )
     degree = np.bincount(net.node.ravel(), minlength=net.node_count)
     branching = (entering > 0) & (leaving > 0) & (degree > 2)
@@ -402,18 +332,13 @@ class Perfusion:
 
 
 def consistent_radii(net: Pieces, perfusion: Perfusion) -> FloatArray:
-    """Radii (n,), mm, with which a binary tree keeps Murray's law and feeds all outlets alike.
+    """Return radii (n,), mm, with which a binary tree keeps Murray's law and feeds outlets alike.
 
     Only geometry and topology of ``net`` are used. With equal pressures behind all outlets the
     flow through two branches is in the ratio Q_l / Q_r = (r_l⁴ / R*_l) / (r_r⁴ / R*_r), so that
     (r_l / r_r)⁴ = Q_l R*_l / Q_r R*_r; Murray's law does the rest (Karch et al. 1999,
     doi 10.1016/S0010-4825(98)00045-6). Here a branch's load L = Q R* replaces both:
     r_l / r_r = (L_l / L_r)^¼, and the parent's own is L = 8 μ ℓ Q / π + L_l (r_parent / r_l)⁴.
-
-    Raises
-    ------
-    ValueError
-        When the network isn't one binary tree.
     """
     parent = parents(net)
     children = np.bincount(parent[parent >= 0], minlength=net.count)
@@ -421,13 +346,8 @@ def consistent_radii(net: Pieces, perfusion: Perfusion) -> FloatArray:
     if (parent < 0).sum() != 1 or not np.isin(children, (0, 2)).all() or len(order) < net.count:
         raise ValueError("the network isn't one binary tree")
     each = perfusion.flow_ul_s / len(net.outlets())
-    radii: FloatArray = _radii(
-        parent,
-        order,
-        8.0 * perfusion.viscosity_pa_s / np.pi * each * net.length,
-        perfusion.drop_pa,
-        perfusion.murray_exponent,
-    )
+    load = 8.0 * perfusion.viscosity_pa_s / np.pi * each * net.length
+    radii: FloatArray = _radii(parent, order, load, perfusion.drop_pa, perfusion.murray_exponent)
     return radii
 
 
@@ -487,13 +407,7 @@ def outlet_flows(net: Pieces, drop_pa: float, viscosity_pa_s: float) -> FloatArr
 
 
 def loop_flows(net: Pieces, drop_pa: float, viscosity_pa_s: float) -> FloatArray:
-    """Flow through each vessel of kind connection, (c,), µL/s: inlets at ``drop_pa``, outlets at 0.
-
-    Raises
-    ------
-    ValueError
-        When there is no connection.
-    """
+    """Flow through each vessel of kind connection, (c,), µL/s; inlets at ``drop_pa``."""
     flow = graph_flows(net, resistances(net, viscosity_pa_s), drop_pa)
     connection = np.flatnonzero(net.kind == "connection")
     if len(connection) == 0:
@@ -540,13 +454,7 @@ def _tree_flows(parent: Any, order: Any, resistance: Any, drop_pa: float) -> Any
 
 
 def graph_flows(net: Pieces, resistance: FloatArray, drop_pa: float) -> FloatArray:
-    """Flow in each piece of any network, (n,): Kirchhoff's laws by a sparse factorisation.
-
-    Raises
-    ------
-    RuntimeError
-        When a part of the network has neither inlet nor outlet.
-    """
+    """Flow in each piece of any network, (n,): Kirchhoff's laws by a sparse factorisation."""
     pressure = np.zeros(net.node_count)
     pressure[net.inlets()] = drop_pa
     free = np.setdiff1d(np.arange(net.node_count), np.append(net.inlets(), net.outlets()))
@@ -564,12 +472,7 @@ def _kirchhoff(
     """Matrix and right-hand side for the pressures of the free nodes."""
     n = len(pressure)
     one, two = node.T
-    full = csc_matrix(
-        (
-            np.concatenate([conductance, conductance, -conductance, -conductance]),
-            (np.concatenate([one, two, one, two]), np.concatenate([one, two, two, one])),
-        ),
-        shape=(n, n),
-    )
-    rows = full.tocsr()[free]
+    entries = np.concatenate([conductance, conductance, -conductance, -conductance])
+    places = np.concatenate([one, two, one, two]), np.concatenate([one, two, two, one])
+    rows = csc_matrix((entries, places), shape=(n, n)).tocsr()[free]
     return rows[:, free].tocsc(), -rows @ pressure

@@ -27,19 +27,9 @@ Bare = tuple[int, float, float]
 class Profiled:
     """A painted map; all lengths in mm.
 
-    Attributes
-    ----------
-    heights : (rows, columns) float32
-        NaN where lost.
-    px : float
-    to_map : (4, 4) float64
-        Takes the printer's places to the map's.
-    start, end : (n, 3) float64
-        Of the lines' tips, in the printer's frame.
-    layer : (n,) int64
-    width, thickness : float
-    surface : (rows, columns) float64
-        Heights over the plate as they are.
+    ``heights``: NaN where lost; ``to_map`` (4, 4) takes the printer's places to the map's;
+    ``start``, ``end`` (n, 3) of the lines' tips in the printer's frame; ``surface``: true heights
+    over the plate.
     """
 
     heights: NDArray[np.float32]

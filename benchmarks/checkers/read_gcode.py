@@ -1,6 +1,6 @@
 """Read any slicer's G-code as lines with a width, without product code.
 
-Read are G0, G1 (X, Y, Z, E, F), G4, G90, G91, G92, M82 and M83; anything that would move the needle
+Read are G0, G1 (X, Y, Z, E, F), G90, G91, G92, M82 and M83; anything that would move the needle
 otherwise is refused. Lengths are mm, speeds mm/s, volumes µL, times s.
 """
 
@@ -13,25 +13,16 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 WINDOW_MM = 1.0
-_HARMLESS = ("G21", "M", "T", "SET_", "F")
+_HARMLESS = ("G21", "G4", "M", "T", "SET_", "F")
 _STILL = 1e-9
 
 
 @dataclass(frozen=True)
 class Moves:
-    """Moves in the order of the file.
+    """Moves (n,) in the order of the file.
 
-    Attributes
-    ----------
-    line : (n,) int64
-        In the file, from 1.
-    start, end : (n, 3) float64, mm
-    pushed : (n,) float64
-        Change of E.
-    speed : (n,) float64, mm/s
-        Of the tip; of E alone where the tip stands; NaN where no F was said yet.
-    dwell_s : float
-        All G4 together.
+    ``line`` in the file, from 1; ``start``, ``end`` (n, 3), mm; ``pushed``: change of E; ``speed``
+    of the tip, of E alone where the tip stands, mm/s, NaN where no F was given yet.
     """
 
     line: NDArray[np.int64]
@@ -39,7 +30,6 @@ class Moves:
     end: FloatArray
     pushed: FloatArray
     speed: FloatArray
-    dwell_s: float
 
     @property
     def length(self) -> FloatArray:
@@ -57,22 +47,10 @@ class Moves:
         """Whether only the plunger moves."""
         return self.length <= _STILL
 
-    @property
-    def duration(self) -> FloatArray:
-        """Of each move at constant speed, (n,), s."""
-        way = np.where(self.stands, np.abs(self.pushed), self.length)
-        return way / self.speed
-
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines that were written: stadiums seen from above.
-
-    Attributes
-    ----------
-    start, end : (n, 2) float64, mm
-    width, z : (n,) float64, mm
-    """
+    """Lines that were written: stadiums seen from above, (n, 2) to (n, 2), width, z (n,), mm."""
 
     start: FloatArray
     end: FloatArray
@@ -83,12 +61,9 @@ class Lines:
 def read_moves(text: str, begin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Moves:
     """Read a file; where an axis stands before it is first named comes from ``begin``.
 
-    Raises
-    ------
-    ValueError
-        For a line that would move the needle in a way this reader doesn't know; with its number.
+    A line that would move the needle in a way this reader doesn't know is refused (ValueError).
     """
-    at, feed, dwell = [*begin, 0.0], float("nan"), 0.0
+    at, feed = [*begin, 0.0], float("nan")
     relative, relative_e = False, False
     rows: list[list[float]] = []
     for number, raw in enumerate(text.splitlines(), 1):
@@ -114,59 +89,49 @@ def read_moves(text: str, begin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -
             relative = relative_e = code == "G91"
         elif code in ("M82", "M83"):
             relative_e = code == "M83"
-        elif code == "G4":
-            unit = {"P": 1e-3, "S": 1.0}
-            dwell += sum(float(word[1:]) * unit[word[0]] for word in rest if word[0] in unit)
         elif not code.startswith(_HARMLESS):
             raise ValueError(f"line {number}: {raw!r} isn't read by this checker")
     found = np.array(rows, dtype=np.float64).reshape(-1, 9)
     line = found[:, 0].astype(np.int64)
-    return Moves(line, found[:, 1:4], found[:, 4:7], found[:, 7], found[:, 8], dwell)
+    return Moves(line, found[:, 1:4], found[:, 4:7], found[:, 7], found[:, 8])
 
 
 def rounded_to_steps(moves: Moves, steps_per_mm: float) -> Moves:
     """The same moves as a motor of whole steps makes them, X and Y."""
-    ends = []
-    for point in (moves.start, moves.end):
-        made = point.copy()
-        made[:, :2] = np.rint(point[:, :2] * steps_per_mm) / steps_per_mm
-        ends.append(made)
-    return replace(moves, start=ends[0], end=ends[1])
+    start, end = moves.start.copy(), moves.end.copy()
+    for made in (start, end):
+        made[:, :2] = np.rint(made[:, :2] * steps_per_mm) / steps_per_mm
+    return replace(moves, start=start, end=end)
 
 
-def written_lines(
-    moves: Moves, ul_per_e: float, layer_mm: float, *, rounded: bool, planned: Moves | None = None
-) -> Lines:
-    """The lines that ink flowed in.
+def written_lines(moves: Moves, ul_per_e: float, layer_mm: float, *, planned: Moves) -> Lines:
+    """Return the lines that ink flowed in: rectangles with round sides, w h - (1 - pi/4) h².
 
-    A line's cross-section is its volume over its length: width times height for lines that abut,
-    and a rectangle with round sides, w h - (1 - pi/4) h², for a slicer that plans it so
-    (``rounded``). E is written with few digits, so that its change over a short move says little:
-    what counts is its change over `WINDOW_MM` of way about the move, within one stroke.
-    ``planned`` gives the lengths that volumes were planned for.
+    E is written with few digits, so that its change over a short move says little: what counts is
+    its change over `WINDOW_MM` of way about the move, within one stroke. ``planned`` gives the
+    lengths that volumes were planned for.
     """
-    way = (planned or moves).end - (planned or moves).start
-    length = np.linalg.norm(way[:, :2], axis=1)
-    wrote = (moves.pushed > 0) & (length > 1e-6)
-    stroke = np.cumsum(~wrote)[wrote]
-    width = _flow(length[wrote], moves.pushed[wrote], stroke) * ul_per_e / layer_mm
-    if rounded:
-        width += layer_mm * (1 - np.pi / 4)
+    wrote, length = _wrote(moves, planned)
+    stroke = np.cumsum(~wrote)[wrote].astype(np.int64)
+    flow = _flow(length[wrote], moves.pushed[wrote], stroke)
+    width = flow * ul_per_e / layer_mm + layer_mm * (1 - np.pi / 4)
     return Lines(moves.start[wrote, :2], moves.end[wrote, :2], width, moves.end[wrote, 2])
 
 
-def own_lines(
-    moves: Moves, ul_per_e: float, layer_mm: float, *, planned: Moves | None = None
-) -> Lines:
-    """Lines with round sides, each by its own change of E alone."""
-    way = (planned or moves).end - (planned or moves).start
-    length = np.linalg.norm(way[:, :2], axis=1)
-    wrote = (moves.pushed > 0) & (length > 1e-6)
+def own_lines(moves: Moves, ul_per_e: float, layer_mm: float, *, planned: Moves) -> Lines:
+    """Return lines with round sides, each by its own change of E alone."""
+    wrote, length = _wrote(moves, planned)
     area = moves.pushed[wrote] / length[wrote] * ul_per_e
     round_part = np.pi / 4 * layer_mm**2
     wide = (area - round_part) / layer_mm + layer_mm
     width = np.where(area > round_part, wide, 2 * np.sqrt(area / np.pi))
     return Lines(moves.start[wrote, :2], moves.end[wrote, :2], width, moves.end[wrote, 2])
+
+
+def _wrote(moves: Moves, planned: Moves) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Return which moves write across, (n,), and their planned lengths, mm."""
+    length = np.linalg.norm((planned.end - planned.start)[:, :2], axis=1)
+    return (moves.pushed > 0) & (length > 1e-6), length
 
 
 def _flow(length: FloatArray, pushed: FloatArray, stroke: NDArray[np.int64]) -> FloatArray:

@@ -1,140 +1,29 @@
-"""Read an STL or 3MF file; compute its expected union and how far facets lie off the exact tubes.
+"""Volume of a union of tubes, and how far a mesh's facets lie off the exact ones.
 
-Without product code. The files are read from their bytes; equal float32 corners are one vertex. The
-reference volume is that of a union of round-ended cones, by Monte-Carlo sampling.
+Without product code: round-ended cones, by Monte-Carlo sampling.
 """
 
 from __future__ import annotations
 
-import re
-import zipfile
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from benchmarks.checkers.compiled import compiled
-from benchmarks.checkers.meshes import _FACET
 from benchmarks.checkers.networks import Pieces
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Found:
-    """Topology and volume of a file.
-
-    ``paired``: every edge is walked exactly once in each direction, so the surface is closed and
-    oriented; ``volume`` above 0 says outwards. ``handles`` by Euler, summed over ``bodies``.
-    ``collapsed``: triangles with two equal corners. ``split``: vertices at which two fans touch.
-    """
-
-    triangles: int
-    paired: bool
-    volume: float
-    bodies: int
-    handles: int
-    collapsed: int
-    split: int
-    unit: str | None
-
-    @property
-    def closed(self) -> bool:
-        """Closed, oriented outwards, nothing collapsed, no vertex shared by two fans."""
-        return self.paired and self.volume > 0.0 and not self.collapsed and not self.split
-
-
-def read_corners(path: Path) -> tuple[FloatArray, str | None]:
-    """Corners of all triangles (f, 3, 3) as float32 values, and the unit where the file says it."""
-    if path.suffix == ".3mf":
-        return _read_3mf(path)
-    data = path.read_bytes()
-    count = int.from_bytes(data[80:84], "little")
-    if len(data) != 84 + count * _FACET.itemsize:
-        raise ValueError(f"{path} isn't a binary STL: {len(data)} bytes for {count} facets")
-    return np.frombuffer(data, _FACET, offset=84)["corner"].astype(np.float64), None
-
-
-def _read_3mf(path: Path) -> tuple[FloatArray, str | None]:
-    with zipfile.ZipFile(path) as packed:
-        text = packed.read("3D/3dmodel.model").decode()
-    unit = re.search(r'<model[^>]*unit="(\w+)"', text)
-    corners = []
-    for mesh in re.findall(r"<mesh>(.*?)</mesh>", text, re.S):
-        places = np.array(
-            re.findall(r'<vertex x="(\S+)" y="(\S+)" z="(\S+)"', mesh), dtype=np.float64
-        )
-        faces = np.array(
-            re.findall(r'<triangle v1="(\d+)" v2="(\d+)" v3="(\d+)"', mesh), dtype=np.int64
-        )
-        corners.append(places.astype(np.float32).astype(np.float64)[faces])
-    return np.concatenate(corners), unit.group(1) if unit else None
-
-
-def check_file(path: Path) -> Found:
-    """Read ``path`` and look at its edges, fans and volume."""
-    corners, unit = read_corners(path)
-    flat = np.ascontiguousarray(corners.reshape(-1, 3).astype(np.float32) + np.float32(0))
-    order = np.lexsort(flat.T)
-    fresh = np.any(flat[order][1:] != flat[order][:-1], axis=1)
-    index = np.empty(len(flat), dtype=np.int64)
-    index[order] = np.concatenate([[0], np.cumsum(fresh)])
-    faces = index.reshape(-1, 3)
-    a, b, c = faces.T
-    collapsed = int(np.sum((a == b) | (b == c) | (c == a)))
-    middle = corners.mean(axis=(0, 1))
-    one, two, three = (corners[:, k] - middle for k in range(3))
-    volume = float(np.einsum("ij,ij->i", one, np.cross(two, three)).sum() / 6.0)
-    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    size = int(faces.max()) + 1
-    out, back = np.sort(tail * size + head), np.sort(head * size + tail)
-    paired = bool(np.array_equal(out, back) and np.all(np.diff(out) > 0))
-    if not paired:
-        return Found(len(faces), False, volume, 0, 0, collapsed, 0, unit)
-    bodies, _ = _groups(tail, head, size)
-    fans = _fans(faces, size)
-    euler = fans - len(faces) // 2
-    split = fans - size
-    # A vertex shared by two fans joins bodies that only touch; count them as the fans do.
-    return Found(len(faces), True, volume, bodies, bodies - euler // 2, collapsed, split, unit)
-
-
-def _fans(faces: IntArray, size: int) -> int:
-    """Closed fans of corners: corners of neighbouring faces that share an edge and a vertex."""
-    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    corner = np.arange(len(tail))
-    after = corner + 1 - 3 * (corner % 3 == 2)
-    here, there = np.argsort(tail * size + head), np.argsort(head * size + tail)
-    # The half-edge from u to v lies against the one from v to u: u is its tail and that one's head.
-    return _groups(here, after[there], len(tail))[0]
-
-
-def _groups(one: IntArray, two: IntArray, count: int) -> tuple[int, IntArray]:
-    joined = coo_array((np.ones(len(one), np.int8), (one, two)), shape=(count, count))
-    number, label = connected_components(joined, directed=False)
-    return int(number), label
-
-
-def capsule_union_volume(
-    start: FloatArray,
-    end: FloatArray,
-    radius0: FloatArray,
-    radius1: FloatArray,
-    samples: int = 2_000_000,
-    seed: int = 0,
-) -> tuple[float, float]:
-    """Volume of the union of cones with half balls at their ends, and its standard error, mm³.
+def capsule_union_volume(net: Pieces, samples: int = 2_000_000) -> tuple[float, float]:
+    """Return the volume of a union of cones with half balls at their ends; standard error, mm³.
 
     Each solid is sampled evenly within; a point that lies in m of them counts 1/m (so the sum
     over all solids counts every place once). No grid, no mesh.
     """
-    rng = np.random.default_rng(seed)
-    axis = end - start
+    rng, (radius0, radius1) = np.random.default_rng(0), net.radius.T
+    start, axis = net.start, net.end - net.start
     length = np.linalg.norm(axis, axis=1)
     axis = axis / length[:, None]
     cone = np.pi * length * (radius0**2 + radius0 * radius1 + radius1**2) / 3.0
@@ -163,21 +52,15 @@ def _inside(rng: np.random.Generator, which: IntArray, solid: tuple[FloatArray, 
     left = np.arange(len(which))
     while len(left):
         s = rng.uniform(-radius0[left], length[left] + radius1[left])
-        angle, away = (
-            rng.uniform(0, 2 * np.pi, len(left)),
-            wide[left] * np.sqrt(rng.random(len(left))),
-        )
+        angle = rng.uniform(0, 2 * np.pi, len(left))
+        away = wide[left] * np.sqrt(rng.random(len(left)))
         slope = (radius1[left] - radius0[left]) / length[left]
         room = radius0[left] + slope * np.clip(s, 0, length[left])
         over = np.maximum(np.maximum(-s, s - length[left]), 0.0)
         kept = away**2 + over**2 <= room**2
-        at = left[kept]
-        points[at] = (
-            start[at]
-            + s[kept, None] * axis[at]
-            + (away * np.cos(angle))[kept, None] * first[at]
-            + (away * np.sin(angle))[kept, None] * second[at]
-        )
+        at, x, y = left[kept], away[kept] * np.cos(angle[kept]), away[kept] * np.sin(angle[kept])
+        points[at] = start[at] + s[kept, None] * axis[at] + x[:, None] * first[at]
+        points[at] += y[:, None] * second[at]
         left = left[~kept]
     return points
 
@@ -218,42 +101,32 @@ def _multiplicity(
     return count
 
 
-def facet_deviations(
-    corners: FloatArray, pieces: Pieces, samples: int = 40_000, seed: int = 0
-) -> tuple[FloatArray, FloatArray]:
-    """Distances of points on triangles (f, 3, 3) from the exact surface, (n,), mm; and over radius.
+def facet_deviations(corners: FloatArray, net: Pieces, samples: int = 40_000) -> FloatArray:
+    """Return distances of points on triangles (f, 3, 3) from the exact surface, over radius, (n,).
 
     Half of the points are even in area, so that tubes count; half are one each of faces drawn at
     random, so that junctions and ends, which have most faces, count. The radius is that of the
     solid that the point belongs to.
     """
-    rng = np.random.default_rng(seed)
-    a, b, c = (corners[:, k] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    face = np.r_[
-        rng.choice(len(corners), samples // 2, p=area / area.sum()),
-        rng.integers(0, len(corners), samples - samples // 2),
-    ]
-    one, two = rng.random((2, samples))
+    rng, (a, b, c) = np.random.default_rng(0), np.moveaxis(corners, 1, 0)
+    area, half = np.linalg.norm(np.cross(b - a, c - a), axis=1), samples // 2
+    even = rng.choice(len(corners), half, p=area / area.sum())
+    face = np.append(even, rng.integers(0, len(corners), samples - half))
+    one, two = rng.random((2, samples, 1))
     turned = one + two > 1.0
-    one, two = np.where(turned, 1.0 - one, one)[:, None], np.where(turned, 1.0 - two, two)[:, None]
+    one, two = np.where(turned, 1.0 - one, one), np.where(turned, 1.0 - two, two)
     points = a[face] + one * (b - a)[face] + two * (c - a)[face]
-    gap, radius = np.empty(samples), np.empty(samples)
-    _nearest(points, pieces.start, pieces.end, np.ascontiguousarray(pieces.radius), gap, radius)
-    return gap, gap / radius
+    found: FloatArray = _nearest(points, net.start, net.end, np.ascontiguousarray(net.radius))
+    return found
 
 
 @compiled
 def _nearest(
-    points: FloatArray,
-    start: FloatArray,
-    end: FloatArray,
-    radius: FloatArray,
-    gap: FloatArray,
-    own: FloatArray,
-) -> None:
+    points: FloatArray, start: FloatArray, end: FloatArray, radius: FloatArray
+) -> FloatArray:
+    found = np.empty(len(points))
     for n in range(len(points)):
-        best, wide = np.inf, 0.0
+        best, wide = np.inf, 1.0
         x, y, z = points[n]
         for m in range(len(start)):
             ax, ay, az = (end[m, 0] - start[m, 0], end[m, 1] - start[m, 1], end[m, 2] - start[m, 2])
@@ -265,4 +138,5 @@ def _nearest(
             away = np.sqrt(px * px + py * py + pz * pz) - here
             if away < best:
                 best, wide = away, here
-        gap[n], own[n] = best, wide
+        found[n] = best / wide
+    return found

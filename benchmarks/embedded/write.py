@@ -6,18 +6,16 @@ X-CAVATE's networks come from `DATA`; without them their rows are skipped.
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.checkers.embedded_judge import judge
-from benchmarks.common import DATA, Row, limited, needed, row
+from benchmarks.common import DATA, Row, limited, needed, row, scratch
 from design.errors import DesignError
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
@@ -38,25 +36,16 @@ PLACE_MM = (60.0, 60.0, 20.0)
 NEAR_MM = 0.5
 """A joint that the checker finds open is the one that the plan names so near to it."""
 
-AS_IT_IS: dict[str, Any] = {
-    "thinnest": 1e-6,
-    "min_speed_mm_s": 0.01,
-    "write_speed_mm_s": 100.0,
-    "leave_out": True,
-}
+AS_IT_IS: dict[str, Any] = {"thinnest": 1e-6, "min_speed_mm_s": 0.01, "write_speed_mm_s": 100.0}
+AS_IT_IS |= {"leave_out": True}
 """Vessels of any thickness; those that can't be written in any order are left out and named."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A network to write, with which needle, and what is promised.
+    """A network to write, with which needle, and what is promised: most passes and CPU s.
 
-    Attributes
-    ----------
-    passes, planning_s : float or None
-        At most.
-    names : bool
-        Whether joints may stay open that the plan names.
+    ``names``: joints may stay open that the plan names.
     """
 
     name: str
@@ -78,12 +67,8 @@ def shared_network(options: EmbeddedOptions, name: str) -> VesselNetwork:
 def grown(options: EmbeddedOptions, size_mm: tuple[float, float, float]) -> VesselNetwork:
     """Return 499 vessels in a block, no thinner and no nearer than the needle can write."""
     thinnest = options.smallest_lumen_mm / 2
-    growth = GrowthOptions(
-        terminals=250,
-        seed=1,
-        smallest_radius_mm=thinnest,
-        clearance_mm=options.smallest_wall_mm(thinnest),
-    )
+    wall = options.smallest_wall_mm(thinnest)
+    growth = GrowthOptions(terminals=250, seed=1, smallest_radius_mm=thinnest, clearance_mm=wall)
     widest = options.largest_lumen_mm / 2
     done = grow_printable(_tissue(block(size_mm)), growth, widest_radius_mm=widest)
     return tree_to_network(done.tree)
@@ -92,15 +77,10 @@ def grown(options: EmbeddedOptions, size_mm: tuple[float, float, float]) -> Vess
 def loops(options: EmbeddedOptions) -> VesselNetwork:
     """Return artery and vein of 401 terminals each in a ring of 6 cm: some 2,000 vessels."""
     part = ClosedLoop(
-        grow="closed_loop",
-        terminals=401,
-        smallest_diameter_mm=0.2,
-        clearance_mm=0.2,
-        root_mm=(18, 0, 30),
-        root_direction=(0, 0, -1),
-        vein_root_mm=(-18, 0, 30),
-        vein_root_direction=(0, 0, -1),
-    )
+        grow="closed_loop", terminals=401, smallest_diameter_mm=0.2, clearance_mm=0.2,
+        root_mm=(18, 0, 30), root_direction=(0, 0, -1),
+        vein_root_mm=(-18, 0, 30), vein_root_direction=(0, 0, -1),
+    )  # fmt: skip
     return closed_loop(_tissue(annulus(60, 12, 30)), part, 1)[0].network
 
 
@@ -143,18 +123,13 @@ def case_rows(case: Case) -> Iterator[Row]:
         yield row(f"{case.name}: planned", 0, "", "a plan", False) | {"refused": str(error)}
         return
     planning_s = time.process_time() - begun
-    with tempfile.TemporaryDirectory() as folder:
-        gcode, table = Path(folder) / "embedded.gcode", Path(folder) / "network.csv"
+    bore, factor = load(Syringe, SYRINGE).inner_mm, load(Ink, INK).flow_factor
+    where: dict[str, Any] = {"place_mm": PLACE_MM, "syringe_bore_mm": bore, "flow_factor": factor}
+    with scratch() as folder:
+        gcode, table = folder / "embedded.gcode", folder / "network.csv"
         write_network_csv(table, network)
         gcode.write_bytes(gcode_of(plan.toolpath))
-        found = judge(
-            gcode,
-            table,
-            options.needle_outer_mm,
-            place_mm=PLACE_MM,
-            syringe_bore_mm=load(Syringe, SYRINGE).inner_mm,
-            flow_factor=load(Ink, INK).flow_factor,
-        )
+        found = judge(gcode, table, options.needle_outer_mm, **where)
     yield limited(f"{case.name}: planning", planning_s, "CPU s", case.planning_s)
     yield from judged_rows(case, options, plan.report, found)
 
@@ -192,13 +167,10 @@ def options_of(needle: str, as_it_is: bool) -> EmbeddedOptions:
     """Return a recipe's defaults for a needle; open joints are counted, not refused."""
     bore, ink, printer = load(Needle, needle), load(Ink, INK), load(Printer, PRINTER)
     given = EmbeddedOptions(
-        needle_inner_mm=bore.inner_mm,
-        needle_outer_mm=bore.outer_mm,
-        retract_ul=ink.retract_ul,
-        plunger_ul_s=ink.plunger_ul_s,
-        open_joints=1_000_000,
+        needle_inner_mm=bore.inner_mm, needle_outer_mm=bore.outer_mm, retract_ul=ink.retract_ul,
+        plunger_ul_s=ink.plunger_ul_s, open_joints=1_000_000,
         lift_speed_mm_s=float(printer.max_speed_mm_s.z),
-    )
+    )  # fmt: skip
     return replace(given, **AS_IT_IS) if as_it_is else given
 
 
@@ -206,10 +178,7 @@ def gcode_of(toolpath: Toolpath) -> bytes:
     """Write a plan for the printer of all cases."""
     ink, printer = load(Ink, INK), load(Printer, PRINTER)
     writer = GcodeOptions(
-        start_mm=(100.0, 100.0, 120.0),
-        travel_speed_mm_s=20.0,
-        relieve_ul=ink.retract_ul,
-        plunger_ul_s=ink.plunger_ul_s,
-        flow_factor=ink.flow_factor,
-    )
+        start_mm=(100.0, 100.0, 120.0), travel_speed_mm_s=20.0, relieve_ul=ink.retract_ul,
+        plunger_ul_s=ink.plunger_ul_s, flow_factor=ink.flow_factor,
+    )  # fmt: skip
     return write_gcode(toolpath, printer, load(Syringe, SYRINGE), PLACE_MM, writer).data

@@ -16,7 +16,6 @@ import tty
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -26,53 +25,30 @@ from benchmarks.common import SkippedError
 
 AXES = "XYZE"
 KINDS = ("step", "reset", "power_off", "power_on", "mark", "stall", "heater", "enable")
-RECORD = np.dtype(
-    [
-        ("cycle", "<u8"),
-        ("ns", "<u8"),
-        ("position", "<i4"),
-        ("axis", "u1"),
-        ("direction", "i1"),
-        ("enabled", "u1"),
-        ("kind", "u1"),
-    ]
-)
+_FIELDS = (("cycle", "<u8"), ("ns", "<u8"), ("position", "<i4"), ("axis", "u1"))
+_FLAGS = (("direction", "i1"), ("enabled", "u1"), ("kind", "u1"))
+RECORD = np.dtype([*_FIELDS, *_FLAGS])
+"""Times in cycles of the processor and in ns of the host's monotonic clock."""
+Records = NDArray[np.void]
 
 
 @dataclass(frozen=True)
 class StepLog:
-    """Events of a board in the order in which they happened.
+    """Events of a board, (n,) of RECORD, in the order in which they happened."""
 
-    Attributes
-    ----------
-    records : (n,) structured array of RECORD
-        Times in cycles of the processor and in ns of the host's monotonic clock.
-    """
+    records: Records
 
-    records: NDArray[np.void]
-
-    def of_kind(self, kind: str) -> NDArray[np.void]:
-        """Return the records of one kind."""
-        found: NDArray[np.void] = self.records[self.records["kind"] == KINDS.index(kind)]
-        return found
-
-    def steps(self, axis: str | None = None) -> NDArray[np.void]:
+    def steps(self, axis: str | None = None) -> Records:
         """Return the step edges that moved a motor, of one axis or of all."""
-        steps = self.of_kind("step")
-        moved = steps["enabled"] == 1
+        moved = (self.records["kind"] == KINDS.index("step")) & (self.records["enabled"] == 1)
         if axis is not None:
-            moved &= steps["axis"] == AXES.index(axis)
-        found: NDArray[np.void] = steps[moved]
+            moved &= self.records["axis"] == AXES.index(axis)
+        found: Records = self.records[moved]
         return found
-
-    def positions(self) -> dict[str, int]:
-        """Return the sum of steps by axis."""
-        return {axis: int(self.steps(axis)["direction"].sum(dtype=np.int64)) for axis in AXES}
 
     def last_edge_s(self) -> float:
         """Return the time of the last motor step, s on ``time.monotonic()``; 0 if none."""
-        steps = self.steps()
-        return float(steps["ns"].max()) / 1e9 if len(steps) else 0.0
+        return float(self.steps()["ns"].max(initial=0)) / 1e9
 
 
 def read_step_log(path: Path) -> StepLog:
@@ -84,16 +60,12 @@ def read_step_log(path: Path) -> StepLog:
 
 
 class SerialHost:
-    """An open pseudo-terminal; lines out, lines in."""
+    """A plain host at a pseudo-terminal: lines out, oks in."""
 
     def __init__(self, port: Path) -> None:
         self.fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(self.fd, termios.TCSANOW)
         self.rest = b""
-
-    def close(self) -> None:
-        """Close the port."""
-        os.close(self.fd)
 
     def write(self, text: str) -> None:
         """Write a line."""
@@ -101,37 +73,28 @@ class SerialHost:
         while data:
             data = data[os.write(self.fd, data) :]
 
-    def line(self, within_s: float) -> str | None:
-        """Return the next line, or None when none came in time."""
+    def wait_for_ok(self, within_s: float = 20.0) -> None:
+        """Read up to the next ``ok``; raise TimeoutError if none comes."""
         until = time.monotonic() + within_s
-        while b"\n" not in self.rest:
-            left = until - time.monotonic()
-            if left <= 0 or not select.select([self.fd], [], [], left)[0]:
-                return None
+        while True:
+            line, end, rest = self.rest.partition(b"\n")
+            if end:
+                self.rest = rest
+                if line.strip().startswith(b"ok"):
+                    return
+                continue
+            left = max(until - time.monotonic(), 0.0)
+            if not select.select([self.fd], [], [], left)[0]:
+                raise TimeoutError(f"no ok within {within_s} s; had {self.rest!r}")
             self.rest += os.read(self.fd, 4096)
-        found, _, self.rest = self.rest.partition(b"\n")
-        return found.decode(errors="replace").strip()
 
-    def wait_for(self, word: str, within_s: float) -> list[str]:
-        """Return the lines up to one that begins with ``word``; TimeoutError if none comes."""
-        until, lines = time.monotonic() + within_s, []
-        while (left := until - time.monotonic()) > 0:
-            line = self.line(left)
-            if line is None:
-                break
-            lines.append(line)
-            if line.startswith(word):
-                return lines
-        raise TimeoutError(f"no {word!r} within {within_s} s; had {lines[-3:]}")
-
-    def ask(self, text: str, within_s: float = 10.0) -> list[str]:
-        """Write a line and return what comes up to its ``ok``."""
+    def ask(self, text: str, within_s: float = 10.0) -> None:
+        """Write a line and wait for its ``ok``."""
         self.write(text)
-        return self.wait_for("ok", within_s)
+        self.wait_for_ok(within_s)
 
 
 SOURCES = Path(__file__).parent / "board_in_c"
-LIBRARIES = ("-lsimavr", "-lelf", "-lm")
 START_WITHIN_S = 20.0
 
 
@@ -141,24 +104,14 @@ class BoardError(RuntimeError):
 
 @cache
 def build_board() -> Path:
-    """Compile the board program with the system's compiler and return its path.
-
-    Raises
-    ------
-    SkippedError
-        If no C compiler, simavr or libelf is installed.
-    """
+    """Compile the board program and return its path; skip without compiler, simavr or libelf."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         raise SkippedError("needs a C compiler (cc)")
     program = Path(tempfile.mkdtemp(prefix="avr_board_")) / "avr_board"
     sources = sorted(str(path) for path in SOURCES.glob("avr_*.c"))
-    made = subprocess.run(
-        [compiler, "-O2", *sources, "-o", str(program), *LIBRARIES],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [compiler, "-O2", *sources, "-o", str(program), "-lsimavr", "-lelf", "-lm"]
+    made = subprocess.run(command, capture_output=True, text=True, check=False)
     if made.returncode:
         reason = made.stderr.strip().splitlines()[:1]
         raise SkippedError(f"needs libsimavr-dev and libelf-dev: {reason}")
@@ -167,21 +120,10 @@ def build_board() -> Path:
 
 @dataclass
 class AvrBoard:
-    """A running board; use it as a context manager.
-
-    Parameters
-    ----------
-    image : Path
-        ELF file of the firmware.
-    folder : Path
-        For the port, the control socket and the log.
-    speed : float
-        Share of real time; 0 is unpaced.
-    """
+    """A running board with an ELF ``image``; its ``folder`` gets port, control socket and log."""
 
     image: Path
     folder: Path
-    speed: float = 1.0
     _process: subprocess.Popen[bytes] | None = field(default=None, repr=False)
     _socket: socket.socket | None = field(default=None, repr=False)
     _rest: bytes = field(default=b"", repr=False)
@@ -191,17 +133,12 @@ class AvrBoard:
         """The serial port: a link to a pseudo-terminal."""
         return self.folder / "port"
 
-    @property
-    def log_path(self) -> Path:
-        """The binary log."""
-        return self.folder / "steps.bin"
-
     def __enter__(self) -> AvrBoard:
         """Start the board and wait until it answers on its control socket."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        control = self.folder / "control"
-        paths = ["--port", str(self.port), "--control", str(control), "--log", str(self.log_path)]
-        command = [str(build_board()), str(self.image), *paths, "--speed", str(self.speed)]
+        control, log = self.folder / "control", self.folder / "steps.bin"
+        paths = ["--port", str(self.port), "--control", str(control), "--log", str(log)]
+        command = [str(build_board()), str(self.image), *paths, "--speed", "1"]
         self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
         until = time.monotonic() + START_WITHIN_S
         while time.monotonic() < until and self._process.poll() is None:
@@ -213,12 +150,7 @@ class AvrBoard:
             time.sleep(0.05)
         raise BoardError(f"the board with {self.image} didn't start")
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *problem: object) -> None:
         """Stop the board; its log stays."""
         if self._socket is not None:
             self._socket.close()
@@ -230,13 +162,7 @@ class AvrBoard:
                 self._process.kill()
 
     def tell(self, command: str) -> dict[str, Any]:
-        """Send a command line and return the board's answer, its state.
-
-        Raises
-        ------
-        BoardError
-            If the board doesn't know the command, or is gone.
-        """
+        """Send a command line and return the board's answer, its state; raise BoardError."""
         if self._socket is None:
             raise BoardError("the board isn't running")
         self._socket.settimeout(10)
@@ -263,4 +189,4 @@ class AvrBoard:
     def log(self) -> StepLog:
         """Read the log as far as it has come."""
         self.tell("flush")
-        return read_step_log(self.log_path)
+        return read_step_log(self.folder / "steps.bin")

@@ -21,16 +21,18 @@ MARLIN_STEPS = {"X": 80, "Y": 80, "Z": 400, "E": 500}
 HEAD = ["G21", "G90", "M82", "M302 P1", "M85 S600", "G92 E0"]
 
 
+def steps_of(axis: str, text: str) -> int:
+    """Return the whole steps of a place in mm, by an 8-bit board's single precision.
+
+    4.517 mm at 500 steps/mm are 2258 of them, not 2258.5 rounded up.
+    """
+    steps = float(as_avr_reads(text) * np.float32(MARLIN_STEPS[axis]))
+    return int(np.sign(steps) * np.floor(abs(steps) + 0.5))
+
+
 @dataclass
 class MotionFile:
-    """A file of absolute straight moves, in which every target is known.
-
-    Attributes
-    ----------
-    lines : list of str
-    targets : list of dict
-        Ends of the moves in order, mm; the motors begin at 0.
-    """
+    """A file of absolute straight moves, every end of which is known, mm; motors begin at 0."""
 
     lines: list[str] = field(default_factory=lambda: list(HEAD))
     targets: list[dict[str, float]] = field(default_factory=lambda: [dict.fromkeys("XYZE", 0.0)])
@@ -47,28 +49,15 @@ class MotionFile:
         path.write_text("\n".join(self.lines) + "\n")
         return path
 
-    def steps(self, per_mm: dict[str, int]) -> list[dict[str, int]]:
-        """Return the targets in steps, by an 8-bit board's single precision.
+    def steps(self) -> list[dict[str, int]]:
+        """Return the targets in steps of each motor."""
+        axes = MARLIN_STEPS
+        return [{axis: steps_of(axis, f"{to[axis]:g}") for axis in axes} for to in self.targets]
 
-        4.517 mm at 500 steps/mm are 2258 of them, not 2258.5 rounded up.
-        """
-        return [
-            {
-                axis: math.floor(float(as_avr_reads(f"{to[axis]:g}") * np.float32(count)) + 0.5)
-                for axis, count in per_mm.items()
-            }
-            for to in self.targets
-        ]
-
-    def end_steps(self, per_mm: dict[str, int]) -> dict[str, int]:
-        """Return the steps of each motor from start to end."""
-        return self.steps(per_mm)[-1]
-
-    def edges(self, per_mm: dict[str, int]) -> dict[str, int]:
-        """Return how many step edges each motor must make in all."""
-        steps = self.steps(per_mm)
-        pairs = list(pairwise(steps))
-        return {axis: sum(abs(b[axis] - a[axis]) for a, b in pairs) for axis in "XYZE"}
+    def edges(self) -> int:
+        """Return how many step edges all motors must make."""
+        pairs = pairwise(self.steps())
+        return sum(abs(b[axis] - a[axis]) for a, b in pairs for axis in "XYZE")
 
 
 def raster(lines: int, width_mm: float = 10.0, feed_mm_s: float = 20.0) -> MotionFile:
@@ -202,15 +191,8 @@ LAYERED_HEAD = ["M85 S600", "G21", "G90", "M82", "M302 P1", "G92 X50 Y50 Z10 E0"
 class LayeredFile:
     """Random strokes in layers, each drawn back, lifted and marked at its end.
 
-    Attributes
-    ----------
-    seed : int
-    commands : list of str
-        The file's, without its marks.
-    ends : list of (int, dict)
-        Commands before each layer's end, and the place there, mm.
-    mends : dict
-        By look, what was inserted there.
+    ``ends``: commands before each layer's end, and the place there, mm; ``mends``: by look, what
+    was inserted there.
     """
 
     seed: int
@@ -275,16 +257,10 @@ Steps = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Followed:
-    """How far the motors went along a list of way points.
+    """How far the motors went along ``wanted`` way points.
 
-    Attributes
-    ----------
-    reached, wanted : int
-        Way points.
-    excursions : int
-        Ways away from a way point and exactly back to it: the link's own, of a pause or look.
-    left : int
-        Step edges after the last way point that was reached.
+    ``excursions`` lead away from a way point and exactly back to it: the link's own, of a pause or
+    look. ``left``: step edges after the last way point that was reached.
     """
 
     reached: int
@@ -296,12 +272,6 @@ class Followed:
     def exact(self) -> bool:
         """Whether each move was made once, in order, and nothing stayed elsewhere."""
         return self.reached == self.wanted and not self.left
-
-
-def steps_of(axis: str, text: str) -> int:
-    """Return the whole steps of a place in mm, in an 8-bit board's single precision."""
-    steps = float(as_avr_reads(text) * np.float32(MARLIN_STEPS[axis]))
-    return int(np.sign(steps) * np.floor(abs(steps) + 0.5))
 
 
 def way_points(commands: Sequence[str]) -> list[Steps]:

@@ -7,7 +7,6 @@ import os
 import pty
 import select
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,37 +15,23 @@ from pathlib import Path
 from termios import TIOCSCTTY
 from typing import Any
 
-from benchmarks.common import ROOT
+from benchmarks.common import ROOT, printctl
 from benchmarks.firmware.board import AvrBoard
-from benchmarks.firmware.files import MARLIN_STEPS, MotionFile
+from benchmarks.firmware.files import MotionFile
 
-COMMAND = [sys.executable, "-m", "printctl"]
 POLL_S = 0.02
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A print as the product reports it.
+    """A print as the product reports it: its last journal record, ``hangs`` or ``refused``.
 
-    Attributes
-    ----------
-    exit_code : int
-        None while it hangs on beyond the time limit.
-    state : str
-        Of its last journal record; ``refused`` when nothing was sent.
-    ended_s : float, s
-        When the product said so, on ``time.monotonic()``.
-    pauses : int
-        How often it paused and was told to go on.
-    text : str
-        End of what it wrote to stderr.
+    ``ended_s``: when it was reported, on ``time.monotonic()``; ``pauses`` that were resumed.
     """
 
-    exit_code: int | None
     state: str
     ended_s: float
     pauses: int
-    text: str
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -71,7 +56,7 @@ def end_of(run: Path) -> dict[str, Any] | None:
 def command(job: Path, port: Path, profile: str, *more: str) -> list[str]:
     """Return the command that prints a file."""
     place = ["--port", str(port), "--printer", profile, "--folder", str(run_folder(job))]
-    return [*COMMAND, "print", str(job), *place, "--yes", *more]
+    return [*printctl("print", job), *place, "--yes", *more]
 
 
 def run_folder(job: Path) -> Path:
@@ -86,30 +71,19 @@ def print_file(
     within_s: float = 300.0,
     meanwhile: Callable[[], None] = lambda: None,
 ) -> Ended:
-    """Print a file, go on after each pause, and wait for the end.
-
-    Parameters
-    ----------
-    meanwhile : callable
-        Called fifty times a second, e.g. to set faults.
-    """
-    asked = command(job, port, profile, "--json")
-    with (job.with_suffix(".err")).open("w+") as errors:
-        process = subprocess.Popen(
-            asked, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
-            env=environment(job.parent),
-        )  # fmt: skip
-        pauses = _watch(process, job, within_s, meanwhile)
-        code, now = process.poll(), time.monotonic()
-        if code is None:
-            process.kill()
-        errors.seek(0)
-        text = errors.read()[-400:]
+    """Print a file, go on after each pause, and wait for the end; ``meanwhile`` runs at 50 Hz."""
+    process = subprocess.Popen(
+        command(job, port, profile, "--json"), stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment(job.parent),
+    )  # fmt: skip
+    pauses = _watch(process, job, within_s, meanwhile)
+    code, now = process.poll(), time.monotonic()
+    if code is None:
+        process.kill()
     end = end_of(run_folder(job))
     if end is None:
-        return Ended(code, "hangs" if code is None else "refused", now, pauses, text)
-    ended_s = end["at"] - time.time() + time.monotonic()
-    return Ended(code, end["state"], min(ended_s, now), pauses, end.get("message", "") + text)
+        return Ended("hangs" if code is None else "refused", now, pauses)
+    return Ended(end["state"], min(end["at"] - time.time() + time.monotonic(), now), pauses)
 
 
 def _watch(
@@ -124,20 +98,16 @@ def _watch(
             states = [found for found in records(run_folder(job)) if found.get("t") == "state"]
             if len(states) > seen and states[-1].get("state") == "paused":
                 seen, pauses = len(states), pauses + 1
-                resume = [*COMMAND, "resume", str(run_folder(job))]
-                subprocess.run(
-                    resume, env=environment(job.parent), capture_output=True, check=False
-                )
+                resume, env = printctl("resume", run_folder(job)), environment(job.parent)
+                subprocess.run(resume, env=env, capture_output=True, check=False)
         time.sleep(POLL_S)
     return pauses
 
 
 def dry_run_s(job: Path, profile: str) -> float:
     """Return the duration that ``simulate --json`` predicts, s; NaN where it refuses."""
-    asked = [*COMMAND, "simulate", str(job), "--printer", profile, "--json"]
-    done = subprocess.run(
-        asked, capture_output=True, text=True, check=False, env=environment(job.parent)
-    )
+    asked, env = printctl("simulate", job, "--printer", profile, "--json"), environment(job.parent)
+    done = subprocess.run(asked, capture_output=True, text=True, check=False, env=env)
     return float(json.loads(done.stdout)["duration_s"]) if not done.returncode else float("nan")
 
 
@@ -167,16 +137,14 @@ class Attended:
         os.write(self.terminal, letter.encode() + b"\n")
         return answered
 
-    def wait(self, within_s: float) -> int | None:
-        """Wait for the end of the command and return its exit code; None if it hangs."""
+    def wait(self, within_s: float) -> None:
+        """Wait for the end of the command; kill it if it hangs."""
         until = time.monotonic() + within_s
         while self.process.poll() is None and time.monotonic() < until:
             self.read(0.05)
-        code = self.process.poll()
-        if code is None:
+        if self.process.poll() is None:
             self.process.kill()
         os.close(self.terminal)
-        return code
 
 
 def attend(job: Path, port: Path, profile: str = "marlin_avr") -> Attended:
@@ -195,20 +163,13 @@ def attend(job: Path, port: Path, profile: str = "marlin_avr") -> Attended:
 class Judged:
     """One print against its motors.
 
-    Attributes
-    ----------
-    ended : Ended
-    margin_s : float, s
-        From the last step edge to the product's report of the end; negative is too early.
-    wrong_axes : list of str
-        Whose motor stands elsewhere than the file says.
-    surplus : int
-        Step edges beyond those of the file, all axes; negative: too few.
+    ``margin_s``: from the last step edge to the reported end, negative is too early; ``astray``:
+    a motor stands elsewhere than the file ends; ``surplus``: step edges beyond the file's.
     """
 
     ended: Ended
     margin_s: float
-    wrong_axes: list[str]
+    astray: bool
     surplus: int
 
 
@@ -225,8 +186,7 @@ def stand_still(board: AvrBoard, still_s: float = 4.0, within_s: float = 60.0) -
 def judge(file: MotionFile, ended: Ended, board: AvrBoard) -> Judged:
     """Compare the product's report with the motors once they stand still."""
     stand_still(board)
-    state, wanted = board.state(), file.end_steps(MARLIN_STEPS)
-    wrong = [axis for axis, found in board.positions().items() if found != wanted[axis]]
+    state, astray = board.state(), board.positions() != file.steps()[-1]
     made = sum(found["edges"] for found in state["axes"].values())
-    surplus = made - sum(file.edges(MARLIN_STEPS).values())
-    return Judged(ended, ended.ended_s - state["last_ns"] / 1e9, wrong, surplus)
+    margin_s = ended.ended_s - state["last_ns"] / 1e9
+    return Judged(ended, margin_s, astray, made - file.edges())

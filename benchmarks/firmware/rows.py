@@ -8,11 +8,10 @@ same without it, MARLIN_FAST one at 250000 Bd with ADVANCED_OK.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from benchmarks.common import Row, SkippedError
+from benchmarks.common import Row, SkippedError, scratch
 from benchmarks.firmware.board import build_board
 from benchmarks.firmware.rows_faults import fault_rows, noise_rows
 from benchmarks.firmware.rows_looks import look_rows
@@ -29,8 +28,8 @@ def on_boards(rows: Callable[[str, Path, Path], Iterator[Row]], *variables: str)
         raise SkippedError(f"needs a Marlin image in {' or '.join(variables)}")
     build_board()
     for name, image in given.items():
-        with tempfile.TemporaryDirectory() as folder:
-            yield from rows(name, image, Path(folder))
+        with scratch() as folder:
+            yield from rows(name, image, folder)
 
 
 def noise(quick: bool) -> Iterator[Row]:

@@ -18,11 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import Row, row
-from benchmarks.firmware.board import AvrBoard, StepLog
-from benchmarks.firmware.files import MARLIN_STEPS, MotionFile, random_moves
+from benchmarks.common import Row, limited, printctl, row
+from benchmarks.firmware.board import AvrBoard
+from benchmarks.firmware.files import MARLIN_STEPS, random_moves
 from benchmarks.firmware.product import (
-    COMMAND,
     Attended,
     Judged,
     attend,
@@ -55,18 +54,14 @@ def noise_rows(image: Path, folder: Path, rate: float, runs: int) -> Iterator[Ro
     found = [one_noisy(image, folder, seed, rate) for seed in range(runs)]
     done = [one for one in found if one.ended.state == "done"]
     name = f"real Marlin, {runs} prints, {100 * rate:g} % of bytes garbled, 1 % of oks lost: "
-    wrong = sum(bool(one.wrong_axes) for one in done)
-    yield row(name + "done, but the motors stand elsewhere", wrong, "prints", "0", wrong == 0)
-    smooth = [one for one in done if one.ended.pauses == 0]
-    doubled = sum(one.surplus != 0 for one in smooth)
-    yield row(
-        name + "done without a pause, but with other steps", doubled, "prints", "0", not doubled
-    )
+    astray = sum(one.astray for one in done)
+    yield limited(name + "done, but the motors stand elsewhere", astray, "prints", 0)
+    doubled = sum(one.surplus != 0 for one in done if one.ended.pauses == 0)
+    yield limited(name + "done without a pause, but with other steps", doubled, "prints", 0)
     early = sum(one.margin_s <= 0 for one in done)
-    yield row(name + "done before the last step", early, "prints", "0", early == 0)
+    yield limited(name + "done before the last step", early, "prints", 0)
     others = len(found) - len(done)
-    goal = ("0", others == 0) if rate < 0.001 else ("", None)
-    yield row(name + "not done", others, "prints", *goal)
+    yield limited(name + "not done", others, "prints", 0 if rate < 0.001 else None)
 
 
 MOVES = 25
@@ -75,15 +70,7 @@ LIMIT_S = 240.0
 
 @dataclass
 class Trial:
-    """One print on one board.
-
-    Attributes
-    ----------
-    board : AvrBoard
-    job : Path
-    terminal : Attended
-        Where it was begun.
-    """
+    """One print on one board, and the terminal where it was begun."""
 
     board: AvrBoard
     job: Path
@@ -91,9 +78,9 @@ class Trial:
 
     def run(self, *words: str) -> None:
         """Run a command of the product on this print."""
-        asked = [*COMMAND, *words]
+        env = environment(self.job.parent)
         done = subprocess.run(
-            asked, env=environment(self.job.parent), capture_output=True, text=True, check=False
+            printctl(*words), env=env, capture_output=True, text=True, check=False
         )
         if done.returncode not in (0, 4):
             print(f"{words[0]}: {done.stdout[-300:]} {done.stderr[-300:]}", file=sys.stderr)
@@ -184,16 +171,6 @@ def turns(positions: list[int]) -> list[int]:
     return [*places[around].tolist(), int(places[-1])]
 
 
-def turns_made(log: StepLog, axis: str) -> list[int]:
-    """Return the same as the motor did it."""
-    return turns(np.cumsum(log.steps(axis)["direction"].astype(int)).tolist())
-
-
-def turns_wanted(file: MotionFile, axis: str) -> list[int]:
-    """Return the same as the file says."""
-    return turns([place[axis] for place in file.steps(MARLIN_STEPS)])
-
-
 def one(image: Path, folder: Path, seed: int, event: str, rate: float) -> tuple[str, bool, float]:
     """Print; return how it ended, whether each turn is the file's, and the margin of the end, s.
 
@@ -223,7 +200,8 @@ def one(image: Path, folder: Path, seed: int, event: str, rate: float) -> tuple[
     margin = float(ended.get("at", 0)) - time.time() + time.monotonic() - log.last_edge_s()
     right = []
     for axis in "XY":
-        made, meant = turns_made(log, axis), turns_wanted(file, axis)
+        made = turns(np.cumsum(log.steps(axis)["direction"].astype(int)).tolist())
+        meant = turns([place[axis] for place in file.steps()])
         right.append(made == meant if wanted == "done" else made[:-1] == meant[: len(made) - 1])
     state = str(ended.get("state", "none"))
     return state, all(right), margin
@@ -247,10 +225,10 @@ def fault_rows(image: Path, folder: Path, runs: int, rate: float = 0.0004) -> It
         found = [one(image, place, seed, event, rate) for seed in range(runs)]
         name = f"real Marlin, {runs} prints with {event}, {100 * rate:g} % of bytes garbled: "
         wrong = sum(not right for _, right, _ in found)
-        yield row(name + "a move lost, doubled or swapped", wrong, "prints", "0", wrong == 0)
+        yield limited(name + "a move lost, doubled or swapped", wrong, "prints", 0)
         others = sum(state != wanted for state, _, _ in found)
-        yield row(name + f"ended otherwise than {wanted}", others, "prints", "0", others == 0)
+        yield limited(name + f"ended otherwise than {wanted}", others, "prints", 0)
         if wanted == "done":
             least = min((margin for state, _, margin in found if state == wanted), default=-1.0)
-            yield row(name + "done, after the last step, least", round(least, 2), "s", "> 0",
-                      least > 0)  # fmt: skip
+            measure = name + "done, after the last step, least"
+            yield row(measure, round(least, 2), "s", "> 0", least > 0)

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmarks.common import Row, row
+from benchmarks.common import Row, limited
 from benchmarks.firmware.board import AvrBoard
 from benchmarks.firmware.files import Followed, LayeredFile, follow, way_points
 from benchmarks.firmware.product import environment, stand_still
@@ -36,15 +36,8 @@ NOISE = 0.003
 class Held:
     """One print that is held for looks.
 
-    Attributes
-    ----------
-    board : AvrBoard
-    file : LayeredFile
-    client : PrintClient
-    watched : list of (int, int), ns
-        When the motors must have stood, `time.monotonic_ns`.
-    disturbed : set of int
-        Looks at which something has happened already.
+    ``watched``: when the motors must have stood, `time.monotonic_ns`; ``disturbed``: looks at which
+    something has happened already.
     """
 
     board: AvrBoard
@@ -190,10 +183,10 @@ def look_rows(image: Path, folder: Path, runs: int) -> Iterator[Row]:
         found = [one(image, folder / happens.__name__, seed, event) for seed in range(runs)]
         name = f"real Marlin, {runs} prints held for looks, {event}: "
         others = sum(state is not wanted for state, _, _ in found)
-        yield row(name + f"ended otherwise than {wanted}", others, "prints", "0", others == 0)
+        yield limited(name + f"ended otherwise than {wanted}", others, "prints", 0)
         moved = sum(moved for _, _, moved in found)
-        yield row(name + "edges while the needle was held", moved, "edges", "0", moved == 0)
+        yield limited(name + "edges while the needle was held", moved, "edges", 0)
         if wanted is LinkState.DONE:
             wrong = sum(not followed.exact for _, followed, _ in found)
             name += "a move of file or insert lost, doubled or beside"
-            yield row(name, wrong, "prints", "0", wrong == 0)
+            yield limited(name, wrong, "prints", 0)

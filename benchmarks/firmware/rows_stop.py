@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import socket
 import statistics
 import subprocess
@@ -11,10 +12,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.common import Row, row
+from benchmarks.common import Row, limited, row
 from benchmarks.firmware.board import AvrBoard, StepLog
 from benchmarks.firmware.files import MARLIN_STEPS, raster
-from benchmarks.firmware.product import attend, command, environment, records, run_folder
+from benchmarks.firmware.product import (
+    attend,
+    command,
+    end_of,
+    environment,
+    records,
+    run_folder,
+)
 
 MOMENT_GOAL_MS = 150.0
 MOMENTS = ("a pause being made", "the needle coming down again", "the last moves")
@@ -22,25 +30,14 @@ MOMENTS = ("a pause being made", "the needle coming down again", "the last moves
 
 @dataclass(frozen=True)
 class Stopped:
-    """What a board did after a stop was asked for.
+    """What a board did after a stop was requested.
 
-    Attributes
-    ----------
-    last_ms : float
-        Until the last step sideways, of Z downwards or of E forwards, ms.
-    down : int
-        Edges of Z downwards after `last_ms` or the goal, whichever is less.
-    relief, wanted : int
-        Steps by which the plunger ended behind its foremost place, and should have.
-    state : str
-        Of the journal's end.
+    ``last_ms``: until the last step sideways, of Z downwards or of E forwards; ``right``: the print
+    ended as stopped, Z didn't go down after the goal, the plunger is relieved as it should be.
     """
 
     last_ms: float
-    down: int
-    relief: int
-    wanted: int
-    state: str
+    right: bool
 
 
 def ask(job: Path, what: str) -> None:
@@ -92,7 +89,8 @@ def judge_stop(log: StepLog, asked_ns: int, wanted: int, state: str) -> Stopped:
     z = log.steps("Z")
     down = int(((z["ns"] > asked_ns + MOMENT_GOAL_MS * 1e6) & (z["direction"] < 0)).sum())
     e = log.steps("E")["direction"].astype(int).cumsum()
-    return Stopped((last - asked_ns) / 1e6, down, int(e.max() - e[-1]), wanted, state)
+    right = state == "stopped" and not down and abs(int(e.max() - e[-1]) - wanted) <= 1
+    return Stopped((last - asked_ns) / 1e6, right)
 
 
 def stop_at(moment: str, image: Path, folder: Path) -> Stopped:
@@ -113,10 +111,10 @@ def stop_at(moment: str, image: Path, folder: Path) -> Stopped:
         except subprocess.TimeoutExpired:
             process.kill()
         time.sleep(1.0)
-        ends = [one for one in records(run_folder(job)) if one.get("t") == "end"]
+        state = str((end_of(run_folder(job)) or {}).get("state", "hangs"))
         record = json.loads((run_folder(job) / "link.json").read_text())
         wanted = round(record["retreat"]["relief_mm"] * MARLIN_STEPS["E"])
-        return judge_stop(board.log(), asked_ns, wanted, ends[-1]["state"] if ends else "hangs")
+        return judge_stop(board.log(), asked_ns, wanted, state)
 
 
 def moment_rows(image: Path, folder: Path, tries: int, build: str) -> Iterator[Row]:
@@ -125,17 +123,10 @@ def moment_rows(image: Path, folder: Path, tries: int, build: str) -> Iterator[R
         found = [stop_at(moment, image, folder / f"{number}-{turn}") for turn in range(tries)]
         name = f"real Marlin, {build}, {tries} stops during {moment}: "
         longest = max(one.last_ms for one in found)
-        yield row(
-            name + "request to last step of the job, longest", round(longest, 1), "ms",
-            f"{MOMENT_GOAL_MS:g}", longest <= MOMENT_GOAL_MS,
-        )  # fmt: skip
-        wrong = sum(
-            one.state != "stopped" or one.down > 0 or abs(one.relief - one.wanted) > 1
-            for one in found
-        )
-        yield row(
-            name + "not stopped, lowered, or relieved wrongly", wrong, "stops", "0", not wrong
-        )
+        measure = name + "request to last step of the job, longest"
+        yield limited(measure, round(longest, 1), "ms", MOMENT_GOAL_MS)
+        wrong = sum(not one.right for one in found)
+        yield limited(name + "not stopped, lowered, or relieved wrongly", wrong, "stops", 0)
 
 
 GOAL_MS = 1000.0
@@ -143,8 +134,8 @@ MOVE_MS = 1000.0
 """Of the longest move in the file: 20 mm at 20 mm/s."""
 
 
-def stop_ms(image: Path, folder: Path, turn: int, letter: str, axes: str = "XYZE") -> float | None:
-    """Return the time from the answered question to the last step edge, ms; None: never printed.
+def stop_ms(image: Path, folder: Path, turn: int, letter: str, axes: str = "XYZE") -> float:
+    """Return the time from the answered question to the last step edge, ms; infinite: no print.
 
     Of a stop only ``axes`` XY count: the way out moves the plunger and the lift.
     """
@@ -156,7 +147,7 @@ def stop_ms(image: Path, folder: Path, turn: int, letter: str, axes: str = "XYZE
             attended.read(0.02)
             if time.monotonic() > until:
                 attended.process.kill()
-                return None
+                return math.inf
         asked = attended.choose(letter)
         attended.wait(40)
         time.sleep(1.0)
@@ -167,19 +158,12 @@ def stop_ms(image: Path, folder: Path, turn: int, letter: str, axes: str = "XYZE
 
 def stop_rows(image: Path, folder: Path, tries: int, build: str) -> Iterator[Row]:
     """Measure kills by Ctrl-C and k, stops by Ctrl-C and s."""
-    found = [stop_ms(image, folder, turn, "k") for turn in range(tries)]
-    known = [took for took in found if took is not None]
+    kills = [stop_ms(image, folder, turn, "k") for turn in range(tries)]
     name = f"real Marlin, {build}, {tries} kills (Ctrl-C, k): answer to last step edge, "
-    if not known:
-        yield row(name + "median", float("nan"), "ms", f"{GOAL_MS:g}", False)
-        return
-    yield row(name + "median", round(statistics.median(known), 1), "ms")
-    yield row(name + "longest", round(max(known), 1), "ms", f"{GOAL_MS:g}", max(known) <= GOAL_MS)
-    stops = [stop_ms(image, folder, turn, "s", "XY") for turn in range(tries)]
-    longest = max((took for took in stops if took is not None), default=float("nan"))
+    yield row(name + "median", round(statistics.median(kills), 1), "ms")
+    yield limited(name + "longest", round(max(kills), 1), "ms", GOAL_MS)
+    longest = max(stop_ms(image, folder, turn, "s", "XY") for turn in range(tries))
     name = f"real Marlin, {build}, {tries} controlled stops (Ctrl-C, s), moves of 1 s: "
-    yield row(
-        name + "answer to last step edge of X or Y, longest", round(longest, 1), "ms",
-        f"{GOAL_MS + MOVE_MS:g}", longest <= GOAL_MS + MOVE_MS,
-    )  # fmt: skip
+    measure = name + "answer to last step edge of X or Y, longest"
+    yield limited(measure, round(longest, 1), "ms", GOAL_MS + MOVE_MS)
     yield from moment_rows(image, folder / "moments", tries, build)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -30,28 +31,24 @@ def board_seconds(board: AvrBoard) -> float:
     return (int(steps["cycle"].max()) - int(steps["cycle"].min())) / 16e6 if len(steps) else 0.0
 
 
-def by_hand(image: Path, folder: Path, file: MotionFile, in_flight: int) -> tuple[float, float]:
-    """Send the file with a fixed number of lines in flight; return lines/s and bytes a line."""
+def by_hand(image: Path, folder: Path, file: MotionFile, in_flight: int) -> float:
+    """Send the file with a fixed number of lines in flight; return lines/s."""
     with AvrBoard(image, folder) as board:
-        host = SerialHost(board.port)
+        host, waiting = SerialHost(board.port), 0
         time.sleep(2.5)
         for line in ["M110 N0", *HEAD]:
             host.ask(line)
-        before, waiting = board.state()["bytes_in"], 0
         for number, line in enumerate(file.lines[len(HEAD) :], 1):
             host.write(numbered(line, number))
             waiting += 1
-            while waiting >= in_flight:
-                host.wait_for("ok", 20)
+            if waiting >= in_flight:
+                host.wait_for_ok()
                 waiting -= 1
-        while waiting:
-            host.wait_for("ok", 20)
-            waiting -= 1
-        taken = board.state()["bytes_in"] - before
+        for _ in range(waiting):
+            host.wait_for_ok()
         host.ask("M400", 30)
-        host.close()
-        count = len(file.lines) - len(HEAD)
-        return count / board_seconds(board), taken / count
+        os.close(host.fd)
+        return (len(file.lines) - len(HEAD)) / board_seconds(board)
 
 
 def by_product(
@@ -92,29 +89,6 @@ def write_profile(path: Path, baud: int, more: Iterable[str] = ()) -> Path:
     return path
 
 
-@dataclass(frozen=True)
-class Round:
-    """Lines/s of one round: plain hosts with so many lines in flight, the product with 1 and 2."""
-
-    plain: tuple[float, ...]
-    product: tuple[float, ...]
-    states: tuple[str, ...]
-    slipped_s: float
-
-    @property
-    def shares(self) -> list[float]:
-        """Return the product's shares of the best plain host's lines/s."""
-        return [rate / max(self.plain) for rate in self.product]
-
-
-def one_round(image: Path, folder: Path, file: MotionFile, baud: int) -> Round:
-    """Measure all of them, one after the other."""
-    mine = [by_product(image, folder / f"product{n}", file, baud, n) for n in IN_FLIGHT[:2]]
-    plain = [by_hand(image, folder / f"plain{n}", file, n)[0] for n in IN_FLIGHT]
-    rates, states, slipped = zip(*mine, strict=True)
-    return Round(tuple(plain), rates, states, max(slipped))
-
-
 def speed_rows(image: Path, folder: Path, baud: int, moves: int, rounds: int) -> Iterator[Row]:
     """Measure the product with one and two lines in flight beside plain hosts, turn by turn.
 
@@ -122,20 +96,25 @@ def speed_rows(image: Path, folder: Path, baud: int, moves: int, rounds: int) ->
     firmware limit it.
     """
     file, name = short_moves(moves), f"real Marlin, {baud} Bd, {moves} moves of 0.1 mm: "
-    found = []
-    for k in range(rounds):
-        found.append(one_round(image, folder / str(k), file, baud))
-    for n in IN_FLIGHT:
-        rate = median(one.plain[n - 1] for one in found)
-        yield row(name + f"plain host, {n} in flight", round(rate, 1), "1/s")
-    done = all(state == "done" for one in found for state in one.states)
-    slipped = max(one.slipped_s for one in found)
-    for n in IN_FLIGHT[:2]:
-        rate = median(one.product[n - 1] for one in found)
-        text = f"printctl, lines_in_flight {n} (slipped {slipped} s)"
-        yield row(name + text, round(rate, 1), "1/s")
-        share = median(one.shares[n - 1] for one in found)
-        goal = ("\u2265 0.9", done and share >= 0.9) if n == 2 else ()
+    plain: dict[int, list[float]] = {n: [] for n in IN_FLIGHT}
+    product: dict[int, list[float]] = {n: [] for n in IN_FLIGHT[:2]}
+    states, slipped_s = set[str](), 0.0
+    for place in (folder / str(k) for k in range(rounds)):
+        for n, rates in product.items():
+            rate, state, slipped = by_product(image, place / f"product{n}", file, baud, n)
+            rates.append(rate)
+            states.add(state)
+            slipped_s = max(slipped_s, slipped)
+        for n, rates in plain.items():
+            rates.append(by_hand(image, place / f"plain{n}", file, n))
+    for n, rates in plain.items():
+        yield row(name + f"plain host, {n} in flight", round(median(rates), 1), "1/s")
+    best = [max(each) for each in zip(*plain.values(), strict=True)]
+    for n, rates in product.items():
+        text = f"printctl, lines_in_flight {n} (slipped {slipped_s} s)"
+        yield row(name + text, round(median(rates), 1), "1/s")
+        share = median(rate / most for rate, most in zip(rates, best, strict=True))
+        goal = ("\u2265 0.9", states == {"done"} and share >= 0.9) if n == 2 else ()
         yield row(name + f"the same over the best plain host, {n}", round(share, 3), "", *goal)
 
 
@@ -148,13 +127,9 @@ STARVED_FROM = {"900_short_segments": 0.52}
 class Turnaround:
     """The host's turnaround as the board sees it, from the first step to the last.
 
-    Attributes
-    ----------
-    skipped : float
-        Share of the turns that doesn't count: where the wire doesn't starve the planner, the
-        turnaround changes nothing, and on a shared machine it differs from there to here.
-    seen : list of (float, int)
-        Board's seconds between answers and next lines, and how many.
+    ``skipped``: share of the turns that doesn't count: where the wire doesn't starve the planner,
+    the turnaround changes nothing, and on a shared machine it differs from there to here. ``seen``:
+    board's seconds between answers and next lines, and how many.
     """
 
     board: AvrBoard
@@ -200,8 +175,7 @@ def one_time(image: Path, job: Path, baud: int, advanced_ok: bool) -> Row:
     said = dry_run_s(job, str(profile))
     error = said / took - 1 if took else float("nan")
     text = f"dry run against real Marlin, {baud} Bd, {job.stem} ({took:.2f} s, {ended.state}, "
-    text += f"turnaround {1000 * turnaround:.2f} ms, slipped "
-    text += f"{state['slipped_s']} s)"
+    text += f"turnaround {1000 * turnaround:.2f} ms, slipped {state['slipped_s']} s)"
     met = ended.state == "done" and abs(error) <= TIME_GOAL
     return row(text, round(100 * error, 3), "%", f"± {100 * TIME_GOAL:g}", met)
 

@@ -1,15 +1,12 @@
-"""Check flow_3d.csv against plane cuts of flow_3d.vtu: ``python -m benchmarks.flow.loops``.
+"""Check flow_3d.csv against plane cuts of flow_3d.vtu.
 
-The cube of `examples/paper/cube_closed.yaml` with 3, 8, 31 and 60 loops, or
-with ``--solved`` folders with network.csv, flow_3d.csv and flow_3d.vtu. Cuts count whose area is
+The cube of `examples/paper/cube_closed.yaml` with 3, 8, 31 and 60 loops. Cuts count whose area is
 that of the vessel's own radius; for the parabola, those a diameter and an entrance length away
 from both of its ends.
 """
 
 from __future__ import annotations
 
-import csv
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,7 +14,17 @@ import numpy as np
 
 from benchmarks.checkers.networks import Pieces, read_network
 from benchmarks.checkers.vtu_sections import VtuFlow, entrance_length_mm
-from benchmarks.common import ROOT, Row, SkippedError, limited, printctl, row, timed
+from benchmarks.common import (
+    ROOT,
+    Row,
+    SkippedError,
+    limited,
+    printctl,
+    read_csv,
+    row,
+    scratch,
+    timed,
+)
 
 LOOPS, VISCOSITY_PA_S, DENSITY_G_MM3, UL_S = (3, 8, 31, 60), 4e-3, 1.06e-3, 1000.0 / 60.0
 FRACTIONS, AREA_OFF, LIMIT = np.linspace(0.04, 0.96, 24), 0.03, 0.02
@@ -59,17 +66,15 @@ def vessel_flow(flow: VtuFlow, net: Pieces, vessel: int) -> tuple[float, float, 
 def compare(folder: Path, name: str) -> Iterator[Row]:
     """Yield the rows of one solved network."""
     net, field = read_network(folder / "network.csv"), VtuFlow(next(folder.rglob("flow_3d.vtu")))
-    with next(folder.rglob("flow_3d.csv")).open() as table:
-        ours = UL_S * np.array([float(r["flow_ml_min"]) for r in csv.DictReader(table)])
+    table = read_csv(next(folder.rglob("flow_3d.csv")))
+    ours = UL_S * np.array([float(r["flow_ml_min"]) for r in table])
     theirs = np.array([vessel_flow(field, net, vessel) for vessel in range(len(ours))])
     yield row(f"{name}: vessels without a figure", int(np.isnan(ours).sum()), f"of {len(ours)}")
     for what, against in zip(("plane cuts", "parabola", "dp/dx"), theirs.T, strict=True):
         off = np.abs(ours / against - 1.0)
-        told = {
-            "compared": int(np.isfinite(off).sum()),
-            "off_by_2_percent": int((off > LIMIT).sum()),
-        }
-        yield limited(f"{name}: against {what}, worst", float(np.nanmax(off)), "", LIMIT) | told
+        made = limited(f"{name}: against {what}, worst", float(np.nanmax(off)), "", LIMIT)
+        compared, beyond = int(np.isfinite(off).sum()), int((off > LIMIT).sum())
+        yield made | {"compared": compared, "off_by_2_percent": beyond}
 
 
 def rows(quick: bool) -> Iterator[Row]:
@@ -78,8 +83,8 @@ def rows(quick: bool) -> Iterator[Row]:
         raise SkippedError("needs 60 CPU s for its smallest case: not in the quick form")
     text = (ROOT / "examples" / "paper" / "cube_closed.yaml").read_text()
     for loops in LOOPS:
-        with tempfile.TemporaryDirectory() as folder:
-            recipe, out = Path(folder) / "cube.yaml", Path(folder) / "out"
+        with scratch() as folder:
+            recipe, out = folder / "cube.yaml", folder / "out"
             recipe.write_text(text.replace("terminals: 31", f"terminals: {loops}"))
             timed(printctl("design", recipe, "--until", "vasculature", "--out", out))
             given = ["--inlet-flow-ml-min", "0.25", "--viscosity-mpa-s", 1e3 * VISCOSITY_PA_S]

@@ -1,4 +1,4 @@
-"""Lumped flow, steady and pulsatile, in networks made without the product's growth.
+"""Lumped steady flow in networks made without the product's growth.
 
 "Structure known" is `solve_flow` called once with what `flow_structure` found of the same vessels
 before. Mass at nodes is summed here.
@@ -14,23 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common import Row, limited, row
-from design.hemodynamics import (
-    FlowConditions,
-    GelWall,
-    PulsatileConditions,
-    WindkesselOutlet,
-    flow_structure,
-    solve_flow,
-    solve_pulsatile,
-)
-from design.hemodynamics.waveforms import Sine, shape
+from benchmarks.common import Row, limited
+from design.hemodynamics import FlowConditions, flow_structure, solve_flow
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
 REPEATS = 7
 DRIVEN = FlowConditions(4e-3, inlet_flow_ul_s=1000.0)
-WINDKESSEL = WindkesselOutlet(1e4, 1e-5, 1e5)
 
 
 def steady_rows(quick: bool) -> Iterator[Row]:
@@ -48,18 +38,6 @@ def steady_rows(quick: bool) -> Iterator[Row]:
         yield limited(f"{what}, whole", cpu, "CPU s", goal)
         left = mass(network, solve_flow(network, DRIVEN, known).flow)
         yield limited(f"{what}: mass at a node", left, "", 1e-12)
-
-
-def pulsatile_rows(quick: bool) -> Iterator[Row]:
-    """Yield 10,000 terminals, the periodic state."""
-    network = binary_tree(1000 if quick else 10_000)
-    for name, inlet in (
-        ("sine", Sine(1000.0, 400.0, 1.0)),
-        ("ejection, 199 harmonics", shape("ejection", 1000.0, 1.0)),
-    ):
-        given = PulsatileConditions(4e-3, inlet, outlet=WINDKESSEL, wall=GelWall(10e3))
-        spent = median_cpu_s(partial(solve_pulsatile, network, given))
-        yield row(f"pulsatile, periodic state solved for, {name}", spent, "CPU s")
 
 
 def median_cpu_s(task: Callable[[], Any]) -> float:

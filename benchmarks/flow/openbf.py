@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import os
 import re
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from benchmarks.common import Row, SkippedError, printctl, row, timed
+from benchmarks.common import Row, SkippedError, printctl, row, scratch, timed
 
 _HEAD: Final = re.compile(
     rb"\x21\x01([PQAu])\x15\x00\x0e\x14\x02(?:\x31(.{4})|([\xe0-\xff]))(.)", re.S
@@ -31,16 +30,10 @@ _SMALL: Final = 0xDF
 
 
 class Case(NamedTuple):
-    """One of openBF's networks.
+    """One of openBF's networks: its stored waves' name, its file, and the bar.
 
-    Attributes
-    ----------
-    name, path : str
-        Of its stored waves, and of its file.
-    rms : float
-        Bar: root of the mean square difference in pressure and flow, of the swing in the vessel,
-        median over vessels and places.
-    cell_mm : float or None
+    ``rms``: root of the mean square difference in pressure and flow, of the swing in the vessel,
+    median over vessels and places.
     """
 
     name: str
@@ -70,8 +63,7 @@ def rows(quick: bool) -> Iterator[Row]:
 
 def _case(checkout: Path, case: Case, straight: bool = True) -> Row:
     stored = stored_waves((checkout / "test" / f"ref_{case.name}.jls").read_bytes())
-    with tempfile.TemporaryDirectory() as text:
-        folder = Path(text)
+    with scratch() as folder:
         file = _prepared(checkout / "models" / case.path, folder, straight)
         command = ["flow", str(file), "--results", "npz", "--out", str(folder)]
         if case.cell_mm is not None:
@@ -83,12 +75,9 @@ def _case(checkout: Path, case: Case, straight: bool = True) -> Row:
     what = f"openBF's {case.name}" + ("" if straight else ", tapers as written")
     median = max(float(np.median(a)) for a in away.values())
     bar = (f"<= {case.rms:g}", median <= case.rms) if straight else ()
-    found_row = row(what + ": rms over the swing, median", median, "", *bar)
-    return found_row | {
-        "pressure_worst": float(away["P"].max()),
-        "flow_worst": float(away["Q"].max()),
-        "cpu_s": spent,
-    }
+    made = row(what + ": rms over the swing, median", median, "", *bar)
+    worst = {"pressure_worst": float(away["P"].max()), "flow_worst": float(away["Q"].max())}
+    return made | worst | {"cpu_s": spent}
 
 
 def _prepared(source: Path, folder: Path, straight: bool) -> Path:

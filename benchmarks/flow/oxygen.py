@@ -13,7 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
-from benchmarks.common import Row, peak_mb, row
+from benchmarks.common import Row, at_least, limited, peak_mb, row
 from design.hemodynamics import FlowConditions, FlowSolution, solve_flow
 from design.hemodynamics.oxygen import (
     OxygenConditions,
@@ -41,7 +41,7 @@ def rows(quick: bool) -> Iterator[Row]:
         ratio = radius * cells / OUTER
         name = f"Krogh's cylinder, {cells} cells in its radius, lumen of {ratio:.3g} in radius"
         limit = 0.03 if cells == 4 else 0.015
-        yield row(f"{name}: worst error", worst, "of the fall", f"<= {limit}", worst <= limit)
+        yield limited(f"{name}: worst error", worst, "of the fall", limit)
         yield row(f"{name}: rms error", rms, "of the fall")
     spawn = multiprocessing.get_context("spawn")
     for cells in (200_000,) if quick else (1_000_000, 4_000_000):
@@ -100,8 +100,8 @@ def block_rows(cells: int) -> list[Row]:
     return [
         row(f"{name}: time", spent, "s"),
         row(f"{name}: memory at most, and before", peak_mb(), f"MB ({before:.0f} before)"),
-        row(f"{name}: in less out less consumed, over consumed", off, "", "<= 1e-5", off <= 1e-5),
-        row(f"{name}: least concentration", low, "mM", ">= -1e-9", low >= -1e-9),
+        limited(f"{name}: in less out less consumed, over consumed", off, "", 1e-5),
+        at_least(f"{name}: least concentration", low, "mM", -1e-9),
         row(f"{name}: hypoxic", 100 * fine.share_below(0.01), "%"),
         row(f"{name}: hypoxic less that at twice the spacing", worse, "points"),
         row(f"{name}: Newton steps; multigrid cycles", fine.newton, f"; {fine.cycles}"),

@@ -29,17 +29,10 @@ _COMMAND = re.compile(rb"(?:N(-?\d+) ?)?([A-Z]\d+)?")
 
 @dataclass
 class Answerer:
-    """A printer without motors.
-
-    Attributes
-    ----------
-    lines : list of (float, bytes)
-        Taken, when, in order.
-    """
+    """A printer without motors; ``lines`` were taken, when, in order."""
 
     lines: list[tuple[float, bytes]] = field(default_factory=list)
     last: int = 0
-    over: bool = False
     _rest: bytes = b""
 
     def receive(self, data: bytes) -> bytes:

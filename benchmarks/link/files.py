@@ -23,15 +23,7 @@ _HEADER: Final = (b"M302 P1", b"G90", b"M82", b"M85 S600", b"G92 X50 Y50 Z10 E0"
 
 @dataclass(frozen=True)
 class PrintFile:
-    """A file and what it means.
-
-    Attributes
-    ----------
-    lines : list of bytes
-        Its commands.
-    ends : (n, 4) int64, steps
-        Where each move ends, x to z and the plunger.
-    """
+    """A file's commands, and where each move ends, (n, 4), steps, x to z and the plunger."""
 
     lines: list[bytes]
     ends: NDArray[np.int64]
@@ -47,7 +39,7 @@ class PrintFile:
         return path
 
 
-def zigzag(moves: int, feed_mm_min: int = 1800, *header: bytes) -> PrintFile:
+def zigzag(moves: int, feed_mm_min: int = 1800) -> PrintFile:
     """Short moves to and fro, each with a dose; no two lines are alike."""
     k = np.arange(moves)
     start = np.round(np.array(START_MM) * STEPS_PER_MM[:3]).astype(np.int64)
@@ -56,13 +48,6 @@ def zigzag(moves: int, feed_mm_min: int = 1800, *header: bytes) -> PrintFile:
     ends[:, 1] = start[1] + (k % 40) * _ROW_STEPS
     ends[:, 2] = start[2]
     ends[:, 3] = (k + 1) * _DOSE_STEPS
-    return _written(ends, feed_mm_min, header)
-
-
-def _written(ends: NDArray[np.int64], feed_mm_min: int, header: tuple[bytes, ...]) -> PrintFile:
-    before = [*_HEADER, *header]
-    mm = ends / STEPS_PER_MM
-    moves_text = [
-        b"G1 X%.3f Y%.3f E%.5f F%d" % (x, y, e, feed_mm_min) for x, y, _, e in mm.tolist()
-    ]
-    return PrintFile(before + moves_text, ends)
+    mm = (ends / STEPS_PER_MM).tolist()
+    text = [b"G1 X%.3f Y%.3f E%.5f F%d" % (x, y, e, feed_mm_min) for x, y, _, e in mm]
+    return PrintFile([*_HEADER, *text], ends)

@@ -76,13 +76,7 @@ def _process(words: list[str]) -> Iterator[tuple[subprocess.Popen[str], str]]:
 
 
 class Tap:
-    """Offers ``name`` to a host, and relays to the printer at ``port``.
-
-    Attributes
-    ----------
-    name : str
-        The terminal for the host.
-    """
+    """Offers the terminal ``name`` to a host, and relays to the printer at ``port``."""
 
     def __init__(self, port: int) -> None:
         self._printer = socket.create_connection(("127.0.0.1", port))
@@ -120,14 +114,10 @@ class Tap:
                 os.write(self._master, data)
 
     def down_at(self, word: bytes) -> float:
-        """When the host's ``word`` had passed whole, s; infinite for never."""
-        return _passed(self._down, word)
-
-
-def _passed(chunks: list[tuple[float, bytes]], word: bytes) -> float:
-    seen = b""
-    for when, data in list(chunks):
-        seen = seen[-len(word) :] + data
-        if word in seen:
-            return when
-    return float("inf")
+        """Return when the host's ``word`` had passed whole, s; infinite for never."""
+        seen = b""
+        for when, data in list(self._down):
+            seen = seen[-len(word) :] + data
+            if word in seen:
+                return when
+        return float("inf")

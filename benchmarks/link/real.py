@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.checkers.link_order import body_of
-from benchmarks.common import Row, row
+from benchmarks.common import Row, at_least, limited, row, scratch
 from benchmarks.link.files import zigzag
 from benchmarks.link.printers import answerer, profile, read_record
 from printctl.machine.link import LinkState, start_print
@@ -22,20 +21,16 @@ _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 
 def speed_rows(quick: bool) -> Iterator[Row]:
     """Yield lines per second and the link process's CPU per line, to a peer that only answers."""
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["PRINTCTL_DATA"] = folder  # these prints aren't the user's
-        yield from _speed(20_000 if quick else 100_000, Path(folder))
-
-
-def _speed(lines: int, folder: Path) -> Iterator[Row]:
-    file, record = zigzag(lines), folder / "answered.json"
-    quick = profile(folder, "no_reset", resets_on_connect=False)
-    with answerer(record) as port, _Watched() as cpu:
-        job = file.write(folder / "speed.gcode")
-        client = start_print(job, quick, port, folder / "speed")
-        cpu.watch(client.record.pid)
-        outcome = client.wait(600)
-    taken = read_record(record)
+    lines = 20_000 if quick else 100_000
+    file = zigzag(lines)
+    with scratch() as folder:
+        facts, record = profile(folder, "no_reset", resets_on_connect=False), folder / "taken.json"
+        with answerer(record) as port, _Watched() as cpu:
+            job = file.write(folder / "speed.gcode")
+            client = start_print(job, facts, port, folder / "speed")
+            cpu.watch(client.record.pid)
+            outcome = client.wait(600)
+        taken = read_record(record)
     begin = max(k for k, (_, text) in enumerate(taken) if b"M110" in text)
     taken = taken[begin + 1 :]
     sent = [(when, body_of(text)[1].strip()) for when, text in taken]
@@ -45,12 +40,11 @@ def _speed(lines: int, folder: Path) -> Iterator[Row]:
     seconds = times[-1] - times[0]
     rate = (len(times) - 1) / seconds
     name = f"{lines:,} lines to a peer that only answers, journal on"
-    yield row(f"{name}: speed", round(rate), "lines/s", ">= 8000", rate >= 8000) | REAL
+    yield at_least(f"{name}: speed", round(rate), "lines/s", 8000) | REAL
     each = 1e6 * cpu.seconds / lines
-    made = row(f"{name}: CPU of the link process", round(each, 1), "µs/line", "<= 45", each <= 45)
+    made = limited(f"{name}: CPU of the link process", round(each, 1), "µs/line", 45)
     yield made | {"clock": "CPU", "resolution_us": round(1e6 * _TICK_S / lines, 2)}
-    done = outcome.state is LinkState.DONE
-    right = in_order and done
+    right = in_order and outcome.state is LinkState.DONE
     yield row(f"{name}: all in order, by the peer's record", int(right), "", "1", right)
 
 

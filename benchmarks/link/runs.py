@@ -26,34 +26,25 @@ from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults import PermanentFaults, parse_fault
+from sim.devices.faults import PermanentFaults
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.simulated_transport import HostDiedError, SimulatedTransport
 
 
 @dataclass
 class Ledger:
-    """What the printer took, and when it stopped or started anew.
-
-    Attributes
-    ----------
-    taken : list of Taken
-    kills, resets : list of float, s
-    forged : int
-        How often noise made an M112 of another command on its way.
-    """
+    """What the printer took, when it halted, and how often noise made an M112 on its way."""
 
     printer: MarlinPrinter
     taken: list[Taken] = field(default_factory=list)
     kills: list[float] = field(default_factory=list)
-    resets: list[float] = field(default_factory=list)
     forged: int = 0
     meant: dict[int, bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         printer: Any = self.printer
-        self._accept, self._kill, self._reset = printer.lines.accept, printer.kill, printer.reset
-        printer.lines.accept, printer.kill, printer.reset = self._on_line, self._on_kill, self._boot
+        self._accept, self._kill = printer.lines.accept, printer.kill
+        printer.lines.accept, printer.kill = self._on_line, self._on_kill
 
     def sent(self, data: bytes) -> None:
         """The host writes lines."""
@@ -73,10 +64,6 @@ class Ledger:
     def _on_kill(self, reason: str) -> None:
         self.kills.append(self.printer.now)
         self._kill(reason)
-
-    def _boot(self) -> None:
-        self.resets.append(self.printer.now)
-        self._reset()
 
 
 class BreakingTroubles(PermanentFaults):
@@ -121,20 +108,11 @@ MOST_BREAKS = 200
 
 @dataclass(frozen=True)
 class Run:
-    """One print.
+    """One print, by the status of its end.
 
-    Attributes
-    ----------
-    status : Status
-        Of its end.
-    order : Order
-    unreached, surplus : int
-        Ends of moves that the motors never came to in order, and moves beyond the file's.
-    begun, pauses, again : int
-        How often it was begun or gone on with, and paused for noise; lines sent again.
-    ended_s : float, s
-        On the printer's clock.
-    ledger : Ledger
+    ``unreached``, ``surplus``: ends of moves that the motors never came to in order, and moves
+    beyond the file's. ``begun``, ``pauses``, ``again``: how often it was begun or gone on with, and
+    paused for noise; lines sent again.
     """
 
     status: Status
@@ -144,7 +122,6 @@ class Run:
     begun: int
     pauses: int
     again: int
-    ended_s: float
     ledger: Ledger
 
     @property
@@ -183,10 +160,9 @@ def ends_of(motion: ExecutedMotion) -> NDArray[np.int64]:
     return np.round(ends * STEPS_PER_MM).astype(np.int64)
 
 
-def new_printer(*faults: str, printer: Printer | None = None) -> Ledger:
-    """A simulated printer that is watched."""
-    parsed = tuple(parse_fault(text) for text in faults)
-    return Ledger(MarlinPrinter(printer or facts(), START_MM, faults=parsed))
+def new_printer() -> Ledger:
+    """Make a simulated printer that is watched."""
+    return Ledger(MarlinPrinter(facts(), START_MM))
 
 
 def run(
@@ -200,12 +176,7 @@ def run(
 ) -> Run:
     """Print a file; whenever the connection breaks, go on from the journal.
 
-    Parameters
-    ----------
-    wire : callable, optional
-        Makes the wire of each beginning (0, 1, ...), in place of one with ``troubles``.
-    protocol : callable
-        Makes the protocol of each beginning.
+    ``wire`` and ``protocol`` make those of each beginning (0, 1, ...).
     """
     rng, clock = np.random.default_rng(seed), VirtualClock()
     ledger = ledger or new_printer()
@@ -240,8 +211,7 @@ def run(
             break
     if status is None:
         raise ValueError(f"the host died {begun} times and wasn't started again")
-    ended_s = clock.now()
     ledger.printer.finish()  # the planner still holds moves where the host ended first
     missing, surplus = unreached(file.ends, ends_of(ledger.printer.executed()))
     order = judge(file.lines, ledger.taken)
-    return Run(status, order, missing, surplus, begun, pauses, again, ended_s, ledger)
+    return Run(status, order, missing, surplus, begun, pauses, again, ledger)

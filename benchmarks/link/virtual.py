@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import Row, row
+from benchmarks.common import Row, all_of, limited, row, scratch
 from benchmarks.link.files import zigzag
 from benchmarks.link.runs import BreakingTroubles, Ledger, Run, Wire, run
 from firmware_profiles.families.link_protocol import Timing
@@ -24,12 +23,12 @@ HARD = BreakingTroubles(noise=0.003, drop_ok=0.001, delay=0.001, breaks=0.0002)
 def noise_rows(quick: bool) -> Iterator[Row]:
     """Yield noisy prints whose cable is pulled out now and then, judged line by line."""
     lines, seeds = (1000, 1) if quick else (20_000, 50)
-    with tempfile.TemporaryDirectory() as folder:
-        yield from _noisy("0.04 % noise", lines, seeds, MILD, Path(folder), 10.0)
-        hard = max(1, 2 * seeds // 5)
-        yield from _noisy("0.3 % noise", lines, hard, HARD, Path(folder), None)
-        few = (max(1, seeds // 6), "two lines in flight, 0.3 % noise")
-        yield from _noisy(few[1], lines, few[0], HARD, Path(folder), None, reckless_pairs)
+    with scratch() as folder:
+        yield from _noisy("0.04 % noise", lines, seeds, MILD, folder, 10.0)
+        hard, few = max(1, 2 * seeds // 5), max(1, seeds // 6)
+        yield from _noisy("0.3 % noise", lines, hard, HARD, folder, None)
+        name = "two lines in flight, 0.3 % noise"
+        yield from _noisy(name, lines, few, HARD, folder, None, reckless_pairs)
 
 
 def reckless_pairs() -> MarlinProtocol:
@@ -64,7 +63,7 @@ def _once_rows(name: str, runs: list[Run], about: Row) -> Iterator[Row]:
     """Was every line done once and in order; which prints ended early, and why."""
     wrong = sum(r.faults for r in runs)
     measure = f"{name}: lines lost, doubled or swapped; prints ended early without a slipped line"
-    made = row(measure, wrong, "", "0", not wrong)
+    made = limited(measure, wrong, "", 0)
     states = sorted({str(r.status.state) for r in runs})
     halted = sum(r.halted and r.ledger.forged > 0 for r in runs)
     yield made | about | {"states": states, "halted by an M112 that noise made": halted}
@@ -74,7 +73,7 @@ def _once_rows(name: str, runs: list[Run], about: Row) -> Iterator[Row]:
     strays = sum(r.order.strays for r in runs)
     blind = sum(r.order.unverified for r in runs)
     measure = f"{name}: stray commands after which no M114 was asked before going on"
-    yield row(measure, blind, "", "0", not blind) | {"unnumbered fragments in all": strays}
+    yield limited(measure, blind, "", 0) | {"unnumbered fragments in all": strays}
 
 
 def _slipped_rows(name: str, runs: list[Run], lines: int) -> Iterator[Row]:
@@ -97,17 +96,16 @@ def _gap_row(name: str, runs: list[Run], gap_s: float) -> Row:
     """The longest time between two lines of a file."""
     clean = [r.order.longest_gap_s for r in runs if not r.slipped]
     longest = max(clean, default=0.0)
-    measure, goal = f"{name}: longest time without progress", f"<= {gap_s:g}"
-    made = row(measure, longest, "s", goal, longest <= gap_s)
+    made = limited(f"{name}: longest time without progress", longest, "s", gap_s)
     slow = max((r.order.longest_gap_s for r in runs if r.slipped), default=0.0)
     return made | VIRTUAL | {"prints with a slipped line (it may be a slow move)": slow}
 
 
 def kill_rows(quick: bool) -> Iterator[Row]:
     """Yield hosts that die at random moments, half of them soon after they were started again."""
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch() as folder:
         for protocol in (MarlinProtocol, reckless_pairs):
-            yield _killed(8 if quick else 100, Path(folder), protocol)
+            yield _killed(8 if quick else 100, folder, protocol)
 
 
 def _killed(prints: int, folder: Path, protocol: Callable[[], MarlinProtocol]) -> Row:
@@ -128,4 +126,4 @@ def _killed(prints: int, folder: Path, protocol: Callable[[], MarlinProtocol]) -
         exact += not found.faults and not found.unreached and not found.surplus
     two = "" if protocol is MarlinProtocol else ", two lines in flight"
     name = f"host killed at random moments and resumed{two}: prints exact"
-    return row(name, exact, f"of {prints}", "all", exact == prints) | VIRTUAL | {"deaths": deaths}
+    return all_of(name, exact, prints) | VIRTUAL | {"deaths": deaths}

@@ -1,10 +1,9 @@
 """Benchmark of embedded prints seen by a camera: clogs found, asked about, missed; false findings.
 
-Lone vessels, trees and
-rows in baths of four textures by `checkers.bath_painter`, seen from above or up to 35 degrees
-aslant, with a picture before; a whole vessel, half of one, or 1 to 5 mm of it is missing. Two
-pictures go through seeing, evidence and decision as an observer's. A stretch counts as missing
-between the tips of its round ends. Clock: none; CPU seconds of a look are told.
+Lone vessels, trees and rows in baths of four textures by `checkers.bath_painter`, seen from above
+or up to 35 degrees aslant, with a picture before; a whole vessel, half of one, or 1 to 5 mm of it
+is missing. Two pictures go through seeing, evidence and decision as an observer's. A stretch counts
+as missing between the tips of its round ends.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -124,13 +123,7 @@ def _path(number: int, vessel: painter.Vessel) -> WrittenPath:
 
 
 def look(case: Case) -> tuple[Decision, Evidence]:
-    """Decide on a print as an observer that mends unasked; a second picture is taken as it would.
-
-    Raises
-    ------
-    PictureError
-        As `see_layer`.
-    """
+    """Decide as an observer that mends unasked; a second picture is taken as it would."""
     lines, ink = expected(case)
     before, limits = case.picture(0), Limits(mend="mend")
     options = SeeingOptions(gap_mm=limits.gap.least_mm, shift_mm=0.5, unseen_mm=limits.unseen_mm)
@@ -155,13 +148,12 @@ def look(case: Case) -> tuple[Decision, Evidence]:
     return Decider(limits).decide(evidence), evidence
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What came of one print."""
+class Outcome(NamedTuple):
+    """What came of one print; a fault of None is none."""
 
     seed: int
     fault: str | None
-    told: str
+    result: str
     false_mm: float
     cpu_s: float
 
@@ -171,37 +163,31 @@ def outcome(seed: int, fault: str | None) -> Outcome:
     begun = time.process_time()
     case = random_case(seed, fault)
     try:
-        decision, evidence = look(case)
+        result, false_mm = _result(case, *look(case))
     except PictureError:
-        told, false = "paused", 0.0
-    else:
-        told, false = _told(case, decision, evidence)
-    spent = time.process_time() - begun
-    return Outcome(seed, fault, told, false, spent)
+        result, false_mm = "paused", 0.0
+    return Outcome(seed, fault, result, false_mm, time.process_time() - begun)
 
 
-def _told(case: Case, decision: Decision, evidence: Evidence) -> tuple[str, float]:
+def _result(case: Case, decision: Decision, evidence: Evidence) -> tuple[str, float]:
     unseen = [one.gap for one in evidence.unseen]
     gaps = [one for one in decision.gaps if one not in unseen]
     bare = case.bare
-    false = sum(g.length_mm for g in gaps if 2 * _shared(g, bare) < g.length_mm)
-    acts = decision.kind is DecisionKind.MEND or bool(gaps)
+    false_mm = sum(g.length_mm for g in gaps if 2 * _shared(g, bare) < g.length_mm)
     if bare is None:
-        if acts:
-            return "repair", false
+        if decision.kind is DecisionKind.MEND or gaps:
+            return "repair", false_mm
         if decision.kind is DecisionKind.GO_ON:
             return "sound", 0.0
         return ("asked" if unseen else "paused"), 0.0
     missing = bare[2] - bare[1]
     found = sum(_shared(g, bare) for g in gaps)
-    asked = sum(_shared(g, bare) for g in unseen)
     if 2 * found >= missing:
-        return "found", false
-    if 2 * (found + asked) >= missing:
-        return "asked", false
-    return (
-        "missed" if decision.kind in (DecisionKind.GO_ON, DecisionKind.MEND) else "paused"
-    ), false
+        return "found", false_mm
+    if 2 * (found + sum(_shared(g, bare) for g in unseen)) >= missing:
+        return "asked", false_mm
+    goes_on = decision.kind in (DecisionKind.GO_ON, DecisionKind.MEND)
+    return ("missed" if goes_on else "paused"), false_mm
 
 
 def _shared(gap: Gap, bare: painter.Gap | None) -> float:
@@ -217,13 +203,13 @@ def rows(quick: bool) -> Iterator[Row]:
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         sound = list(pool.map(outcome, range(count), [None] * count, chunksize=3))
         faulty = list(pool.map(outcome, *zip(*planted, strict=True), chunksize=3))
-    missed = [[one.seed, one.fault] for one in faulty if one.told == "missed"]
-    told = {"told": Counter(one.told for one in faulty), "missed": missed}
-    yield limited("faulty prints missed silently", len(missed), f"of {count}", 0) | told
+    missed = [[one.seed, one.fault] for one in faulty if one.result == "missed"]
+    more: Row = {"results": Counter(one.result for one in faulty), "missed": missed}
+    yield limited("faulty prints missed silently", len(missed), f"of {count}", 0) | more
     beside = sum(one.false_mm > 0 for one in faulty)
     yield row("faulty prints with a false gap beside", beside, f"of {count}")
-    repairs = [one.seed for one in sound if one.told == "repair"]
-    kinds = {"told": Counter(one.told for one in sound), "seeds": repairs}
-    yield limited("sound prints with a false repair", len(repairs), f"of {count}", 0) | kinds
+    repairs = [one.seed for one in sound if one.result == "repair"]
+    more = {"results": Counter(one.result for one in sound), "seeds": repairs}
+    yield limited("sound prints with a false repair", len(repairs), f"of {count}", 0) | more
     cpu = float(np.mean([one.cpu_s for one in (*sound, *faulty)]))
     yield row("a print, painting included", cpu, "CPU s")

@@ -16,7 +16,6 @@ import contextlib
 import math
 import os
 import signal
-import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -25,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.checkers.grown_strokes import Compared, compared
-from benchmarks.common import Row, row
+from benchmarks.common import Row, row, scratch
 from benchmarks.link.printers import profile, simulated
 from printctl.machine.link import LinkError, LinkState, PrintClient, resume_print, start_print
 from printctl.machine.link.care import Care
@@ -131,13 +130,13 @@ class Run:
     mends: dict[int, list[str]] = field(default_factory=dict)
     flows: dict[int, float] = field(default_factory=dict)
     killed: dict[str, int] = field(default_factory=lambda: dict.fromkeys(MOMENTS, 0))
-    resumed: int = 0
 
     def run(self, job: Path) -> LinkState:
         """Print to the end; return how it ended."""
         care = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=60)
         client = start_print(job, self.printer, self.port, self.folder, care=care)
-        self._plan()
+        looks = np.sort(self.rng.integers(1, LAYERS + 1, self.kills))  # some in the same look
+        self._ahead = [(int(n), str(self.rng.choice(MOMENTS))) for n in looks]
         while True:
             moment = self._follow(client)
             if moment is None:
@@ -150,19 +149,12 @@ class Run:
             if client.status.state is not LinkState.INTERRUPTED:
                 return client.status.state
             client = resume_print(self.folder, self.port)
-            self.resumed += 1
-
-    def _plan(self) -> None:
-        """Choose the looks and moments of the kills, some of them in the same look."""
-        looks = self.rng.integers(1, LAYERS + 1, self.kills)
-        self._ahead = [(int(n), str(self.rng.choice(MOMENTS))) for n in np.sort(looks)]
 
     def _dies(self, look: int, moment: str) -> bool:
-        found = (look, moment)
-        if found in self._ahead:
-            self._ahead.remove(found)
-            return True
-        return False
+        dies = (look, moment) in self._ahead
+        if dies:
+            self._ahead.remove((look, moment))
+        return dies
 
     def _follow(self, client: PrintClient) -> str | None:
         """Say what the observer says; return the moment of a kill, None at the end."""
@@ -249,10 +241,9 @@ def rows(quick: bool) -> Iterator[Row]:
     """Yield 200 kills, 20 if quick."""
     kills, total, exact, prints, inserts = (10 if quick else 200), 0, 0, 0, 0
     by_moment, wrong = dict.fromkeys(MOMENTS, 0), []
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["PRINTCTL_DATA"] = folder  # these prints aren't the user's
+    with scratch() as folder:
         while total < kills and prints < 5 * kills:
-            run, state, found = one_print(prints, Path(folder), min(KILLS, kills - total))
+            run, state, found = one_print(prints, folder, min(KILLS, kills - total))
             good = state is LinkState.DONE and found.exact
             exact, prints = exact + good, prints + 1
             total += sum(run.killed.values())
@@ -261,6 +252,6 @@ def rows(quick: bool) -> Iterator[Row]:
                 by_moment[moment] += count
             if not good:
                 wrong.append({"seed": prints - 1, "state": state.value, **vars(found)})
-    told = {"kills": total, "inserts": inserts, "by_moment": by_moment, "not_exact": wrong}
+    more = {"kills": total, "inserts": inserts, "by_moment": by_moment, "not_exact": wrong}
     name = "prints exact through kills about looks"
-    yield row(name, exact, f"of {prints}", "all", not wrong) | told
+    yield row(name, exact, f"of {prints}", "all", not wrong) | more

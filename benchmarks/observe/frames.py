@@ -10,11 +10,9 @@ Truth is the checker's (`checkers/dish_camera.py`, `checkers/needle_camera.py`).
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,7 +30,7 @@ from benchmarks.checkers.dish_camera import (
     rough_ground,
     with_needle,
 )
-from benchmarks.common import Row, limited, row
+from benchmarks.common import Row, limited, row, scratch
 from firmware_profiles import load
 from firmware_profiles.plates import Dish
 from printctl.cli.main import app
@@ -137,9 +135,8 @@ def framed(rig: Rig, lens: Lens, by: str, rng: np.random.Generator, seed: int) -
         crosses = rig.insert.crosses
         there = rig.made.world(np.array([[c.x_mm, c.y_mm] for c in crosses]))
         there = there + rng.normal(0, 0.02, there.shape)
-        touches = [
-            Touch(c.name, x, y, z, u_mm=0.02) for c, (x, y, z) in zip(crosses, there, strict=True)
-        ]
+        pairs = zip(crosses, there.tolist(), strict=True)
+        touches = [Touch(cross.name, x, y, z, u_mm=0.02) for cross, (x, y, z) in pairs]
         return fit_frame(marks, rig.insert, lens, Ties(touches=touches), now)
     guess = rig.target[:2] + rng.uniform(-0.7, 0.7, 2)
     first = fit_frame(marks, rig.insert, lens, Ties(z_mm=z, at_mm=tuple(guess)), now)
@@ -159,8 +156,8 @@ def _frame_sides(rig: Rig) -> list[tuple[np.ndarray, np.ndarray]]:
 def _squares(rig: Rig) -> list[tuple[np.ndarray, np.ndarray]]:
     """The straight lines that `printctl calibrate pattern squares` writes, by its G-code."""
     at = ",".join(f"{value:.3f}" for value in rig.target)
-    with tempfile.TemporaryDirectory() as folder:
-        job = Path(folder) / "squares.gcode"
+    with scratch() as folder:
+        job = folder / "squares.gcode"
         words = f"--needle 22g --width 0.4 --dish petri_60mm --at {at} -o {job}".split()
         done = CliRunner().invoke(app, ["calibrate", "pattern", "squares", *words])
         if done.exit_code != 0:
@@ -243,19 +240,14 @@ def tip_error(rng: np.random.Generator, cameras: int) -> tuple[np.ndarray, np.nd
     places = places if cameras == 1 else places[:2]
     azimuth, views = rng.uniform(0, 6.28), []
     for number in range(cameras):
-        rotation, centre = aimed(
-            middle, focal * 66 / size[0], tilt, azimuth + 1.7 * number, rng.uniform(0, 6.28)
-        )
+        turn, roll = azimuth + 1.7 * number, rng.uniform(0, 6.28)
+        rotation, centre = aimed(middle, focal * 66 / size[0], tilt, turn, roll)
         at_half = (size[0] / 2 + 9.0, size[1] / 2 - 7.0)
         optics = Optics(size, focal, at_half, (-0.1, 0.03), (5e-4, -4e-4), rotation, centre)
         frame = _known(optics, rng)
         ground = rough_ground(size, rng, rng.uniform(50, 210), rng.uniform(2, 14))
-        pictures = [
-            developed(
-                with_needle(optics, ground, Needle(at + offset, outer, axis, **look)), scene, rng
-            )
-            for at in places
-        ]
+        needles = [Needle(at + offset, outer, axis, **look) for at in places]
+        pictures = [developed(with_needle(optics, ground, one), scene, rng) for one in needles]
         behind = grounds(pictures, frame, places, outer, 2.0)
         for picture, at, back in zip(pictures, places, behind, strict=True):
             try:

@@ -1,23 +1,21 @@
 """Benchmark of a laser line profiler's looks: false gaps, detection, length, widths, time.
 
-Height maps by `checkers.profiler_painter`:
-lines of 0.2 to 0.45 mm on a plate, in lattices and in solid layers; shadows, lost points, spikes.
-Clock: wall, of a file's reading and judgement on a machine with nothing else to do.
+Height maps by `checkers.profiler_painter`: lines of 0.2 to 0.45 mm on a plate, in lattices and in
+solid layers; shadows, lost points, spikes. Wall clock of a file's reading and judgement on a quiet
+machine.
 """
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 from benchmarks.checkers.profiler_painter import Bare, Kind, Profiled, profiled
-from benchmarks.common import Row, limited, row
+from benchmarks.common import Row, limited, row, scratch
 from registration.files.readers.heights import HeightMap, read_heights
 from registration.inspection import ExpectedLines, Gap, LayerFindings, see_layer, surface_of
 
@@ -31,14 +29,8 @@ _BIG_MM, _BIG_PX_MM = 20.0, 0.02
 def expected(map_: Profiled) -> ExpectedLines:
     """The lines of a painted map; each is a stroke of its own."""
     number = np.arange(len(map_.start))
-    return ExpectedLines(
-        map_.start,
-        map_.end,
-        np.full(len(number), map_.width),
-        number,
-        number,
-        map_.layer == map_.layer.max(),
-    )
+    width, fresh = np.full(len(number), map_.width), map_.layer == map_.layer.max()
+    return ExpectedLines(map_.start, map_.end, width, number, number, fresh)
 
 
 def look(map_: Profiled) -> LayerFindings:
@@ -79,7 +71,7 @@ def sound_rows(kind: Kind, layers: int) -> Iterator[Row]:
     found = [look(profiled(seed, kind)) for seed in range(layers)]
     false = sum(bool(one.gaps) for one in found)
     share = float(np.mean([one.seen_share for one in found]))
-    made = row(f"{kind}: sound layers with a gap found", false, f"of {layers}", "0", not false)
+    made = limited(f"{kind}: sound layers with a gap found", false, f"of {layers}", 0)
     yield made | {"blobs": sum(len(one.blobs) for one in found), "seen_share": round(share, 3)}
 
 
@@ -104,8 +96,8 @@ def _overlap(gap: Gap, bare: Bare) -> bool:
 def seconds_of_a_look() -> float:
     """Wall time from a profiler's file of 20 x 20 mm at 20 µm to what is found in it."""
     map_ = profiled(1, "solid", size=_BIG_MM, px=_BIG_PX_MM)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "map.tif"
+    with scratch() as folder:
+        path = folder / "map.tif"
         cv2.imwrite(str(path), map_.heights)
         begun = time.perf_counter()
         look(replace(map_, heights=read_heights(path, (map_.px, map_.px)).height_mm))

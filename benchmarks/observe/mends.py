@@ -10,7 +10,6 @@ Clock: none; CPU time of planning is told.
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -23,7 +22,7 @@ import numpy as np
 from benchmarks.checkers.mended_ink import Case, Judged, Stroke, judge, place_on, strokes_of
 from benchmarks.checkers.networks import read_network
 from benchmarks.checkers.read_gcode import Moves, read_moves
-from benchmarks.common import ROOT, Row, limited, printctl, row, timed
+from benchmarks.common import ROOT, Row, at_least, limited, printctl, row, scratch, timed
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.machine.link.job import Job, load_job
@@ -37,19 +36,10 @@ TOLERANCE_MM = 0.05
 
 @dataclass(frozen=True)
 class Planned:
-    """An example, and what is mounted for it.
+    """An example with ``changes`` in its recipe, and what is mounted for it; mm.
 
-    Attributes
-    ----------
-    example : str
-    layer_mm : float or None
-        None for an embedded one.
-    place_mm : tuple, mm
-        From the part's frame to the printer's.
-    edge_mm : float, mm
-        Of voxels.
-    changes : tuple of (str, str)
-        What is replaced in the example's recipe.
+    ``layer_mm`` is None for an embedded one; ``place_mm`` leads from the part's frame to the
+    printer's; ``edge_mm`` of voxels.
     """
 
     name: str
@@ -67,17 +57,14 @@ class Planned:
         return MarkKind.VESSEL if self.layer_mm is None else MarkKind.LAYER
 
 
+MORE_VESSELS = (("terminals: 30", "terminals: 50"), ("[16, 8, 3]", "[16, 12, 8]"))
+GELATIN = "gelatin_sacrificial"
 JOBS = (
     Planned("planar_fresh", "collagen_fresh", "fresh_150um", 0.06, (92.0, 96.0, 1.0), 0.015),
-    Planned("planar_tree", "gelatin_sacrificial", "30g_50mm", None),
-    Planned("ring_closed_loop", "gelatin_sacrificial", "30g", None),
+    Planned("planar_tree", GELATIN, "30g_50mm", None),
+    Planned("ring_closed_loop", GELATIN, "30g", None),
     Planned(
-        "tree_of_99_vessels",
-        "gelatin_sacrificial",
-        "30g_50mm",
-        None,
-        example="planar_tree",
-        changes=(("terminals: 30", "terminals: 50"), ("[16, 8, 3]", "[16, 12, 8]")),
+        "tree_of_99_vessels", GELATIN, "30g_50mm", None, example="planar_tree", changes=MORE_VESSELS
     ),
 )
 
@@ -90,21 +77,20 @@ def rows(quick: bool) -> Iterator[Row]:
 
 def mend_rows(planned: Planned, count: int) -> Iterator[Row]:
     """Yield what became of so many gaps of one job."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "run"
+    with scratch() as place:
+        folder = place / "run"
         _plan(planned, folder)
         rng = np.random.default_rng(26)
         results = [_one(planned, folder, rng) for _ in range(count)]
     name, judged = planned.name, [one for one, _, _ in results if one is not None]
     mended = sum(one.covered >= COVERED for one in judged)
     whole = [one.covered for one, mend, _ in results if one is not None and not mend.left]
-    reasons = Counter(
-        left.reason.split(",")[0].split(":")[0] for _, mend, _ in results for left in mend.left
-    )
+    left = [one.reason for _, mend, _ in results for one in mend.left]
+    reasons = Counter(reason.split(",")[0].split(":")[0] for reason in left)
     what = f"{name}: gaps mended (≥ {COVERED:.0%} of what is missing)"
     yield row(what, mended, f"of {count}") | {"left": dict(reasons)}
     worst = min(whole, default=1.0)
-    yield row(f"{name}: least covered of gaps planned whole", worst, "", ">= 0.95", worst >= 0.95)
+    yield at_least(f"{name}: least covered of gaps planned whole", worst, "", 0.95)
     entered = sum(one.in_lumen_mm > TOLERANCE_MM for one in judged)
     yield limited(f"{name}: lumens entered", entered, "", 0)
     crossed = sum(one.crossed for one in judged)
@@ -143,15 +129,9 @@ def _one(
     spent = time.process_time() - began
     if not mend.lines:
         return None, mend, spent
-    case = Case(
-        lines,
-        [line.decode() for line in mend.lines],
-        held.start_mm,
-        syringe.area_mm2 * ink.flow_factor,
-        planned.layer_mm,
-        needle.outer_mm,
-        planned.edge_mm,
-    )
+    insert, ul_per_e = [line.decode() for line in mend.lines], syringe.area_mm2 * ink.flow_factor
+    sizes = (planned.layer_mm, needle.outer_mm, planned.edge_mm)
+    case = Case(lines, insert, held.start_mm, ul_per_e, *sizes)
     return judge(case, stroke, (low, high), _lumens(planned, folder)), mend, spent
 
 

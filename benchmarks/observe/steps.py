@@ -1,20 +1,17 @@
 """Benchmark of the observer's flow control: writing time from a step of ± 30 % to flow back.
 
-The prints of
-`benchmarks.observe.prints`, written at 4 mm/s, whose flow steps at a random place of the first two
-layers. Counted is the time of the job's own writing from the step to the insert behind which the
-flow stays within 5 % of what is asked for.
+The prints of `benchmarks.observe.prints`, written at 4 mm/s, whose flow steps at a random place of
+the first two layers. Counted is the time of the job's own writing from the step to the insert
+behind which the flow stays within 5 % of what it should be.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import Row, limited
+from benchmarks.common import Row, limited, scratch
 from benchmarks.observe.prints import (
     PITCH_MM,
     PRINTER,
@@ -63,8 +60,8 @@ def rows(quick: bool) -> Iterator[Row]:
         begin = float(rng.uniform(0, 2 * SIZE_MM * (SIZE_MM / PITCH_MM + 1)))
         factor = list(took)[k % 2]
         faults = InkFaults((Drift(fault="drift", written_mm=begin, factor=factor),), 1)
-        with tempfile.TemporaryDirectory() as place:
-            path = Path(place) / "job.gcode"
+        with scratch() as place:
+            path = place / "job.gcode"
             path.write_bytes(job_text(SPEED_MM_S))
             world = observed(path.parent, faults, camera_file(path.parent, rng), path, EVERY)
             took[factor].append(seconds_to_right(world, begin, factor, path.read_bytes()))

@@ -30,7 +30,7 @@ _OURS = ("PYTHONPATH", "VIRTUAL_ENV", "PRINTCTL_CACHE", "PRINTCTL_DATA", "PRINTC
 
 @contextmanager
 def cloned_and_served(folder: Path) -> Iterator[str]:
-    """Two of the three commands of a new user (the other is ``cd``); gives the page's address."""
+    """Clone and serve as a new user does; give the page's address."""
     clone = folder / "printctl"
     subprocess.run(["git", "clone", "--quiet", str(ROOT), str(clone)], check=True)
     with socket.socket() as free:
@@ -67,7 +67,7 @@ def _wait_for(url: str, serving: subprocess.Popen[bytes]) -> None:
 
 
 def clicks(page: Any, url: str) -> Iterator[str]:
-    """The clicks of a first print; says after which of them it stands."""
+    """Click through a first print; yield what is done after some of the clicks."""
     page.goto(f"{url}/design")
     page.get_by_role("button", name="New", exact=True).click()
     page.get_by_label("Name", exact=True).fill("first")
@@ -99,12 +99,6 @@ def clicks(page: Any, url: str) -> Iterator[str]:
     yield "first print, seen in the browser"
 
 
-def _end(page: Any) -> None:
-    """Press the red button: a print would outlive its server, as it should."""
-    page.click("#pc-stop")
-    page.get_by_text("M112 left the host").first.wait_for(timeout=60_000)
-
-
 def rows(quick: bool) -> Iterator[Row]:
     """Yield the time after each step of a first print."""
     if quick:
@@ -116,4 +110,5 @@ def rows(quick: bool) -> Iterator[Row]:
             for what in clicks(page, url):
                 took = time.monotonic() - begin
                 yield limited(f"from git clone: {what}", took, "s", GOAL_S)
-            _end(page)
+            page.click("#pc-stop")  # the print would outlive its server, as it should
+            page.get_by_text("M112 left the host").first.wait_for(timeout=60_000)

@@ -1,79 +1,170 @@
-"""The operator's page during a print.
+"""The operator's page during a print: stop, and what pages cost the streaming.
 
 How long a touch of the red button takes to be a byte on the wire while a job of a million moves
-streams in real time and five browsers look; and what five browsers cost the streaming. The wire is
-tapped between the link process and the simulated printer.
+streams in real time and five browsers look; the wire is tapped between the link process and the
+simulated printer. Pages at other computers are clients that receive all events and draw nothing.
 """
 
 from __future__ import annotations
 
+import asyncio
+import json
+import multiprocessing
 import time
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import aiohttp
 import numpy as np
+import psutil
 
-from benchmarks.common import Row, row
+from benchmarks.common import Row, limited
 from benchmarks.link.files import zigzag
-from benchmarks.link.printers import PeerFailedError, Tap, profile, simulated
-from benchmarks.operator.server import (
-    WATCHED,
-    WATCHING,
-    browsers,
-    page_server,
-    show,
-    touched_at,
-    workspace,
+from benchmarks.link.printers import (
+    PeerFailedError,
+    Tap,
+    answerer,
+    profile,
+    read_record,
+    simulated,
 )
-from benchmarks.operator.streaming import streaming_rows
+from benchmarks.operator.server import browsers, page_server, touched_at, workspace
 from printctl.machine.link import LinkState, start_print
 
-REAL = {"clock": "wall"}
-MOVES = 1_000_000
+WALL = {"clock": "wall"}
+MOVES, WATCHING = 1_000_000, 5
 FOUND_S = 3.0
-"""So long after a print's start the stop process has found it for certain."""
+"""So long after a print's start server and stop process have found it for certain."""
+WINDOW_S, SETTLE_S = 1.5, 0.5
 
 
-def rows(quick: bool) -> Iterator[Row]:
-    """Yield stops from the page, and what browsers cost the streaming; quick has fewer tries."""
-    tries, pairs = (2, 2) if quick else (20, 24)
-    with (
-        workspace() as place,
-        page_server(place) as url,
-        browsers(1 if quick else WATCHING) as pages,
-    ):
-        yield from stop_rows(tries, url, pages, place)
-        yield from streaming_rows(pairs, url, pages, place)
-
-
-def stop_rows(tries: int, url: str, pages: list[Any], folder: Path) -> Iterator[Row]:
-    """Yield the time from the touch to the last byte of M112 on the wire."""
-    job = zigzag(MOVES, 600).write(folder / "million.gcode")
-    facts = profile(folder, "stop", resets_on_connect=False)
-    took = []
-    for k in range(tries):
-        run = folder / "runs" / f"stop-{k}"
-        run.mkdir(parents=True)
-        (run / "part.gcode").hardlink_to(job)
-        show(pages, f"{url}{WATCHED}")
-        took.append(1e3 * _one_stop(pages[k % len(pages)], facts, run))
-    middle, worst = float(np.median(took)), max(took)
-    name = f"stop, {MOVES:,} moves streaming, {WATCHING} browsers: touch to byte on the wire"
-    made = row(f"{name}, median", round(middle, 1), "ms", "<= 100", middle <= 100)
-    yield made | REAL | {"tries": tries, "longest_ms": round(worst, 1)}
+def stop_rows(quick: bool) -> Iterator[Row]:
+    """Yield the time from the touch to the last byte of the halt's first line on the wire."""
+    watching, tries = (1, 2) if quick else (WATCHING, 20)
+    with workspace() as place, page_server(place) as server, browsers(watching) as pages:
+        job = zigzag(MOVES, 600).write(place / "million.gcode")
+        facts, took = profile(place, "stop", resets_on_connect=False), []
+        for k in range(tries):
+            run = place / "runs" / f"stop-{k}"
+            run.mkdir(parents=True)
+            (run / "part.gcode").hardlink_to(job)
+            for page in pages:
+                page.goto(f"{server['url']}/printer")
+                page.wait_for_selector("#pc-take:visible")
+            took.append(1e3 * _one_stop(pages[k % len(pages)], facts, run))
+    name = f"stop, {MOVES:,} moves streaming, {watching} browsers: touch to halt on the wire"
+    more = WALL | {"tries": tries, "longest_ms": round(max(took), 1)}
+    yield limited(f"{name}, median", round(float(np.median(took)), 1), "ms", 100) | more
 
 
 def _one_stop(page: Any, facts: str, folder: Path) -> float:
-    with simulated(facts, "--speed", "1", "--tcp", "0") as port, Tap(_number(port)) as tap:
+    with (
+        simulated(facts, "--speed", "1", "--tcp", "0") as port,
+        Tap(int(port.rsplit(":", 1)[1])) as tap,
+    ):
         with start_print(folder / "part.gcode", facts, tap.name, folder / "print") as client:
             time.sleep(FOUND_S)
             page.click("#pc-stop")
             outcome = client.wait(30)
         if outcome.state is not LinkState.KILLED:
             raise PeerFailedError(f"the stop ended as {outcome.state}: {outcome.message}")
-        return tap.down_at(b"M112\n") - touched_at(page)
+        # A board with an emergency parser gets M410 first, which ends its motion.
+        return min(tap.down_at(b"M410\n"), tap.down_at(b"M112\n")) - touched_at(page)
 
 
-def _number(port: str) -> int:
-    return int(port.rsplit(":", 1)[1])
+def slowing_rows(quick: bool) -> Iterator[Row]:
+    """Yield lines per second to a peer that only answers, the page awake and asleep.
+
+    Server and clients are put to sleep (SIGSTOP) and woken in turns, so that both are measured
+    within seconds of each other: the rate itself drifts by a factor of two within minutes.
+    """
+    with workspace() as place, page_server(place) as server:
+        folder = place / "runs" / "speed"
+        folder.mkdir(parents=True)
+        job = zigzag(MOVES).write(folder / "part.gcode")
+        facts = profile(place, "speed", resets_on_connect=False)
+        spawn = multiprocessing.get_context("spawn")
+        clients = spawn.Process(target=_listen, args=(server["url"], server["token"]), daemon=True)
+        clients.start()
+        pages = [psutil.Process(server["pid"]), psutil.Process(clients.pid)]
+        with answerer(folder / "answered.json") as port:
+            client = start_print(job, facts, port, folder / "print")
+            time.sleep(FOUND_S)
+            _wait_for_check(pages[0])
+            _refuse_unfollowed(server)
+            windows: list[dict[bool, tuple[float, float]]] = []
+            while len(windows) < (2 if quick else 10) and not client.status.ended:
+                order = (True, False) if len(windows) % 2 else (False, True)
+                windows.append({awake: _window(pages, awake) for awake in order})
+            for one in pages:
+                one.resume()
+            client.kill()
+            client.wait(60)
+        clients.terminate()
+        taken = np.array([when for when, _ in read_record(folder / "answered.json")])
+    whole = [one for one in windows if max(end for _, end in one.values()) < taken[-1]]
+    rates = np.array([[_rate(taken, one[awake]) for awake in (True, False)] for one in whole])
+    if not len(rates):
+        raise PeerFailedError("the print ended before the first pair of windows was over")
+    slower = 100 * (1 - float(np.median(rates[:, 0] / rates[:, 1])))
+    name = f"streaming as fast as it goes, {WATCHING} pages elsewhere, slower by"
+    awake, asleep = np.median(rates, axis=0).round().tolist()
+    more = {"lines_s": awake, "without_lines_s": asleep, "pairs": len(rates)}
+    yield limited(name, round(slower, 1), "%", 5) | WALL | more
+
+
+def _listen(url: str, token: str) -> None:
+    """Receive all events, as often as pages look."""
+
+    async def one(session: aiohttp.ClientSession) -> None:
+        async with session.ws_connect(f"{url.rstrip('/')}/api/v1/events") as socket:
+            async for _ in socket:
+                pass
+
+    async def every() -> None:
+        async with aiohttp.ClientSession(headers={"Authorization": f"Bearer {token}"}) as session:
+            await asyncio.gather(*(one(session) for _ in range(WATCHING)))
+
+    asyncio.run(every())
+
+
+def _window(pages: list[psutil.Process], awake: bool) -> tuple[float, float]:
+    """Return begin and end of a while with the page awake or asleep, on `time.monotonic`."""
+    for one in pages:
+        one.resume() if awake else one.suspend()
+    time.sleep(SETTLE_S)
+    begin = time.monotonic()
+    time.sleep(WINDOW_S)
+    return begin, time.monotonic()
+
+
+def _rate(taken: np.ndarray, window: tuple[float, float]) -> float:
+    """Return the lines per second that the peer took in a window, by its own record."""
+    begin, end = np.searchsorted(taken, window)
+    return float(end - begin) / (window[1] - window[0])
+
+
+def _wait_for_check(server: psutil.Process) -> None:
+    """Wait while a job that the page hasn't seen is run through the planner."""
+    limit = time.monotonic() + 300.0
+    while any("printctl.web.job.check" in one.cmdline() for one in server.children()):
+        if time.monotonic() > limit:
+            raise PeerFailedError("the job's check doesn't end")
+        time.sleep(0.5)
+
+
+def _refuse_unfollowed(server: dict[str, Any]) -> None:
+    """Raise unless the page follows the print: else it would cost nothing."""
+    counts = []
+    for _ in range(2):
+        request = urllib.request.Request(
+            f"{server['url'].rstrip('/')}/api/v1/prints/run~speed",
+            headers={"Authorization": f"Bearer {server['token']}"},
+        )
+        with urllib.request.urlopen(request, timeout=30) as answer:
+            counts.append(int(json.load(answer)["lines_done"]))
+        time.sleep(1.0)
+    if counts[0] >= counts[1]:
+        raise PeerFailedError(f"the page doesn't follow the print: {counts} lines")

@@ -24,7 +24,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from benchmarks.common import ROOT, Row, row
+from benchmarks.common import ROOT, Row, all_of
 from benchmarks.operator.server import page_server, workspace
 
 IDLE, WRONG_A_MINUTE = 2000, 1000
@@ -43,19 +43,10 @@ class PrintDouble:
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(folder / "link.sock"))
         self._listener.listen()
-        self._came = threading.Event()
-        self.at = 0.0
+        self.came, self.at = threading.Event(), 0.0
         record = {"pid": os.getpid(), "address": f"unix:{folder / 'link.sock'}", "token": "t"}
         (folder / "link.json").write_text(json.dumps(record))
         threading.Thread(target=self._welcome, daemon=True).start()
-
-    def forget(self) -> None:
-        """Wait for the next kill."""
-        self._came.clear()
-
-    def wait(self, seconds: float) -> bool:
-        """Whether a kill came within this time."""
-        return self._came.wait(seconds)
 
     def _welcome(self) -> None:
         while True:
@@ -65,11 +56,11 @@ class PrintDouble:
     def _hear(self, one: socket.socket) -> None:
         with one, one.makefile("rb") as lines:
             for line in lines:
-                said = json.loads(line)
-                if said["do"] == "kill":
+                request = json.loads(line)
+                if request["do"] == "kill":
                     self.at = time.monotonic()
-                    self._came.set()
-                if said["do"] == "subscribe":
+                    self.came.set()
+                if request["do"] == "subscribe":
                     one.sendall(b'{"event": "status", "state": "killed", "message": "halted"}\n')
 
 
@@ -87,48 +78,41 @@ def rude(places: str) -> Iterator[subprocess.Popen[str]]:
 
 def one_stop(place: tuple[str, int], headers: dict[str, str], double: PrintDouble) -> float:
     """Ask for a stop over a connection of its own; ms to the kill's arrival, infinite for none."""
-    double.forget()
+    double.came.clear()
     lines = [f"{name}: {value}" for name, value in headers.items()]
     text = "\r\n".join(["POST /stop HTTP/1.1", *lines, "Content-Length: 0", "", ""])
     begin = time.monotonic()
     try:
         with socket.create_connection(place, _GIVE_UP_S) as one:
             one.sendall(text.encode())
-            there = double.wait(_GIVE_UP_S) and b" 200 " in one.recv(4096)
+            there = double.came.wait(_GIVE_UP_S) and b" 200 " in one.recv(4096)
     except OSError:
         return float("inf")
     return 1e3 * (double.at - begin) if there else float("inf")
 
 
 def rows(quick: bool) -> Iterator[Row]:
-    """Yield a hundred stops beside the crowd; quick has ten."""
+    """Yield a hundred stops by token beside the crowd, from its address; quick has ten."""
+    tries, took = 10 if quick else 100, list[float]()
     with workspace() as place:
-        yield from stop_rows(10 if quick else 100, place)
-
-
-def stop_rows(tries: int, place: Path) -> Iterator[Row]:
-    """Measure stops by token, from the address that the crowd has taken."""
-    double = PrintDouble(place)
-    record = place / ".printctl" / "serve.json"
-    with page_server(place):
-        told = json.loads(record.read_text())
-        door, page = urlsplit(told["stop"]), urlsplit(told["url"])
-        address = (str(door.hostname), int(door.port or 0))
-        headers = {"Host": door.netloc, "Authorization": f"Bearer {told['token']}"}
-        time.sleep(FOUND_S)
-        with rude(f"{door.netloc},{page.netloc}") as client:
-            time.sleep(CROWDED_S)
-            os.kill(told["pid"], signal.SIGSTOP)
-            try:
-                took = []
-                for _ in range(tries):
-                    took.append(one_stop(address, headers, double))
-                    time.sleep(0.1)
-            finally:
-                os.kill(told["pid"], signal.SIGCONT)
-            said, _ = client.communicate("")
+        double = PrintDouble(place)
+        with page_server(place) as server:
+            door, page = urlsplit(server["stop"]), urlsplit(server["url"])
+            address = (str(door.hostname), int(door.port or 0))
+            headers = {"Host": door.netloc, "Authorization": f"Bearer {server['token']}"}
+            time.sleep(FOUND_S)
+            with rude(f"{door.netloc},{page.netloc}") as client:
+                time.sleep(CROWDED_S)
+                os.kill(server["pid"], signal.SIGSTOP)
+                try:
+                    for _ in range(tries):
+                        took.append(one_stop(address, headers, double))
+                        time.sleep(0.1)
+                finally:
+                    os.kill(server["pid"], signal.SIGCONT)
+                crowd, _ = client.communicate("")
     good = sum(one <= LIMIT_MS for one in took)
     name = f"stop beside {IDLE} idle connections and {WRONG_A_MINUTE} wrong tokens a minute"
-    made = row(f"{name}, server suspended: in 100 ms", good, "stops", f">= {tries}", good == tries)
-    facts = {"tries": tries, "median_ms": round(float(np.median(took)), 2)}
-    yield made | facts | {"longest_ms": round(max(took), 2), "clock": "wall"} | json.loads(said)
+    facts = {"median_ms": round(float(np.median(took)), 2), "longest_ms": round(max(took), 2)}
+    made = all_of(f"{name}, server suspended: in 100 ms", good, tries)
+    yield made | facts | {"clock": "wall"} | json.loads(crowd)

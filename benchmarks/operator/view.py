@@ -1,13 +1,9 @@
-"""Live view of a job of a million moves.
+"""First pictures of a job of a million moves on the page Job of `printctl serve`.
 
-The page is `printctl serve`'s, opened in a headless Chromium without a graphics
-card: WebGL is SwiftShader's and the page is put together by the processor, as Chromium does by
-itself where there is none. First pictures are those of `printctl serve`'s page Job, from the
-navigation in an open browser until the drawing of all moves is done (a fence behind it), confirmed
-by a photograph. A server makes the scene of the job that it will show first by itself; so there is
-a row for a job that came when it had made ready what it does. Updates are those of the same page
-while a simulated printer prints the job in real time; processor time is the browser's, all its
-processes, less that of the same browser with an empty page.
+In a headless Chromium without a graphics card: WebGL is SwiftShader's. From the navigation in an
+open browser until the drawing of all moves is done (a fence behind it), confirmed by a photograph.
+A server makes the scene of the job that it will show first by itself; so there is a row for a job
+that came when it had made ready what it does.
 """
 
 from __future__ import annotations
@@ -17,29 +13,42 @@ import shutil
 import statistics
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
 
 import numpy as np
 from PIL import Image
-from playwright.sync_api import Browser, sync_playwright
 
-from benchmarks.common import Row, row
-from benchmarks.operator.server import chromium_path, page_server, workspace
+from benchmarks.common import Row, limited
+from benchmarks.operator.server import browsers, chromium_path, page_server, workspace
 
-MOVES: Final = 1_000_000
-ARGUMENTS: Final = ("--no-sandbox", "--enable-unsafe-swiftshader")
-READY_S: Final = 10.0
+MOVES = 1_000_000
+READY_S = 10.0
 """So long after its start a server has made ready what it will."""
-OPEN_S: Final = 2.0
+OPEN_S = 2.0
 """So long before the navigation the browser was opened: its own start isn't the page's."""
 COLOURED, LEAST_SHARE = 60, 0.1
 """A pixel is of a line when its channels differ so much; such a share of the view must be."""
 
 
+def rows(quick: bool) -> Iterator[Row]:
+    """Yield first pictures; quick has a tenth of the moves and one try."""
+    chromium_path()
+    moves = MOVES // 10 if quick else MOVES
+    found: dict[str, list[float]] = {}
+    with workspace() as place:
+        write_job(place.parent / "million.gcode", moves)
+        for _ in range(1 if quick else 5):
+            for early in (True, False):
+                for kind, took in visits(place.parent, early):
+                    found.setdefault(kind, []).append(took)
+    for kind, times in found.items():
+        name = f"first picture of {moves:,} moves, {kind}"
+        made = limited(name, round(statistics.median(times), 2), "s", 3.0)
+        yield made | {"all_s": [round(one, 2) for one in times]}
+
+
 def write_job(path: Path, moves: int) -> None:
-    """Wavy lines of 0.4 mm moves, 10,000 a layer of 40 by 40 mm."""
+    """Write wavy lines of 0.4 mm moves, 10,000 a layer of 40 by 40 mm."""
     k = np.arange(moves)
     layer, i = np.divmod(k, 10_000)
     line, t = np.divmod(i, 100)
@@ -54,82 +63,45 @@ def write_job(path: Path, moves: int) -> None:
     )
 
 
-def first_picture_s(browser: Browser, url: str) -> float:
-    """From the navigation until all moves are drawn on the page Job, on the wall clock.
+def first_picture_s(url: str) -> float:
+    """Return the time from the navigation, in a browser of its own, until all moves are drawn.
 
     Raises
     ------
     RuntimeError
         When the page says that they are, and a photograph of it shows no coloured lines.
     """
-    page = browser.new_page(viewport={"width": 1280, "height": 800})
-    time.sleep(OPEN_S)
-    begin = time.monotonic()
-    page.goto(url, wait_until="commit")
-    page.wait_for_selector("[data-drawn]", timeout=60_000)
-    found = time.monotonic() - begin
-    photo = Image.open(io.BytesIO(page.locator(".live-stage canvas").screenshot())).convert("RGB")
-    seen = np.asarray(photo).astype(int)
-    if (np.ptp(seen, axis=2) > COLOURED).mean() < LEAST_SHARE:
+    with browsers(1) as (page,):
+        page.set_viewport_size({"width": 1280, "height": 800})
+        time.sleep(OPEN_S)
+        begin = time.monotonic()
+        page.goto(url, wait_until="commit")
+        page.wait_for_selector("[data-drawn]", timeout=60_000)
+        took = time.monotonic() - begin
+        photo = Image.open(io.BytesIO(page.locator(".live-stage canvas").screenshot()))
+    if (
+        np.ptp(np.asarray(photo.convert("RGB")).astype(int), axis=2) > COLOURED
+    ).mean() < LEAST_SHARE:
         raise RuntimeError("the page says that the job is drawn, and the picture is empty")
-    page.close()
-    return found
+    return took
 
 
-def picture_rows(folder: Path, moves: int, tries: int) -> Iterator[Row]:
-    """First pictures on `printctl serve`'s own page, each in a browser that has seen nothing."""
-    found: dict[str, list[float]] = {}
-    for _ in range(tries):
-        for kind, took in (*visits(folder, "found at its start"), *visits(folder, "come later")):
-            found.setdefault(kind, []).append(took)
-    for kind, times in found.items():
-        value = round(statistics.median(times), 2)
-        made = row(f"first picture of {moves:,} moves, {kind}", value, "s", "<= 3", value <= 3.0)
-        yield made | {"all_s": [round(one, 2) for one in times]}
-
-
-def visits(folder: Path, which: str) -> Iterator[tuple[str, float]]:
-    """Visits of one server, whose only job was there before it or came when it was ready."""
+def visits(folder: Path, early: bool) -> Iterator[tuple[str, float]]:
+    """Yield visits of one server, whose only job was there before it, or came when it was ready."""
     place = folder / "served"
     shutil.rmtree(place, ignore_errors=True)
     (place / "jobs").mkdir(parents=True)
     job = place / "jobs" / "million.gcode"
-    if which == "found at its start":
+    if early:
         job.hardlink_to(folder / "million.gcode")
-    with page_server(place) as url:
+    with page_server(place) as server:
         time.sleep(READY_S)
-        way = f"{url.rstrip('/')}/job?job=file~million.gcode"
-        if which == "found at its start":
-            yield "first visit of a server that found the job at its start", visit_s(way)
+        url = f"{server['url'].rstrip('/')}/job?job=file~million.gcode"
+        if early:
+            yield "first visit of a server that found the job at its start", first_picture_s(url)
             shutil.rmtree(place / ".printctl" / "scenes")
-            yield "cold, scene still to be made", visit_s(way)
-            yield "scene kept", visit_s(way)
+            yield "cold, scene still to be made", first_picture_s(url)
+            yield "scene kept", first_picture_s(url)
         else:
             job.hardlink_to(folder / "million.gcode")
-            yield "first visit of a server that has made no scene yet", visit_s(way)
-
-
-def visit_s(way: str) -> float:
-    """As `first_picture_s`, in a browser of its own."""
-    with sync_playwright() as started, launched(started) as browser:
-        return first_picture_s(browser, way)
-
-
-@contextmanager
-def launched(started: Any) -> Iterator[Browser]:
-    """A browser."""
-    browser = started.chromium.launch(executable_path=chromium_path(), args=list(ARGUMENTS))
-    try:
-        yield browser
-    finally:
-        browser.close()
-
-
-def rows(quick: bool) -> Iterator[Row]:
-    """Yield first pictures; quick has a tenth of the moves and one try."""
-    chromium_path()
-    moves = MOVES // 10 if quick else MOVES
-    with workspace() as place:
-        folder = place.parent
-        write_job(folder / "million.gcode", moves)
-        yield from picture_rows(folder, moves, 1 if quick else 5)
+            yield "first visit of a server that has made no scene yet", first_picture_s(url)

@@ -9,7 +9,6 @@ docs/python.md and judged from their files by the checkers.
 from __future__ import annotations
 
 import gzip
-import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -36,7 +35,7 @@ from benchmarks.checkers import (
     write_stl,
 )
 from benchmarks.checkers.crossing_triangles import crossing_triangles
-from benchmarks.common import Row, SkippedError, limited, row
+from benchmarks.common import Row, SkippedError, at_least, limited, row, scratch
 from design import GrowthOptions, grow_tree, load_tissue, tree_to_network, write_network
 from design.errors import DesignError
 from design.network import VesselKind
@@ -81,13 +80,8 @@ def cut_regions(data: Path, folder: Path) -> Iterator[Region]:
             corners, kept = _solid(patch, pial, white)
             stl = folder / f"{side}_{number}.stl"
             write_stl(stl, corners)
-            yield Region(
-                f"{side} {number}",
-                stl,
-                enclosed_volume(corners),
-                len(patch) - kept,
-                _not_closed(stl),
-            )
+            volume, left_out = enclosed_volume(corners), len(patch) - kept
+            yield Region(f"{side} {number}", stl, volume, left_out, _not_closed(stl))
 
 
 def _surface(path: Path) -> tuple[FloatArray, IntArray]:
@@ -205,13 +199,12 @@ def rows(quick: bool) -> Iterator[Row]:
     if nilearn is None or nilearn.origin is None:
         raise SkippedError("needs nilearn beside printctl (pip install --no-deps nilearn)")
     data = Path(nilearn.origin).parent / "datasets" / "data" / "fsaverage5"
-    with tempfile.TemporaryDirectory() as folder:
-        cut = list(islice(cut_regions(data, Path(folder)), 5 if quick else None))
+    with scratch() as folder:
+        cut = list(islice(cut_regions(data, folder), 5 if quick else None))
         troubles = [f"{one.name}: {one.trouble}" for one in cut if one.trouble]
-        yield limited("regions: solids that aren't closed", len(troubles), f"of {len(cut)}", 0) | {
-            "faces_left_out": sum(one.left_out for one in cut),
-            "troubles": troubles,
-        }
+        made = limited("regions: solids that aren't closed", len(troubles), f"of {len(cut)}", 0)
+        left_out = {"faces_left_out": sum(one.left_out for one in cut), "troubles": troubles}
+        yield made | left_out
         supply(cut[0], 100)  # kernels are loaded from now on
         yield from _supplied("regions, 1,000 terminals", cut, 1000, len(cut) * 99 // 100)
         largest = sorted(cut, key=lambda one: -one.volume_mm3)[: 1 if quick else LARGEST]
@@ -223,7 +216,7 @@ def _supplied(name: str, cut: list[Region], terminals: int, least: int) -> Itera
     refused = [f"{one.name}: {one.refused}" for one in made if one.refused]
     wrong = [f"{one.name}: {one.wrong}" for one in made if one.wrong]
     count = len(made) - len(refused) - len(wrong)
-    supplied = row(f"{name}: supplied", count, f"of {len(made)}", f">= {least}", count >= least)
+    supplied = at_least(f"{name}: supplied", count, f"of {len(made)}", least)
     yield supplied | {"refused": refused, "wrong": wrong}
     cpu = np.array([one.cpu_s for one in made])
     median, most = float(np.nanmedian(cpu)), float(np.nanmax(cpu))

@@ -10,8 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SHARED = {"block": 4, "tree": 7, "loop": 13}
-SPECTRAL = {"curved": 8, "slanted": 4, "drum": 4, "compact": 4}
+SHARED = {
+    "block": (0.25, 0.35, 0.45, 0.2),
+    "tree": (0.45, 0.36, 0.34, 0.28, 0.25, 0.26, 0.24),
+    "loop": (0.28,) * 10 + (0.35, 0.3, 0.2),
+}
+SPECTRAL = {
+    "curved": (0.43, 0.35, 0.33, 0.25, 0.25, 0.24, 0.22, 0.24),
+    "slanted": (0.225, 0.35, 0.24, 0.25),
+    "drum": (0.375, 0.25, 0.3, 0.2),
+    "compact": (0.3, 0.225, 0.2, 0.18),
+}
+DESIGNS_OF = {"shared": SHARED, "spectral": SPECTRAL}
+"""Generators' designs for general use: about the radii of their vessels, mm."""
 # Vessels for a bridge, from the first to the nearest place of the second: between `BRIDGED_AT` of
 # the first's length a way as wide as `WIDEST_MM` meets no third and doesn't lead outside.
 BRIDGES = {
@@ -36,17 +47,7 @@ DEPTHS_UM = (12, 16, 20, 25)
 
 @dataclass(frozen=True)
 class Case:
-    """A scan to make and register.
-
-    Attributes
-    ----------
-    generator : str
-        "shared" or "spectral".
-    design : str
-    seed : int
-    options : tuple of str
-        Of the generator, but for the seed.
-    """
+    """A scan to make, by which generator ("shared", "spectral"), with which options of it."""
 
     generator: str
     design: str
@@ -59,29 +60,10 @@ def joined(*values: float) -> str:
     return ",".join(f"{v:.4g}" for v in values)
 
 
-def designs(generator: str) -> dict[str, int]:
-    """Return a generator's designs for general use and their numbers of vessels."""
-    return SHARED if generator == "shared" else SPECTRAL
-
-
-def radius_mm(generator: str, design: str, vessel: int) -> float:
-    """Return about the radius of a vessel; changes are given in mm to the generators."""
-    known = {
-        "block": (0.25, 0.35, 0.45, 0.2),
-        "tree": (0.45, 0.36, 0.34, 0.28, 0.25, 0.26, 0.24),
-        "loop": (0.28,) * 10 + (0.35, 0.3, 0.2),
-        "curved": (0.43, 0.35, 0.33, 0.25, 0.25, 0.24, 0.22, 0.24),
-        "slanted": (0.225, 0.35, 0.24, 0.25),
-        "drum": (0.375, 0.25, 0.3, 0.2),
-        "compact": (0.3, 0.225, 0.2, 0.18),
-    }
-    return known[design][vessel]
-
-
 def draw_case(generator: str, seed: int) -> Case:
     """Return a scan drawn over contrast, noise, index, roughness, pose and what is printed."""
     rng = np.random.default_rng([seed, 7, len(generator)])
-    names = sorted(designs(generator))
+    names = sorted(DESIGNS_OF[generator])
     design = str(rng.choice(names))
     kind = KINDS[seed % len(KINDS)]
     made: tuple[str, ...] = ()
@@ -97,8 +79,9 @@ def draw_case(generator: str, seed: int) -> Case:
 
 def planted(generator: str, design: str, kind: str, rng: np.random.Generator) -> tuple[str, ...]:
     """Return a change of 10 to 30 %, 0.2 to 3 mm or a vessel long, or a broken vessel."""
-    vessel = int(rng.integers(designs(generator)[design]))
-    amount = rng.uniform(0.10, 0.30) * rng.choice([-1, 1]) * radius_mm(generator, design, vessel)
+    radii = DESIGNS_OF[generator][design]
+    vessel = int(rng.integers(len(radii)))
+    amount = rng.uniform(0.10, 0.30) * rng.choice([-1, 1]) * radii[vessel]
     place = rng.uniform(0.35, 0.65)
     if kind == "whole":
         return ("--radius-change=" + joined(vessel, amount),)

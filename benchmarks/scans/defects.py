@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,20 +17,15 @@ STEP_MM = 0.01
 class Lumens:
     """Pieces of lumen as the kernels take them; part frame, mm.
 
-    Attributes
-    ----------
-    pieces : (n, 9) float
-        Start, end, length along the vessel at start and at end, row of `radius`.
-    radius : (m, k) float
-        Radius every `STEP_MM` along each vessel; rows beyond the vessels' are leaks.
-    plugs : (p, 3) float
-        Row of `radius`, centre along it, half length.
+    ``pieces`` (n, 9): start, end, length along the vessel at start and at end, row of `radius`.
+    ``radius`` (m, k): every `STEP_MM` along each vessel; rows beyond the vessels' are leaks.
+    ``plugs`` (p, 3): row of `radius`, centre along it, half length.
     """
 
     pieces: np.ndarray
     radius: np.ndarray
     plugs: np.ndarray
-    defects: list[dict[str, Any]] = field(default_factory=list)
+    defects: list[dict[str, Any]]
 
 
 def plant(design: Design, asked: argparse.Namespace) -> Lumens:
@@ -38,13 +33,14 @@ def plant(design: Design, asked: argparse.Namespace) -> Lumens:
     longest = max(v.along[-1] for v in design.vessels)
     places = np.arange(int(longest / STEP_MM) + 200) * STEP_MM
     radius = [v.radius_at(places) for v in design.vessels]
-    defects = [*widths(design, asked, places, radius), *plugs(design, asked)]
-    pieces = [
-        row
-        for k in range(len(design.vessels))
-        if k not in asked.missing
-        for row in chain(design, k)
-    ]
+    defects, kept = widths(design, asked, places, radius), range(len(design.vessels))
+    plugs = []
+    for number, share, size in asked.plug:
+        at = share * design.vessels[int(number)].along[-1]
+        plugs.append([number, at, size / 2])
+        more = {"length_um": 1e3 * size}
+        defects.append(entry(design, "occlusion", int(number), at, size / 2, **more))
+    pieces = [row for k in kept if k not in asked.missing for row in chain(design, k)]
     for number in asked.missing:
         half = design.vessels[number].along[-1] / 2
         defects.append(entry(design, "missing", number, half, half))
@@ -53,17 +49,8 @@ def plant(design: Design, asked: argparse.Namespace) -> Lumens:
         pieces.append([*start, *end, 0.0, float(np.linalg.norm(end - start)), len(radius)])
         radius.append(np.full(len(places), given[2] / 2))
         defects.append(noted)
-    closed = [
-        [d["vessel"], d["at_mm"], d["to_mm"] - d["at_mm"]]
-        for d in defects
-        if d["kind"] == "occlusion"
-    ]
-    return Lumens(
-        np.array(pieces, float).reshape(-1, 9),
-        np.array(radius),
-        np.array(closed, float).reshape(-1, 3),
-        defects,
-    )
+    table, closed = np.array(pieces, float).reshape(-1, 9), np.array(plugs, float).reshape(-1, 3)
+    return Lumens(table, np.array(radius), closed, defects)
 
 
 def chain(design: Design, number: int) -> list[list[float]]:
@@ -95,35 +82,15 @@ def widths(
     """Apply bulges, stenoses and changes of whole vessels to `radius`; return their entries."""
     out = []
     for number, amount in asked.radius_change:
-        vessel = int(number)
-        length = design.vessels[vessel].along[-1]
-        percent = (
-            100
-            * amount
-            / float(design.vessels[vessel].radius_at(np.linspace(0, length, 50)).mean())
-        )
+        vessel, half = int(number), design.vessels[int(number)].along[-1] / 2
         radius[vessel] = radius[vessel] + amount
         kind = "narrowed" if amount < 0 else "widened"
-        out.append(
-            entry(design, kind, vessel, length / 2, length / 2, whole_vessel=True, percent=percent)
-        )
+        out.append(entry(design, kind, vessel, half, half, whole_vessel=True))
     for number, share, sigma, amount in asked.bulge:
         vessel, at = int(number), share * design.vessels[int(number)].along[-1]
-        percent = 100 * amount / float(design.vessels[vessel].radius_at(at))
         radius[vessel] = radius[vessel] + amount * np.exp(-(((places - at) / sigma) ** 2) / 2)
-        more = {"sigma_mm": sigma, "amplitude_um": 1e3 * amount, "percent": percent}
-        out.append(
-            entry(design, "stenosis" if amount < 0 else "bulge", vessel, at, 2 * sigma, **more)
-        )
-    return out
-
-
-def plugs(design: Design, asked: argparse.Namespace) -> list[dict[str, Any]]:
-    """Return the entries of the plugs asked for."""
-    out = []
-    for number, share, size in asked.plug:
-        at = share * design.vessels[int(number)].along[-1]
-        out.append(entry(design, "occlusion", int(number), at, size / 2, length_um=1e3 * size))
+        kind = "stenosis" if amount < 0 else "bulge"
+        out.append(entry(design, kind, vessel, at, 2 * sigma))
     return out
 
 
@@ -140,14 +107,7 @@ def leak(design: Design, given: list[float]) -> tuple[np.ndarray, np.ndarray, di
     else:
         line = design.vessels[other].at(np.linspace(0, design.vessels[other].along[-1], 400))
         end = line[np.linalg.norm(line - start, axis=1).argmin()]
-    noted = entry(
-        design,
-        "leak" if other is None else "bridge",
-        vessel,
-        at,
-        given[2],
-        diameter_um=1e3 * given[2],
-        other=other,
-    )
+    kind = "leak" if other is None else "bridge"
+    noted = entry(design, kind, vessel, at, given[2], other=other)
     noted["center_mm"] = ((start + end) / 2).tolist()
     return start, end, noted

@@ -17,26 +17,15 @@ BODY_FACETS = 256
 
 @dataclass(frozen=True)
 class Body:
-    """A convex body in the part's frame.
+    """A convex body in the part's frame, mm; its bounding box begins at 0.
 
-    Attributes
-    ----------
-    size : (3,) float, mm
-        Its bounding box begins at 0.
-    planes : (n, 4) float
-        Outward unit normals and offsets (mm): inside is ``normal @ p <= offset``.
-    cylinder : (float, float, float), mm
-        Axis' x and y and radius of a cylinder along z; a radius of 1e6 is none.
+    ``planes`` (n, 4): outward unit normals and offsets, inside is ``normal @ p <= offset``;
+    ``cylinder``: axis' x and y and radius of one along z, 1e6 for none.
     """
 
     size: np.ndarray
     planes: np.ndarray
     cylinder: tuple[float, float, float] = NO_CYLINDER
-
-    @property
-    def is_round(self) -> bool:
-        """Whether a cylinder bounds it."""
-        return self.cylinder[2] < 1e5
 
     def depth(self, points: np.ndarray) -> np.ndarray:
         """Distance of points (n, 3) outwards beyond the surface, mm; negative inside."""
@@ -46,8 +35,8 @@ class Body:
 
     def solid(self) -> Any:
         """The body as a manifold."""
-        if self.is_round:
-            x, y, radius = self.cylinder
+        x, y, radius = self.cylinder
+        if radius < 1e5:
             whole = manifold3d.Manifold.cylinder(self.size[2], radius, radius, BODY_FACETS)
             whole = whole.translate((x, y, 0.0))
         else:
@@ -59,11 +48,8 @@ class Body:
 
 def box_planes(size: np.ndarray) -> np.ndarray:
     """Return the six planes of a box from 0 to `size` (mm)."""
-    rows = []
-    for axis in range(3):
-        normal = np.eye(3)[axis]
-        rows += [[*normal, size[axis]], [*-normal, 0.0]]
-    return np.array(rows)
+    sides = zip(np.eye(3), size, strict=True)
+    return np.array([row for normal, s in sides for row in ([*normal, s], [*-normal, 0.0])])
 
 
 def block(x: float, y: float, z: float) -> Body:
@@ -94,15 +80,7 @@ PIECE_MM = 0.25
 
 @dataclass(frozen=True)
 class Vessel:
-    """A polyline with a radius at each point; it runs from node to node.
-
-    Attributes
-    ----------
-    nodes : (int, int)
-        Numbers of the nodes at its start and end.
-    points : (n, 3) float, mm
-    radius : (n,) float, mm
-    """
+    """A polyline ``points`` (n, 3) with ``radius`` (n,) from node to node, mm."""
 
     nodes: tuple[int, int]
     points: np.ndarray
@@ -111,9 +89,8 @@ class Vessel:
     @property
     def along(self) -> np.ndarray:
         """Length from the start to each point, mm."""
-        return np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))]
-        )
+        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        return np.append(0.0, np.cumsum(steps))
 
     def at(self, along: np.ndarray | float) -> np.ndarray:
         """Return points at lengths along it, mm; shape (..., 3)."""
@@ -153,13 +130,10 @@ class Design:
         points = curve(ends, np.array(bend)) if bend else ends
         if len(diameters) > 1 and not bend:
             points = np.linspace(ends[0], ends[1], 9)
-        share = np.linspace(0, 1, len(points))
-        radius = np.interp(
-            share,
-            np.linspace(0, 1, max(len(diameters), 2)),
-            np.resize(diameters, max(len(diameters), 2)),
-        )
-        self.vessels.append(Vessel((a, b), points, radius / 2))
+        known = np.resize(diameters, max(len(diameters), 2))
+        share = np.linspace(0, len(known) - 1, len(points))
+        radius = np.interp(share, np.arange(len(known)), known) / 2
+        self.vessels.append(Vessel((a, b), points, radius))
 
     def open_ends(self, vessel: int) -> tuple[bool, bool]:
         """Whether a vessel's start and end lie on the body's surface."""
@@ -299,35 +273,31 @@ def lumens(design: Design) -> Any:
     return manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add)
 
 
-def sweep(points: np.ndarray, radius: np.ndarray) -> Any:
+def sweep(points: np.ndarray, radius: np.ndarray, sides: int = FACETS) -> Any:
     """Return a closed tube along a polyline, its rings halving the angles between pieces."""
     steps = np.diff(points, axis=0)
     steps /= np.linalg.norm(steps, axis=1)[:, None]
     tangent = np.vstack([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-    angle = np.linspace(0, 2 * np.pi, FACETS, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)[:, None]
     side, rings = np.linalg.svd(tangent[:1])[2][1], []
     for point, axis, wide in zip(points, tangent, radius, strict=True):
         side = side - axis * (side @ axis)
         side /= np.linalg.norm(side)
-        other = np.cross(axis, side)
-        rings.append(
-            point + wide * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other)
-        )
-    vertices = np.vstack([*rings, points[:1], points[-1:]])
-    here = np.arange(FACETS)
-    after, low, high = (here + 1) % FACETS, len(vertices) - 2, len(vertices) - 1
-    faces = [np.column_stack([np.full(FACETS, low), after, here])]
-    for k in range(len(points) - 1):
-        a, b = k * FACETS, (k + 1) * FACETS
+        rings.append(point + wide * (np.cos(angle) * side + np.sin(angle) * np.cross(axis, side)))
+    here, low, high = np.arange(sides), sides * len(points), sides * len(points) + 1
+    after = (here + 1) % sides
+    faces = [np.column_stack([np.full(sides, low), after, here])]
+    for a in range(0, low - sides, sides):
+        b = a + sides
         faces += [
             np.column_stack([a + here, a + after, b + after]),
             np.column_stack([a + here, b + after, b + here]),
         ]
-    last = (len(points) - 1) * FACETS
-    faces.append(np.column_stack([np.full(FACETS, high), last + here, last + after]))
-    mesh = manifold3d.Mesh(vertices.astype(np.float32), np.vstack(faces).astype(np.uint32))
-    return manifold3d.Manifold(mesh)
+    last = low - sides
+    faces.append(np.column_stack([np.full(sides, high), last + here, last + after]))
+    vertices = np.vstack([*rings, points[:1], points[-1:]]).astype(np.float32)
+    return manifold3d.Manifold(manifold3d.Mesh(vertices, np.vstack(faces).astype(np.uint32)))
 
 
 def write_stl(solid: Any, path: Path) -> None:

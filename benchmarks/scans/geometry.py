@@ -22,21 +22,12 @@ SLOPE_MM = 0.002
 @nb.njit(cache=True)
 def wall(p, pieces, k, radius, plugs, out):
     """Distance (mm) from p to the wall of piece k; its gradient goes to out[:3]."""
-    ex, ey, ez = (
-        pieces[k, 3] - pieces[k, 0],
-        pieces[k, 4] - pieces[k, 1],
-        pieces[k, 5] - pieces[k, 2],
-    )
+    ax, ay, az = pieces[k, 0], pieces[k, 1], pieces[k, 2]
+    ex, ey, ez = pieces[k, 3] - ax, pieces[k, 4] - ay, pieces[k, 5] - az
     squared = ex * ex + ey * ey + ez * ez
-    beyond = (
-        (p[0] - pieces[k, 0]) * ex + (p[1] - pieces[k, 1]) * ey + (p[2] - pieces[k, 2]) * ez
-    ) / squared
+    beyond = ((p[0] - ax) * ex + (p[1] - ay) * ey + (p[2] - az) * ez) / squared
     t = min(max(beyond, 0.0), 1.0)
-    dx, dy, dz = (
-        p[0] - pieces[k, 0] - t * ex,
-        p[1] - pieces[k, 1] - t * ey,
-        p[2] - pieces[k, 2] - t * ez,
-    )
+    dx, dy, dz = p[0] - ax - t * ex, p[1] - ay - t * ey, p[2] - az - t * ez
     gap = math.sqrt(dx * dx + dy * dy + dz * dz) + 1e-9
     along = pieces[k, 6] + t * (pieces[k, 7] - pieces[k, 6])
     row = int(pieces[k, 8])

@@ -44,7 +44,7 @@ def judge(folder: Path, truth: Row, tolerance: float) -> Row:
         "verdict": judge_verdict(whole, truth, tolerance),
         "planted": judge_defects(report, truth, tolerance),
         "sections": judge_sections(report, truth) if placed else [],
-        "vessels": judge_vessels(report, truth, tolerance) if placed else [],
+        "vessels": judge_vessels(report, truth) if placed else [],
         "faces": judge_faces(folder / "deviation.ply", report, truth) if placed else [],
     }
 
@@ -54,26 +54,19 @@ def apply(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
 
-def lattice(truth: Row) -> np.ndarray:
-    """Return the 98 points of a lattice on the faces of the part's box, mm."""
-    low, high = np.array(truth["block_mm"], float)
-    share = np.stack(np.meshgrid(*[np.linspace(0, 1, 5)] * 3), axis=-1).reshape(-1, 3)
-    return np.asarray(low + share[((share == 0) | (share == 1)).any(axis=1)] * (high - low))
-
-
 def judge_pose(report: Row, truth: Row, landed_um: float = 50.0, wrong_um: float = 100.0) -> Row:
     """Return the target registration error; whether landed, flagged, or silently wrong."""
+    low, high = np.array(truth["block_mm"], float)
+    share = np.stack(np.meshgrid(*[np.linspace(0, 1, 5)] * 3), axis=-1).reshape(-1, 3)
+    points = low + share[((share == 0) | (share == 1)).any(axis=1)] * (high - low)
     found = np.linalg.inv(np.array(report["scaled_scan_to_part"], float))
-    true, points = np.array(truth["transform_model_to_scan_mm"]), lattice(truth)
+    true = np.array(truth["transform_model_to_scan_mm"])
     error = 1e3 * np.linalg.norm(apply(found, points) - apply(true, points), axis=1)
     rms, mirrored = float(np.sqrt((error**2).mean())), bool(truth["mirrored"])
     flagged = bool(report["ambiguity"]["flag"])
-    return {
-        "tre_rms_um": rms,
-        "landed": rms <= landed_um and not mirrored,
-        "flagged": flagged,
-        "silently_wrong": not flagged and (rms > wrong_um or mirrored),
-    }
+    wrong = not flagged and (rms > wrong_um or mirrored)
+    landed = rms <= landed_um and not mirrored
+    return {"tre_rms_um": rms, "landed": landed, "flagged": flagged, "silently_wrong": wrong}
 
 
 def true_at(section: Row, along: np.ndarray, rough: bool = False) -> np.ndarray:
@@ -99,9 +92,8 @@ def true_errors(section: Row) -> np.ndarray:
 def visible(planted: Row, truth: Row) -> bool:
     """Whether a planted defect's place is in view."""
     section = truth["vessels"][planted["vessel"]]
-    return bool(
-        np.interp(planted["at_mm"], section["along_mm"], np.array(section["in_view"], float)) > 0.5
-    )
+    seen = np.array(section["in_view"], float)
+    return bool(np.interp(planted["at_mm"], section["along_mm"], seen) > 0.5)
 
 
 def place_error(planted: Row, listed: Row) -> float:
@@ -135,14 +127,11 @@ def judge_defects(report: Row, truth: Row, tolerance: float, reach: float = 0.7)
     for planted in truth["defects"]:
         if not visible(planted, truth):
             continue
-        hits = [d for d in listed if is_found(planted, d, reach)]
-        by_mean = bool(planted.get("whole_vessel")) and planted["vessel"] in off
-        kept: Row = {"kind": planted["kind"], "vessel": planted["vessel"]}
-        worst = true_errors(truth["vessels"][planted["vessel"]])
-        kept["true_worst_percent"] = (
-            round(float(worst[np.abs(worst).argmax()]), 2) if len(worst) else None
-        )
-        rows.append(kept | {"found": bool(hits) or by_mean})
+        found = any(is_found(planted, d, reach) for d in listed)
+        found |= bool(planted.get("whole_vessel")) and planted["vessel"] in off
+        worst = float(np.abs(true_errors(truth["vessels"][planted["vessel"]])).max(initial=0))
+        known = {"kind": planted["kind"], "vessel": planted["vessel"]}
+        rows.append(known | {"true_worst_percent": worst, "found": found})
     return rows
 
 
@@ -152,21 +141,14 @@ def judge_verdict(whole: Row, truth: Row, tolerance: float, guard: float = 1.5) 
     bad: broken, or a section beyond the tolerance and 1 %. `false_pass`: passes though a section is
     beyond `guard` times the tolerance, a vessel is broken, or not all is in view.
     """
-    said = whole["verdict"]
-    word = "passed" if said["passed"] else "undecided" if said["undecided"] else "failed"
+    passed, in_view = bool(whole["verdict"]["passed"]), truth["whole_in_view"]
     worst = max((np.abs(true_errors(v)).max(initial=0) for v in truth["vessels"]), default=0.0)
     broken = any(d["kind"] in BROKEN and visible(d, truth) for d in truth["defects"])
     bad = broken or worst > tolerance + 1
-    false_pass = word == "passed" and (
-        broken or worst > guard * tolerance or not truth["whole_in_view"]
-    )
-    good = not bad and worst < tolerance - 1 and truth["whole_in_view"]
-    return {
-        "verdict": word,
-        "truth": "bad" if bad else "good" if good else "marginal",
-        "worst_percent": float(worst),
-        "false_pass": bool(false_pass),
-    }
+    good = not bad and worst < tolerance - 1 and in_view
+    false_pass = passed and bool(broken or worst > guard * tolerance or not in_view)
+    named = "bad" if bad else "good" if good else "marginal"
+    return {"passed": passed, "truth": named, "false_pass": false_pass}
 
 
 def judge_sections(report: Row, truth: Row) -> list[bool]:
@@ -175,48 +157,36 @@ def judge_sections(report: Row, truth: Row) -> list[bool]:
     for row in report["vessels"]:
         if not row.get("along_mm") or not row.get("diameter_um"):
             continue
-        real = true_at(
-            truth["vessels"][row["vessel"]], np.array(row["along_mm"], float), rough=True
-        )
-        value, half = (
-            np.array([np.nan if d is None else d for d in row[key]], float)
-            for key in ("diameter_um", "interval_95_um")
-        )
+        section = truth["vessels"][row["vessel"]]
+        real = true_at(section, np.array(row["along_mm"], float), rough=True)
+        value, half = (numbers(row[key]) for key in ("diameter_um", "interval_95_um"))
         known = np.isfinite(value) & np.isfinite(half) & (np.nan_to_num(real) > 0)
         out += (np.abs(value - real) <= half)[known].tolist()
     return out
 
 
-def judge_vessels(report: Row, truth: Row, tolerance: float, guard: float = 1.5) -> list[Row]:
-    """Return each vessel's decision, its worst true error, and U there.
+def numbers(values: list[float | None] | None) -> np.ndarray:
+    """Return numbers of which some are unknown, NaN there."""
+    return np.array([np.nan if one is None else one for one in values or []], float)
 
-    `touched`: a change or a way was planted in it. `guarded`: the decision is a pass though a true
-    section is beyond `guard` times the tolerance.
-    """
+
+def judge_vessels(report: Row, truth: Row) -> list[Row]:
+    """Return each vessel's decision, whether a defect touches it, its worst true error, U there."""
     planted = truth["defects"]
     touched = {d["vessel"] for d in planted} | {d.get("other") for d in planted}
     out = []
     for row in report["vessels"]:
         section = truth["vessels"][row["vessel"]]
         worst = float(np.abs(true_errors(section)).max(initial=0))
-        decision = row.get("decision")
-        out.append(
-            {
-                "vessel": row["vessel"],
-                "decision": decision,
-                "touched": row["vessel"] in touched,
-                "worst_percent": worst,
-                "u_percent": u_there(row, section),
-                "guarded": decision == "pass" and worst > guard * tolerance,
-            }
-        )
+        known = {"vessel": row["vessel"], "decision": row.get("decision"), "worst_percent": worst}
+        more = {"touched": row["vessel"] in touched, "u_percent": u_there(row, section)}
+        out.append(known | more)
     return out
 
 
 def u_there(row: Row, section: Row) -> float | None:
     """Return U of the section that truly errs most, percent of the design; None without one."""
-    along = np.array(row.get("along_mm") or [], float)
-    half = [np.nan if u is None else u for u in row.get("interval_95_um") or []]
+    along, half = numbers(row.get("along_mm")), numbers(row.get("interval_95_um"))
     if not len(along) or len(half) != len(along):
         return None
     designed = np.interp(along, section["along_mm"], section["designed_um"])
@@ -233,56 +203,33 @@ def true_planes(truth: Row) -> np.ndarray:
     if truth.get("planes"):
         return np.array(truth["planes"], float)
     low, high = np.array(truth["block_mm"], float)
-    return np.array(
-        [[*np.eye(3)[k] * s, (high[k] if s > 0 else -low[k])] for k in range(3) for s in (1, -1)]
-    )
+    return np.column_stack([np.vstack([np.eye(3), -np.eye(3)]), np.append(high, -low)])
 
 
-def judge_faces(path: Path, report: Row, truth: Row) -> list[Row]:
-    """Return for each flat face the distance (um) of its measured surface from the true one.
+def judge_faces(path: Path, report: Row, truth: Row) -> list[float]:
+    """Return the largest error, um, of each flat face that is seen: median of a patch of 0.8 mm.
 
     deviation.ply is carried back into the scan by the report's own pose and into the part by the
-    true one, so that the pose's error doesn't count. `worst_um` is the largest median of a patch
-    of 0.8 mm, `beyond_percent` the share of points beyond 50 um. Points that the report gives no
-    deviation (NaN: not seen), that lie within 0.5 mm of an edge, near a leak, on a lumen's wall, or
-    whose normal isn't the face's (a vessel's mouth) are left out.
-    Swelling isn't taken off.
+    true one, so that the pose's error doesn't count. Points that the report gives no deviation
+    (NaN: not seen), that lie within 0.5 mm of an edge, near a leak, on a lumen's wall, or whose
+    normal isn't the face's (a vessel's mouth) are left out. Swelling isn't taken off.
     """
     if not path.exists():
         return []
     mesh = trimesh.load(path, process=False)
     vertices, normals = np.asarray(mesh.vertices, float), np.asarray(mesh.vertex_normals)
     claimed = np.asarray(mesh.metadata["_ply_raw"]["vertex"]["data"]["deviation_um"], float)
-    claimed = np.isfinite(claimed.reshape(-1))
     scan = apply(np.linalg.inv(np.array(report["scaled_scan_to_part"])), vertices)
     points = apply(np.linalg.inv(np.array(truth["transform_model_to_scan_mm"])), scan)
+    usable = np.isfinite(claimed.reshape(-1)) & away(points, truth) & off_lumens(points, report)
     scale, planes, out = np.array(truth["scale"]), true_planes(truth), []
     gaps = points @ planes[:, :3].T - planes[:, 3]
     for k, plane in enumerate(planes):
-        others = np.delete(gaps, k, axis=1)
-        near = (
-            claimed
-            & (np.abs(gaps[:, k]) < NEAR_MM)
-            & (others < -NEAR_MM).all(axis=1)
-            & away(points, truth)
-            & off_lumens(points, report)
-            & (np.abs(normals @ plane[:3]) > LEVEL)
-        )
-        if near.sum() < FEWEST:
-            out.append({"face": plane[:3].round(3).tolist(), "seen": False})
-            continue
-        length = 1 / np.linalg.norm(plane[:3] / scale)
-        error = 1e3 * gaps[near, k] * length
-        worst = patches(points[near], plane[:3], error)
-        out.append(
-            {
-                "face": plane[:3].round(3).tolist(),
-                "seen": True,
-                "median_um": float(np.median(error)),
-                "worst_um": worst,
-                "beyond_percent": float(100 * (np.abs(error) > FAR_UM).mean()),
-            }
-        )
+        near = usable & (np.abs(gaps[:, k]) < NEAR_MM) & (np.abs(normals @ plane[:3]) > LEVEL)
+        near &= (np.delete(gaps, k, axis=1) < -NEAR_MM).all(axis=1)
+        if near.sum() >= FEWEST:
+            error = 1e3 * gaps[near, k] / np.linalg.norm(plane[:3] / scale)
+            out.append(patches(points[near], plane[:3], error))
     return out
 
 
@@ -304,16 +251,12 @@ def off_lumens(points: np.ndarray, report: Row) -> np.ndarray:
         if len(axis) < 2:
             continue
         out = [axis[k] - axis[j] for k, j in ((0, 1), (-1, -2))]
-        beyond = [axis[k] + np.outer(STEPS_MM, unit(v)) for k, v in zip((0, -1), out, strict=True)]
+        out = [v / max(float(np.linalg.norm(v)), 1e-9) for v in out]
+        beyond = [axis[k] + np.outer(STEPS_MM, v) for k, v in zip((0, -1), out, strict=True)]
         line = np.vstack([axis, *beyond])
         wide = 1.2 * max(row["designed_along_um"]) / 2e3 + RIM_MM
         keep &= cKDTree(line).query(points, distance_upper_bound=wide)[0] > wide
     return keep
-
-
-def unit(vector: np.ndarray) -> np.ndarray:
-    """Return a vector's direction."""
-    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
 
 
 def patches(points: np.ndarray, normal: np.ndarray, error: np.ndarray) -> float:

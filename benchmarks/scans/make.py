@@ -23,7 +23,7 @@ from benchmarks.scans.defects import Lumens, plant
 from benchmarks.scans.designs import DESIGNS, Design, write_design
 from benchmarks.scans.options import parser
 from benchmarks.scans.pose import Pose, draw
-from benchmarks.scans.spectrometer import FINE, Spectrometer, overlap
+from benchmarks.scans.spectrometer import FINE, PIXEL, Spectrometer, overlap
 
 FILE_INDEX = 1.333
 CARRIER_PER_MM = 2 * 2 * np.pi * 1.333 / 1.3e-3
@@ -48,86 +48,49 @@ def image(
 ) -> np.ndarray:
     """Return the linear intensities (z, y, x), 1 for gel at focus."""
     pitch, pitch_y, dz = (v / 1e3 for v in asked.voxel_um)
-    nx, ny, nz = (
-        int(np.ceil(e / s)) for e, s in zip(pose.extent, (pitch, pitch_y, dz), strict=True)
-    )
+    nx, ny, nz = np.ceil(pose.extent / (pitch, pitch_y, dz)).astype(int).tolist()
+    fine, cells = 2 * nz + 2, FINE * int(np.ceil(1.1 * nz / 4) * 4)
     detector = Spectrometer(
-        FINE * int(np.ceil(1.1 * nz / 4) * 4),
-        dz / FINE,
-        asked.resolution_um / 1e3,
-        asked.rolloff_db_mm,
-        asked.snr_db,
+        cells, dz / FINE, asked.resolution_um / 1e3, asked.rolloff_db_mm, asked.snr_db
     )
-    to_part = np.linalg.inv(pose.transform)
-    boxes = piece_boxes(lumens, pose)
-    media = optics(asked, detector)
+    delta = detector.delta
+    to_part, boxes = np.linalg.inv(pose.transform), piece_boxes(lumens, pose)
+    density, power, loss = optics(asked)
+    # Amplitude, width in slope (lens: 3 degrees) and diffuse share of reflections.
+    specular = [detector.reflection(asked.reflection_db), np.tan(np.radians(3.0)), 0.2]
     shape = (design.body.planes, np.array(design.body.cylinder))
     rough = np.array([asked.roughness_um / 1e3, asked.grain_um / 1e3])
     parts = (lumens.pieces, lumens.radius, lumens.plugs)
-    field = np.empty((2, 3, nx, 2 * nz + 2), np.float32)
+    field = np.empty((2, 3, nx, fine), np.float32)
     out = np.zeros((nz, ny, nx), np.float32)
     beam = np.array([asked.beam_um / 1e3, asked.focus_mm, asked.rayleigh_mm])
     for j in range(ny):
-        y, fine = j * pitch_y, 2 * nz + 2
         geometry.bscan(
-            y, nx, pitch, fine, dz / 2, to_part, boxes, shape, parts, rough, asked.seed, field
-        )
+            j * pitch_y, nx, pitch, fine, dz / 2, to_part, boxes, shape, parts, rough, asked.seed,
+            field,
+        )  # fmt: skip
         for _ in range(asked.looks):
-            light = back_scattered(field, dz / 2, pitch, detector, media, beam, asked, rng)
-            shot = detector.image(overlap(light, beam, pitch, detector.delta), rng, 1.0)
-            out[:, j] += shot[:, :: FINE // detector.pixel][:, :nz].T / asked.looks
+            light, mean = np.zeros((nx, cells), np.complex64), np.zeros((nx, cells), np.float32)
+            scatter.cast(
+                field, dz / 2, delta, asked.per_cell, density, power, loss, beam, np.ones(3),
+                np.array(specular), CARRIER_PER_MM, int(rng.integers(2**31)), light, mean,
+            )  # fmt: skip
+            late = int(rng.integers(2**31))
+            scatter.tail(mean, delta, asked.tail, 0.25, int(0.15 / pitch), late, light)
+            shot = detector.image(overlap(light, beam, pitch, delta), rng)
+            out[:, j] += shot[:, :: FINE // PIXEL][:, :nz].T / asked.looks
     return out
 
 
-def back_scattered(
-    field: np.ndarray,
-    dz_field: float,
-    pitch: float,
-    detector: Spectrometer,
-    media: tuple[np.ndarray, ...],
-    beam: np.ndarray,
-    asked: argparse.Namespace,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """Return a B-scan's complex amplitude of singly and multiply scattered light, (nx, cells)."""
-    light = np.zeros((field.shape[2], detector.cells), np.complex64)
-    mean = np.zeros(light.shape, np.float32)
-    scatter.cast(
-        field,
-        dz_field,
-        detector.delta,
-        asked.per_cell,
-        *media,
-        beam,
-        np.ones(3),
-        specular(asked, detector),
-        CARRIER_PER_MM,
-        int(rng.integers(2**31)),
-        light,
-        mean,
-    )
-    late = int(rng.integers(2**31))
-    scatter.tail(mean, detector.delta, asked.tail, 0.25, int(0.15 / pitch), late, light)
-    return light
-
-
-def optics(
-    asked: argparse.Namespace, detector: Spectrometer
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def optics(asked: argparse.Namespace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return density, power and attenuation of gel, lumen and bath."""
     shared = 100 / asked.contrast if asked.contrast else None
 
     def share(own: float | None, usual: float) -> float:
         return (own if own is not None else shared if shared is not None else usual) / 100
 
-    power = np.array([1.0, share(asked.lumen, 2.0), share(asked.bath, 0.5)])
-    power = np.maximum(power, 1e-6)
+    power = np.maximum([1.0, share(asked.lumen, 2.0), share(asked.bath, 0.5)], 1e-6)
     return np.sqrt(power), power, asked.attenuation_per_mm * power
-
-
-def specular(asked: argparse.Namespace, detector: Spectrometer) -> np.ndarray:
-    """Return amplitude, width in slope (lens: 3 degrees) and diffuse share of reflections."""
-    return np.array([detector.reflection(1.0, asked.reflection_db), np.tan(np.radians(3.0)), 0.2])
 
 
 def piece_boxes(lumens: Lumens, pose: Pose) -> np.ndarray:
@@ -144,16 +107,9 @@ def store(intensity: np.ndarray, asked: argparse.Namespace) -> None:
         intensity = np.flip(intensity, "zyx".index(asked.mirror))
     tifffile.imwrite(asked.out + ".tif", intensity, photometric="minisblack", metadata=None)
     x, y, z = (v / 1e3 for v in asked.voxel_um)
-    said = {
-        "voxel_mm": [z * asked.index / FILE_INDEX, y, x],
-        "axes": "zyx",
-        "modality": "oct",
-        "scale": "linear",
-        "depth_down": True,
-        "refractive_index": FILE_INDEX,
-        "optical_depth": False,
-    }
-    Path(asked.out + ".json").write_text(json.dumps(said))
+    facts: dict[str, object] = {"voxel_mm": [z * asked.index / FILE_INDEX, y, x], "axes": "zyx"}
+    facts |= {"modality": "oct", "scale": "linear", "depth_down": True, "optical_depth": False}
+    Path(asked.out + ".json").write_text(json.dumps(facts | {"refractive_index": FILE_INDEX}))
 
 
 if __name__ == "__main__":

@@ -3,8 +3,45 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from benchmarks.scans.designs import DESIGNS
+
+SINGLE: dict[str, tuple[Any, str]] = {
+    "seed": (0, ""),
+    "orientation": (0, "0 to 23, on top of yaw and tilt; 0 is upright"),
+    "yaw": (None, "degrees; default within 12"),
+    "roughness-um": (8.0, ""),
+    "grain-um": (110.0, "size of the roughness's cells"),
+    "contrast": (None, "gel over both bath and lumen (power)"),
+    "bath": (None, "percent of the gel; default 0.5"),
+    "lumen": (None, "percent of the gel; default 2"),
+    "snr-db": (32.0, ""),
+    "rolloff-db-mm": (0.5, ""),
+    "index": (1.333, "true group index; the file says 1.333"),
+    "attenuation-per-mm": (0.25, "of the gel, one way"),
+    "tail": (0.05, "multiply scattered over single scattered power"),
+    "reflection-db": (12.0, "of a level wall over the gel"),
+    "looks": (1, ""),
+    "per-cell": (1.2, "scatterers per 3 um of depth in the beam"),
+    "resolution-um": (14.0, ""),
+    "beam-um": (22.0, "1/e2 radius at the waist"),
+    "focus-mm": (1.3, ""),
+    "rayleigh-mm": (1.6, ""),
+}
+"""Options of one number: default, help."""
+LISTS: dict[str, tuple[Any, str]] = {
+    "tilt": (None, "X,Y: degrees; default within 2"),
+    "shrink": (None, "X,Y,Z: scale; default 0.965 to 1.005"),
+    "voxel-um": ([50.0, 50.0, 25.0], "X,Y,Z"),
+}
+DEFECTS = {
+    "bulge": "VESSEL,AT,SIGMA_MM,AMP_MM",
+    "radius-change": "VESSEL,AMP_MM",
+    "plug": "VESSEL,AT,LENGTH_MM",
+    "leak": "VESSEL,AT,DIAMETER_MM[,OTHER]",
+}
+"""Each may be given again; VESSEL is a number, AT a share 0 to 1 of its length."""
 
 
 def numbers(text: str) -> list[float]:
@@ -14,78 +51,18 @@ def numbers(text: str) -> list[float]:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of `python -m benchmarks.scans.make`."""
-    ap = argparse.ArgumentParser(
-        description="Make a synthetic spectral-domain OCT scan and its truth."
-    )
+    ap = argparse.ArgumentParser(description="Make a synthetic OCT scan and its truth.")
     ap.add_argument("design", choices=sorted(DESIGNS))
     ap.add_argument("out", help="prefix; part.stl and network.csv go to PREFIX_design/")
-    ap.add_argument("--seed", type=int, default=0)
-    add_pose(ap.add_argument_group("pose and shape"))
-    add_defects(ap.add_argument_group("planted defects (each may be given again)"))
-    add_light(ap.add_argument_group("light"))
-    add_file(ap.add_argument_group("file"))
+    for name, (usual, about) in SINGLE.items():
+        kind = float if usual is None else type(usual)
+        ap.add_argument(f"--{name}", type=kind, default=usual, help=about)
+    for name, (usual, about) in LISTS.items():
+        ap.add_argument(f"--{name}", type=numbers, default=usual, help=about)
+    for name, shown in DEFECTS.items():
+        ap.add_argument(f"--{name}", metavar=shown, type=numbers, action="append", default=[])
+    ap.add_argument("--missing", metavar="VESSEL", type=int, action="append", default=[])
+    ap.add_argument("--turned-over", action="store_true", help="light enters through the bottom")
+    ap.add_argument("--half-field", action="store_true", help="lower half of x only")
+    ap.add_argument("--mirror", choices="xyz", help="reverse this axis and don't say so")
     return ap
-
-
-def add_pose(group: argparse._ArgumentGroup) -> None:
-    """Add where the part lies and how it differs as a whole."""
-    group.add_argument(
-        "--orientation", type=int, default=0, help="0 to 23, on top of yaw and tilt; 0 is upright"
-    )
-    group.add_argument("--turned-over", action="store_true", help="light enters through the bottom")
-    group.add_argument("--yaw", type=float, help="degrees; default within 12")
-    group.add_argument("--tilt", type=numbers, metavar="X,Y", help="degrees; default within 2")
-    group.add_argument(
-        "--shrink", type=numbers, metavar="X,Y,Z", help="scale; default 0.965 to 1.005"
-    )
-    group.add_argument("--roughness-um", type=float, default=8)
-    group.add_argument("--grain-um", type=float, default=110, help="size of the roughness's cells")
-
-
-def add_defects(group: argparse._ArgumentGroup) -> None:
-    """Add defects; VESSEL is a number, AT a share 0 to 1 of its length."""
-
-    def many(name: str, metavar: str) -> None:
-        group.add_argument(name, metavar=metavar, action="append", default=[], type=numbers)
-
-    many("--bulge", "VESSEL,AT,SIGMA_MM,AMP_MM")
-    many("--radius-change", "VESSEL,AMP_MM")
-    many("--plug", "VESSEL,AT,LENGTH_MM")
-    many("--leak", "VESSEL,AT,DIAMETER_MM[,OTHER]")
-    group.add_argument("--missing", metavar="VESSEL", type=int, action="append", default=[])
-
-
-def add_light(group: argparse._ArgumentGroup) -> None:
-    """Add the instrument and the media."""
-    group.add_argument("--contrast", type=float, help="gel over both bath and lumen (power)")
-    group.add_argument("--bath", type=float, help="percent of the gel; default 0.5")
-    group.add_argument("--lumen", type=float, help="percent of the gel; default 2")
-    group.add_argument("--snr-db", type=float, default=32)
-    group.add_argument("--rolloff-db-mm", type=float, default=0.5)
-    group.add_argument(
-        "--index", type=float, default=1.333, help="true group index; the file says 1.333"
-    )
-    group.add_argument("--attenuation-per-mm", type=float, default=0.25, help="of the gel, one way")
-    group.add_argument(
-        "--tail", type=float, default=0.05, help="multiply scattered over single scattered power"
-    )
-    group.add_argument(
-        "--reflection-db", type=float, default=12, help="of a level wall over the gel"
-    )
-    group.add_argument("--looks", type=int, default=1)
-    group.add_argument(
-        "--per-cell", type=float, default=1.2, help="scatterers per 3 um of depth in the beam"
-    )
-    group.add_argument("--resolution-um", type=float, default=14)
-    group.add_argument("--beam-um", type=float, default=22, help="1/e2 radius at the waist")
-    group.add_argument("--focus-mm", type=float, default=1.3)
-    group.add_argument("--rayleigh-mm", type=float, default=1.6)
-
-
-def add_file(group: argparse._ArgumentGroup) -> None:
-    """Add how the scan is stored."""
-    group.add_argument("--voxel-um", type=numbers, default=[50.0, 50.0, 25.0], metavar="X,Y,Z")
-    group.add_argument(
-        "--mirror", choices=("x", "y", "z"), help="reverse this axis and don't say so"
-    )
-    group.add_argument("--half-field", action="store_true", help="lower half of x only")

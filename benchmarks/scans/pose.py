@@ -16,20 +16,9 @@ UPRIGHT = np.diag([1.0, -1.0, -1.0])
 
 @dataclass(frozen=True)
 class Pose:
-    """Part (mm) to scan (mm, x y z, z down).
-
-    Attributes
-    ----------
-    transform : (4, 4) float
-    rotation : (3, 3) float
-    scale : (3,) float
-        Along the part's axes.
-    extent : (3,) float, mm
-        Of the field of view.
-    """
+    """Part to scan (4, 4), mm, z down; scale (3,) along the part's axes; field of view (3,), mm."""
 
     transform: np.ndarray
-    rotation: np.ndarray
     scale: np.ndarray
     extent: np.ndarray
 
@@ -43,8 +32,7 @@ def draw(design: Design, asked: argparse.Namespace, rng: np.random.Generator) ->
     facing = np.eye(3) if asked.turned_over else UPRIGHT
     small = Rotation.from_euler("xyz", (tilt_x, tilt_y, yaw), degrees=True).as_matrix()
     sides = sorted(Rotation.create_group("O").as_matrix().round(), key=lambda m: -np.trace(m))
-    rotation = small @ sides[asked.orientation] @ facing
-    linear = rotation @ np.diag(scale)
+    linear = small @ sides[asked.orientation] @ facing @ np.diag(scale)
     size = design.body.size
     corners = np.stack(np.meshgrid(*[(-0.5, 0.5)] * 3), axis=-1).reshape(-1, 3) * size @ linear.T
     shift = MARGIN_MM - corners.min(axis=0) + rng.uniform(0, 0.05, 3)
@@ -53,4 +41,4 @@ def draw(design: Design, asked: argparse.Namespace, rng: np.random.Generator) ->
         extent = extent * [0.5, 1, 1]
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = linear, shift - linear @ (size / 2)
-    return Pose(transform, rotation, scale, extent)
+    return Pose(transform, scale, extent)

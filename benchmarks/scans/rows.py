@@ -9,11 +9,10 @@ from __future__ import annotations
 import json
 import os
 import sys
-import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from benchmarks.common import DATA, Row, limited, printctl, row, timed
+from benchmarks.common import DATA, Row, all_of, limited, printctl, row, scratch, timed
 from benchmarks.scans.cases import TOLERANCE_PERCENT, Case, draw_case
 from benchmarks.scans.judge import BROKEN, judge
 
@@ -53,8 +52,8 @@ def rows(quick: bool) -> Iterator[Row]:
     for k in range(count):
         for generator in generators:
             case = draw_case(generator, FIRST_SEED + k)
-            with tempfile.TemporaryDirectory() as folder:
-                judged.append((case, measured(case, Path(folder))))
+            with scratch() as folder:
+                judged.append((case, measured(case, folder)))
     yield from counted(judged)
 
 
@@ -62,7 +61,7 @@ def counted(judged: Sequence[tuple[Case, Row | None]]) -> Iterator[Row]:
     """Yield what became of prints, changes, vessels, sections, ways and faces."""
     mirrored = [one for case, one in judged if "--mirror" in case.options]
     told = [one is None or one["pose"]["flagged"] for one in mirrored]
-    yield row("mirrored scans refused or flagged", sum(told), f"of {len(told)}", "all", all(told))
+    yield all_of("mirrored scans refused or flagged", sum(told), len(told))
     refused = sum(one is None and "--mirror" not in case.options for case, one in judged)
     yield row("other scans refused", refused, f"of {len(judged) - len(mirrored)}")
     found = [one for _, one in judged if one is not None]
@@ -73,7 +72,7 @@ def counted(judged: Sequence[tuple[Case, Row | None]]) -> Iterator[Row]:
     passed = sum(one["false_pass"] for one in verdicts)
     yield limited("bad prints passed", passed, f"of {bad}", 0)
     clean = [one["verdict"] for one in found if not one["planted"]]
-    good = [one["verdict"] == "passed" for one in clean if one["truth"] == "good"]
+    good = [one["passed"] for one in clean if one["truth"] == "good"]
     yield row(f"clean prints that pass at ± {TOLERANCE_PERCENT:g} %", sum(good), f"of {len(good)}")
     changes = list(provable_changes(found))
     yield share_row("provable changes found", changes, 0.98)
@@ -90,8 +89,8 @@ def counted(judged: Sequence[tuple[Case, Row | None]]) -> Iterator[Row]:
     landed = [one for one in found if one["pose"]["landed"]]
     ways = [p["found"] for one in landed for p in one["planted"] if p["kind"] in BROKEN]
     yield share_row("leaks, plugs, bridges, missing vessels found", ways, 0.95)
-    faces = [face for one in found for face in one["faces"] if face["seen"]]
-    far = sum(face["worst_um"] > 50 for face in faces)
+    faces = [worst_um for one in found for worst_um in one["faces"]]
+    far = sum(worst_um > 50 for worst_um in faces)
     yield limited("faces called seen that are beyond 50 um", far, f"of {len(faces)}", 0)
 
 
@@ -103,7 +102,7 @@ def provable_changes(found: Sequence[Row]) -> Iterator[bool]:
             if planted["kind"] in BROKEN or half.get(planted["vessel"]) is None:
                 continue
             limit = TOLERANCE_PERCENT + half[planted["vessel"]]
-            if abs(planted["true_worst_percent"] or 0) > limit:
+            if planted["true_worst_percent"] > limit:
                 yield planted["found"]
 
 

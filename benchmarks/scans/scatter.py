@@ -58,21 +58,9 @@ def reflection(wall, z, dz_field, delta, specular, carrier):
 
 @nb.njit(cache=True)
 def cast(
-    field,
-    dz_field,
-    delta,
-    count,
-    density,
-    power,
-    loss,
-    beam,
-    index,
-    specular,
-    carrier,
-    seed,
-    amplitude,
-    mean,
-):
+    field, dz_field, delta, count, density, power, loss, beam, index, specular, carrier, seed,
+    amplitude, mean,
+):  # fmt: skip
     """Add the light of single scattering to amplitude (nx, m); its mean power goes to mean (nx, m).
 
     Parameters

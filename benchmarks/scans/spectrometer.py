@@ -1,9 +1,9 @@
 """Simulate a spectral-domain OCT detector: interferogram to image.
 
 Modelled: Gaussian source spectrum, finite resolution of the spectrometer (roll-off), shot and read
-noise, the transform back. Overlap of beams of neighbouring
-A-scans out of focus is modelled along x. Not modelled: autocorrelation of the sample's light,
-dispersion left over, errors of the wavenumber's scale, jitter of the trigger.
+noise, the transform back; overlap of beams of neighbouring A-scans out of focus, along x. Not
+modelled: autocorrelation of the sample's light, dispersion left over, errors of the wavenumber's
+scale, jitter of the trigger.
 """
 
 from __future__ import annotations
@@ -13,55 +13,43 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-FINE = 8
+FINE, PIXEL = 8, 4
+"""Fine cells of depth per voxel, and per pixel of the transform."""
 
 
 @dataclass(frozen=True)
 class Spectrometer:
     """Settings of the detector; lengths in mm of depth in the file's index.
 
-    Attributes
-    ----------
-    cells : int
-        Fine cells in depth, `delta` mm each.
-    pixel : int
-        Fine cells per pixel of the transform; every `FINE // pixel`-th is kept.
-    resolution : float
-        FWHM of the intensity of a single reflector.
-    rolloff_db_mm, snr_db : float
-        Loss of sensitivity; gel at focus over noise.
+    ``cells`` of depth, ``delta`` mm each; ``resolution``: FWHM of the intensity of a single
+    reflector; ``rolloff_db_mm``: loss of sensitivity; ``snr_db``: gel at focus over noise.
     """
 
     cells: int
     delta: float
     resolution: float
-    rolloff_db_mm: float = 0.5
-    snr_db: float = 32.0
-    pixel: int = 4
+    rolloff_db_mm: float
+    snr_db: float
 
     @property
     def samples(self) -> int:
         """Samples of an interferogram."""
-        return 2 * self.cells // self.pixel
+        return 2 * self.cells // PIXEL
 
     def source(self) -> np.ndarray:
         """Return the source's spectrum at the samples, unit peak."""
         n = np.arange(self.samples) - self.samples / 2
-        sigma_pixels = self.resolution / (self.delta * self.pixel) / 1.665
+        sigma_pixels = self.resolution / (self.delta * PIXEL) / 1.665
         return np.asarray(np.exp(-0.5 * (n * 2 * np.pi * sigma_pixels / self.samples) ** 2))
 
-    def rolloff(self) -> np.ndarray:
-        """Return the amplitude kept at each fine cell."""
-        depth = np.arange(self.cells) * self.delta
-        return np.asarray(10 ** (-self.rolloff_db_mm * depth / 20))
-
-    def image(self, light: np.ndarray, rng: np.random.Generator, power: float) -> np.ndarray:
-        """Return intensities (nx, pixels), 1 for gel at focus whose cells have mean `power`."""
-        source = self.source()
-        whole = fft.fft(light * self.rolloff(), 2 * self.cells, axis=1)[:, : self.samples]
+    def image(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Return intensities (nx, pixels), 1 for gel at focus whose cells have mean power 1."""
+        source, depth = self.source(), np.arange(self.cells) * self.delta
+        kept = light * 10 ** (-self.rolloff_db_mm * depth / 20)
+        whole = fft.fft(kept, 2 * self.cells, axis=1)[:, : self.samples]
         # Parseval: of a medium's light by depth, the rms fringe and the mean of a pixel.
         fringe = source * whole.real
-        gel = power * self.cells / 2 * (source**2).sum()
+        gel = self.cells / 2 * (source**2).sum()
         noise = np.sqrt(gel * 10 ** (-self.snr_db / 10) / self.samples)
         # four fifths of the noise's power are shot noise, which follows the source's spectrum
         share = np.sqrt(0.8 * source / source.mean() + 0.2)
@@ -69,10 +57,10 @@ class Spectrometer:
         image = np.abs(fft.fft(fringe, axis=1)[:, : self.samples // 2]) ** 2
         return np.asarray(image / gel)
 
-    def reflection(self, power: float, decibels: float) -> float:
-        """Return the amplitude in one cell whose image stands `decibels` over gel of `power`."""
+    def reflection(self, decibels: float) -> float:
+        """Return the amplitude in one cell whose image stands `decibels` over the gel."""
         source = self.source()
-        gel = power * self.cells / 2 * (source**2).sum()
+        gel = self.cells / 2 * (source**2).sum()
         return float(2 / source.sum() * np.sqrt(gel * 10 ** (decibels / 10)))
 
 

@@ -76,7 +76,7 @@ def sections(
     for number, vessel in enumerate(design.vessels):
         length = vessel.along[-1]
         along = np.linspace(0, length, max(int(length / SECTION_STEP_MM), 2) + 1)
-        diameter, made, clear, in_view = [], [], [], []
+        smooth, made, clear, in_view = list[float](), list[float](), list[bool](), list[bool]()
         for s in along:
             point = vessel.at(s)
             axis = vessel.at(min(s + 0.02, length)) - vessel.at(max(s - 0.02, 0))
@@ -88,35 +88,26 @@ def sections(
             if number not in asked.missing:
                 areas[:] = section(point, first, second, *args, rough, asked.seed)
             enlarge = pose.scale.prod() / np.linalg.norm(pose.scale * axis)
-            both = (2e3 * np.sqrt(areas * enlarge / np.pi)).round(2).tolist()
-            diameter.append(both[0])
-            made.append(both[1])
+            for kept, area in zip((smooth, made), areas, strict=True):
+                kept.append(round(float(2e3 * np.sqrt(area * enlarge / np.pi)), 2))
             others = lumen(point, lumens.pieces, lumens.radius, none, -1, number, scratch)
             clear.append(bool(others > 1.3 * wide and design.body.depth(point[None])[0] < -0.15))
             seen = pose.transform[:3, :3] @ point + pose.transform[:3, 3]
             in_view.append(bool(((seen > 0) & (seen < pose.extent)).all()))
         designed = (2e3 * vessel.radius_at(along)).round(2).tolist()
-        places = {"vessel": number, "along_mm": along.round(4).tolist(), "diameter_um": diameter}
-        places["rough_diameter_um"] = made
-        ends = {"nodes": list(vessel.nodes), "stretch": stretch(vessel.points, pose.scale)}
-        out.append(places | {"designed_um": designed, "clear": clear, "in_view": in_view} | ends)
+        found = {"vessel": number, "along_mm": along.round(4).tolist(), "diameter_um": smooth}
+        found |= {"rough_diameter_um": made, "designed_um": designed}
+        out.append(found | {"clear": clear, "in_view": in_view})
     return out
-
-
-def stretch(points: np.ndarray, scale: np.ndarray) -> float:
-    """Return a polyline's length as printed over that of the design."""
-    steps = np.diff(points, axis=0)
-    return float(np.linalg.norm(steps * scale, axis=1).sum() / np.linalg.norm(steps, axis=1).sum())
 
 
 def truth(design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace) -> dict[str, Any]:
     """Return the truth in make_scan.py's form, with more about the body."""
-    in_file = np.diag([1, 1, asked.index / 1.333, 1]) @ pose.transform
     body = design.body
     return {
-        "transform_model_to_scan_mm": in_file.tolist(),
-        "transform_physical": pose.transform.tolist(),
-        "rotation": pose.rotation.tolist(),
+        "transform_model_to_scan_mm": (
+            np.diag([1, 1, asked.index / 1.333, 1]) @ pose.transform
+        ).tolist(),
         "scale": pose.scale.tolist(),
         "block_mm": [[0.0, 0.0, 0.0], body.size.tolist()],
         "planes": body.planes.tolist(),
@@ -125,6 +116,4 @@ def truth(design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace)
         "whole_in_view": not asked.half_field,
         "defects": lumens.defects,
         "vessels": sections(design, lumens, pose, asked),
-        "seed": asked.seed,
-        "arguments": {k: v for k, v in vars(asked).items() if k != "out"},
     }

@@ -6,38 +6,37 @@ Parts are built with manifold3d alone.
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import manifold3d as m3
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from benchmarks.checkers.lumens import Axis, compare_layers, free_sections
+from benchmarks.checkers.lumens import Axis, bare_percent, free_diameters
 from benchmarks.checkers.meshes import write_stl
-from benchmarks.checkers.read_gcode import Lines, Moves, own_lines, read_moves, rounded_to_steps
-from benchmarks.common import Row, printctl, row, timed
-from benchmarks.solids.slicing import PRUSA_INI
+from benchmarks.common import Row, row, scratch
+from benchmarks.scans.designs import sweep
+from benchmarks.solids.slicing import (
+    LAYER_MM,
+    STEPS_PER_MM,
+    WALLS,
+    Written,
+    slice_ours,
+    slice_peers,
+)
 
 FloatArray = NDArray[np.float64]
 SIDES = 72
+PRECISE = ["--resolution", "0", "--gcode-resolution", "0.001", "--slice-closing-radius", "0.001"]
+PEERS = WALLS | {"precise": WALLS["classic"] + PRECISE}
 
 
 @dataclass(frozen=True)
 class BentPart:
-    """A mesh, and the axes of its lumens.
-
-    Attributes
-    ----------
-    name : str
-    body : manifold3d.Manifold
-    axes : tuple of Axis
-    """
+    """A solid, and the axes of its lumens."""
 
     name: str
     body: m3.Manifold
@@ -50,51 +49,39 @@ class BentPart:
         return np.array([*(low + high)[:2] / 2, low[2]])
 
     def write_stl(self, path: Path) -> None:
-        """Binary STL."""
+        """Write a binary STL."""
         mesh = self.body.to_mesh()
         corner = np.asarray(mesh.vert_properties[:, :3], np.float32)[np.asarray(mesh.tri_verts)]
         write_stl(path, corner)
 
 
 def tube(path: FloatArray, radius: float) -> m3.Manifold:
-    """A round tube along points (n, 3)."""
-    along = np.gradient(path, axis=0)
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    one = np.cross(along[0], [0.0, 0, 1] if abs(along[0, 2]) < 0.9 else [1.0, 0, 0])
-    turn = np.arange(SIDES) / SIDES * 2 * np.pi
-    rings = []
-    for point, way in zip(path, along, strict=True):
-        one = one - way * (one @ way)
-        one /= np.linalg.norm(one)
-        two = np.cross(way, one)
-        rings.append(point + radius * (np.cos(turn)[:, None] * one + np.sin(turn)[:, None] * two))
-    vertex = np.concatenate([*rings, path[:1], path[-1:]]).astype(np.float32)
-    n, faces = len(path), []
-    for k in range(n - 1):
-        for s in range(SIDES):
-            a, b = k * SIDES + s, k * SIDES + (s + 1) % SIDES
-            faces += [[a, b, b + SIDES], [a, b + SIDES, a + SIDES]]
-    for s in range(SIDES):
-        faces.append([n * SIDES, (s + 1) % SIDES, s])
-        faces.append([n * SIDES + 1, (n - 1) * SIDES + s, (n - 1) * SIDES + (s + 1) % SIDES])
-    return m3.Manifold(m3.Mesh(vertex, np.array(faces, np.uint32)))
+    """Return a round tube along points (n, 3)."""
+    return sweep(path, np.full(len(path), radius), SIDES)
 
 
-def axis(name: str, path: FloatArray, radius: float, count: int = 9, ends: float = 0.25) -> Axis:
-    """Evenly spaced points of the middle of a path."""
+def axis(
+    name: str,
+    path: FloatArray,
+    radius: float,
+    count: int = 9,
+    ends: float = 0.25,
+    rows: slice = slice(None),
+) -> Axis:
+    """Return some of ``count`` evenly spaced points of a path, less its ``ends``."""
     step = np.linalg.norm(np.diff(path, axis=0), axis=1)
     at = np.concatenate([[0.0], np.cumsum(step)])
-    where = np.linspace(ends, 1 - ends, count) * at[-1]
+    where = np.linspace(ends, 1 - ends, count)[rows] * at[-1]
     point = np.column_stack([np.interp(where, at, column) for column in path.T])
     after = np.column_stack([np.interp(where + 1e-3, at, column) for column in path.T])
     before = np.column_stack([np.interp(where - 1e-3, at, column) for column in path.T])
     along = after - before
     along /= np.linalg.norm(along, axis=1)[:, None]
-    return Axis(name, point, along, np.full(count, 2 * radius))
+    return Axis(name, point, along, np.full(len(point), 2 * radius))
 
 
 def slanted() -> BentPart:
-    """Straight lumens 0 to 80 degrees off the upright, arcs and helices, in a block."""
+    """Return straight lumens 0 to 80 degrees off the upright, arcs and helices, in a block."""
     lanes, paths = [], []
     for k, tilt in enumerate(np.linspace(0, 80, 17)):
         turn, radius = np.radians(37.0 * k), (0.2, 0.275, 0.35, 0.45)[k % 4]
@@ -124,7 +111,7 @@ def slanted() -> BentPart:
 
 
 def bifurcations(wall: float = 0.4) -> BentPart:
-    """Four forks of thin wall, of different angles."""
+    """Return four forks of thin wall, of different angles."""
     inner, outer, axes = [], [], []
     for k, half in enumerate((20, 35, 50, 65)):
         base = np.array([4.5 * k, 0.0, 0.0])
@@ -133,39 +120,26 @@ def bifurcations(wall: float = 0.4) -> BentPart:
         pieces = [("trunk", trunk, 0.5)]
         for sign, turn in ((1, 0.3), (-1, 0.3)):
             lean = np.radians(half)
-            way = np.array(
-                [
-                    sign * np.sin(lean) * np.cos(turn),
-                    sign * np.sin(lean) * np.sin(turn),
-                    np.cos(lean),
-                ]
-            )
+            aside = sign * np.sin(lean)
+            way = np.array([aside * np.cos(turn), aside * np.sin(turn), np.cos(lean)])
             path = fork + np.linspace(0, 2.2 / np.cos(lean) ** 0.5, 8)[:, None] * way
             path[:, 2] += 0.15 * np.linspace(0, 1, 8) ** 2
             pieces.append((f"branch {half}", path, 0.38))
         for name, path, radius in pieces:
             inner.append(tube(path, radius))
-            shell = path.copy()
-            outer.append(tube(shell, radius + wall))
-            low = 0.15 if name == "trunk" else 0.62
-            axes.append(_part(axis(f"{k} {name}", path, radius, 24, 0.02), low, 0.85))
+            outer.append(tube(path, radius + wall))
+            measured = slice(3 if name == "trunk" else 14, 20)
+            axes.append(axis(f"{k} {name}", path, radius, 24, 0.02, measured))
         inner.append(m3.Manifold.sphere(0.5, SIDES).translate(fork.tolist()))
         outer.append(m3.Manifold.sphere(0.5 + wall, SIDES).translate(fork.tolist()))
     low = m3.Manifold.cube([40, 40, 5.0]).translate([-10, -20, 0.0])
     body = (m3.Manifold.batch_boolean(outer, m3.OpType.Add)) ^ low
-    return BentPart(
-        "bifurcations", body - m3.Manifold.batch_boolean(inner, m3.OpType.Add), tuple(axes)
-    )
-
-
-def _part(one: Axis, low: float, high: float) -> Axis:
-    n = len(one.point)
-    rows = slice(int(low * n), int(high * n))
-    return Axis(one.name, one.point[rows], one.along[rows], one.diameter[rows])
+    body -= m3.Manifold.batch_boolean(inner, m3.OpType.Add)
+    return BentPart("bifurcations", body, tuple(axes))
 
 
 def ventricle(wall: float = 0.45) -> BentPart:
-    """The lower half of a thin shell."""
+    """Return the lower half of a thin shell."""
     outer = m3.Manifold.sphere(1, 128).scale([2.6 + wall, 2.1 + wall, 3.6 + wall])
     inner = m3.Manifold.sphere(1, 128).scale([2.6, 2.1, 3.6])
     lower = m3.Manifold.cube([10, 10, 3.4]).translate([-5, -5, -3.4])
@@ -174,7 +148,7 @@ def ventricle(wall: float = 0.45) -> BentPart:
 
 
 def gyroid(period: float = 2.4, thick: float = 0.35) -> BentPart:
-    """A sheet of the gyroid's surface, two periods wide."""
+    """Return a sheet of the gyroid's surface, two periods wide."""
     k = 2 * np.pi / period
     scale = thick / 2 * k * 1.45
 
@@ -190,90 +164,49 @@ def gyroid(period: float = 2.4, thick: float = 0.35) -> BentPart:
     return BentPart("gyroid", body, ())
 
 
-LAYER_MM, STEPS_PER_MM, SYRINGE_MM, FILAMENT_MM = 0.06, 80.0, 4.61, 1.75
-PEERS = {
-    "arachne": ["--perimeter-generator", "arachne"],
-    "classic": ["--perimeter-generator", "classic"],
-    "precise": [
-        "--perimeter-generator", "classic", "--resolution", "0", "--gcode-resolution", "0.001",
-        "--slice-closing-radius", "0.001",
-    ],
-}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Written:
-    """A file, its moves, what a millimetre of E is, the part's origin in its frame, CPU s."""
-
-    file: Path
-    moves: Moves
-    ul_per_e: float
-    place: NDArray[np.float64]
-    cpu_s: float
-
-    def lines(self, *, steps: bool) -> Lines:
-        """Each line with its own dose, as written or between whole motor steps."""
-        moves = rounded_to_steps(self.moves, STEPS_PER_MM) if steps else self.moves
-        return own_lines(moves, self.ul_per_e, LAYER_MM, planned=self.moves)
-
-
 def rows(quick: bool) -> Iterator[Row]:
     """Yield all parts; quick has the slanted lumens alone."""
-    with tempfile.TemporaryDirectory() as scratch:
-        for make in (slanted,) if quick else (slanted, bifurcations, ventricle, gyroid):
-            part = make()
-            model = Path(scratch) / f"{part.name}.stl"
+    for make in (slanted,) if quick else (slanted, bifurcations, ventricle, gyroid):
+        part = make()
+        with scratch() as folder:
+            model = folder / f"{part.name}.stl"
             part.write_stl(model)
-            made, peers = slice_ours(part, model), slice_peers(part, model)
-            if part.axes:
-                yield from _axis_rows(part, made, peers)
-            yield from _layer_rows(part, made, peers)
-            least = min((one.cpu_s for one in peers.values()), default=None)
-            more = {} if least is None else {"over_prusaslicer": made.cpu_s / least}
-            yield row(f"{part.name}: CPU of the whole process", made.cpu_s, "s") | more
+            made = slice_ours(model, part.middle)
+            peers = slice_peers(model, part.middle, PEERS)
+        if part.axes:
+            yield from _axis_rows(part, made, peers)
+        peer = {name: _bare(part, one) for name, one in peers.items()}
+        bare = _bare(part, made)
+        yield row(f"{part.name}: uncovered material", bare, "%", "<= 0.5", bare <= 0.5, peer)
+        least = min((one.cpu_s for one in peers.values()), default=None)
+        more = {} if least is None else {"over_prusaslicer": made.cpu_s / least}
+        yield row(f"{part.name}: CPU of the whole process", made.cpu_s, "s") | more
 
 
 def _axis_rows(part: BentPart, made: Written, peers: dict[str, Written]) -> Iterator[Row]:
     for steps, goal in ((False, 5.0), (True, 10.0)):
-        found = {name: _loss_um(part, one, steps=steps) for name, one in peers.items()}
-        own = _loss_um(part, made, steps=steps)
+        found = {name: _loss_um(part, one, steps) for name, one in peers.items()}
+        own = _loss_um(part, made, steps)
         how = f"after {STEPS_PER_MM:g} steps/mm" if steps else "as written"
-        for what, of, limit in (("median", np.median, goal), ("95 %", _most, 12.0)):
-            peer = {name: float(of(value)) for name, value in found.items()}
+        for what, percent, limit in (("median", 50, goal), ("95 %", 95, 12.0)):
+            peer = {name: float(np.percentile(value, percent)) for name, value in found.items()}
             measure = f"{part.name}: lumens' loss of the widest free circle, {what}, {how}"
-            value = float(of(own))
+            value = float(np.percentile(own, percent))
             met = value <= min([limit, *peer.values()])
             yield row(measure, value, "um", f"<= {limit:g}, and all settings'", met, peer)
 
 
-def _most(values: NDArray[np.float64]) -> float:
-    return float(np.percentile(values, 95))
-
-
-def _loss_um(part: BentPart, written: Written, *, steps: bool) -> NDArray[np.float64]:
-    """Designed diameter less the widest free circle's, median along each lumen, round sides."""
-    lines, found = written.lines(steps=steps), []
-    for axis in part.axes:
-        moved = Axis(axis.name, axis.point + written.place, axis.along, axis.diameter)
-        free = free_sections(lines, LAYER_MM, moved, rounded=True)
-        found.append(1e3 * float(np.median(axis.diameter - free.inner)))
+def _loss_um(part: BentPart, written: Written, steps: bool) -> FloatArray:
+    """Return designed diameter less the widest free circle's, median along each lumen."""
+    lines, found = written.lines(steps=steps, own=True), []
+    for one in part.axes:
+        moved = Axis(one.name, one.point + written.place, one.along, one.diameter)
+        free = free_diameters(lines, LAYER_MM, moved)
+        found.append(1e3 * float(np.median(one.diameter - free)))
     return np.array(found)
 
 
-def _layer_rows(part: BentPart, made: Written, peers: dict[str, Written]) -> Iterator[Row]:
-    own = _layers(part, made)
-    found = {name: _layers(part, one) for name, one in peers.items()}
-    peer = {name: one.closed for name, one in found.items()}
-    most = min([*peer.values(), 0])
-    yield row(
-        f"{part.name}: closed holes of sections", own.closed, "", "0", own.closed <= most, peer
-    )
-    peer = {name: one.bare_percent for name, one in found.items()}
-    bare = own.bare_percent
-    yield row(f"{part.name}: uncovered material", bare, "%", "<= 0.5", bare <= 0.5, peer)
-
-
-def _layers(part: BentPart, written: Written) -> Any:
+def _bare(part: BentPart, written: Written) -> float:
     def material(z: float) -> shapely.Geometry:
         found = shapely.Polygon()
         for ring in part.body.slice(z - LAYER_MM / 2 - written.place[2]).to_polygons():
@@ -281,26 +214,4 @@ def _layers(part: BentPart, written: Written) -> Any:
                 found = shapely.symmetric_difference(found, shapely.Polygon(ring).buffer(0))
         return shapely.transform(found, lambda points: points + written.place[:2])
 
-    return compare_layers(written.lines(steps=False), material)
-
-
-def slice_ours(part: BentPart, model: Path) -> Written:
-    """What `printctl slice` writes of a part."""
-    out = model.with_suffix(".ours.gcode")
-    cpu, _, _ = timed(printctl("slice", model, "--unit", "mm", "--out", out))
-    place = np.append(np.round(100.0 - part.middle[:2], 3), -part.middle[2])
-    return Written(out, read_moves(out.read_text()), np.pi * SYRINGE_MM**2 / 4, place, cpu)
-
-
-def slice_peers(part: BentPart, model: Path) -> dict[str, Written]:
-    """What PrusaSlicer writes of it with each of `PEERS`; nothing where it isn't installed."""
-    program, found = shutil.which("prusa-slicer"), {}
-    for name, options in PEERS.items() if program else ():
-        out = model.with_suffix(f".{name}.gcode")
-        command = [str(program), "--load", str(PRUSA_INI), *options]
-        command += ["--center", "30,30", "--export-gcode", "-o", str(out), str(model)]
-        cpu, _, _ = timed(command)
-        place = np.append(30.0 - part.middle[:2], -part.middle[2])
-        moves, per_e = read_moves(out.read_text()), np.pi * FILAMENT_MM**2 / 4
-        found[name] = Written(out, moves, per_e, place, cpu)
-    return found
+    return bare_percent(written.lines(steps=False, own=True), material)

@@ -1,4 +1,4 @@
-"""Slicing benchmark rows: open lumens, coverage, travel, time; compared with PrusaSlicer.
+"""Slicing beside PrusaSlicer: open lumens, time, memory.
 
 Both slice the same STL files in processes of their own; a reader and checkers of the benchmark's
 measure what G-code they wrote.
@@ -7,7 +7,6 @@ measure what G-code they wrote.
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,176 +17,134 @@ from numpy.typing import NDArray
 
 from benchmarks.checkers.lumens import openings
 from benchmarks.checkers.meshes import write_stl
-from benchmarks.checkers.read_gcode import Lines, Moves, read_moves, rounded_to_steps, written_lines
-from benchmarks.common import ROOT, Row, limited, printctl, row, timed
+from benchmarks.checkers.read_gcode import Lines, Moves, own_lines, read_moves, rounded_to_steps
+from benchmarks.checkers.read_gcode import written_lines as window_lines
+from benchmarks.common import ROOT, Row, limited, printctl, row, scratch, timed
+
+FloatArray = NDArray[np.float64]
 
 LAYER_MM, LINE_MM, STEPS_PER_MM = 0.06, 0.15, 80.0
-#: Lumens at least so wide are held to the first goal, mm.
 WIDE_MM = 0.3
-SYRINGE_MM, FILAMENT_MM = 4.61, 1.75
+"""Lumens at least so wide are held to the first goal."""
+SYRINGE_MM, FILAMENT_MM, BED_MM, PRUSA_BED_MM = 4.61, 1.75, 100.0, 30.0
 PRUSA_INI = ROOT / "benchmarks" / "solids" / "prusa.ini"
-BED_MM = np.array([100.0, 100.0])
-PRUSA_BED_MM = np.array([30.0, 30.0])
-
-
-#: Sides of every circle, as in the figures that issue 5 quotes of other slicers: a lumen of
-#: 0.42 mm is a polygon with room for a circle of 0.416.
 SIDES = 24
+"""Of every circle, as in the figures that issue 5 quotes of other slicers: a lumen of 0.42 mm is a
+polygon with room for a circle of 0.416."""
+WALLS = {name: ["--perimeter-generator", name] for name in ("arachne", "classic")}
+
+
+@dataclass(frozen=True)
+class Written:
+    """A slicer's moves, what a mm of E is, the part's origin in its frame (3,), CPU s, MB."""
+
+    moves: Moves
+    ul_per_e: float
+    place: FloatArray
+    cpu_s: float
+    memory_mb: float
+
+    def lines(self, *, steps: bool, own: bool = False) -> Lines:
+        """Return lines as written or between whole motor steps, with their ``own`` doses or not."""
+        moves = rounded_to_steps(self.moves, STEPS_PER_MM) if steps else self.moves
+        made = own_lines if own else window_lines
+        return made(moves, self.ul_per_e, LAYER_MM, planned=self.moves)
+
+
+def slice_ours(model: Path, middle: FloatArray) -> Written:
+    """Run `printctl slice` on a part with this middle in x and y, and lowest z, mm."""
+    out = model.with_suffix(".ours.gcode")
+    cpu, memory, _ = timed(printctl("slice", model, "--unit", "mm", "--out", out))
+    place = np.append(np.round(BED_MM - middle[:2], 3), -middle[2])
+    return Written(read_moves(out.read_text()), np.pi * SYRINGE_MM**2 / 4, place, cpu, memory)
+
+
+def slice_peers(
+    model: Path, middle: FloatArray, settings: dict[str, list[str]]
+) -> dict[str, Written]:
+    """Run PrusaSlicer with each of the settings; nothing where it isn't installed."""
+    program = shutil.which("prusa-slicer") or shutil.which("PrusaSlicer")
+    found = {}
+    for name, options in settings.items() if program else ():
+        out = model.with_suffix(f".{name}.gcode")
+        command = [str(program), "--load", str(PRUSA_INI), *options]
+        command += ["--center", "30,30", "--export-gcode", "-o", str(out), str(model)]
+        cpu, memory, _ = timed(command)
+        place = np.append(PRUSA_BED_MM - middle[:2], -middle[2])
+        moves, per_e = read_moves(out.read_text()), np.pi * FILAMENT_MM**2 / 4
+        found[name] = Written(moves, per_e, place, cpu, memory)
+    return found
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part with upright round lumens from its bottom to its top.
-
-    Attributes
-    ----------
-    name : str
-    centre : (n, 2) float64, mm
-    diameter : (n,) float64, mm
-    size : (3,) float64, mm
-    """
+    """A block of ``size`` (3,) with upright round lumens: ``centre`` (n, 2), ``diameter``, mm."""
 
     name: str
-    centre: NDArray[np.float64]
-    diameter: NDArray[np.float64]
     size: tuple[float, float, float]
-
-    def section(self) -> CrossSection:
-        """The section at every height."""
-        discs = [self._disc(k) for k in range(len(self.diameter))]
-        body = CrossSection.square(self.size[:2])
-        return body - CrossSection.batch_boolean(discs, OpType.Add)
-
-    def _disc(self, lumen: int) -> CrossSection:
-        disc = CrossSection.circle(self.diameter[lumen] / 2, SIDES)
-        return disc.translate(self.centre[lumen].tolist())
+    centre: FloatArray
+    diameter: FloatArray
 
     @property
-    def inscribed(self) -> NDArray[np.float64]:
+    def inscribed(self) -> FloatArray:
         """Widest circle in each lumen, (n,), mm: what the part itself leaves open."""
         return np.asarray(self.diameter * np.cos(np.pi / SIDES))
 
-    def write_stl(self, path: Path) -> None:
+    def write_stl(self, path: Path) -> Path:
         """Write the part as a binary STL, mm."""
-        mesh = Manifold.extrude(self.section(), self.size[2]).to_mesh()
+        discs = [
+            CrossSection.circle(wide / 2, SIDES).translate(at)
+            for at, wide in zip(self.centre.tolist(), self.diameter.tolist(), strict=True)
+        ]
+        section = CrossSection.square(self.size[:2]) - CrossSection.batch_boolean(discs, OpType.Add)
+        mesh = Manifold.extrude(section, self.size[2]).to_mesh()
         write_stl(path, np.asarray(mesh.vert_properties)[:, :3][np.asarray(mesh.tri_verts)])
+        return path
 
 
-def _grid(columns: int, rows: int, size: tuple[float, float, float]) -> NDArray[np.float64]:
+def block(name: str, columns: int, rows: int, most: float, *size: float) -> Part:
+    """Return a block with lumens of 0.42 to ``most`` mm in a grid."""
     x = (np.arange(columns) + 0.5) * size[0] / columns
     y = (np.arange(rows) + 0.5) * size[1] / rows
-    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-
-
-def block() -> Part:
-    """20 x 20 x 10 mm with 63 lumens of 0.42 to 1.2 mm."""
-    size = (20.0, 20.0, 10.0)
-    return Part("block", _grid(9, 7, size), np.linspace(0.42, 1.2, 63), size)
-
-
-def small() -> Part:
-    """6 x 6 x 1.2 mm with six lumens of 0.42 to 0.8 mm."""
-    size = (6.0, 6.0, 1.2)
-    return Part("small block", _grid(3, 2, size), np.linspace(0.42, 0.8, 6), size)
-
-
-@dataclass(frozen=True)
-class Sliced:
-    """What a slicer made of a part."""
-
-    moves: Moves
-    ul_per_e: float
-    rounded: bool
-    centre: NDArray[np.float64]
-    layer_mm: float
-    cpu_s: float
-    memory_mb: float
-
-    def lines(self, *, steps: bool) -> Lines:
-        """The lines it wrote, ideally or as motors of whole steps make them."""
-        moves = rounded_to_steps(self.moves, STEPS_PER_MM) if steps else self.moves
-        return written_lines(
-            moves, self.ul_per_e, self.layer_mm, rounded=self.rounded, planned=self.moves
-        )
+    centre = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    return Part(name, (size[0], size[1], size[2]), centre, np.linspace(0.42, most, len(centre)))
 
 
 def rows(quick: bool) -> Iterator[Row]:
     """Yield the lumens' errors and the CPU time, beside PrusaSlicer's."""
-    with tempfile.TemporaryDirectory() as scratch:
-        part = small() if quick else block()
-        made = _ours(part, Path(scratch))
-        yield from _wide_rows(part, made, _peers(part, Path(scratch)))
-
-
-def _wide_rows(part: Part, made: Sliced, peers: dict[str, Sliced]) -> Iterator[Row]:
+    part = block("block", 9, 7, 1.2, 20.0, 20.0, 10.0)
+    if quick:
+        part = block("small block", 3, 2, 0.8, 6.0, 6.0, 1.2)
+    middle = np.array([part.size[0] / 2, part.size[1] / 2, 0.0])
+    with scratch() as folder:
+        model = part.write_stl(folder / "block.stl")
+        made, peers = slice_ours(model, middle), slice_peers(model, middle, WALLS)
     name = part.name
     for steps, goal in ((False, 2.0), (True, 8.0)):
-        error = _errors_um(part, made, steps=steps)
+        error = _errors_um(part, made, steps)
         median, worst = float(np.median(error)), float(error[np.abs(error).argmax()])
         how = f"after {STEPS_PER_MM:g} steps/mm" if steps else "ideal lines"
-        peer = {
-            key: float(np.median(_errors_um(part, of, steps=steps))) for key, of in peers.items()
-        }
+        peer = {key: float(np.median(_errors_um(part, one, steps))) for key, one in peers.items()}
         measure = f"{name}: lumens' median diameter error, {how}"
         yield row(measure, median, "um", f"within {goal:g}", abs(median) <= goal, peer)
         if not steps:
             measure = f"{name}: the worst lumen's error, {how}"
             yield row(measure, worst, "um", "within 10", abs(worst) <= 10)
-    least = min((of.cpu_s for of in peers.values()), default=float("nan"))
-    peer = {key: round(of.cpu_s, 1) for key, of in peers.items()}
+    least = min((one.cpu_s for one in peers.values()), default=float("nan"))
     most, met = "<= 1.0 x PrusaSlicer's least", made.cpu_s <= least if peers else None
+    peer = {key: one.cpu_s for key, one in peers.items()}
     yield row(f"{name}: CPU of the whole process", made.cpu_s, "s", most, met, peer) | {
         "memory_mb": round(made.memory_mb),
-        "peer_memory_mb": {key: round(of.memory_mb) for key, of in peers.items()},
+        "peer_memory_mb": {key: round(one.memory_mb) for key, one in peers.items()},
     }
 
 
-def _open(part: Part, made: Sliced, *, steps: bool = False) -> NDArray[np.float64]:
-    """Open diameter of every lumen in every layer."""
+def _errors_um(part: Part, made: Written, steps: bool) -> FloatArray:
+    """Return open diameter less the part's of each wide lumen, median over the layers."""
     reach = float(part.diameter.max()) / 2 + 2 * LINE_MM
-    return openings(made.lines(steps=steps), part.centre + made.centre, reach)
-
-
-def _errors_um(part: Part, made: Sliced, *, steps: bool) -> NDArray[np.float64]:
-    found: NDArray[np.float64] = np.median(_open(part, made, steps=steps), axis=0) - part.inscribed
-    return 1e3 * found[part.diameter >= WIDE_MM]
-
-
-def _stl(part: Part, folder: Path) -> Path:
-    path = folder / f"{part.name.replace(' ', '_')}.stl"
-    if not path.exists():
-        part.write_stl(path)
-    return path
-
-
-def _middle(part: Part) -> NDArray[np.float64]:
-    """Middle of the part's bounds, where slicers put the bed's middle."""
-    return np.array(part.size[:2]) / 2
-
-
-def _ours(part: Part, folder: Path) -> Sliced:
-    model, out = _stl(part, folder), folder / "ours.gcode"
-    cpu, memory, _ = timed(printctl("slice", model, "--unit", "mm", "--out", out))
-    middle = np.round(BED_MM - _middle(part), 3)
-    per_e = np.pi * SYRINGE_MM**2 / 4
-    return Sliced(read_moves(out.read_text()), per_e, True, middle, LAYER_MM, cpu, memory)
-
-
-def _peers(part: Part, folder: Path) -> dict[str, Sliced]:
-    """PrusaSlicer with its default walls and its classic ones; none where it isn't installed."""
-    program = shutil.which("prusa-slicer") or shutil.which("PrusaSlicer")
-    if program is None:
-        return {}
-    found = {}
-    for walls in ("arachne", "classic"):
-        out = folder / "prusa.gcode"
-        command = [program, "--load", str(PRUSA_INI), "--perimeter-generator", walls]
-        command += ["--center", "30,30", "--export-gcode", "-o", str(out), str(_stl(part, folder))]
-        cpu, memory, _ = timed(command)
-        centre = PRUSA_BED_MM - _middle(part)
-        moves, per_e = read_moves(out.read_text()), np.pi * FILAMENT_MM**2 / 4
-        found[f"PrusaSlicer, {walls}"] = Sliced(moves, per_e, True, centre, LAYER_MM, cpu, memory)
-    return found
+    found = openings(made.lines(steps=steps), part.centre + made.place[:2], reach)
+    error: FloatArray = np.median(found, axis=0) - part.inscribed
+    return 1e3 * error[part.diameter >= WIDE_MM]
 
 
 RECIPE = """schema: 1
@@ -201,8 +158,7 @@ toolpath: {{method: fresh}}
 
 def large_rows(quick: bool) -> Iterator[Row]:
     """Yield time and memory of slicing 999 vessels in 40 cm³ at 60 µm layers; quick has 49."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         recipe, made, out = folder / "large.yaml", folder / "design", folder / "large.gcode"
         recipe.write_text(RECIPE.format(*((12, 25) if quick else (34.2, 500))))
         timed(printctl("design", recipe, "--out", made))

@@ -36,17 +36,10 @@ from benchmarks.tissue.solids import (
 
 @dataclass(frozen=True)
 class Case:
-    """A tissue's file, and the parts that truly lie in it.
+    """A tissue as it goes to the file, and the parts that truly lie in it.
 
-    Attributes
-    ----------
-    name : str
-    mesh : Solid
-        As it goes to the file.
-    parts : tuple of tuple of Solid
-        Clean solids that make up each part; a point is in a part when it is in any of them.
-    lobes : bool
-        The parts hang together, by necks that a vessel may be too wide for.
+    Clean solids make up each part; a point is in a part when it is in any of them. ``lobes``: the
+    parts hang together, by necks that a vessel may be too wide for.
     """
 
     name: str

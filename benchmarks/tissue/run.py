@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.checkers import outlet_flows, read_network, write_stl
-from benchmarks.common import ROOT, Row, limited
+from benchmarks.common import ROOT, Row, limited, scratch
 from benchmarks.tissue.cases import KINDS, SEEDS, Case, make, true_volume
 from benchmarks.tissue.solids import FloatArray, IntArray, Solid, groups, volume_of
 
@@ -72,18 +71,10 @@ def _crossed(corners: FloatArray, points: FloatArray, ray: FloatArray) -> IntArr
 def verdict(
     volumes: FloatArray, number: IntArray, flow: FloatArray, lobes: bool, told: str
 ) -> dict[str, Any]:
-    """What becomes of a grown tissue.
+    """Judge a grown tissue by the true volumes (p,) of its parts, or of the lobes of one.
 
-    Parameters
-    ----------
-    volumes : (p,) float64
-        True volumes of the parts, or of the lobes of one.
-    number : (t,) int64
-        Part of each terminal, -1 for none.
-    flow : (t,) float64
-        Solved by the judge, all inlets at one pressure.
-    told : str
-        All notes that the user is given.
+    ``number`` (t,): part of each terminal, -1 for none; ``flow`` (t,): solved by the judge, all
+    inlets at one pressure; ``told``: all notes that the user is given.
     """
     want = volumes / volumes.sum()
     has = np.bincount(number[number >= 0], minlength=len(volumes))
@@ -99,13 +90,9 @@ def verdict(
         result = "outside"
     elif len(off):
         result = "uneven"
-    return {
-        "result": result,
-        "empty": [round(float(volumes[n]), 3) for n in empty],
-        "share": part.round(4).tolist(),
-        "wanted": want.round(4).tolist(),
-        "outside": outside,
-    }
+    missed = [round(float(volumes[n]), 3) for n in empty]
+    shares = {"share": part.round(4).tolist(), "wanted": want.round(4).tolist()}
+    return {"result": result, "empty": missed, "outside": outside} | shares
 
 
 TIMEOUT_S = 120
@@ -124,13 +111,9 @@ def grown(paths: list[Path]) -> Iterator[dict[str, Any]]:
     while left:
         begun, done = "", set()
         command = [sys.executable, "-m", "benchmarks.tissue.worker", *map(str, left)]
+        limit = TIMEOUT_S * len(left)
         ended = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT_S * len(left),
-            cwd=ROOT,
-            check=False,
+            command, capture_output=True, text=True, timeout=limit, cwd=ROOT, check=False
         )
         for line in ended.stdout.splitlines():
             said = json.loads(line)
@@ -174,13 +157,13 @@ def rows(quick: bool) -> Iterator[Row]:
     """Yield one row of all tissues, with a verdict on each that isn't simply supplied."""
     results: list[Row] = []
     for kind in KINDS:
-        with tempfile.TemporaryDirectory() as folder:
+        with scratch() as folder:
             cases = {f"{kind}-{seed}": make(kind, seed) for seed in range(1 if quick else SEEDS)}
-            paths = [Path(folder) / f"{name}.stl" for name in cases]
+            paths = [folder / f"{name}.stl" for name in cases]
             for path in paths:
                 write_stl(path, corners_of(cases[path.stem].mesh))
             for said in grown(paths):
-                path = Path(folder) / f"{said['done']}.stl"
+                path = folder / f"{said['done']}.stl"
                 results.append(judged(cases[path.stem], said, path))
     count = Counter(one["result"] for one in results)
     wrong = sum(count[name] for name in _WRONG)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from manifold3d import Manifold, Mesh64
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, label
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-_CUBE = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 
 
 @dataclass(frozen=True)
@@ -48,64 +50,30 @@ def joined(*solids: Solid) -> Solid:
     )
 
 
+def _of_mesh(mesh: trimesh.Trimesh) -> Solid:
+    return Solid(np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64))
+
+
 def box(size: object) -> Solid:
-    """A block with a corner at the origin."""
-    corners = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64)
-    quads = np.array(_CUBE)
-    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    return Solid(corners * np.asarray(size, dtype=np.float64), faces)
-
-
-def grid_tube(rings: FloatArray, closed: bool) -> Solid:
-    """Rings (r, k, 3) of points joined to a tube; ``closed`` on itself, or capped by fans."""
-    many, across = rings.shape[:2]
-    number = np.arange(many * across).reshape(many, across)
-    last = many if closed else many - 1
-    faces = []
-    for i in range(last):
-        a, b = number[i], number[(i + 1) % many]
-        c, d = np.roll(a, -1), np.roll(b, -1)
-        faces += [np.stack([a, c, b], axis=1), np.stack([c, d, b], axis=1)]
-    points = rings.reshape(-1, 3)
-    if not closed:
-        ends = np.stack([rings[0].mean(axis=0), rings[-1].mean(axis=0)])
-        low, high = number[0], number[-1]
-        at = len(points)
-        faces.append(np.stack([np.roll(low, -1), low, np.full(across, at)], axis=1))
-        faces.append(np.stack([high, np.roll(high, -1), np.full(across, at + 1)], axis=1))
-        points = np.concatenate([points, ends])
-    return _outward(Solid(points, np.concatenate(faces)))
-
-
-def _outward(solid: Solid) -> Solid:
-    return solid if volume_of(solid) > 0 else solid.inverted
+    """Return a block with a corner at the origin."""
+    sides = np.asarray(size, dtype=np.float64)
+    return _of_mesh(trimesh.creation.box((1.0, 1.0, 1.0))).moved(0.5).scaled(sides)
 
 
 def ball(radius: float, rings: int = 16) -> Solid:
-    """A ball about the origin, with poles."""
-    polar = np.linspace(0, np.pi, rings + 1)[1:-1]
-    around = np.linspace(0, 2 * np.pi, 2 * rings, endpoint=False)
-    p, a = np.meshgrid(polar, around, indexing="ij")
-    at = radius * np.stack([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)], axis=2)
-    made = grid_tube(at, closed=False)
-    made.points[-2:] = [[0, 0, radius], [0, 0, -radius]]
-    return made
+    """Return a ball about the origin, with poles."""
+    return _of_mesh(trimesh.creation.uv_sphere(radius, count=[rings, rings]))
 
 
 def cylinder(radius: float, height: float, sides: int = 32) -> Solid:
-    """A cylinder along z, standing on the origin."""
-    turn = np.linspace(0, 2 * np.pi, sides, endpoint=False)
-    ring = np.stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn], axis=1)
-    return grid_tube(np.stack([ring, ring + [0, 0, height]]), closed=False)
+    """Return a cylinder along z, standing on the origin."""
+    made = trimesh.creation.cylinder(radius, height, sections=sides)
+    return _of_mesh(made).moved((0.0, 0.0, height / 2))
 
 
-def torus(radius: float, thick: float, sides: int = 32) -> Solid:
-    """A ring about z."""
-    turn = np.linspace(0, 2 * np.pi, sides, endpoint=False)
-    u, v = np.meshgrid(turn, turn[:: max(1, sides // 16)], indexing="ij")
-    away = radius + thick * np.cos(v)
-    rings = np.stack([away * np.cos(u), away * np.sin(u), thick * np.sin(v)], axis=2)
-    return grid_tube(rings, closed=True)
+def torus(radius: float, thick: float) -> Solid:
+    """Return a ring about z."""
+    return _of_mesh(trimesh.creation.torus(radius, thick, major_sections=32, minor_sections=16))
 
 
 def random_frame(rng: np.random.Generator) -> FloatArray:
@@ -134,20 +102,10 @@ def of_manifold(made: Manifold) -> Solid:
 
 
 def groups(count: int, faces: IntArray) -> IntArray:
-    """Number of the group of each of ``count`` vertices: joined by faces, by union and find."""
-    above = list(range(count))
-
-    def find(k: int) -> int:
-        while above[k] != k:
-            above[k] = above[above[k]]
-            k = above[k]
-        return k
-
-    for a, b, c in faces.tolist():
-        one = find(a)
-        above[find(b)] = one
-        above[find(c)] = one
-    return np.unique([find(k) for k in range(count)], return_inverse=True)[1]
+    """Return the group of each of ``count`` vertices, (count,): those that faces join."""
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [0, 2]]])
+    joined_by = coo_matrix((np.ones(len(ends)), tuple(ends.T)), shape=(count, count))
+    return np.asarray(connected_components(joined_by, directed=False)[1])
 
 
 Rng = np.random.Generator

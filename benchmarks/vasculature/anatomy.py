@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from benchmarks.checkers.anatomy import (
     wide_pieces,
 )
 from benchmarks.checkers.orders import elements_by_diameter, published_table
-from benchmarks.common import DATA, Row, limited, needed, row, timed
+from benchmarks.common import DATA, Row, all_of, at_least, limited, needed, row, scratch, timed
 
 _CLEARANCE = 0.1
 _TRUNK = 0.2
@@ -84,9 +83,8 @@ def organ_rows(name: str, stl: Path, organ: str, terminals: int, folder: Path) -
     # Of each kind all have one drop; arteries come first.
     drops = known["drop_pa"][:: max(1, len(known["drop_pa"]) // len(trees))]
     flow = [outlet_flows(*pair, 4e-3) for pair in zip(trees, drops, strict=False)]
-    yield limited(
-        f"{name}: terminal flow spread", max(spread(one) for one in flow), "relative", 1e-9
-    )
+    off = max(spread(one) for one in flow)
+    yield limited(f"{name}: terminal flow spread", off, "relative", 1e-9)
     total = abs(flow[-1].sum() / flow[0].sum() - 1.0)
     yield limited(f"{name}: flow of the vein and of what comes in apart", total, "relative", 1e-9)
     ends = [len(tree.outlets()) for tree in trees]
@@ -101,8 +99,8 @@ def _heart(name: str, net: Any, tissue: Any) -> Iterator[Row]:
     wide = wide_pieces(net, _TRUNK)
     axes, walls = _shallow(net.start[wide], net.end[wide], net.radius[wide].mean(axis=1), tissue)
     measure = f"{name}: vessels above {_TRUNK:g} of the root, within 1 mm of the epicardium"
-    yield row(f"{measure}: axes", axes, "of length", ">= 0.8", axes >= 0.8)
-    yield row(f"{measure}: lumens", walls, "of length", ">= 0.8", walls >= 0.8)
+    yield at_least(f"{measure}: axes", axes, "of length", 0.8)
+    yield at_least(f"{measure}: lumens", walls, "of length", 0.8)
     yield from _orders(name, net)
 
 
@@ -135,17 +133,9 @@ def _orders(name: str, net: Any) -> Iterator[Row]:
         ]
     known = [cell for cell in cells if np.isfinite(cell[3:]).all()]
     out = [cell for cell in known if abs(cell[2] - cell[3]) > cell[4]]
-    yield row(
-        f"{name}: orders' figures within one sd",
-        len(known) - len(out),
-        f"of {len(known)}",
-        "all",
-        not out,
-    ) | {
-        "outside": [
-            f"{what} of order {one}: {x:.3g}, {m:.3g} ± {s:.2g}" for one, what, x, m, s in out
-        ]
-    }
+    outside = [f"{what} of order {one}: {x:.3g}, {m:.3g} ± {s:.2g}" for one, what, x, m, s in out]
+    made = all_of(f"{name}: orders' figures within one sd", len(known) - len(out), len(known))
+    yield made | {"outside": outside}
 
 
 def _kidney(name: str, net: Any, tissue: Any) -> Iterator[Row]:
@@ -158,7 +148,7 @@ def _kidney(name: str, net: Any, tissue: Any) -> Iterator[Row]:
     branches = above_terminals(artery)
     share = float(near[branches].sum() / length[branches].sum())
     measure = f"{name}: artery above terminals, with its vein within three diameters"
-    yield row(measure, share, "of length", ">= 0.7", share >= 0.7)
+    yield at_least(measure, share, "of length", 0.7)
 
 
 def ellipsoid_ventricle(out: Path, length_mm: float = 78.0, wall_mm: float = 9.0) -> Path:
@@ -182,8 +172,7 @@ def rows(quick: bool) -> Iterator[Row]:
         needed(DATA / f"{x}.stl") for x in ("biventricle_svv", "kidney_left_hubmap_VHM")
     )
     other = needed(DATA / "heart_ventricles_hubmap_VHM.stl")
-    with tempfile.TemporaryDirectory() as text:
-        folder = Path(text)
+    with scratch() as folder:
         if quick:
             yield from organ_rows("kidney 1,000", kidney, "kidney", 1000, folder)
             return

@@ -19,7 +19,7 @@ from benchmarks.checkers import (
     read_stl,
     spread,
 )
-from benchmarks.common import Row, row
+from benchmarks.common import Row, all_of, row
 
 CLEARANCE_RATIO = 0.1
 DROP_PA = 40 * 133.322
@@ -30,17 +30,9 @@ VISCOSITY_PA_S = 4e-3
 class Findings:
     """Measures of one exported network.
 
-    Attributes
-    ----------
-    overlaps_percent : float
-        Pairs within joints, of all segments.
-    inflow_ul_s : float
-    flow_spread : float
-        (max - min) / mean of the terminals' flows.
-    murray_residual : float
-        Largest relative departure of Σ r³ from the parent's.
-    radius_error : float
-        Largest relative difference between the file's radii and consistent ones.
+    ``overlaps_percent``: pairs within joints, of all segments; ``flow_spread`` of the terminals,
+    (max - min) / mean; ``murray_residual``, ``radius_error``: largest relative departure of Σ r³
+    from the parent's, and of the file's radii from consistent ones.
     """
 
     terminals: int
@@ -80,9 +72,7 @@ def rows_of(
     name: str, terminals: int, found: Findings, peer: Findings | None = None
 ) -> Iterator[Row]:
     """Yield what a sound tree promises, beside the peer's findings."""
-    yield row(
-        f"{name}: terminals", found.terminals, "", f"{terminals}", found.terminals == terminals
-    )
+    yield all_of(f"{name}: terminals", found.terminals, terminals)
     for what, key, unit, limit in (
         ("colliding pairs", "colliding_pairs", "pairs", 0.0),
         ("overlaps within joints", "overlaps_percent", "% of segments", 2.0),

@@ -6,11 +6,9 @@ checkers. Goals are held against the wall clock; ``cpu_s`` beside it is without 
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from statistics import median
 
 import numpy as np
 
@@ -25,7 +23,17 @@ from benchmarks.checkers import (
     spread,
     write_stl,
 )
-from benchmarks.common import DATA, Row, SkippedError, limited, needed, row, run_module
+from benchmarks.common import (
+    DATA,
+    Row,
+    SkippedError,
+    at_least,
+    limited,
+    needed,
+    row,
+    run_module,
+    scratch,
+)
 from benchmarks.vasculature.checks import CLEARANCE_RATIO, DROP_PA, VISCOSITY_PA_S, check, rows_of
 from benchmarks.vasculature.peer import grow_svv
 from benchmarks.vasculature.worker import LUMEN_MM, WALL_MM
@@ -34,18 +42,11 @@ CUBE_MM = 10.0
 CUBE_ROOT = (CUBE_MM / 2, CUBE_MM / 2, CUBE_MM, 0.0, 0.0, -1.0)
 PRINTED_LENGTH_MM = 60.0
 ROUNDING_MM = 1e-9
-
-
-def _mesh(name: str) -> Path:
-    return needed(DATA / name)
+GYRUS, VENTRICLES = "gyrus_patch_fsaverage5.stl", "biventricle_svv.stl"
 
 
 def _run(way: str, stl: Path, terminals: int, out: Path, *root: float, seed: int = 1) -> Row:
     return run_module("benchmarks.vasculature.worker", way, stl, terminals, seed, out, *root)
-
-
-def _medians(runs: list[Row]) -> Row:
-    return {key: median(run[key] for run in runs) for key in runs[0]}
 
 
 def _time(name: str, run: Row, goal_s: float | None = None) -> Row:
@@ -55,17 +56,13 @@ def _time(name: str, run: Row, goal_s: float | None = None) -> Row:
 
 
 def _tree_rows(
-    name: str,
-    stl: Path,
-    terminals: int,
-    goal_s: float,
-    goal_gb: float | None = None,
-    times: int = 1,
+    where: str, mesh: str, terminals: int, goal_s: float, goal_gb: float | None = None
 ) -> Iterator[Row]:
     """Yield time, memory and the checkers' findings of one tree."""
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "network.csv"
-        run = _medians([_run("tree", stl, terminals, out) for _ in range(times)])
+    name, stl = f"{where} {terminals:,}", needed(DATA / mesh)
+    with scratch() as folder:
+        out = folder / "network.csv"
+        run = _run("tree", stl, terminals, out)
         yield _time(name, run, goal_s)
         yield limited(f"{name}: peak memory, file and all", run["peak_mb"] / 1e3, "GB", goal_gb)
         yield from rows_of(name, terminals, check(out, stl, run["flow_ul_s"]))
@@ -73,33 +70,29 @@ def _tree_rows(
 
 def gyrus_rows(quick: bool) -> Iterator[Row]:
     """Yield 8,000 terminals in a patch of cortex."""
-    stl = _mesh("gyrus_patch_fsaverage5.stl")
-    return _tree_rows("gyrus 8,000", stl, 8000, 5.0, times=1 if quick else 3)
+    return _tree_rows("gyrus", GYRUS, 8000, 5.0)
 
 
 def biventricle_rows(quick: bool) -> Iterator[Row]:
     """Yield a large tree in both ventricles."""
-    count = 20_000 if quick else 100_000
-    return _tree_rows(f"biventricle {count:,}", _mesh("biventricle_svv.stl"), count, 15.0)
+    return _tree_rows("biventricle", VENTRICLES, 20_000 if quick else 100_000, 15.0)
 
 
 def million_rows(quick: bool) -> Iterator[Row]:
     """Yield a million terminals."""
-    return _tree_rows("biventricle 1,000,000", _mesh("biventricle_svv.stl"), 1_000_000, 45.0)
+    return _tree_rows("biventricle", VENTRICLES, 1_000_000, 45.0)
 
 
 def ten_million_rows(quick: bool) -> Iterator[Row]:
     """Yield ten million terminals."""
-    stl = _mesh("biventricle_svv.stl")
-    return _tree_rows("biventricle 10,000,000", stl, 10_000_000, 480.0, 5.0)
+    return _tree_rows("biventricle", VENTRICLES, 10_000_000, 480.0, 5.0)
 
 
 def cube_rows(quick: bool) -> Iterator[Row]:
     """Yield a cube beside svv, unless quick: same cube, root, flow, pressures."""
     terminals = 2000 if quick else 8000
     name = f"cube {terminals:,}"
-    with tempfile.TemporaryDirectory() as text:
-        folder = Path(text)
+    with scratch() as folder:
         stl, ours, theirs = (folder / each for each in ("cube.stl", "ours.csv", "svv.csv"))
         write_stl(stl, box_triangles(np.zeros(3), np.full(3, CUBE_MM)))
         run = _run("tree", stl, terminals, ours, *CUBE_ROOT)
@@ -124,21 +117,21 @@ def cube_rows(quick: bool) -> Iterator[Row]:
 
 def loop_rows(quick: bool) -> Iterator[Row]:
     """Yield closed loops in a patch of cortex, and unless quick in both ventricles."""
-    gyrus, name = _mesh("gyrus_patch_fsaverage5.stl"), "closed loops 2 x 500, gyrus"
+    gyrus, name = needed(DATA / GYRUS), "closed loops 2 x 500, gyrus"
     for seed in (1,) if quick else range(1, 7):
         yield from _loops(f"{name}, seed {seed}", gyrus, 500, 10.0, seed)
     if not quick:
-        stl = _mesh("biventricle_svv.stl")
-        yield from _loops("closed loops 2 x 10,000, biventricle", stl, 10_000, 240.0, 1)
+        name = "closed loops 2 x 10,000, biventricle"
+        yield from _loops(name, needed(DATA / VENTRICLES), 10_000, 240.0, 1)
 
 
 def _loops(name: str, stl: Path, terminals: int, goal_s: float, seed: int) -> Iterator[Row]:
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "loops.csv"
+    with scratch() as folder:
+        out = folder / "loops.csv"
         run = _run("loops", stl, terminals, out, seed=seed)
         yield _time(name, run, goal_s)
-        share = run["connections"] / terminals
-        joined = row(f"{name}: terminals joined", 100.0 * share, "%", ">= 99", share >= 0.99)
+        share = 100.0 * run["connections"] / terminals
+        joined = at_least(f"{name}: terminals joined", share, "%", 99)
         yield joined | {"pruned": run["pruned"]}
         net = read_network(out)
         near = near_pairs(net, clearance_ratio=CLEARANCE_RATIO)
@@ -155,11 +148,11 @@ def _loops(name: str, stl: Path, terminals: int, goal_s: float, seed: int) -> It
 
 def printable_rows(quick: bool) -> Iterator[Row]:
     """Yield trees in the biventricle at 60 mm, as the paper's printer can make them."""
-    triangles = read_stl(_mesh("biventricle_svv.stl"))
+    triangles = read_stl(needed(DATA / VENTRICLES))
     triangles *= PRINTED_LENGTH_MM / np.ptp(triangles.reshape(-1, 3), axis=0).max()
     for terminals in (100,) if quick else (500, 2000):
-        with tempfile.TemporaryDirectory() as folder:
-            stl, out = Path(folder) / "biventricle.stl", Path(folder) / "printable.csv"
+        with scratch() as folder:
+            stl, out = folder / "biventricle.stl", folder / "printable.csv"
             write_stl(stl, triangles)
             run = _run("printable", stl, terminals, out)
             net = read_network(out)

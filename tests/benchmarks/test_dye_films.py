@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers.dye_film import STEP_S, Pinhole, _depth, _inside, dyed
-from benchmarks.registration.phantom import branched
+from benchmarks.registration.scans import branched
 
 NODES = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
 SPEED, RADIUS, START = 4.0, 0.25, 1.0
@@ -24,8 +24,8 @@ def test_dye_in_a_tube_follows_taylor():
 
 
 def test_flow_is_shared_by_resistance_and_closed_vessels_stand_still():
-    tree = branched()
-    tubes = dyed(tree.node, tree.vessel, tree.radius, 4.0, START, 4.0, (3,))
+    tree = branched().network
+    tubes = dyed(tree.nodes, tree.vessel_nodes, tree.pieces()[2], 4.0, START, 4.0, (3,))
     assert set(np.flatnonzero(tubes.flow == 0.0)) == {3, 7, 8}
     assert tubes.flow[0] == pytest.approx(4.0)
     assert tubes.flow[7:].sum() == pytest.approx(4.0)

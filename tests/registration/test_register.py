@@ -91,6 +91,13 @@ def test_mirrored_scan_is_refused_as_mirrored(planar):
 
 
 @pytest.mark.slow
+def test_light_from_below_is_noticed(planar):
+    scan = as_scan(planar[0])
+    turned = replace(scan, volume=np.ascontiguousarray(scan.volume[::-1]))
+    with pytest.raises(SegmentationError, match="upside down"):
+        register_scan(turned, planar_construct(), planar_network())
+
+
 def test_network_of_another_frame_is_refused(planar):
     moved = planar_network().moved(np.array([0.0, 0.65, 0.0]))
     with pytest.raises(RegistrationError, match="same"):
