@@ -7,15 +7,23 @@ from kernels.arrays import FloatArray
 from tests.design.networks import network
 
 
-def wall_distances(network: VesselNetwork, points: FloatArray, steps: int = 2001) -> FloatArray:
-    """Distance of each point from the nearest of many spheres along every piece."""
-    t = np.linspace(0.0, 1.0, steps)[:, None]
+def wall_distances(network: VesselNetwork, points: FloatArray) -> FloatArray:
+    """Distance of each point from the nearest of all spheres along every piece.
+
+    Along a piece it is convex, so that the nearest of 101 spheres has the least within one step;
+    there the next 101 are taken, four times.
+    """
     start, end, ra, rb, _ = network.pieces()
     best = np.full(len(points), np.inf)
     for a, b, r0, r1 in zip(start, end, ra, rb, strict=True):
-        centre, radius = a + t * (b - a), r0 + t[:, 0] * (r1 - r0)
-        away = np.linalg.norm(points[:, None] - centre[None], axis=2) - radius
-        best = np.minimum(best, away.min(axis=1))
+        middle, reach = np.full((len(points), 1), 0.5), 0.5
+        for _ in range(4):
+            t = np.clip(middle + np.linspace(-reach, reach, 101), 0.0, 1.0)
+            centre = a + t[:, :, None] * (b - a)
+            away = np.linalg.norm(points[:, None] - centre, axis=2) - (r0 + t * (r1 - r0))
+            nearest = away.argmin(axis=1)[:, None]
+            middle, reach = np.take_along_axis(t, nearest, axis=1), reach / 50
+        best = np.minimum(best, np.take_along_axis(away, nearest, axis=1)[:, 0])
     return best
 
 

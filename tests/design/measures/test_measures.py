@@ -184,7 +184,7 @@ def test_nearest_wall_is_that_of_the_nearest_of_all_spheres(seed: int, vessels: 
     distance, radius = nearest_walls(build_lumens(start, end, ra, rb), points)
     slow = wall_distances(network, points)
     assert np.all(distance <= slow + 1e-9)
-    np.testing.assert_allclose(distance, slow, atol=2e-4)
+    np.testing.assert_allclose(distance, slow, atol=1e-6)
     assert radius.min() >= network.radius.min() - 1e-12
     assert radius.max() <= network.radius.max() + 1e-12
 
