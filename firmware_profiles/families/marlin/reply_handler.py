@@ -341,8 +341,9 @@ class DoubtResolver:
         state.phase, state.deadline = Phase.ASK, now + timing.answer_s
 
     def unanswered(self, now: float, events: list[Event]) -> None:
-        """Wait for quiet, and ask again."""
+        """Wait for quiet, and ask again; what was answered before counts no longer."""
         state = self._state
+        state.doubt.last = state.doubt.resend = -1
         if state.goal is QueryGoal.RENUMBER:
             state.out.append(RENUMBER)
         elif state.goal is QueryGoal.SET_BACK:

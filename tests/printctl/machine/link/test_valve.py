@@ -244,7 +244,8 @@ def went_on(folder, printer, clock, script=None, **more):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", first_of(range(60), 6))
+# In 35 the first renumbering is lost to half a line; once it was repeated for ever.
+@pytest.mark.parametrize("seed", first_of([35, *range(35), *range(36, 60)], 6))
 def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
     rng = np.random.default_rng(seed)
     printer, clock = machine()
