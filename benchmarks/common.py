@@ -1,4 +1,4 @@
-"""What all benchmarks share: rows, the machine's description, timed child processes."""
+"""Rows of a benchmark, description of the machine, child processes timed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long motors keep stepping after an operator's kill or stop, at difficult moments too."""
+"""Time from an operator's kill or stop to the motors' last step, at three moments of a print."""
 
 from __future__ import annotations
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import sys
 import webbrowser
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, TypeVar
 
 import numpy as np
 import typer
@@ -165,6 +166,8 @@ _NEEDS: Final = {
     "width": "the flow isn't known; say --flow-ul-s",
     "height": "only a job in passes is coloured by it",
     "vessel": "it takes the FILE.map.npz of a job that writes vessel by vessel",
+    "deviation": "it takes a run folder with a registered scan",
+    "order": "vessels with loops have no orders",
 }
 
 
@@ -210,7 +213,8 @@ def view_gcode(
     _check_model(settings, png)
     job = _read(source, settings)
     outlines = _outlines(job, settings)
-    colouring = _chosen(job, settings.colour, source)
+    there = colourings(job)
+    colouring = _chosen(there, settings.colour or there[0].key, source)
     layer = _layer(job, settings.layer, source)
     written: dict[str, Path] = {}
     if png is not None:
@@ -305,24 +309,20 @@ def _layer(job: GcodeJob, asked: int | None, source: Path) -> int:
     return asked - 1
 
 
-def _chosen(job: GcodeJob, colour: str | None, source: Path) -> Colouring:
-    known = colourings(job)
-    if colour is None:
-        return known[0]
-    for each in known:
-        if each.key == colour:
-            return each
-    there = ", ".join(each.key for each in known)
+_Shown = TypeVar("_Shown", Colouring, Quantity)
+
+
+def _chosen(known: Sequence[_Shown], colour: str, source: Path) -> _Shown:
+    """The colouring that the user named."""
+    for one in known:
+        if one.key == colour:
+            return one
+    there = ", ".join(one.key for one in known)
     why = f" ({_NEEDS[colour]})" if colour in _NEEDS else ""
     raise UsageError(f"--colour {colour}: nothing is known of it in {source}{why}; known: {there}")
 
 
 # `printctl view NETWORK`: write a network in its tissue as an HTML page or a PNG picture.
-
-_NETWORK_NEEDS = {
-    "deviation": "it takes a run folder with a registered scan",
-    "order": "vessels with loops have no orders",
-}
 
 
 @dataclass(frozen=True)
@@ -359,7 +359,7 @@ def view_network(
     loaded = load_source(source, settings.unit, settings.drive)
     surface = _tissue(settings.tissue, settings.tissue_unit, loaded)
     known = quantities(loaded.network, loaded.known)
-    chosen = _chosen_network(known, settings.colour or _telling(loaded.network), source)
+    chosen = _chosen(known, settings.colour or _telling(loaded.network), source)
     written: dict[str, Path] = {}
     if png is not None:
         messages().print("drawing ...")
@@ -377,16 +377,6 @@ def view_network(
 def _telling(network: VesselNetwork) -> str:
     """What a network is coloured by unless the user says: its kinds, where it has several."""
     return "kind" if len(np.unique(network.kind)) > 1 else "radius"
-
-
-def _chosen_network(known: list[Quantity], colour: str, source: Path) -> Quantity:
-    """The quantity that the user named."""
-    for quantity in known:
-        if quantity.key == colour:
-            return quantity
-    there = ", ".join(quantity.key for quantity in known)
-    why = f" ({_NETWORK_NEEDS[colour]})" if colour in _NETWORK_NEEDS else ""
-    raise UsageError(f"--colour {colour}: nothing is known of it in {source}{why}; known: {there}")
 
 
 def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> Surface | None:

@@ -16,7 +16,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -47,6 +47,8 @@ _NAMES: Final = (
     ("junctions", "junction_name"), ("valves", "name"), ("chambers", "name"),
 )  # fmt: skip
 """Lists of a case, and what names their blocks."""
+_ELEMENT: Final = re.compile(r"[RC]\w*")
+"""Resistances and compliances; a calibration can make coefficients of a stenosis negative."""
 _BODIES: Final = ("chambers", "valves", "closed_loop_blocks")
 """Lists that a case may have in place of vessels."""
 _NO_PACKAGE: Final = 3
@@ -206,17 +208,32 @@ def _check_blocks(data: Mapping[str, Any]) -> None:
                 where = key if names[name] == key else f"{names[name]} and {key}"
                 raise FlowError(f"{where}: {field} {name!r} is given twice; each needs its own")
             names[name] = key
-    for block in entries(data, "boundary_conditions"):
-        values = block.get("bc_values") if isinstance(block, Mapping) else None
-        if not isinstance(values, Mapping) or not isinstance(values.get("t"), list):
-            continue
-        times = len(values["t"])
-        for key, value in values.items():
-            if isinstance(value, list) and (len(value) != times or not value):
-                raise FlowError(
-                    f"boundary_conditions {block.get('bc_name')!r}: {key} has {len(value)} values, "
-                    f"t has {times}; give a value for each time"
-                )
+    for key, field in (("vessels", "zero_d_element_values"), ("boundary_conditions", "bc_values")):
+        for block in entries(data, key):
+            values = block.get(field) if isinstance(block, Mapping) else None
+            if isinstance(values, Mapping):
+                what = f"{key} {block.get('vessel_name', block.get('bc_name'))!r}"
+                _check_values(values, what)
+
+
+def _check_values(values: Mapping[str, Any], what: str) -> None:
+    """Raise `FlowError` for values of a block that the solver takes and that mean nothing."""
+    for key, value in values.items():
+        if _ELEMENT.fullmatch(key) and isinstance(value, int | float) and value < 0:
+            raise FlowError(f"{what}: {key} is {value:g}; the least is 0")
+    times = values.get("t")
+    if not isinstance(times, list):
+        return
+    for key, value in values.items():
+        if isinstance(value, list) and (len(value) != len(times) or not value):
+            raise FlowError(
+                f"{what}: {key} has {len(value)} values, t has {len(times)}; give a value for each "
+                "time"
+            )
+    numbers = [time for time in times if isinstance(time, int | float)]
+    fall = next((pair for pair in pairwise(numbers) if pair[1] <= pair[0]), None)
+    if fall:
+        raise FlowError(f"{what}: t goes from {fall[0]:g} to {fall[1]:g}; times must rise")
 
 
 def _solve(data: Mapping[str, Any]) -> tuple[list[str], list[str], str]:
