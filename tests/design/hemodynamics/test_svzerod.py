@@ -255,7 +255,7 @@ IN, OUT, VESSEL = ("boundary_conditions", 0), ("boundary_conditions", 1), ("vess
         (
             (*VESSEL, "zero_d_element_values", "stenosis_coefficient"),
             1e9,
-            "Maximum number of non-lin",
+            "Maximum number of non-linear iterations",
         ),
         ((OPTIONS, "number_of_cardiac_cycles"), 2.5, "cycles is 2.5; write an integer of 1"),
         ((OPTIONS, "number_of_cardiac_cycles"), 10**9, "steps are .*; the limit is 10,000,000"),
