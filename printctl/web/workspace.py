@@ -86,29 +86,40 @@ class Workspace:
         return self.root / ".printctl"
 
     def inside(self, path: Path) -> Path:
-        """Give back a path of the workspace unless it is a link that leads out of it.
+        """Give back a path of the workspace that may be opened, or made.
 
-        A folder may be a link as a whole: ``scans`` on another disk.
+        It mustn't be a link that leads out of the workspace. A folder of the workspace may be one
+        as a whole: ``scans`` on another disk.
 
         Raises
         ------
         BadRequestError
         """
-        if self._leads_out(path):
-            raise BadRequestError(
-                f"{path.name} is a link that leads outside the workspace {self.root}, which isn't "
-                "followed; put a copy in its place"
-            )
+        if reason := self._unusable(path):
+            raise BadRequestError(f"{path.name} can't be used: {reason}")
         return path
 
     def found(self, pattern: str) -> list[Path]:
-        """Return the paths of a pattern that `inside` gives back."""
-        return [path for path in self.root.glob(pattern) if not self._leads_out(path)]
+        """Return the files and folders of a pattern that may be opened."""
+        return [path for path in self.root.glob(pattern) if not self._unusable(path)]
 
-    def _leads_out(self, path: Path) -> bool:
-        real = path.resolve()
+    def _unusable(self, path: Path) -> str:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            return "it is neither a file nor a folder, and reading it could take for ever; remove it"
+        return self._leads_out(path)
+
+    def _leads_out(self, path: Path) -> str:
+        try:
+            real = path.resolve()
+        except (OSError, RuntimeError):
+            return f"{path.name} is a link that leads to itself; remove it"
         folders = (self.root, path.parent)
-        return real != path and not any(real.is_relative_to(one.resolve()) for one in folders)
+        if real == path or any(real.is_relative_to(one.resolve()) for one in folders):
+            return ""
+        return (
+            f"{path.name} is a link that leads outside the workspace {self.root}, which isn't "
+            "followed; put a copy in its place"
+        )
 
     def recipe(self, name: str) -> Path:
         """Recipe file of a name, which may not exist."""
@@ -160,7 +171,7 @@ class Workspace:
         Hidden ones are none of the user's.
         """
         return sorted(
-            path.relative_to(self.root).as_posix()
+            path.relative_to(self.root).as_posix().encode(errors="backslashreplace").decode()
             for pattern in patterns
             for path in self.found(pattern)
             if not is_name(path.stem if path.suffix == ".yaml" else path.name)

@@ -402,7 +402,8 @@ class Recipes:
 
     def names(self) -> list[str]:
         """Their names, sorted."""
-        return sorted(p.stem for p in self._workspace.found("recipes/*.yaml") if is_name(p.stem))
+        files = [path for path in self._workspace.found("recipes/*.yaml") if path.is_file()]
+        return sorted(path.stem for path in files if is_name(path.stem))
 
     def files(self) -> list[str]:
         """Files beside the recipes that these may name, sorted."""

@@ -122,6 +122,8 @@ class DesignService:
         NotFoundError, ConflictError
         """
         folder, kept = self.runs.folder(run), self.core.workspace.private / "pages"
+        for one in folder.iterdir():  # a page is made of several
+            self.core.workspace.inside(one)
         if name == "network":
             return network_page(folder, kept)
         if name == "layers":

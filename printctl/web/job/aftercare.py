@@ -395,7 +395,7 @@ class Aftercare:
 
     def photo(self, job: str, name: str) -> Path:
         """File of a photo."""
-        return photo_file(self._photos(job), name)
+        return self._core.workspace.inside(photo_file(self._photos(job), name))
 
     def bath(self, job: str) -> Bath | None:
         """The bath that the job was printed in, as far as that was said."""
@@ -443,7 +443,8 @@ class Aftercare:
         return self._records.load(self._last(job)) if self._records.of_job(job) else None
 
     def _photos(self, job: str) -> Path:
-        return self._core.workspace.print_folder(job) / "photos"
+        workspace = self._core.workspace
+        return workspace.inside(workspace.print_folder(job) / "photos")
 
 
 def _name(who: Principal) -> str:

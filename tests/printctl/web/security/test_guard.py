@@ -2,6 +2,7 @@
 
 import io
 import logging
+import os
 import threading
 from collections.abc import Callable
 from itertools import cycle, islice
@@ -410,6 +411,31 @@ def test_a_link_that_leads_out_of_the_workspace_is_refused(tmp_path: Path) -> No
         assert "leads outside the workspace" in answer.json()["message"]
     assert client.get("/api/v1/recipes").json() == []
     assert [job["name"] for job in client.get("/api/v1/jobs").json()] == ["b.gcode"]
+
+
+def test_what_lies_in_the_workspace_and_is_no_file_hides_nothing_else(tmp_path: Path) -> None:
+    here = served(tmp_path / "workspace")
+    root, client = here.core.workspace.root, visited(here)
+    folders = {"recipes": "yaml", "jobs": "gcode", "scans": "tif"}
+    for folder, kind in folders.items():
+        os.mkfifo(root / folder / f"pipe.{kind}")
+        (root / folder / f"loop.{kind}").symlink_to(f"loop.{kind}")
+        (root / folder / f"folder.{kind}").mkdir()
+        (root / folder / os.fsdecode(b"M\xfcller." + kind.encode())).write_text("G1 X1\n")
+        (root / folder / f"good.{kind}").write_text("G1 X1\n")
+    (root / "runs" / "loop").symlink_to("loop")
+    run = root / "runs" / "one"
+    run.mkdir()
+    (run / "report.html").symlink_to("/etc/passwd")
+    for folder in ("recipes", "jobs", "scans", "runs"):
+        answer = client.get(f"/api/v1/{folder}")
+        assert answer.status_code == 200, answer.text
+        assert folder == "runs" or "good" in answer.text
+        assert "loop" not in answer.text
+    assert client.get("/api/v1/recipes/pipe").status_code == 422
+    assert client.get("/api/v1/runs/one/pages/report").status_code == 422
+    unusable = here.core.workspace.unusable_names("jobs/*.gcode")
+    assert unusable == ["jobs/M\\udcfcller.gcode"]
 
 
 def test_a_file_that_is_there_stays(tmp_path: Path, send: Callable[[str, bytes], int]) -> None:
