@@ -105,7 +105,7 @@ class Workspace:
 
     def _unusable(self, path: Path) -> str:
         if path.exists() and not (path.is_file() or path.is_dir()):
-            return "it is neither a file nor a folder, and reading it could take for ever; remove it"
+            return "it is neither a file nor a folder, and reading it may never end; remove it"
         return self._leads_out(path)
 
     def _leads_out(self, path: Path) -> str:
