@@ -12,7 +12,6 @@ from typing import Final
 
 from fastapi import APIRouter, FastAPI
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
-from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp
 
 from printctl.web.api import (
@@ -33,6 +32,7 @@ from printctl.web.history.service import HistoryService
 from printctl.web.job.first_job import make_first_scene
 from printctl.web.job.routes import routers as job_routers
 from printctl.web.job.service import JobService
+from printctl.web.page.assets import serve_page
 from printctl.web.print_sockets import PrintSockets
 from printctl.web.printer.routes import router as printer_router
 from printctl.web.printer.service import PrinterService
@@ -136,6 +136,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         app.include_router(part)
     answer_unknown(app, API)
     if pages:
+        serve_page(app, [room for room in ROOMS if find_spec(f"printctl.web.{room}.page")])
         _add_pages(app)
         register_pages(services)
     return app
@@ -157,10 +158,6 @@ def _add_pages(app: FastAPI) -> None:
 
     # Quasar's bar over the page while anything is sent has no name; an upload shows its own.
     pages.config.quasar_config["loadingBar"]["skipHijack"] = True
-
-    @app.get("/", include_in_schema=False)
-    def first() -> Response:
-        return RedirectResponse("/printer", 303)
 
     ui.run_with(
         app,

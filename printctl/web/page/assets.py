@@ -1,0 +1,103 @@
+"""Serve the page: its HTML at each of its addresses, its scripts, styles and pictures."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+from fastapi import FastAPI, Request
+from starlette.responses import HTMLResponse, Response
+from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
+
+URL: Final = "/static/page"
+FOLDER: Final = Path(__file__).with_name("static")
+ADDRESSES: Final = {
+    "/": "home",
+    "/project": "project",
+    "/printer": "printer",
+    "/job": "job",
+    "/design": "design",
+    "/scan": "scan",
+    "/history": "history",
+}
+"""Where the page is, and the module in ``static/pages`` that draws it there."""
+_FIRST: Final = ("vendor/preact.js", "vendor/hooks.js", "vendor/htm.js", "api.js", "ui.js", "header.js")
+_LEAVE: Final = (
+    '<form method="post" action="/logout">'
+    '<button class="button" type="submit">Log out</button></form>'
+)
+
+
+@cache
+def version() -> str:
+    """A name for the files as they are; another when one of them changes."""
+    whole = hashlib.sha256()
+    for path in sorted(FOLDER.rglob("*")):
+        if path.is_file():
+            whole.update(path.relative_to(FOLDER).as_posix().encode() + path.read_bytes())
+    return whole.hexdigest()[:12]
+
+
+def link(name: str) -> str:
+    """Address of a file, which a browser may keep for ever."""
+    return f"{URL}/{version()}/{name}"
+
+
+class _Kept(StaticFiles):
+    """Files below a folder named by their version, kept by browsers for a year."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        first, _, rest = path.partition("/")
+        answer = await super().get_response(rest if first == version() else path, scope)
+        if first == version() and answer.status_code == 200:
+            answer.headers["cache-control"] = "private, max-age=31536000, immutable"
+        return answer
+
+
+def serve_page(app: FastAPI, without: Collection[str] = ()) -> None:
+    """Have the app serve the page and its files."""
+    app.mount(URL, _Kept(directory=FOLDER), name="page")
+    for address, module in ADDRESSES.items():
+        if module in without:
+            continue
+        app.add_api_route(address, _page_at(module), include_in_schema=False)
+
+
+def _page_at(module: str) -> Any:
+    def page(request: Request) -> HTMLResponse:
+        guard = getattr(request.state, "guard", None)
+        port = guard.stop_port if guard else 0
+        return HTMLResponse(html(module, port, leave=guard is not None and not guard.settings.open))
+
+    return page
+
+
+def html(module: str, stop_port: int, leave: bool) -> str:
+    """The page's HTML.
+
+    Parameters
+    ----------
+    module : str
+        Of ``static/pages``, which the browser fetches along with the first scripts.
+    stop_port : int
+        Of the stop process; 0 for none.
+    leave : bool
+        Whether there is a button to log out.
+    """
+    modules = [*_FIRST, f"pages/{module}.js"]
+    parts = {
+        "folder": f"{URL}/{version()}",
+        "door": f'<meta name="printctl-stop-port" content="{stop_port}">' if stop_port else "",
+        "preload": "\n".join(
+            f'<link rel="modulepreload" href="{link(name)}">' for name in modules
+        ),
+        "leave": _LEAVE if leave else "",
+    }
+    text = (FOLDER / "index.html").read_text(encoding="utf-8")
+    for name, part in parts.items():
+        text = text.replace(f"<!--{name}-->", part)
+    return text

@@ -1,0 +1,39 @@
+// Light, dark, or as the system says; kept in this browser. Runs before anything is drawn.
+(() => {
+  "use strict";
+  const KEY = "printctl.theme";
+  const MODES = ["auto", "light", "dark"];
+  const system = window.matchMedia("(prefers-color-scheme: dark)");
+
+  function mode() {
+    try {
+      const kept = localStorage.getItem(KEY);
+      return MODES.includes(kept) ? kept : "auto";
+    } catch {
+      return "auto";
+    }
+  }
+
+  function apply() {
+    const chosen = mode();
+    const dark = chosen === "dark" || (chosen === "auto" && system.matches);
+    document.documentElement.dataset.theme = dark ? "dark" : "light";
+    const button = document.getElementById("theme");
+    if (button) button.textContent = `Theme: ${chosen}`;
+  }
+
+  apply();
+  system.addEventListener("change", apply);
+  window.addEventListener("load", apply);
+  document.addEventListener("DOMContentLoaded", () => {
+    apply();
+    document.getElementById("theme")?.addEventListener("click", () => {
+      try {
+        localStorage.setItem(KEY, MODES[(MODES.indexOf(mode()) + 1) % MODES.length]);
+      } catch {
+        // A browser that keeps nothing: the system's choice stays.
+      }
+      apply();
+    });
+  });
+})();

@@ -1,0 +1,333 @@
+// The parts that all pages are made of: one of each kind. Preact and htm; see vendor/README.md.
+import { h, render, Fragment } from "./vendor/preact.js";
+import { useCallback, useEffect, useId, useMemo, useRef, useState } from "./vendor/hooks.js";
+import htm from "./vendor/htm.js";
+import { get, last, listen, upload } from "./api.js";
+
+export const html = htm.bind(h);
+export { Fragment, render, useCallback, useEffect, useId, useMemo, useRef, useState };
+
+const classes = (...names) => names.filter(Boolean).join(" ");
+
+// Go to another address of the page.
+export const go = (address) => document.dispatchEvent(new CustomEvent("printctl-go", { detail: address }));
+
+// --- values of the server ----------------------------------------------------------------------
+
+// The value at a path of the API: { value, problem, loading, reload }. Asked for again after any of
+// the events `on` and every `every` ms; what was there stays shown meanwhile. No path, no question.
+export function useGet(path, { on = [], every = 0 } = {}) {
+  const [state, setState] = useState({ value: null, problem: null, loading: true });
+  const [turn, setTurn] = useState(0);
+  const reload = useCallback(() => setTurn((one) => one + 1), []);
+  const asked = useRef(null);
+  useEffect(() => {
+    let gone = false;
+    if (!path) return undefined;
+    if (asked.current !== path) setState({ value: null, problem: null, loading: true });
+    asked.current = path;
+    get(path).then(
+      (value) => gone || setState({ value, problem: null, loading: false }),
+      (problem) => gone || setState((old) => ({ ...old, problem, loading: false })),
+    );
+    return () => { gone = true; };
+  }, [path, turn]);
+  useEffect(() => (on.length ? listen((one) => on.includes(one.event) && reload()) : undefined), [on.join()]);
+  useEffect(() => {
+    if (!every) return undefined;
+    const timer = setInterval(() => document.hidden || reload(), every);
+    return () => clearInterval(timer);
+  }, [every]);
+  return { ...state, reload };
+}
+
+// The last message of an event, null before the first.
+export function useNews(event) {
+  const [message, setMessage] = useState(() => last(event));
+  useEffect(() => {
+    setMessage(last(event));
+    return listen((one) => one.event === event && setMessage(one));
+  }, [event]);
+  return message;
+}
+
+// Run `work` (async): [run, { busy, problem, clear }]. Pressed twice, it runs once.
+export function useAction(work) {
+  const [state, setState] = useState({ busy: false, problem: null });
+  const running = useRef(false);
+  const run = async (...values) => {
+    if (running.current) return undefined;
+    running.current = true;
+    setState({ busy: true, problem: null });
+    try {
+      const value = await work(...values);
+      setState({ busy: false, problem: null });
+      return value;
+    } catch (problem) {
+      setState({ busy: false, problem });
+      return undefined;
+    } finally {
+      running.current = false;
+    }
+  };
+  return [run, { ...state, clear: () => setState({ busy: false, problem: null }) }];
+}
+
+// A value kept in this browser under a name.
+export function useKept(name, first) {
+  const key = `printctl.${name}`;
+  const [value, setValue] = useState(() => {
+    try {
+      return JSON.parse(localStorage.getItem(key)) ?? first;
+    } catch {
+      return first;
+    }
+  });
+  const keep = (next) => {
+    setValue(next);
+    try {
+      localStorage.setItem(key, JSON.stringify(next));
+    } catch {
+      // A browser that keeps nothing: shown until the page is left.
+    }
+  };
+  return [value, keep];
+}
+
+// --- states --------------------------------------------------------------------------------------
+
+export const Loading = ({ what = "" }) =>
+  html`<p class="loading" role="status"><span class="spinner" aria-hidden="true"></span>${what || "Loading"} …</p>`;
+
+export const Failed = ({ problem, again }) => html`
+  <div class="note note-bad" role="alert">
+    <p>${problem.message}</p>
+    ${again && html`<${Button} onClick=${again}>Try again</${Button}>`}
+  </div>`;
+
+export const Empty = ({ children }) => html`<p class="empty">${children}</p>`;
+
+// Shows `children(value)` of what useGet gave, or that it loads or failed.
+export function Loaded({ of, what, children }) {
+  if (of.problem && of.value === null) return html`<${Failed} problem=${of.problem} again=${of.reload} />`;
+  if (of.loading && of.value === null) return html`<${Loading} what=${what} />`;
+  return (Array.isArray(children) ? children[0] : children)(of.value);
+}
+
+// A sentence that matters: tone is "info", "good", "warn" or "bad".
+export const Note = ({ tone = "info", children }) =>
+  html`<div class=${`note note-${tone}`} role=${tone === "bad" ? "alert" : undefined}>${children}</div>`;
+
+export const Badge = ({ tone = "info", children }) => html`<span class=${`badge badge-${tone}`}>${children}</span>`;
+
+export const Progress = ({ share, label }) => html`
+  <progress class="progress" max="1" value=${share ?? undefined} aria-label=${label}></progress>`;
+
+// --- frames --------------------------------------------------------------------------------------
+
+// The page's name is its h1; cards begin with h2.
+export const Page = ({ title, tools, wide, children }) => html`
+  <div class=${classes("page", wide && "page-wide")}>
+    <div class="page-head"><h1>${title}</h1>${tools && html`<div class="row">${tools}</div>`}</div>
+    ${children}
+  </div>`;
+
+// A card; with `fold` (a name) it can be folded, which this browser remembers.
+export function Card({ title, tools, fold, folded = false, tone, children, ...more }) {
+  const [closed, setClosed] = fold ? useKept(`fold.${fold}`, folded) : [false];
+  const id = useId();
+  const head = fold
+    ? html`<h2><button type="button" class="fold" aria-expanded=${String(!closed)} aria-controls=${id}
+        onClick=${() => setClosed(!closed)}>${title}</button></h2>`
+    : html`<h2>${title}</h2>`;
+  return html`<section class=${classes("card", tone && `card-${tone}`)} ...${more}>
+    ${(title || tools) && html`<div class="card-head">${title && head}${tools && html`<div class="row">${tools}</div>`}</div>`}
+    <div class="card-body" id=${id} hidden=${closed}>${children}</div>
+  </section>`;
+}
+
+// Details that most people don't need.
+export const Fold = ({ title, open, children }) => html`
+  <details class="details" open=${open}><summary>${title}</summary><div class="stack">${children}</div></details>`;
+
+// Names and values: rows of [name, value]; a value of null is left out.
+export const Facts = ({ rows }) => html`
+  <dl class="facts">${rows.filter((row) => row && row[1] !== null && row[1] !== undefined && row[1] !== "").map(([name, value]) => html`
+    <div key=${name}><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>`;
+
+// A table; columns: [{ name, of: row => value, number }].
+export const Table = ({ columns, rows, caption, keyOf }) => html`
+  <div class="table" tabindex="0" role="region" aria-label=${caption}>
+    <table>
+      <thead><tr>${columns.map((one) => html`<th scope="col" class=${one.number ? "number" : ""}>${one.name}</th>`)}</tr></thead>
+      <tbody>${rows.map((row, at) => html`<tr key=${keyOf ? keyOf(row) : at}>${columns.map((one) => html`
+        <td class=${one.number ? "number" : ""}>${one.of(row)}</td>`)}</tr>`)}</tbody>
+    </table>
+  </div>`;
+
+// Tabs: [{ id, name, body: () => vnode }].
+export function Tabs({ tabs, at, onChange, label }) {
+  const chosen = tabs.find((one) => one.id === at) ?? tabs[0];
+  const id = useId();
+  const press = (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    const next = tabs[(tabs.indexOf(chosen) + step + tabs.length) % tabs.length];
+    onChange(next.id);
+    event.currentTarget.querySelector(`[data-tab="${next.id}"]`)?.focus();
+  };
+  return html`
+    <div class="tabs" role="tablist" aria-label=${label} onKeyDown=${press}>${tabs.map((one) => html`
+      <button type="button" role="tab" key=${one.id} data-tab=${one.id} id=${`${id}-${one.id}`}
+        aria-controls=${`${id}-panel`} aria-selected=${String(one === chosen)}
+        tabindex=${one === chosen ? 0 : -1} onClick=${() => onChange(one.id)}>${one.name}</button>`)}</div>
+    <div role="tabpanel" id=${`${id}-panel`} aria-labelledby=${`${id}-${chosen.id}`} class="stack">${chosen.body()}</div>`;
+}
+
+// --- buttons ---------------------------------------------------------------------------------------
+
+// A button: kind is "quiet", "main" or "danger". `why` says why it can't be pressed.
+export function Button({ kind = "quiet", href, busy, disabled, why, onClick, children, ...more }) {
+  const look = classes("button", kind !== "quiet" && `button-${kind}`);
+  if (href) return html`<a class=${look} href=${href} ...${more}>${children}</a>`;
+  const off = disabled || busy || Boolean(why);
+  return html`<button type="button" class=${look} disabled=${off} aria-busy=${busy ? "true" : undefined}
+    title=${why || undefined} onClick=${onClick} ...${more}>${busy && html`<span class="spinner" aria-hidden="true"></span>`}${children}</button>`;
+}
+
+// A button that runs `work` (async); while it runs it can't be pressed, and below it stands what was
+// refused. With `ask` ({ title, text, yes }) it asks once more.
+export function Act({ work, ask, children, ...more }) {
+  const [run, state] = useAction(work);
+  const [asking, setAsking] = useState(false);
+  return html`<div class="act">
+    <${Button} ...${more} busy=${state.busy} onClick=${ask ? () => setAsking(true) : () => run()}>${children}</${Button}>
+    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
+    ${asking && html`<${Dialog} title=${ask.title} onClose=${() => setAsking(false)}>
+      ${ask.text && html`<p>${ask.text}</p>`}
+      <div class="row">
+        <${Button} kind=${ask.danger ? "danger" : "main"} onClick=${() => { setAsking(false); run(); }}>${ask.yes ?? "Yes"}</${Button}>
+        <${Button} onClick=${() => setAsking(false)}>${ask.no ?? "No"}</${Button}>
+      </div>
+    </${Dialog}>`}
+  </div>`;
+}
+
+// A dialog below the header, so that STOP is always in reach. Escape closes it; what had the focus
+// gets it back.
+export function Dialog({ title, onClose, wide, children }) {
+  const box = useRef(null);
+  const close = useRef(onClose);
+  close.current = onClose;
+  useEffect(() => {
+    const before = document.activeElement;
+    const first = box.current.querySelector("[autofocus], input:not([type=hidden]), select, textarea, button:not(.dialog-close)");
+    (first ?? box.current).focus();
+    const press = (event) => event.key === "Escape" && close.current();
+    document.addEventListener("keydown", press);
+    return () => {
+      document.removeEventListener("keydown", press);
+      before?.focus?.();
+    };
+  }, []);
+  const id = useId();
+  return html`<div class="scrim" onClick=${(event) => event.target === event.currentTarget && onClose()}>
+    <div class=${classes("dialog", wide && "dialog-wide")} role="dialog" aria-modal="true" aria-labelledby=${id} tabindex="-1" ref=${box}>
+      <div class="card-head"><h2 id=${id}>${title}</h2>
+        <button type="button" class="dialog-close" aria-label="Close" onClick=${onClose}>×</button></div>
+      <div class="stack">${children}</div>
+    </div>
+  </div>`;
+}
+
+// --- fields ----------------------------------------------------------------------------------------
+
+// One value. kind: "text", "number", "choice" (options: [[value, name], ...]), "flag", "slider",
+// "long" or "password". `onChange` is told the value: a number or null for numbers, as it is typed.
+export function Field({ label, kind = "text", value, onChange, unit, hint, problem, options = [], min, max, step, ...more }) {
+  const id = useId();
+  const said = [hint && `${id}-hint`, problem && `${id}-problem`].filter(Boolean).join(" ") || undefined;
+  const common = { id, "aria-describedby": said, "aria-invalid": problem ? "true" : undefined, ...more };
+  const told = (event) => onChange(event.target.value);
+  const number = (event) => onChange(event.target.value === "" ? null : Number(event.target.value));
+  let input;
+  if (kind === "choice") {
+    input = html`<select ...${common} value=${value ?? ""} onChange=${told}>${options.map(([one, name]) => html`
+      <option key=${one} value=${one} selected=${one === (value ?? "")}>${name ?? one}</option>`)}</select>`;
+  } else if (kind === "flag") {
+    input = html`<input type="checkbox" ...${common} checked=${Boolean(value)} onChange=${(event) => onChange(event.target.checked)} />`;
+  } else if (kind === "slider") {
+    input = html`<input type="range" ...${common} min=${min} max=${max} step=${step ?? "any"} value=${value} onInput=${number} />`;
+  } else if (kind === "long") {
+    input = html`<textarea ...${common} rows="4" value=${value ?? ""} onInput=${told}></textarea>`;
+  } else if (kind === "number") {
+    input = html`<input type="number" inputmode="decimal" ...${common} min=${min} max=${max} step=${step ?? "any"} value=${value ?? ""} onInput=${number} />`;
+  } else {
+    input = html`<input type=${kind} ...${common} value=${value ?? ""} onInput=${told} />`;
+  }
+  return html`<div class=${classes("field", `field-${kind}`)}>
+    <label for=${id}>${label}</label>
+    <div class="field-input">${input}${unit && html`<span class="unit">${unit}</span>`}${kind === "slider" && html`<output for=${id}>${value}</output>`}</div>
+    ${hint && html`<p class="hint" id=${`${id}-hint`}>${hint}</p>`}
+    ${problem && html`<p class="problem" id=${`${id}-problem`}>${problem}</p>`}
+  </div>`;
+}
+
+// One of a few, all seen: options as [value, name].
+export const Segments = ({ label, options, value, onChange }) => html`
+  <div class="segments" role="radiogroup" aria-label=${label}>${options.map(([one, name]) => html`
+    <button type="button" role="radio" key=${one} aria-checked=${String(one === value)} onClick=${() => onChange(one)}>${name}</button>`)}</div>`;
+
+// A place to drop a file: sent to `path`; `onDone` is told the answer.
+export function Drop({ label, accept, path, onDone, more }) {
+  const [share, setShare] = useState(null);
+  const [over, setOver] = useState(false);
+  const [run, state] = useAction(async (file) => {
+    setShare(0);
+    try {
+      onDone(await upload(path, file, setShare, "file", more), file);
+    } finally {
+      setShare(null);
+    }
+  });
+  const drop = (event) => {
+    event.preventDefault();
+    setOver(false);
+    const file = event.dataTransfer.files[0];
+    if (file) run(file);
+  };
+  return html`<div class=${classes("drop", over && "drop-over")} onDragOver=${(event) => { event.preventDefault(); setOver(true); }}
+      onDragLeave=${() => setOver(false)} onDrop=${drop}>
+    <label class="button">${label}<input class="unseen" type="file" accept=${accept} disabled=${state.busy}
+      onChange=${(event) => { const [file] = event.target.files; event.target.value = ""; if (file) run(file); }} /></label>
+    <span class="quiet">or drop it here</span>
+    ${share !== null && html`<${Progress} share=${share} label="Sending" />`}
+    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
+  </div>`;
+}
+
+// --- words -----------------------------------------------------------------------------------------
+
+// A number to `digits` significant figures, without a tail of noughts; a dash for none.
+export function number(value, digits = 4) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  return String(Number(value.toPrecision(digits))).replace("-", "\u2212");
+}
+
+// Seconds as people say them.
+export function span(seconds) {
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return "–";
+  if (seconds < 90) return `${Math.round(seconds)} s`;
+  if (seconds < 5400) return `${Math.round(seconds / 60)} min`;
+  return `${Math.floor(seconds / 3600)} h ${Math.round((seconds % 3600) / 60)} min`;
+}
+
+// Seconds since 1970 as a date and time of this browser's place.
+export const when = (seconds) =>
+  new Date(1000 * seconds).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
+
+export function bytes(count) {
+  const units = ["B", "kB", "MB", "GB"];
+  const power = Math.min(Math.floor(Math.log10(Math.max(count, 1)) / 3), 3);
+  return `${number(count / 1000 ** power, 3)} ${units[power]}`;
+}
