@@ -73,6 +73,15 @@ export function useAction(work) {
   return [run, { ...state, clear: () => setState({ busy: false, problem: null }) }];
 }
 
+// A style sheet of one page's own, by its path below this folder.
+export function useStyle(path) {
+  useEffect(() => {
+    const href = new URL(path, import.meta.url).href;
+    if (document.querySelector(`link[href="${href}"]`)) return;
+    document.head.append(Object.assign(document.createElement("link"), { rel: "stylesheet", href }));
+  }, [path]);
+}
+
 // A value kept in this browser under a name.
 export function useKept(name, first) {
   const key = `printctl.${name}`;
