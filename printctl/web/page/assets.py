@@ -25,7 +25,14 @@ ADDRESSES: Final = {
     "/history": "history",
 }
 """Where the page is, and the module in ``static/pages`` that draws it there."""
-_FIRST: Final = ("vendor/preact.js", "vendor/hooks.js", "vendor/htm.js", "api.js", "ui.js", "header.js")
+_FIRST: Final = (
+    "vendor/preact.js",
+    "vendor/hooks.js",
+    "vendor/htm.js",
+    "api.js",
+    "ui.js",
+    "header.js",
+)
 _LEAVE: Final = (
     '<form method="post" action="/logout">'
     '<button class="button" type="submit">Log out</button></form>'
@@ -92,9 +99,7 @@ def html(module: str, stop_port: int, leave: bool) -> str:
     parts = {
         "folder": f"{URL}/{version()}",
         "door": f'<meta name="printctl-stop-port" content="{stop_port}">' if stop_port else "",
-        "preload": "\n".join(
-            f'<link rel="modulepreload" href="{link(name)}">' for name in modules
-        ),
+        "preload": "\n".join(f'<link rel="modulepreload" href="{link(name)}">' for name in modules),
         "leave": _LEAVE if leave else "",
     }
     text = (FOLDER / "index.html").read_text(encoding="utf-8")
