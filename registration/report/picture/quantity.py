@@ -54,6 +54,12 @@ def bar_ends(
     return ("both" if above else "min") if below else "max" if above else "neither"
 
 
+def bar_limits(limits: tuple[float, float]) -> tuple[float, float]:
+    """Return where a colour bar ends: a constant is at the foot of a bar of any height."""
+    low, high = limits
+    return (low, high) if high > low else (low, low + (abs(low) or 1.0))
+
+
 ScaleKind = Literal["linear", "log", "diverging", "names"]
 LOG_FROM = 8.0
 """Numbers that span more than this factor are shown on a logarithmic scale."""
