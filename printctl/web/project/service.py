@@ -276,7 +276,7 @@ class ProjectService:
         checked = self._design.recipes.check(self._changed(name, values))
         if checked.recipe is None:
             raise BadRequestError("\n".join(one.message for one in checked.problems))
-        recipe = checked.recipe.model_dump(mode="json")
+        recipe = checked.recipe.model_dump(mode="json", by_alias=True)
         return await self._sketches.sketch(recipe, self._design.recipes.folder, known)
 
     def change(self, name: str, values: dict[str, float]) -> Project:
@@ -449,19 +449,21 @@ def _step(made: bool, checks: tuple[ProjectCheck, ...], print_state: str, report
 
 def _checks(folder: Path, stages: Any) -> tuple[ProjectCheck, ...]:
     """What dry run and lumens say of a design."""
-    found = [
-        ProjectCheck(
-            check=one["check"],
-            passed=one["passed"],
-            refuses=one["weight"] == "refuses",
-            value=one["value"],
-            limit=one["limit"],
-            unit=one["unit"],
-            place=one["place"],
-            remedy="" if one["passed"] else one["remedy"],
+    found = []
+    for one in stages["dry run"].summary.get("checks", ()):
+        counted = one["value"] or one["limit"] or one["unit"]  # else it is a question to a person
+        found.append(
+            ProjectCheck(
+                check=one["check"],
+                passed=one["passed"],
+                refuses=one["weight"] == "refuses",
+                value=one["value"] if counted else None,
+                limit=one["limit"] if counted else None,
+                unit=one["unit"],
+                place=one["place"],
+                remedy="" if one["passed"] else one["remedy"],
+            )
         )
-        for one in stages["dry run"].summary.get("checks", ())
-    ]
     lumens = stages["lumens"].summary if "lumens" in stages else {}
     if lumens.get("checked"):
         counts = lumens["summary"]

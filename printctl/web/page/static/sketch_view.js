@@ -118,23 +118,36 @@ function paintOutline(pen, { vertices, faces }, project, colour, ratio) {
   }
 }
 
-function paintVessels(pen, { pieces, kinds }, project, scale, style, ratio) {
+const LONGEST_STROKE = 12; // pieces; a longer one would lie at one depth from end to end
+
+// Pieces that continue each other, drawn in one stroke: { kind, points, radius }.
+function strokesOf({ pieces, kinds }, project) {
+  const strokes = [];
+  let open = null;
+  kinds.forEach((kind, i) => {
+    const [x0, y0, z0, x1, y1, z1, r0, r1] = pieces.slice(8 * i, 8 * i + 8);
+    const joined = open && open.kind === kind && open.end === `${x0},${y0},${z0}` && open.points.length < LONGEST_STROKE;
+    if (!joined) strokes.push(open = { kind, points: [project(x0, y0, z0)], depth: 0, radius: 0 });
+    const point = project(x1, y1, z1);
+    open.points.push(point);
+    open.end = `${x1},${y1},${z1}`;
+    open.depth = open.depth + (point[2] - open.depth) / (open.points.length - 1);
+    open.radius = Math.max(open.radius, (r0 + r1) / 2);
+  });
+  return strokes;
+}
+
+function paintVessels(pen, sketch, project, scale, style, ratio) {
   const colours = COLOURS.map((name) => style.getPropertyValue(name).trim());
   const ground = style.getPropertyValue("--raised").trim();
-  const drawn = kinds.map((kind, i) => {
-    const at = pieces.slice(8 * i, 8 * i + 8);
-    const [a, b] = [project(at[0], at[1], at[2]), project(at[3], at[4], at[5])];
-    return { a, b, depth: a[2] + b[2], wide: Math.max(scale * (at[6] + at[7]), ratio), colour: colours[kind] };
-  });
-  drawn.sort((one, other) => other.depth - one.depth);
-  pen.lineCap = "round";
-  for (const { a, b, wide, colour } of drawn) { // a rim of the ground's colour tells near from far
-    for (const [ink, more] of [[ground, 1.4 * ratio], [colour, 0]]) {
+  const strokes = strokesOf(sketch, project).sort((one, other) => other.depth - one.depth);
+  pen.lineCap = pen.lineJoin = "round";
+  for (const { kind, points, radius } of strokes) { // a rim of the ground's colour tells near from far
+    for (const [ink, rim] of [[ground, 1.4 * ratio], [colours[kind], 0]]) {
       pen.beginPath();
       pen.strokeStyle = ink;
-      pen.lineWidth = wide + more;
-      pen.moveTo(a[0], a[1]);
-      pen.lineTo(b[0], b[1]);
+      pen.lineWidth = Math.max(2 * scale * radius, ratio) + rim;
+      points.forEach(([x, y], k) => (k ? pen.lineTo(x, y) : pen.moveTo(x, y)));
       pen.stroke();
     }
   }

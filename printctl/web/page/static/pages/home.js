@@ -9,7 +9,7 @@ const NEXT = {
   shape: ["Shape it", "info"], check: ["Look at the checks", "warn"], print: ["Print or rehearse", "info"],
   judge: ["Scan and judge", "info"], done: ["Judged", "good"],
 };
-const LISTED = 6;
+const LISTED = 4;
 
 export default function Home() {
   useStyle("pages/home.css");

@@ -3,7 +3,7 @@
 import { part, send } from "../api.js";
 import { SketchView } from "../sketch_view.js";
 import {
-  Act, Badge, Button, Card, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Table, go, html, number, span,
+  Act, Badge, Button, Card, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Table, go, html, number, sentence, span,
   useEffect, useGet, useKept, useNews, useRef, useState, useStyle,
 } from "../ui.js";
 
@@ -21,6 +21,11 @@ export default function Project({ name, step }) {
     if (!working) return undefined;
     const timer = setInterval(got.reload, 1000);
     return () => clearInterval(timer);
+  }, [working]);
+  const worked = useRef(false);
+  useEffect(() => { // what was made or rehearsed is shown where it leads to
+    if (worked.current && !working) to(got.value, ["print", "judge"].includes(step) ? next(got.value) : "check", true);
+    worked.current = working;
   }, [working]);
   return html`<${Page} title=${name} tools=${html`<${Button} href=${`/design?recipe=${part(name ?? "")}`}>All settings</${Button}>`}>
     <${Loaded} of=${got} what="Opening the project">${(project) => html`
@@ -50,7 +55,7 @@ function Way({ project, chosen, reload }) {
     <${Step} project=${project} reload=${reload} />`;
 }
 
-const to = (project, step) => go(`/project?name=${part(project.name)}&step=${step}`);
+const to = (project, step, replace = false) => go(`/project?name=${part(project.name)}&step=${step}`, replace);
 
 // --- shape -------------------------------------------------------------------------------------
 
@@ -155,7 +160,7 @@ function Check({ project, reload }) {
           why=${refused.length ? "something refuses the print" : ""}>Next: print or rehearse</${Button}>
         <${Button} onClick=${() => to(project, "shape")}>Change the shape</${Button}></div>
       <${Fold} title=${`${passed.length} checks passed`}><${Table} caption="Checks that passed" rows=${passed} columns=${[
-        { name: "Check", of: (one) => one.check }, { name: "Found", number: true, of: (one) => `${number(one.value)} ${one.unit}` },
+        { name: "Check", of: (one) => sentence(one.check) }, { name: "Found", number: true, of: (one) => `${number(one.value)} ${one.unit}` },
         { name: "Limit", number: true, of: (one) => `${number(one.limit)} ${one.unit}` }, { name: "Where", of: (one) => one.place },
       ]} /></${Fold}>
     </${Card}>
@@ -164,10 +169,10 @@ function Check({ project, reload }) {
 
 function Finding({ one, project }) {
   return html`<li class="stack">
-    <div class="row"><${Badge} tone=${one.refuses ? "bad" : "warn"}>${one.refuses ? "refuses" : "note"}</${Badge}><b>${one.check}</b>
-      ${one.value !== null && html`<span>${number(one.value)} ${one.unit}, limit ${number(one.limit)}</span>`}
+    <div class="row"><${Badge} tone=${one.refuses ? "bad" : "warn"}>${one.refuses ? "refuses" : "note"}</${Badge}><b>${sentence(one.check)}</b>
+      ${one.value !== null && html`<span>${number(one.value)}${one.unit && ` ${one.unit}`}, limit ${number(one.limit)}</span>`}
       <span class="quiet">${one.place}</span></div>
-    ${one.remedy && html`<p>${one.remedy}</p>`}
+    ${one.remedy && html`<p>${sentence(one.remedy)}.</p>`}
     ${one.refuses && html`<div class="row"><${Button} onClick=${() => to(project, "shape")}>Change the shape</${Button}>
       <${Button} href=${`/design?recipe=${part(project.name)}`}>All settings</${Button}></div>`}
   </li>`;
@@ -194,9 +199,11 @@ function Making({ project, reload, title = "Making it" }) {
     reload();
   };
   const share = project.run.stages.length ? project.run.stages.reduce((sum, one) => sum + one.fraction, 0) / project.run.stages.length : undefined;
+  const kept = project.run.stages.filter((one) => one.state === "done" && one.note.startsWith("unchanged"));
   return html`<${Card} title=${title} tools=${html`<${Act} work=${cancel}>Cancel</${Act}>`}>
     <${Progress} share=${share} label=${title} />
-    <ol class="stages">${project.run.stages.map((one) => html`<li key=${one.name} class=${`stage stage-${one.state}`}>
+    ${kept.length > 0 && html`<p class="quiet">Made before and unchanged: ${kept.map((one) => one.name).join(", ")}.</p>`}
+    <ol class="stages">${project.run.stages.filter((one) => !kept.includes(one)).map((one) => html`<li key=${one.name} class=${`stage stage-${one.state}`}>
       <span>${one.name}</span><span class="quiet">${one.state === "waiting" ? "" : one.note || one.state}</span></li>`)}</ol>
     ${!project.run.stages.length && html`<p class="quiet">Starting …</p>`}
   </${Card}>`;
