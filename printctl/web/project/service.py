@@ -174,7 +174,7 @@ class ProjectService:
     """
 
     def __init__(self, core: Core, design: DesignService) -> None:
-        self._workspace, self._design = core.workspace, design
+        self._workspace, self._events, self._design = core.workspace, core.events, design
         self._sketches = SketchProcess()
 
     async def close(self) -> None:
@@ -277,7 +277,9 @@ class ProjectService:
         if checked.recipe is None:
             raise BadRequestError("\n".join(one.message for one in checked.problems))
         recipe = checked.recipe.model_dump(mode="json", by_alias=True)
-        return await self._sketches.sketch(recipe, self._design.recipes.folder, known)
+        print_ = self._events.latest.get("print", {"ended": True})
+        folder = self._design.recipes.folder
+        return await self._sketches.sketch(recipe, folder, known, behind=not print_["ended"])
 
     def change(self, name: str, values: dict[str, float]) -> Project:
         """Write values of sliders into the recipe.

@@ -12,6 +12,7 @@ import json
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,7 +34,9 @@ class SketchProcess:
         self._process: asyncio.subprocess.Process | None = None
         self._one = asyncio.Lock()
 
-    async def sketch(self, recipe: dict[str, Any], folder: Path, known: str) -> dict[str, Any]:
+    async def sketch(
+        self, recipe: dict[str, Any], folder: Path, known: str, behind: bool
+    ) -> dict[str, Any]:
         """Grow a recipe's vessels.
 
         Parameters
@@ -44,13 +47,16 @@ class SketchProcess:
             Where the files lie that it names.
         known : str
             Tag of the outline that is there already.
+        behind : bool
+            Whether a print goes on, behind which it steps back.
 
         Raises
         ------
         ConflictError
             When the vessels can't be grown; the message is for the user.
         """
-        line = json.dumps({"recipe": recipe, "folder": str(folder), "known": known}) + "\n"
+        request = {"recipe": recipe, "folder": str(folder), "known": known, "behind": behind}
+        line = json.dumps(request) + "\n"
         async with self._one:
             try:
                 async with asyncio.timeout(LONGEST_S):
@@ -99,18 +105,18 @@ class SketchProcess:
 
 def main() -> None:
     """Answer each line of stdin by a line of stdout."""
-    from printctl.web.worker import lower_priority
+    from printctl.failures import message_and_code
+    from printctl.web.worker import run_at_low_priority
 
-    lower_priority(5)
     answers, sys.stdout = sys.stdout, sys.stderr  # whatever is printed isn't an answer
     tissues: dict[str, Any] = {}
     for line in sys.stdin:
         request = json.loads(line)
+        behind = request.pop("behind")
+        work = partial(_sketched, **request, tissues=tissues)
         try:
-            answer = _sketched(**request, tissues=tissues)
+            answer = run_at_low_priority(work) if behind else work()
         except Exception as exc:
-            from printctl.failures import message_and_code
-
             known = message_and_code(exc)
             answer = {"error": known[0] if known else f"{type(exc).__name__}: {exc}"}
         answers.write(json.dumps(answer) + "\n")
