@@ -196,23 +196,23 @@ def _add_connection(routes: APIRouter, service: PrinterService) -> None:
 
 
 def _add_moves(routes: APIRouter, service: PrinterService) -> None:
-    hands = service.hands
+    commands = service.commands
 
     @routes.post("/jog", summary="Move the tip by a step")
     def jog(body: Jog, who: Asking) -> PrinterStatus:
-        return hands.jog(who, **dict(body))
+        return commands.jog(who, **dict(body))
 
     @routes.post("/lift-out", summary="Move the tip straight up, out of the bath")
     def lift_out(who: Asking) -> PrinterStatus:
-        return hands.lift_out(who)
+        return commands.lift_out(who)
 
     @routes.post("/home", summary="Home axes")
     def home(body: Home, who: Asking) -> PrinterStatus:
-        return hands.home(who, **dict(body))
+        return commands.home(who, **dict(body))
 
     @routes.post("/set-position", summary="Say where the tip stands; nothing moves")
     def set_position(body: Place, who: Asking) -> PrinterStatus:
-        return hands.set_position(who, **dict(body))
+        return commands.set_position(who, **dict(body))
 
     @routes.post("/stop-motion", summary="Stop a move by hand; needs no controls")
     def stop_motion() -> PrinterStatus:
@@ -220,15 +220,15 @@ def _add_moves(routes: APIRouter, service: PrinterService) -> None:
 
     @routes.post("/heat", summary="Set a heater's target")
     def heat(body: Heat, who: Asking) -> PrinterStatus:
-        return hands.heat(who, **dict(body))
+        return commands.heat(who, **dict(body))
 
     @routes.post("/heaters-off", summary="Set every target to 0")
     def heaters_off(who: Asking) -> PrinterStatus:
-        return hands.heaters_off(who)
+        return commands.heaters_off(who)
 
     @routes.post("/plunger", summary="Push or draw back ink")
     def plunger(body: Push, who: Asking) -> PrinterStatus:
-        return hands.plunger(who, **dict(body))
+        return commands.plunger(who, **dict(body))
 
     @routes.post("/mount", summary="Say what is mounted")
     def mount(body: MountRequest, who: Asking) -> PrinterStatus:
@@ -236,7 +236,7 @@ def _add_moves(routes: APIRouter, service: PrinterService) -> None:
         for sort, model in PARTS.items():
             if parts.get(sort):
                 parts[sort] = service.store.given(model, parts[sort])
-        return hands.mount(who, **parts)
+        return commands.mount(who, **parts)
 
 
 def _add_console(routes: APIRouter, service: PrinterService) -> None:

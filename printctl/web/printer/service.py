@@ -36,7 +36,7 @@ class PrinterService:
 
     Attributes
     ----------
-    hands : PrinterCommands
+    commands : PrinterCommands
         Moves, heaters, plunger, what is mounted.
     console : Console
     macros : Macros
@@ -56,7 +56,7 @@ class PrinterService:
         self.store = ProfileStore(core.workspace.root)
         self._follower = Follower(core.workspace.station, self._publish)
         self._access = PrinterAccess(core, self._follower)
-        self.hands = PrinterCommands(self._access)
+        self.commands = PrinterCommands(self._access)
         self.console = Console(self._access)
         self.macros = Macros(self._access, self.store, self.console)
         self.guide = Guide(self._access)

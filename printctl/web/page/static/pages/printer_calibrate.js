@@ -1,6 +1,8 @@
 // Calibrations: what each needs; a test to print, a sheet to fill in, what the readings say.
-import { send } from "../api.js";
-import { Act, Button, Card, Facts, Field, Fold, Loaded, Note, Table, html, span, useGet, useKept, useState } from "../ui.js";
+import { part } from "../api.js";
+import {
+  Act, Button, Card, Facts, Field, Fold, Loaded, Note, Table, html, span, useGet, useKept, useState,
+} from "../ui.js";
 import { mm, post } from "./printer_move.js";
 
 export function Calibration({ status }) {
@@ -14,8 +16,10 @@ export function Calibration({ status }) {
     return html`<${Card} title="Calibration" aria-label="Calibration">
       <p class="hint">The same tests and fits as <code>printctl calibrate</code>; every number with its interval.</p>
       <ul class="list">${here.map((one) => html`<li key=${one.name} class="row printer-line">
-        <div class="grow"><strong>${one.title}</strong><p class="quiet">Needs ${one.needs}; gives ${one.gives}.</p></div>
-        <${Button} aria-label=${`Start: ${one.title}`} onClick=${() => setName(one.name)}>Start …</${Button}></li>`)}</ul>
+        <div class="grow"><strong>${one.title}</strong>
+          <p class="quiet">Needs ${one.needs}; gives ${one.gives}.</p></div>
+        <${Button} aria-label=${`Start: ${one.title}`} onClick=${() => setName(one.name)}>Start …</${Button}>
+      </li>`)}</ul>
       <${Fold} title="By the command line">
         <${Facts} rows=${elsewhere.map((one) => [one.title, html`<code>printctl calibrate ${one.name}</code>
           <span class="quiet"> needs ${one.needs}; gives ${one.gives}</span>`])} />
@@ -33,6 +37,8 @@ function Wizard({ wizard, status, onBack }) {
   const [density, setDensity] = useState(0.998);
   const [{ rows, made }, keep] = useKept(`calibration.${wizard.name}`, { rows: [], made: null });
   const [result, setResult] = useState(null);
+  const weighs = wizard.name === "weigh";
+  const fit = async () => setResult(await post(`calibrations/${wizard.name}/fit`, read()));
   const make = async () => {
     if (!status.position_mm) throw new Error("Where the tip stands isn't known: home it, or say where it is.");
     const test = await post(`calibrations/${wizard.name}/job`, { printer, syringe, at_mm: status.position_mm });
@@ -41,7 +47,7 @@ function Wizard({ wizard, status, onBack }) {
   const read = () => {
     const filled = rows.map((row) => row.map((cell) => cell.trim())).filter((row) => row.at(-1));
     if (!filled.length) throw new Error(`Fill in the last column, ${wizard.columns.at(-1)}.`);
-    return { rows: filled, printer, syringe, ...(wizard.name === "weigh" ? { density_g_cm3: density ?? 0.998 } : {}) };
+    return { rows: filled, printer, syringe, ...(weighs && density ? { density_g_cm3: density } : {}) };
   };
   const again = () => {
     keep({ rows: [], made: null });
@@ -58,14 +64,17 @@ function Wizard({ wizard, status, onBack }) {
           options=${(parts.value?.syringe ?? [{ name: syringe }]).map((one) => [one.name])} />
       </div>
       <${Act} kind=${made ? "quiet" : "main"} work=${make}>Make the test's G-code</${Act}>
-      ${made && html`<${Note} tone="good"><p>${made.job}: ${made.lines} lines, ${span(made.duration_s)}, from X, Y, Z
-        ${" "}${made.start_mm.map(mm).join(", ")} mm. <a href=${`/job?job=${encodeURIComponent(made.job)}`}>Print it by the page
-        Job</a>, then fill in the last column.</p>${made.notes.map((text) => html`<p key=${text}>${text}</p>`)}</${Note}>`}`}
+      ${made && html`<${Note} tone="good">
+        <p>${made.job}: ${made.lines} lines, ${span(made.duration_s)}, from X, Y, Z
+          ${" "}${made.start_mm.map(mm).join(", ")} mm.
+          <a href=${`/job?job=${part(made.job)}`}>Print it by the page Job</a>, then fill in the last column.</p>
+        ${made.notes.map((text) => html`<p key=${text}>${text}</p>`)}
+      </${Note}>`}`}
     <${Sheet} wizard=${wizard} rows=${rows} tip=${status.position_mm} onRows=${(next) => keep({ rows: next, made })} />
-    ${wizard.name === "weigh" && html`<${Field} kind="number" label="Density" unit="g/cm³" min=${0.1} max=${20} value=${density}
+    ${weighs && html`<${Field} kind="number" label="Density" unit="g/cm³" min=${0.1} max=${20} value=${density}
       onChange=${setDensity} />`}
     ${rows.length > 0 && html`<div class="row row-top">
-      <${Act} kind="main" work=${async () => setResult(await post(`calibrations/${wizard.name}/fit`, read()))}>What do they say?</${Act}>
+      <${Act} kind="main" work=${fit}>What do they say?</${Act}>
       <${Button} onClick=${again}>Empty the sheet</${Button}></div>`}
     ${result && html`<div class="stack" role="status">
       <${Facts} rows=${Object.entries(result.estimates).map(([name, one]) => [name, estimate(one)])} />
@@ -77,6 +86,7 @@ function Wizard({ wizard, status, onBack }) {
 
 function Sheet({ wizard, rows, tip, onRows }) {
   const [word, setWord] = useState(wizard.name === "level" ? "bed" : "");
+  const add = (cells) => onRows([...rows, cells]);
   const write = (row, column, text) => onRows(rows.map((cells, at) => (at !== row ? cells
     : cells.map((cell, which) => (which === column ? text : cell)))));
   const columns = wizard.columns.map((name, column) => ({ name, of: ({ cells, row }) => html`<div class="field">
@@ -93,9 +103,9 @@ function Sheet({ wizard, rows, tip, onRows }) {
             ? html`<${Field} kind="choice" label="Surface" value=${word} onChange=${setWord}
                 options=${[["bed", "bed (dry floor)"], ["bath", "bath"]]} />`
             : html`<${Field} label="Needle" value=${word} onChange=${setWord} maxlength="24" />`}</div>
-          ${tip && html`<${Button} kind="main" onClick=${() => onRows([...rows, [word, ...tip.map((one) => one.toFixed(3))]])}>
+          ${tip && html`<${Button} kind="main" onClick=${() => add([word, ...tip.map((one) => one.toFixed(3))])}>
             Take where the tip is</${Button}>`}</div>`
-      : html`<div><${Button} onClick=${() => onRows([...rows, wizard.columns.map(() => "")])}>Add a row</${Button}></div>`}`;
+      : html`<div><${Button} onClick=${() => add(wizard.columns.map(() => ""))}>Add a row</${Button}></div>`}`;
 }
 
 function Copy({ printer, syringe, read }) {
@@ -104,13 +114,14 @@ function Copy({ printer, syringe, read }) {
   const [written, setWritten] = useState("");
   const copy = name ?? `${mend === "printer" ? printer : syringe}_measured`;
   const save = async () => {
-    const { message } = await send("POST", "/printer/calibrations/weigh/profile", { read: read(), mend, copy_name: copy });
+    const { message } = await post("calibrations/weigh/profile", { read: read(), mend, copy_name: copy });
     setWritten(`written: ${message}. Choose it when you connect or say what is mounted from now on.`);
   };
   return html`<h3>Write it into a copy of a profile</h3>
-    <${Field} kind="choice" label="What is measured" value=${mend} onChange=${(next) => { setMend(next); setName(null); }} options=${[
+    <${Field} kind="choice" label="What is measured" value=${mend} options=${[
       ["printer", `steps/mm of ${printer}, where the bore is right`],
-      ["syringe", `bore of ${syringe}, where the steps are right`]]} />
+      ["syringe", `bore of ${syringe}, where the steps are right`]]}
+      onChange=${(next) => { setMend(next); setName(null); }} />
     <${Field} label="Name of the copy" value=${copy} onChange=${setName} maxlength="64" />
     <${Act} work=${save}>Write the copy</${Act}>
     <p role="status">${written}</p>`;

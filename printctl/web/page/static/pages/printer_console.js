@@ -1,6 +1,9 @@
 // Console and macros.
 import { get, listen, part, send } from "../api.js";
-import { Act, Button, Card, Dialog, Empty, Field, Loaded, html, useAction, useEffect, useGet, useRef, useState } from "../ui.js";
+import {
+  Act, Button, Card, Dialog, Empty, Field, Loaded, html, useAction, useEffect, useGet, useRef, useState,
+} from "../ui.js";
+import { post } from "./printer_move.js";
 
 const SHOWN = 100;
 
@@ -23,7 +26,8 @@ export function Log() {
     return listen((one) => (one.event === "console" || (one.event === "lost" && !one.lost)) && more());
   }, []);
   useEffect(() => { box.current.scrollTop = box.current.scrollHeight; }, [entries]);
-  return html`<div class="printer-log mono" role="log" aria-label="Console: commands and replies" tabindex="0" ref=${box}>
+  return html`<div class="printer-log mono" role="log" tabindex="0" ref=${box}
+      aria-label="Console: commands and replies">
     ${entries.length === 0 && html`<p class="quiet">Nothing was typed yet.</p>`}
     ${entries.map((one) => html`<div key=${one.number}>
       <p><strong>${new Date(1000 * one.at_s).toTimeString().slice(0, 8)} ${one.who} > ${one.text}</strong></p>
@@ -43,7 +47,7 @@ export function Console({ fold }) {
     if (typed.current.at(-1) !== line) typed.current.push(line);
     at.current = typed.current.length;
     setText("");
-    return send("POST", "/printer/command", { text: line });
+    return post("command", { text: line });
   });
   const recall = (event) => {
     const by = { ArrowUp: -1, ArrowDown: 1 }[event.key];
@@ -55,12 +59,13 @@ export function Console({ fold }) {
   return html`<${Card} title="Console" fold=${fold && "printer.console"} folded aria-label="Console">
     <${Log} />
     <form class="row row-end" onSubmit=${(event) => { event.preventDefault(); go(); }}>
-      <div class="grow"><${Field} label="Command" value=${text} onChange=${setText} onKeyDown=${recall} placeholder="M115"
-        class="mono" autocomplete="off" spellcheck="false" maxlength="200" /></div>
+      <div class="grow"><${Field} label="Command" value=${text} onChange=${setText} onKeyDown=${recall}
+        placeholder="M115" class="mono" autocomplete="off" spellcheck="false" maxlength="200" /></div>
       <${Button} busy=${busy} onClick=${go}>Send</${Button}>
     </form>
     ${problem && html`<p class="problem" role="alert">${problem.message}</p>`}
-    <p class="hint">What would break the count of lines or the position is refused. Arrow Up brings back what you typed.</p>
+    <p class="hint">What would break the count of lines or the position is refused. Arrow Up brings back what you
+      typed.</p>
   </${Card}>`;
 }
 
@@ -78,11 +83,12 @@ export function Macros({ status }) {
         ? html`<${Empty}>${profile} has none yet. A macro is commands as you would type them, under a name.</${Empty}>`
         : html`<p class="hint">Of ${profile}; sent like typed commands, until one is refused.</p>`}
       ${macros.map((one) => html`<div key=${one.name} class="row row-top">
-        <${Act} work=${() => send("POST", `/printer/macros/run/${part(one.name)}`)}>${one.name}</${Act}>
+        <${Act} work=${() => post(`macros/run/${part(one.name)}`)}>${one.name}</${Act}>
         <${Button} aria-label=${`Edit ${one.name}`} onClick=${() => setEdited(one)}>Edit</${Button}>
       </div>`)}`}</${Loaded}>
     <div><${Button} onClick=${() => setEdited({ name: "", commands: [] })}>New macro …</${Button}></div>
-    ${edited && html`<${MacroDialog} profile=${profile} macro=${edited} onDone=${done} onClose=${() => setEdited(null)} />`}
+    ${edited && html`<${MacroDialog} profile=${profile} macro=${edited} onDone=${done}
+      onClose=${() => setEdited(null)} />`}
   </${Card}>`;
 }
 
@@ -103,7 +109,8 @@ function MacroDialog({ profile, macro, onDone, onClose }) {
   };
   return html`<${Dialog} title="Macro" onClose=${onClose}>
     <${Field} label="Name" value=${name} onChange=${setName} maxlength="40" />
-    <${Field} kind="long" label="Commands, one a line" value=${text} onChange=${setText} class="mono" spellcheck="false" />
+    <${Field} kind="long" label="Commands, one a line" value=${text} onChange=${setText} class="mono"
+      spellcheck="false" />
     <div class="row row-top">
       <${Act} kind="main" work=${save}>Save</${Act}>
       ${macro.name && html`<${Act} kind="danger" work=${remove}>Remove</${Act}>`}

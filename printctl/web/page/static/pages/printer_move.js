@@ -2,6 +2,7 @@
 import { send } from "../api.js";
 import { Act, Button, Card, Dialog, Facts, Field, Segments, html, useAction, useGet, useState } from "../ui.js";
 
+const AXES = ["X", "Y", "Z"];
 const STEPS = [0.01, 0.1, 1, 10].map((mm) => [mm, `${mm} mm`]);
 const KEYS = { ArrowLeft: ["x", -1], ArrowRight: ["x", 1], ArrowDown: ["y", -1], ArrowUp: ["y", 1],
   PageDown: ["z", -1], PageUp: ["z", 1] };
@@ -25,14 +26,14 @@ export function Move({ status, onOpen }) {
   const heights = [["floor", mounted.floor_mm], ["bath", mounted.bath_level_mm], ["rim", status.rim_mm]]
     .filter(([, value]) => value !== null).map(([name, value]) => `${name} ${mm(value)}`).join(", ");
   return html`<${Card} title="Move by hand" aria-label="Move by hand" class="card printer-move">
-    <dl class="printer-place">${"XYZ".split("").map((axis, at) => html`
+    <dl class="printer-place">${AXES.map((axis, at) => html`
       <div key=${axis}><dt>${axis}, mm</dt><dd class="big">${mm(status.position_mm?.[at])}</dd></div>`)}</dl>
     <${Segments} label="Step size" options=${STEPS} value=${step} onChange=${setStep} />
     <div class="printer-pad" tabindex="0" role="group" onKeyDown=${press}
       aria-label="Jog pad: arrow keys move X and Y, Page Up and Page Down move Z, by the step chosen">
       ${PAD.map(([axis, sign]) => html`
-        <${Button} key=${axis + sign} class=${`button jog-${axis}${sign > 0 ? "up" : "down"}`} onClick=${() => jog(axis, sign)}>
-          ${axis.toUpperCase()} ${sign > 0 ? "+" : "−"}</${Button}>`)}
+        <${Button} key=${axis + sign} class=${`button jog-${axis}${sign > 0 ? "up" : "down"}`}
+          onClick=${() => jog(axis, sign)}>${axis.toUpperCase()} ${sign > 0 ? "+" : "−"}</${Button}>`)}
     </div>
     ${problem ? html`<p class="problem" role="alert">${problem.message}</p>`
       : html`<p class="hint">Keys on the pad: arrows, Page Up, Page Down.</p>`}
@@ -44,7 +45,7 @@ export function Move({ status, onOpen }) {
     </div>
     <${Facts} rows=${[
       ["Position", status.position_words.replace(/^position /, "")],
-      low.length > 0 && ["May reach", `${"XYZ".split("").map((axis, at) => `${axis} ${ends(low[at], high[at])}`).join(", ")} mm`],
+      low.length > 0 && ["May reach", `${AXES.map((axis, at) => `${axis} ${ends(low[at], high[at])}`).join(", ")} mm`],
       ["Heights", heights ? `${heights} mm` : "floor, bath, rim not known yet"],
     ]} />
   </${Card}>`;
@@ -60,8 +61,8 @@ export function HomeDialog({ onClose }) {
     onClose();
   };
   return html`<${Dialog} title="Home" onClose=${onClose}>
-    <p>Homing drives an axis to its switch, through whatever is in the way. With a needle above a dish it is refused: raise Z
-      and take the needle off first. X and Y home at the height where the tip is now.</p>
+    <p>Homing drives an axis to its switch, through whatever is in the way. With a needle above a dish it is refused:
+      raise Z and take the needle off first. X and Y home at the height where the tip is now.</p>
     ${Object.keys(chosen).map((axis) => html`<${Field} key=${axis} kind="flag" label=${`${axis.toUpperCase()} axis`}
       value=${chosen[axis]} onChange=${(on) => setChosen({ ...chosen, [axis]: on })} />`)}
     <${Field} kind="flag" label="The needle is taken off" value=${off} onChange=${setOff} />
@@ -77,9 +78,10 @@ export function PlaceDialog({ status, onClose }) {
     onClose();
   };
   return html`<${Dialog} title="Where the tip is" onClose=${onClose}>
-    <p>Nothing moves. The printer calls the place where its tip stands now by these numbers, and trusts them: measure, don't
-      guess. What was touched off moves along. Needed after a needle was put on, for no axis homes with one above a dish.</p>
-    <div class="printer-three">${"XYZ".split("").map((axis, at) => html`
+    <p>Nothing moves. The printer calls the place where its tip stands now by these numbers, and trusts them: measure,
+      don't guess. What was touched off moves along. Needed after a needle was put on, for no axis homes with one above
+      a dish.</p>
+    <div class="printer-three">${AXES.map((axis, at) => html`
       <${Field} key=${axis} kind="number" label=${axis} unit="mm" min=${-1000} max=${1000} value=${place[at]}
         onChange=${(value) => setPlace(place.map((one, which) => (which === at ? value : one)))} />`)}</div>
     <${Act} kind="main" work=${say}>The tip stands there</${Act}>
@@ -89,8 +91,8 @@ export function PlaceDialog({ status, onClose }) {
 // --- touching off ------------------------------------------------------------------------------------
 
 const HOW = {
-  floor: "Bring the tip down until the foil just begins to drag under it (without foil: until it just touches), then take "
-    + "the reading; go up, and do it again.",
+  floor: "Bring the tip down until the foil just begins to drag under it (without foil: until it just touches), then "
+    + "take the reading; go up, and do it again.",
   bath: "Bring the tip down until it just dimples the bath's surface, then take the reading; go up, and do it again.",
 };
 const FINE_MM = [0.1, 0.02];
@@ -113,8 +115,8 @@ export function TouchOff({ status, onOpen }) {
   return html`<${Card} title="Needle offset and bath level" aria-label="Needle offset and bath level">
     <p role="status"><strong>${stands}</strong></p>
     ${!now && html`
-      <p>Tells the printer where the dish's floor is for the needle mounted, and how high the bath stands: three readings
-        within 0.05 mm each.</p>
+      <p>Tells the printer where the dish's floor is for the needle mounted, and how high the bath stands: three
+        readings within 0.05 mm each.</p>
       ${parts.needle && parts.dish
         ? html`<${Field} kind="number" label="Foil under the tip" unit="mm" min=${0} max=${2} step=${0.01} value=${foil}
             hint="0 for none" onChange=${setFoil} />`
@@ -123,7 +125,8 @@ export function TouchOff({ status, onOpen }) {
         ${parts.needle && parts.dish && html`<${Act} kind="main" work=${begin("floor")}>Touch off the floor</${Act}>`}
         ${parts.needle && html`<${Act} work=${begin("bath")}>Find the bath's surface</${Act}>`}
         ${!(parts.needle && parts.dish) && html`
-          <${Button} kind=${parts.needle ? "quiet" : "main"} onClick=${() => onOpen("mount")}>Name the parts …</${Button}>`}
+          <${Button} kind=${parts.needle ? "quiet" : "main"} onClick=${() => onOpen("mount")}>
+            Name the parts …</${Button}>`}
       </div>`}
     ${now && html`
       <p>${HOW[now.surface]}</p>

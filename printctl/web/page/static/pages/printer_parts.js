@@ -1,5 +1,7 @@
 // What is mounted, the plunger, and changes of needle and syringe step by step.
-import { Act, Button, Card, Dialog, Facts, Field, Loaded, Progress, html, number, useEffect, useGet, useState } from "../ui.js";
+import {
+  Act, Button, Card, Dialog, Facts, Field, Loaded, Progress, html, number, useEffect, useGet, useState,
+} from "../ui.js";
 import { mm, post } from "./printer_move.js";
 
 const SORTS = ["needle", "syringe", "ink", "dish", "bath"];
@@ -8,9 +10,10 @@ const choices = (list) => list.map((one) => [one.name, `${one.name} · ${one.abo
 
 export function Mounted({ status, onOpen, locked }) {
   const centre = status.mounted.dish_centre_mm;
-  const place = !status.parts.dish ? "" : centre ? ` at X ${number(centre[0])}, Y ${number(centre[1])}` : ", place not said";
+  const place = centre ? ` at X ${number(centre[0])}, Y ${number(centre[1])}` : ", place not said";
+  const said = (sort) => (status.parts[sort] ? status.parts[sort] + (sort === "dish" ? place : "") : "not said");
   return html`<${Card} title="What is mounted" aria-label="What is mounted">
-    <${Facts} rows=${SORTS.map((sort) => [capital(sort), (status.parts[sort] || "not said") + (sort === "dish" ? place : "")])} />
+    <${Facts} rows=${SORTS.map((sort) => [capital(sort), said(sort)])} />
     ${!locked && html`
       <p class="hint">Limits and µL follow from this; only you can check it.</p>
       <div class="row">
@@ -33,7 +36,8 @@ export function Plunger({ status, onOpen, locked }) {
   const fresh = html`<${Button} onClick=${() => onOpen("syringe")}>New syringe …</${Button}>`;
   return html`<${Card} title="Ink in the syringe" aria-label="Ink in the syringe">
     <p>${left === null ? "µL left: not known" : html`<span class="big">${left.toFixed(1)}</span> µL left`}</p>
-    ${left !== null && full && html`<${Progress} share=${Math.min(1, Math.max(0, left / full))} label="Ink left in the syringe" />`}
+    ${left !== null && full && html`
+      <${Progress} share=${Math.min(1, Math.max(0, left / full))} label="Ink left in the syringe" />`}
     <p class="hint">${!syringe ? "No syringe is named: put in a new one, or say what is mounted."
       : at === null ? "Where the plunger stands isn't known: a new syringe sets its zero."
         : `Plunger at ${at.toFixed(2)} mm of travel${rest === null ? "" : `, ${rest.toFixed(1)} mm to its end`}.`}</p>
@@ -57,7 +61,8 @@ export function MountDialog({ status, onClose }) {
   const [said, setSaid] = useState(status.parts);
   const [centre, setCentre] = useState(status.mounted.dish_centre_mm ?? [null, null]);
   const say = async () => {
-    const changed = Object.fromEntries(SORTS.filter((sort) => said[sort] !== status.parts[sort]).map((sort) => [sort, said[sort]]));
+    const others = SORTS.filter((sort) => said[sort] !== status.parts[sort]);
+    const changed = Object.fromEntries(others.map((sort) => [sort, said[sort]]));
     const was = status.mounted.dish_centre_mm ?? [null, null];
     if (centre.every(Number.isFinite) && centre.some((one, at) => one !== was[at])) changed.dish_centre_mm = centre;
     await post("mount", changed);
@@ -66,7 +71,8 @@ export function MountDialog({ status, onClose }) {
   return html`<${Dialog} title="What is mounted" onClose=${onClose}>
     <${Loaded} of=${parts} what="Reading profiles">${(lists) => html`
       ${SORTS.map((sort) => html`<${Field} key=${sort} kind="choice" label=${capital(sort)} value=${said[sort]}
-        options=${[["", "nothing, or not known"], ...choices(lists[sort])]} onChange=${(name) => setSaid({ ...said, [sort]: name })} />`)}
+        options=${[["", "nothing, or not known"], ...choices(lists[sort])]}
+        onChange=${(name) => setSaid({ ...said, [sort]: name })} />`)}
       <div class="row row-end">${["X", "Y"].map((axis, at) => html`<div class="grow" key=${axis}>
         <${Field} kind="number" label=${`Dish's middle ${axis}`} unit="mm" min=${-1000} max=${1000} value=${centre[at]}
           onChange=${(value) => setCentre(centre.map((one, which) => (which === at ? value : one)))} /></div>`)}
@@ -115,8 +121,10 @@ export function SyringeDialog({ status, onClose }) {
       ["Put the syringe in", html`
         <${Field} kind="choice" label="Syringe" value=${chosen.name} options=${choices(lists.syringe)}
           onChange=${(name) => { setSyringe(name); setFilled(null); }} />
-        <${Field} kind="choice" label="Ink" value=${ink} options=${[["", "not named"], ...choices(lists.ink)]} onChange=${setInk} />
-        <${Field} kind="number" label="Filled with" unit="µL" min=${0.1} max=${chosen.volume_ul} value=${volume} onChange=${setFilled} />
+        <${Field} kind="choice" label="Ink" value=${ink} options=${[["", "not named"], ...choices(lists.ink)]}
+          onChange=${setInk} />
+        <${Field} kind="number" label="Filled with" unit="µL" min=${0.1} max=${chosen.volume_ul} value=${volume}
+          onChange=${setFilled} />
         <p>Bring the plunger drive down until it touches the syringe's plunger.</p>
         <${Act} kind="main" work=${putIn}>It is in, the plunger touched: zero</${Act}>`],
       ["Push the bubbles out", html`
@@ -127,7 +135,7 @@ export function SyringeDialog({ status, onClose }) {
       ["Wipe the needle", html`
         <p>With a lint-free swab, downwards: its drop would go into the bath.</p>
         <${Field} kind="flag" label="Wiped" value=${wiped} onChange=${setWiped} />
-        <div><${Button} kind="main" why=${wiped ? "" : "Wipe the needle first"} onClick=${onClose}>Done</${Button}></div>`],
+        ${wiped && html`<div><${Button} kind="main" onClick=${onClose}>Done</${Button}></div>`}`],
     ];
     return html`<${Steps} steps=${steps} at=${step} />`;
   };
@@ -153,8 +161,8 @@ export function NeedleDialog({ status, onClose, onTouchOff }) {
         <p>Tighten it: one that turns later stands elsewhere.</p>
         <${Act} kind="main" work=${putIn}>It is in and tight</${Act}>`],
       ["Touch off", html`
-        <p>The floor's and the bath's height are forgotten: this needle's tip stands elsewhere. Touch off the floor before the
-          next print.</p>
+        <p>The floor's and the bath's height are forgotten: this needle's tip stands elsewhere. Touch off the floor
+          before the next print.</p>
         <div><${Button} kind="main" onClick=${onTouchOff}>To the touch-off</${Button}></div>`],
     ];
     return html`<${Steps} steps=${steps} at=${step} />`;
