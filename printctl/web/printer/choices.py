@@ -1,4 +1,4 @@
-"""What can be chosen: serial ports with matching profiles, printers, and parts to be mounted."""
+"""Choices: serial ports with matching profiles, printers, and parts to be mounted."""
 
 from __future__ import annotations
 

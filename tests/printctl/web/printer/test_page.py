@@ -267,6 +267,7 @@ def test_weighing_makes_a_job_and_reads_the_balance(visit: Open) -> None:
     page.get_by_role("button", name="Start: Flow by weight").click()
     page.get_by_role("button", name="What do they say?").click()
     expect(page.get_by_text("volume per travel")).to_be_visible(timeout=10_000)
+    page.get_by_text("Write it into a copy of a profile").click()
     page.get_by_label("Name of the copy").fill("weighed_here")
     page.get_by_role("button", name="Write the copy").click()
     expect(page.get_by_text("written: steps_per_mm.e")).to_be_visible(timeout=10_000)

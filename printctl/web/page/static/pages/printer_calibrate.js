@@ -66,21 +66,27 @@ function Wizard({ wizard, status, onBack }) {
       <${Act} kind=${made ? "quiet" : "main"} work=${make}>Make the test's G-code</${Act}>
       ${made && html`<${Note} tone="good">
         <p>${made.job}: ${made.lines} lines, ${span(made.duration_s)}, from X, Y, Z
-          ${" "}${made.start_mm.map(mm).join(", ")} mm.
+          ${" "}${made.start_mm.map(mm).join(", ")} mm.${" "}
           <a href=${`/job?job=${part(made.job)}`}>Print it by the page Job</a>, then fill in the last column.</p>
         ${made.notes.map((text) => html`<p key=${text}>${text}</p>`)}
       </${Note}>`}`}
-    <${Sheet} wizard=${wizard} rows=${rows} tip=${status.position_mm} onRows=${(next) => keep({ rows: next, made })} />
-    ${weighs && html`<${Field} kind="number" label="Density" unit="g/cm³" min=${0.1} max=${20} value=${density}
-      onChange=${setDensity} />`}
-    ${rows.length > 0 && html`<div class="row row-top">
-      <${Act} kind="main" work=${fit}>What do they say?</${Act}>
-      <${Button} onClick=${again}>Empty the sheet</${Button}></div>`}
-    ${result && html`<div class="stack" role="status">
-      <${Facts} rows=${Object.entries(result.estimates).map(([name, one]) => [name, estimate(one)])} />
-      <p class="hint">In brackets: 95 % intervals. ${result.notes.join("; ")}.</p>
-    </div>`}
-    ${result && wizard.writes.length > 0 && html`<${Copy} printer=${printer} syringe=${syringe} read=${read} />`}
+    <div class=${wizard.printed ? "printer-two" : "stack"}>
+      <div class="stack"><${Sheet} wizard=${wizard} rows=${rows} tip=${status.position_mm}
+        onRows=${(next) => keep({ rows: next, made })} /></div>
+      <div class="stack">
+        ${weighs && html`<${Field} kind="number" label="Density" unit="g/cm³" min=${0.1} max=${20} value=${density}
+          onChange=${setDensity} />`}
+        ${rows.length > 0 && html`<div class="row row-top">
+          <${Act} kind="main" work=${fit}>What do they say?</${Act}>
+          <${Button} onClick=${again}>Empty the sheet</${Button}></div>`}
+        ${result && html`<div class="stack" role="status">
+          <${Facts} rows=${Object.entries(result.estimates).map(([name, one]) => [name, estimate(one)])} />
+          <p class="hint">In brackets: 95 % intervals. ${result.notes.join("; ")}.</p>
+        </div>`}
+        ${result && wizard.writes.length > 0 && html`<${Fold} title="Write it into a copy of a profile">
+          <${Copy} printer=${printer} syringe=${syringe} read=${read} /></${Fold}>`}
+      </div>
+    </div>
   </${Card}>`;
 }
 
@@ -117,7 +123,7 @@ function Copy({ printer, syringe, read }) {
     const { message } = await post("calibrations/weigh/profile", { read: read(), mend, copy_name: copy });
     setWritten(`written: ${message}. Choose it when you connect or say what is mounted from now on.`);
   };
-  return html`<h3>Write it into a copy of a profile</h3>
+  return html`
     <${Field} kind="choice" label="What is measured" value=${mend} options=${[
       ["printer", `steps/mm of ${printer}, where the bore is right`],
       ["syringe", `bore of ${syringe}, where the steps are right`]]}

@@ -10,7 +10,7 @@ const PAD = [["y", 1], ["z", 1], ["x", -1], ["x", 1], ["y", -1], ["z", -1]];
 
 export const mm = (value) => (value === null || value === undefined ? "–" : value.toFixed(2).replace("-", "\u2212"));
 export const post = (path, body) => send("POST", `/printer/${path}`, body);
-const ends = (low, high) => `${Math.round(10 * low) / 10} to ${Math.round(10 * high) / 10}`.replaceAll("-", "\u2212");
+const ends = (low, high) => `${Math.round(10 * low) / 10}…${Math.round(10 * high) / 10}`.replaceAll("-", "\u2212");
 
 export function Move({ status, onOpen }) {
   const [step, setStep] = useState(1);
@@ -118,8 +118,8 @@ export function TouchOff({ status, onOpen }) {
       <p>Tells the printer where the dish's floor is for the needle mounted, and how high the bath stands: three
         readings within 0.05 mm each.</p>
       ${parts.needle && parts.dish
-        ? html`<${Field} kind="number" label="Foil under the tip" unit="mm" min=${0} max=${2} step=${0.01} value=${foil}
-            hint="0 for none" onChange=${setFoil} />`
+        ? html`<div class="printer-fine"><${Field} kind="number" label="Foil under the tip" unit="mm" min=${0} max=${2}
+            step=${0.01} value=${foil} hint="0 for none" onChange=${setFoil} /></div>`
         : html`<p>The floor needs a needle and a dish.</p>`}
       <div class="row">
         ${parts.needle && parts.dish && html`<${Act} kind="main" work=${begin("floor")}>Touch off the floor</${Act}>`}
