@@ -23,7 +23,7 @@ from printctl.calibration.writing import (
     measured_key,
     save_measured,
 )
-from printctl.web.printer.calibration import BY_NAME, CalibrationRequest, Mend, Read
+from printctl.web.printer.calibrations import BY_NAME, CalibrationRequest, Mend, Read
 from printctl.web.profile_store import ProfileStore
 
 

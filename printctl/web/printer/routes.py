@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Request
 from pydantic import BaseModel, ConfigDict, Field
 
 from printctl.web.controls import Principal
-from printctl.web.printer.calibration import (
+from printctl.web.printer.calibrations import (
     CalibrationFiles,
     CalibrationRequest,
     Mend,

@@ -21,7 +21,7 @@ from printctl.web.api import answer_errors
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotInControlError
 from printctl.web.printer import following
-from printctl.web.printer.calibration import CalibrationRequest, Read
+from printctl.web.printer.calibrations import CalibrationRequest, Read
 from printctl.web.printer.console import Macro
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
