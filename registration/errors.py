@@ -4,6 +4,7 @@
 
     RegistrationError           anything a user can mend on the registration side
     ├── ScanFileError           a scan that can't be read, or comes without its units
+    │   └── MissingMetadataError    one that can be read, but doesn't say all that it must
     ├── SegmentationError       empty, saturated or contrastless volume
     ├── AlignmentError          scan and model don't fit each other
     ├── DatumError              a datum that isn't there, isn't seen, or leaves the part free
@@ -20,6 +21,20 @@ class RegistrationError(ValueError):
 
 class ScanFileError(RegistrationError):
     """A scan file that can't be read, or comes without its units."""
+
+
+class MissingMetadataError(ScanFileError):
+    """A scan that can be read, but doesn't say all that it must.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What is missing, as `ScanOverrides` names it.
+    """
+
+    def __init__(self, message: str, names: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.names = names
 
 
 class SegmentationError(RegistrationError):
