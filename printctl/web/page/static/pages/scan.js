@@ -2,7 +2,7 @@
 import { part, send, url } from "../api.js";
 import {
   Act, Button, Card, Drop, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Tabs,
-  bytes, html, number, useAction, useEffect, useGet, useRef, useState, useStyle, when,
+  bytes, html, number, useEffect, useGet, useRef, useState, useStyle, when,
 } from "../ui.js";
 import Findings, { Vessels } from "./scan_findings.js";
 import { Metadata, Missing } from "./scan_metadata.js";
@@ -117,9 +117,10 @@ function Purpose({ run, printed, onDone }) {
       <div class="row scan-row">
         ${!run && printed.length > 1 && html`<${Field} kind="choice" label="Print" value=${name} onChange=${setChosen}
           options=${printed.map((one) => [one, one])} />`}
-        ${!going && html`<${Act} kind="main" work=${start}>Simulate the scan of ${name}, and judge it</${Act}>`}
+        ${going ? html`<${Cancel} way=${`/runs/${part(name)}`} onDone=${progress.reload} />`
+          : html`<${Act} kind="main" work=${start}>Simulate the scan of ${name}, and judge it</${Act}>`}
       </div>
-      <${Stages} now=${progress.value} cancel=${`/runs/${part(name)}/cancel`} onCancel=${progress.reload} />`
+      <${Stages} now=${progress.value} />`
     : run && html`<${Empty}>${run} has no finished print here; a scan of any part of its design can be compared with
         it.</${Empty}>`}
   </${Card}>`;
@@ -202,6 +203,7 @@ function Compare({ row, run, runs, volume, onRun, onChange }) {
     { id: "slices", name: "Slices", body: () => html`<${Slices} scan=${row.scan} volume=${volume} />` },
     result && { id: "files", name: "Files", body: () => html`<${Files} way=${way} of=${files} />` },
   ].filter(Boolean);
+  const stages = html`<${Stages} now=${progress.value} />`;
   const words = own ? "Judge it again" : result ? "Register again" : "Register";
   return html`
     <${Card} title="Compare with the design" fold=${result ? "scan.compare" : undefined} folded>
@@ -210,13 +212,15 @@ function Compare({ row, run, runs, volume, onRun, onChange }) {
         <div class="row scan-row">
           <${Field} kind="choice" label="Design (run)" value=${chosen} options=${names.map((one) => [one, one])}
             onChange=${onRun} />
-          ${!own && html`<${Field} kind="flag" label="Lumens are bright (filled with contrast agent)"
+          ${!own && !going && html`<${Field} kind="flag" label="Lumens are bright (filled with contrast agent)"
             value=${filled} onChange=${setFilled} />`}
-          ${!going && html`<${Act} kind=${result ? "quiet" : "main"} work=${start}>${words}</${Act}>`}
+          ${going ? html`<${Cancel} way=${works} onDone=${progress.reload} />`
+            : html`<${Act} kind=${result ? "quiet" : "main"} work=${start}>${words}</${Act}>`}
         </div>
-        ${own && html`<p class="hint">This scan is the run's own: judging it continues the run.</p>`}`}
+        ${own && html`<p class="hint">This scan is the run's own: judging it continues the run.</p>`}
+        ${going && stages}`}
     </${Card}>
-    <${Stages} now=${progress.value} cancel=${`${works}/cancel`} onCancel=${progress.reload} />
+    ${!going && stages}
     <${Card}>
       <${Tabs} label="What is shown of the scan" tabs=${tabs} at=${tab || tabs[0].id} onChange=${setTab} />
     </${Card}>`;
@@ -233,22 +237,21 @@ function useEnd(going, work) {
 
 const isGoing = (progress) => ["starting", "running"].includes(progress?.state);
 
+const Cancel = ({ way, onDone }) => html`
+  <${Act} work=${async () => { await send("POST", `${way}/cancel`); onDone(); }}>Cancel</${Act}>`;
+
 // How far the work is, stage by stage; how it failed.
-function Stages({ now, cancel, onCancel }) {
-  const [stop, state] = useAction(async () => { await send("POST", cancel); onCancel(); });
+function Stages({ now }) {
   if (!isGoing(now) && !["failed", "interrupted"].includes(now?.state)) return null;
   const words = (one) => [one.state === "waiting" ? "" : one.state, one.note].filter(Boolean).join(": ");
   const list = html`<ul class="scan-stages">${now.stages.map((one) => html`<li key=${one.name}>
     <span>${one.name}</span><${Progress} share=${one.fraction} label=${one.name} />
     <span class="quiet">${words(one)}</span></li>`)}</ul>`;
   if (!isGoing(now)) {
-    const end = now.state === "failed" ? "It failed." : "It was broken off.";
-    return html`<${Note} tone="bad"><p><strong>${end}</strong> ${now.message}</p></${Note}>`;
+    const [tone, end] = now.state === "failed" ? ["bad", "It failed."] : ["warn", "It was broken off."];
+    return html`<${Note} tone=${tone}><p><strong>${end}</strong> ${now.message}</p></${Note}>`;
   }
-  return html`<${Card} title="At work" tools=${html`<${Button} busy=${state.busy} onClick=${stop}>Cancel</${Button}>`}>
-    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
-    ${now.stages.length ? list : html`<${Progress} label="Starting" />`}
-  </${Card}>`;
+  return now.stages.length ? list : html`<${Progress} label="Starting" />`;
 }
 
 function Files({ way, of }) {
