@@ -6,7 +6,8 @@ from fastapi import APIRouter, Response, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import FileResponse, HTMLResponse
 
-from printctl.web.design.routes import REFUSALS, ProgressAnswer, Theme, embedded
+from printctl.web.design.routes import REFUSALS, Theme, embedded
+from printctl.web.design.runs import RunProgress
 from printctl.web.design.service import ARTEFACTS
 from printctl.web.errors import BadRequestError
 from printctl.web.scan.findings import Findings
@@ -84,16 +85,16 @@ def _add_scans(routes: APIRouter, service: ScanService) -> None:
 
 def _add_registrations(routes: APIRouter, service: ScanService) -> None:
     @routes.post("/{scan}/with/{run}/start", summary="Register a scan with a run's design")
-    def start(scan: str, run: str, given: RegisterRequest) -> ProgressAnswer:
-        return ProgressAnswer.of(service.register(scan, run, given.filled))
+    def start(scan: str, run: str, given: RegisterRequest) -> RunProgress:
+        return service.register(scan, run, given.filled)
 
     @routes.post("/{scan}/with/{run}/cancel", summary="Stop a registration")
-    def cancel(scan: str, run: str) -> ProgressAnswer:
-        return ProgressAnswer.of(service.cancel(scan, run))
+    def cancel(scan: str, run: str) -> RunProgress:
+        return service.cancel(scan, run)
 
     @routes.get("/{scan}/with/{run}/progress", summary="How far a registration is")
-    def progress(scan: str, run: str) -> ProgressAnswer:
-        return ProgressAnswer.of(service.progress(scan, run))
+    def progress(scan: str, run: str) -> RunProgress:
+        return service.progress(scan, run)
 
     @routes.get("/{scan}/with/{run}/findings", summary="Alignment, vessels, verdict")
     def found(scan: str, run: str) -> Findings:

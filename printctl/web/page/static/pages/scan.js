@@ -26,7 +26,13 @@ function Report({ scan, run }) {
   const tools = html`
     <${Button} href=${address} target="_blank" rel="noopener">Open in a tab of its own</${Button}>
     <${Button} href=${`/scan?scan=${part(scan)}&run=${part(run)}`}>Back</${Button}>`;
-  const theme = document.documentElement.dataset.theme ?? "light";
+  const root = document.documentElement;
+  const [theme, setTheme] = useState(root.dataset.theme);
+  useEffect(() => {
+    const watch = new MutationObserver(() => setTheme(root.dataset.theme));
+    watch.observe(root, { attributeFilter: ["data-theme"] });
+    return () => watch.disconnect();
+  }, []);
   return html`<${Page} title=${`Report: ${run}`} tools=${tools} wide>
     <iframe class="frame scan-report" title=${`Report of ${plain(scan)} with ${run}`} src=${`${address}?theme=${theme}`}
       sandbox="allow-scripts allow-downloads"></iframe>

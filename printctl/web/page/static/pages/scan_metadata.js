@@ -50,7 +50,8 @@ export function Metadata({ scan, needs, onSaid }) {
     ...(said.modality === "oct" ? LIGHT.filter((name) => name !== "axes" || asked.length) : []),
     ...(said.scale === "db" ? DECIBELS : []),
   ];
-  const due = needs.missing.length ? [...new Set([...asked, ...added])] : Object.keys(FIELDS);
+  const plain = Object.keys(FIELDS).filter((name) => !DECIBELS.includes(name));
+  const due = [...new Set([...(needs.missing.length ? asked : plain), ...added])];
   const rest = Object.keys(FIELDS).filter((name) => !due.includes(name));
   const draw = (name) => html`<${One} key=${name} name=${name} value=${said[name]} onChange=${set(name)} />`;
   const keep = async () => {
@@ -58,6 +59,8 @@ export function Metadata({ scan, needs, onSaid }) {
     onSaid();
   };
   return html`
+    ${!needs.missing.length && html`<p class="hint">What is filled in here stands above what the file says; the rest is as
+      in the file.</p>`}
     <div class="scan-fields">${due.map(draw)}</div>
     ${rest.length > 0 && html`<${Fold} title="More that can be said">
       <div class="scan-fields">${rest.map(draw)}</div></${Fold}>`}
