@@ -4,7 +4,6 @@
 
     RegistrationError           anything a user can mend on the registration side
     ├── ScanFileError           a scan that can't be read, or comes without its units
-    │   └── MissingMetadataError    one that can be read, but doesn't say all that it must
     ├── SegmentationError       empty, saturated or contrastless volume
     ├── AlignmentError          scan and model don't fit each other
     ├── DatumError              a datum that isn't there, isn't seen, or leaves the part free
@@ -20,21 +19,17 @@ class RegistrationError(ValueError):
 
 
 class ScanFileError(RegistrationError):
-    """A scan file that can't be read, or comes without its units."""
-
-
-class MissingMetadataError(ScanFileError):
-    """A scan that can be read, but doesn't say all that it must.
+    """A scan file that can't be read, or comes without its units.
 
     Attributes
     ----------
-    names : tuple of str
-        What is missing, as `ScanOverrides` names it.
+    missing : tuple of str
+        What a file that can be read doesn't say, as `ScanOverrides` names it.
     """
 
-    def __init__(self, message: str, names: tuple[str, ...] = ()) -> None:
+    def __init__(self, message: str, missing: tuple[str, ...] = ()) -> None:
         super().__init__(message)
-        self.names = names
+        self.missing = missing
 
 
 class SegmentationError(RegistrationError):

@@ -14,7 +14,7 @@ from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.scan.findings import Findings, findings
 from printctl.web.scan.slices import OpenScan, Slices, Volume, volume_of
 from printctl.web.scan.store import REGISTERED, ScanMetadata, ScanStore
-from registration.errors import MissingMetadataError, ScanFileError
+from registration.errors import ScanFileError
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,9 @@ class ScanService:
         path, said = self.store.path(scan), self.store.said(scan)
         try:
             self.slices.open(path)
-        except MissingMetadataError as exc:
-            names = ("voxel_um" if name == "voxel_mm" else name for name in exc.names)
-            return ScanNeeds(tuple(names), self._plain(str(exc)), said)
         except ScanFileError as exc:
-            return ScanNeeds((), self._plain(str(exc)), said)
+            names = ("voxel_um" if name == "voxel_mm" else name for name in exc.missing)
+            return ScanNeeds(tuple(names), self._plain(str(exc)), said)
         return ScanNeeds((), "", said)
 
     def say(self, scan: str, metadata: ScanMetadata) -> Volume:

@@ -13,7 +13,7 @@ import yaml
 from pydantic import Field
 
 from firmware_profiles.yaml_file import read_yaml
-from registration.errors import MissingMetadataError, ScanFileError
+from registration.errors import ScanFileError
 from registration.files.readers.common import Array, FileVolume, native
 from registration.files.readers.decibels import (
     COUNT_KEYS,
@@ -301,7 +301,7 @@ def _refuse_missing(known: Mapping[str, Any], path: Path, notes: Sequence[str]) 
     if missing:
         options = ", ".join(_OPTIONS.get(n, "--" + n.replace("_", "-")) for n in missing)
         read = f" ({'; '.join(notes)})" if notes else ""
-        raise MissingMetadataError(
+        raise ScanFileError(
             f"{path}: doesn't say {', '.join(missing)}; give {options}{read}", tuple(missing)
         )
 
