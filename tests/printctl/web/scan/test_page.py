@@ -91,7 +91,7 @@ def test_verdict_stands_first_and_the_page_fits(
     page = shown(browser, f"{served}/scan?scan=file~chip_7.tif", viewport, theme, own=True)
     page.get_by_text("Not passed").wait_for()
     assert HOSTILE in page.inner_text("body")
-    limit = 2000 if viewport == PHONE else 1000 if viewport == WIDE else 1200
+    limit = 2000 if viewport == PHONE else 1000 if viewport == WIDE else 1300
     for tab in ("Result", "Vessels (30)", "Slices", "Files"):
         page.get_by_role("tab", name=tab).click()
         height, width = page.evaluate(
