@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+_INTERRUPTED: Final = "interrupted; finished stages are kept"
 LEAST_S: Final = 0.2
 """No two lines of a stage's progress are written within less."""
 
@@ -75,9 +76,13 @@ class ProgressFile:
         try:
             yield
         except KeyboardInterrupt:
-            self._end("interrupted", "interrupted; finished stages are kept")
+            self._end("interrupted", _INTERRUPTED)
             raise
         except Exception as exc:
+            # In a compiled kernel an interrupt comes out as a SystemError that it caused.
+            if isinstance(exc.__cause__, KeyboardInterrupt):
+                self._end("interrupted", _INTERRUPTED)
+                raise KeyboardInterrupt from exc
             self._end("failed", message_of(exc) or f"{type(exc).__name__}: {exc}")
             raise
         self._end("done", "")

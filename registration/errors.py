@@ -19,7 +19,17 @@ class RegistrationError(ValueError):
 
 
 class ScanFileError(RegistrationError):
-    """A scan file that can't be read, or comes without its units."""
+    """A scan file that can't be read, or comes without its units.
+
+    Attributes
+    ----------
+    missing : tuple of str
+        What a file that can be read doesn't say, as `ScanOverrides` names it.
+    """
+
+    def __init__(self, message: str, missing: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.missing = missing
 
 
 class SegmentationError(RegistrationError):

@@ -17,7 +17,6 @@ from design.network_files.csv_format import write_network_csv
 from printctl.machine.station import attach
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, serious, shown
-from tests.printctl.web.shell.dialogs import serious_in_dialog
 from tests.system.forks import FORK, of_fork
 
 pytestmark = pytest.mark.browser
@@ -42,7 +41,7 @@ def test_from_a_recipe_to_its_report_by_clicks_alone(workspace: Path, browser: A
     with _serve(workspace) as server:
         port = server.url.rsplit(":", 1)[1].strip("/")
         page = shown(browser, f"{server.url}/scan")
-        page.get_by_text("No scan yet").wait_for()
+        page.get_by_role("heading", name="Scan the part, then drop the scan here").wait_for()
         page.goto(f"{server.url}/design")
         _design(page)
         _connect(page, server)
@@ -122,11 +121,17 @@ def _seen_by_another(browser: Any, server: Process) -> None:
 
 def _scan(page: Any, server: Process) -> None:
     page.goto(f"{server.url}/scan?run=one")
-    page.get_by_role("button", name="Simulate the scan of this run's print").click()
+    page.get_by_role("button", name="Simulate the scan of one, and judge it").click()
     page.get_by_text("Shifted by x, y, z").wait_for(timeout=_LONG_MS)
-    report = page.frame_locator('iframe[title="Report of the registration"]')
-    page.mouse.wheel(0, 20_000)
-    report.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
+    _report(page)
+
+
+def _report(page: Any) -> None:
+    page.get_by_role("link", name="Show the report").click()
+    frame = page.get_by_title("Report of ")
+    viewer = frame.content_frame.locator("#viewer")
+    viewer.scroll_into_view_if_needed()
+    frame.content_frame.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
 
 
 @pytest.mark.slow
@@ -138,29 +143,26 @@ def test_a_scan_is_added_seen_and_registered(workspace: Path, browser: Any, tmp_
         _add_and_look(page, scan)
         _register(page)
         small = shown(browser, f"{server.url}/scan", viewport=PHONE, color_scheme="dark")
-        small.get_by_text("Shifted by x, y, z").wait_for(timeout=60_000)
+        small.get_by_role("tab", name="Result").wait_for(timeout=60_000)
         assert small.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
         assert serious(small) == []
 
 
 def _add_and_look(page: Any, scan: Path) -> None:
-    page.get_by_role("button", name="Add a scan").click()
-    page.get_by_role("button", name="Choose a volume").wait_for()
-    assert serious_in_dialog(page) == []
-    page.locator("input[type=file]").set_input_files(str(scan))
-    page.get_by_text("file~fresh_scan.tif: ").wait_for(timeout=60_000)
-    image = page.get_by_alt_text("of the scan along z")
+    page.get_by_label("Add a scan").set_input_files(str(scan))
+    page.get_by_role("heading", name="fresh_scan.tif").wait_for(timeout=60_000)
+    image = page.get_by_role("img", name="From above (along z)")
+    image.wait_for(timeout=60_000)
+    page.wait_for_function("[...document.images].every((one) => one.naturalWidth > 10)")
     first = image.get_attribute("src")
+    page.get_by_label("From above (along z)").and_(page.get_by_role("slider")).press("ArrowRight")
     page.wait_for_function(
-        "[...document.querySelectorAll('.pc-slice img')].every(one => one.naturalWidth > 10)"
+        "first => document.querySelector('figure img').getAttribute('src') !== first", arg=first
     )
-    page.get_by_label("Slice along z").locator("[tabindex]").press("ArrowRight")
+    page.get_by_text("Contrast and threshold").click()
+    page.get_by_label("Tint what is brighter than").check()
     page.wait_for_function(
-        "first => document.querySelector('.pc-slice img').getAttribute('src') !== first", arg=first
-    )
-    page.get_by_text("Tint what is above the threshold").click()
-    page.wait_for_function(
-        "document.querySelector('.pc-slice img').getAttribute('src').includes('threshold')"
+        "document.querySelector('figure img').getAttribute('src').includes('threshold')"
     )
     assert serious(page) == []
 
@@ -168,8 +170,9 @@ def _add_and_look(page: Any, scan: Path) -> None:
 def _register(page: Any) -> None:
     page.get_by_role("button", name="Register", exact=True).click()
     page.get_by_text("Shifted by x, y, z").wait_for(timeout=_LONG_MS)
+    page.get_by_role("tab", name="Vessels").click()
     assert page.locator("tbody tr").count() >= 3
-    report = page.frame_locator('iframe[title="Report of the registration"]')
-    page.locator("iframe").scroll_into_view_if_needed()
-    report.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
+    assert serious(page) == []
+    page.get_by_role("tab", name="Result").click()
+    _report(page)
     assert serious(page) == []

@@ -24,7 +24,13 @@ from typing import Any, Final, Literal
 
 from printctl.machine.link.errors import HistoryError, NoSuchPrint
 from printctl.machine.link.history_entry import INTERRUPTED, Alarm, PrintEntry, entry_of
-from printctl.machine.link.history_query import COLUMN_OF, OPERATOR, HistoryPage, HistoryQuery
+from printctl.machine.link.history_query import (
+    COLUMN_OF,
+    OPERATOR,
+    HistoryPage,
+    HistoryQuery,
+    below_any,
+)
 from printctl.machine.link.record import JOURNAL
 
 DATA_VARIABLE: Final = "PRINTCTL_DATA"
@@ -165,11 +171,15 @@ class PrintHistory:
             )
         return entries[0]
 
-    def known(self, column: Literal["profile", "who", "state"]) -> list[str]:
-        """What there is in a column, sorted."""
+    def known(
+        self, column: Literal["profile", "who", "state"], within: tuple[Path, ...] = ()
+    ) -> list[str]:
+        """Return what there is in a column of prints below the folders, or of all, sorted."""
+        where, values = below_any(within) if within else ("1", [])
         with self._told(), self._open() as index:
             rows = index.execute(
-                f"SELECT DISTINCT {COLUMN_OF[column]} FROM prints p ORDER BY 1"
+                f"SELECT DISTINCT {COLUMN_OF[column]} FROM prints p WHERE {where} ORDER BY 1",
+                values,
             ).fetchall()
             return [str(value) for (value,) in rows if value]
 

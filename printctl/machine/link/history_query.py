@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Final
 
 from printctl.machine.link.history_entry import PrintEntry
@@ -21,6 +22,12 @@ OPERATOR: Final = "(SELECT o.name FROM operators o WHERE o.id = p.id)"
 _BY: Final = f"coalesce({OPERATOR}, p.who)"
 COLUMN_OF: Final = {"profile": "p.profile", "who": _BY, "state": "p.state"}
 """SQL of what can be asked for by name; who printed is the operator, else the computer's user."""
+
+
+def below_any(folders: Sequence[Path]) -> tuple[str, list[str]]:
+    """Return SQL that is true of prints whose journal lies below a folder, and its values."""
+    begins = [f"{folder / 'x'}"[:-1] for folder in folders]  # with the separator at its end
+    return f"({' OR '.join(['instr(p.journal, ?) = 1'] * len(begins))})", begins
 
 
 class SortBy(StrEnum):
@@ -53,6 +60,8 @@ class HistoryQuery:
     limit : int or None
         None for all.
     offset : int
+    within : tuple of Path
+        Folders, resolved; the print's journal lies below one of them. Empty for anywhere.
     """
 
     words: str = ""
@@ -65,6 +74,7 @@ class HistoryQuery:
     descending: bool = True
     limit: int | None = None
     offset: int = 0
+    within: tuple[Path, ...] = ()
 
     def condition(self) -> tuple[str, list[object]]:
         """SQL on ``prints p``, and its values."""
@@ -84,6 +94,10 @@ class HistoryQuery:
         )
         parts += [sql for sql, value in narrowing if value]
         values += [value for _, value in narrowing if value]
+        if self.within:
+            below, folders = below_any(self.within)
+            parts.append(below)
+            values.extend(folders)
         return " AND ".join(parts) or "1", values
 
     def order(self) -> str:

@@ -69,6 +69,10 @@ class RunProgress:
         0 when not known.
     begun, told : float, s since 1970
         When it began, and when it last said something; 0 when not known.
+    print_state : str
+        Of its print, where that was asked for; empty when there is none.
+    fraction : float, 0 to 1
+        Share of the stages that is done, the one at work included.
     """
 
     name: str
@@ -79,16 +83,17 @@ class RunProgress:
     pid: int = 0
     begun: float = 0.0
     told: float = 0.0
+    print_state: str = ""
+    fraction: float = field(init=False, default=0.0)
+
+    def __post_init__(self) -> None:
+        share = sum(one.fraction for one in self.stages) / max(len(self.stages), 1)
+        object.__setattr__(self, "fraction", share)
 
     @property
     def going_on(self) -> bool:
         """Whether its process lives."""
         return self.state in ("starting", "running")
-
-    @property
-    def fraction(self) -> float:
-        """Share of the stages that is done, the one at work included."""
-        return sum(one.fraction for one in self.stages) / max(len(self.stages), 1)
 
 
 def read_progress(name: str, path: Path) -> RunProgress:

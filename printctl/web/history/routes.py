@@ -1,186 +1,30 @@
-"""REST of past prints: models of the answers, and routes."""
+"""REST of past prints: lists, records, bundles, repeats."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
 from datetime import date
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, File, Path, Query, UploadFile
 from fastapi.responses import FileResponse, PlainTextResponse, StreamingResponse
-from pydantic import BaseModel, Field
 from starlette.background import BackgroundTask
 
 from printctl.errors import UsageError
-from printctl.history.repeat import RepeatPlan
 from printctl.history.signing import BundleError
-from printctl.history.table import day_begins, day_ends, outcome
-from printctl.history.verify import BundleCheck
-from printctl.machine.link.history_entry import PrintEntry
+from printctl.history.table import day_begins, day_ends
 from printctl.machine.link.history_query import MOST, PAGE, HistoryQuery, SortBy
 from printctl.web.api import API, REFUSALS
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.history.service import HistoryService, PastPrintDetails
-
-# Request and response types of the print history's REST routes.
-
-
-class AlarmResponse(BaseModel):
-    """One alarm of a print."""
-
-    at: float = Field(description="s since 1970; 0 where the journal doesn't say")
-    text: str
-
-
-class PastPrint(BaseModel):
-    """One print as its journal tells it."""
-
-    id: str
-    file: str = Field(description="name of the G-code file")
-    sha256: str = Field(description="of the G-code file")
-    profile: str = Field(description="printer profile")
-    port: str
-    operator: str = Field(description="as the print's record names them; may be empty")
-    who: str = Field(description="user of the computer")
-    host: str
-    started: float = Field(description="s since 1970")
-    ended: float = Field(description="s since 1970; 0 for not yet")
-    state: str = Field(
-        description="done, stopped, failed, killed, position_unknown, interrupted or running"
-    )
-    message: str
-    error: str
-    done: int = Field(description="command lines that the printer took")
-    total: int = Field(description="command lines in the job")
-    begun: int = Field(description="how often it was begun or gone on with")
-    alarms: list[AlarmResponse]
-
-    @classmethod
-    def of(cls, entry: PrintEntry) -> PastPrint:
-        """Without where its files lie."""
-        values = asdict(entry)
-        return cls(**{name: values[name] for name in cls.model_fields})
-
-
-class PrintsPage(BaseModel):
-    """Some of the prints that were asked for."""
-
-    prints: list[PastPrint]
-    total: int = Field(description="on all pages")
-    offset: int
-
-
-class EventResponse(BaseModel):
-    """Something that happened in a print."""
-
-    at: float = Field(description="s since 1970; 0 where the journal doesn't say")
-    after_s: float = Field(description="since the print began")
-    kind: str
-    text: str
-
-
-class StateInterval(BaseModel):
-    """A time in one state, s since the print began."""
-
-    state: str
-    start_s: float
-    end_s: float
-
-
-class WholePrint(BaseModel):
-    """One print with all that there is of it."""
-
-    print: PastPrint
-    verdict: Literal["pass", "fail", "undecided", ""] = Field(description="of the scan, if any")
-    reasons: list[str]
-    gcode_there: bool = Field(description="whether the bytes that were printed are still there")
-    report: list[str] = Field(description="files of the report")
-    photos: list[str]
-    note: dict[str, Any] = Field(description="what the operator noted")
-    missing: list[str] = Field(description="what isn't there any more, or is of another print")
-    events: list[EventResponse]
-    more_events: int
-    states: list[StateInterval]
-
-    @classmethod
-    def of(cls, shown: PastPrintDetails) -> WholePrint:
-        """What the service gave."""
-        evidence, line = shown.found, shown.line
-        reasons = (evidence.verdict or {}).get("reasons", ())
-        return cls(
-            print=PastPrint.of(shown.entry),
-            verdict=outcome(evidence.verdict),
-            reasons=[str(text) for text in reasons],
-            gcode_there=evidence.gcode is not None,
-            report=sorted(evidence.report),
-            photos=[n.partition("/")[2] for n in evidence.noted if n.startswith("photos/")],
-            note=evidence.note(),
-            missing=list(evidence.missing),
-            events=[EventResponse(**asdict(one)) for one in line.events] if line else [],
-            more_events=line.more if line else 0,
-            states=[StateInterval(**asdict(one)) for one in line.stretches] if line else [],
-        )
-
-
-class VerificationResponse(BaseModel):
-    """What was found of a bundle."""
-
-    whole: bool
-    signature: str = Field(description="trusted, unknown key, wrong, unsigned or unchecked")
-    fingerprint: str = Field(description="SHA-256 of the key that signed")
-    changed: list[str]
-    lines: list[str] = Field(description="the same for people")
-    print_id: str
-    file: str
-
-    @classmethod
-    def of(cls, check: BundleCheck) -> VerificationResponse:
-        """What the service gave."""
-        past = check.manifest.print if check.manifest and check.whole else None
-        return cls(
-            whole=check.whole,
-            signature=check.signature.value,
-            fingerprint=check.fingerprint,
-            changed=list(check.changed),
-            lines=check.lines(),
-            print_id=past.id if past else "",
-            file=past.file if past else "",
-        )
-
-
-class DifferenceResponse(BaseModel):
-    """Something that isn't as it was when it was printed."""
-
-    what: str
-    then: str
-    now: str
-
-
-class RepeatResponse(BaseModel):
-    """A print that can be, or was, made ready again."""
-
-    sha256: str
-    differences: list[DifferenceResponse]
-    unknown: list[str] = Field(description="what nobody can tell whether it differs")
-    set_up: dict[str, Any]
-
-    @classmethod
-    def of(cls, plan: RepeatPlan) -> RepeatResponse:
-        """What the service gave."""
-        return cls(
-            sha256=plan.entry.sha256,
-            differences=[DifferenceResponse(**asdict(one)) for one in plan.differences],
-            unknown=list(plan.unknown),
-            set_up=plan.set_up,
-        )
-
-
-class JobMade(BaseModel):
-    """A job that is ready for the Job page."""
-
-    job: str
-
+from printctl.web.history.service import (
+    Choices,
+    HistoryService,
+    NewJob,
+    PastPrintDetails,
+    PrintsPage,
+    Repetition,
+    Verification,
+)
 
 PrintId = Annotated[str, Path(pattern="^[0-9]{1,20}-[0-9a-f]{8}$", description="id of the print")]
 Photo = Annotated[str, Path(pattern="^[A-Za-z0-9][A-Za-z0-9._-]{0,127}$")]
@@ -224,6 +68,10 @@ def history_query(
     )
 
 
+Asked = Annotated[HistoryQuery, Depends(history_query)]
+Here = Annotated[bool, Query(description="only prints of this workspace")]
+
+
 def router(service: HistoryService) -> APIRouter:
     """Make the history's part of the API."""
     made = APIRouter(prefix=f"{API}/history", tags=["history"], responses=REFUSALS)
@@ -235,10 +83,12 @@ def router(service: HistoryService) -> APIRouter:
 
 def _lists(made: APIRouter, service: HistoryService) -> None:
     @made.get("", summary="Past prints, a page of them")
-    def prints(query: Annotated[HistoryQuery, Depends(history_query)]) -> PrintsPage:
-        prints = service.find(query)
-        past = [PastPrint.of(entry) for entry in prints.entries]
-        return PrintsPage(prints=past, total=prints.total, offset=query.offset)
+    def prints(query: Asked, here: Here = False) -> PrintsPage:
+        return service.listed(service.here(query) if here else query)
+
+    @made.get("/choices", summary="Profiles, operators and ends that there are")
+    def choices(here: Here = False) -> Choices:
+        return service.choices(here)
 
     @made.get(
         "/csv",
@@ -246,9 +96,10 @@ def _lists(made: APIRouter, service: HistoryService) -> None:
         response_class=StreamingResponse,
         responses={200: {"content": {"text/csv": {}}}},
     )
-    def table(query: Annotated[HistoryQuery, Depends(history_query)]) -> StreamingResponse:
+    def table(query: Asked, here: Here = False) -> StreamingResponse:
         head = {"Content-Disposition": 'attachment; filename="prints.csv"'}
-        return StreamingResponse(service.csv(query), headers=head, media_type="text/csv")
+        lines = service.csv(service.here(query) if here else query)
+        return StreamingResponse(lines, headers=head, media_type="text/csv")
 
 
 def _records(made: APIRouter, service: HistoryService) -> None:
@@ -269,17 +120,17 @@ def _records(made: APIRouter, service: HistoryService) -> None:
         key: Annotated[
             UploadFile | None, File(description="public key (PEM) to trust; else this lab's own")
         ] = None,
-    ) -> VerificationResponse:
+    ) -> Verification:
         pem = key.file.read(_KEY_BYTES + 1) if key is not None else b""
         if len(pem) > _KEY_BYTES:
             raise BadRequestError(f"the key has more than {_KEY_BYTES} bytes; it is no key")
-        return VerificationResponse.of(service.verify(bundle.file, pem))
+        return service.verify(bundle.file, pem)
 
 
 def _one(made: APIRouter, service: HistoryService) -> None:
     @made.get("/{print_id}", summary="One print with all that there is of it")
-    def one(print_id: PrintId) -> WholePrint:
-        return WholePrint.of(service.one(print_id))
+    def one(print_id: PrintId) -> PastPrintDetails:
+        return service.one(print_id)
 
     @made.get(
         "/{print_id}/bundle",
@@ -320,12 +171,12 @@ def _one(made: APIRouter, service: HistoryService) -> None:
         return FileResponse(path, media_type=media)
 
     @made.get("/{print_id}/repeat", summary="What differs today from when it was printed")
-    def plan(print_id: PrintId) -> RepeatResponse:
-        return RepeatResponse.of(service.plan_repeat(print_id))
+    def plan(print_id: PrintId) -> Repetition:
+        return service.repetition(print_id)
 
     @made.post("/{print_id}/repeat", summary="Make a job of the same bytes; nothing is started")
-    def repeat(print_id: PrintId) -> JobMade:
-        return JobMade(job=service.repeat(print_id))
+    def repeat(print_id: PrintId) -> NewJob:
+        return service.repeat(print_id)
 
 
 def _begins(day: date | None) -> float:

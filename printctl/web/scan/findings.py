@@ -39,6 +39,19 @@ class VesselFinding:
 
 
 @dataclass(frozen=True)
+class AlignmentFigure:
+    """A figure of the alignment, with its unit and interval.
+
+    Attributes
+    ----------
+    name, value : str
+    """
+
+    name: str
+    value: str
+
+
+@dataclass(frozen=True)
 class Findings:
     """A registration.
 
@@ -48,17 +61,20 @@ class Findings:
         ``pass``, ``fail``, ``undecided``; empty where no verdict was written.
     passed : bool or None
         None where no verdict was written.
+    undecided : bool
+        Whether neither pass nor fail is proven.
     reasons : tuple of str
         Of the verdict.
-    alignment : tuple of (str, str)
-        Pose, scales and intervals: what, and how much.
+    alignment : tuple of AlignmentFigure
+        Pose, scales and intervals.
     vessels : tuple of VesselFinding
     """
 
     outcome: Outcome
     passed: bool | None
+    undecided: bool
     reasons: tuple[str, ...]
-    alignment: tuple[tuple[str, str], ...]
+    alignment: tuple[AlignmentFigure, ...]
     vessels: tuple[VesselFinding, ...]
 
 
@@ -78,6 +94,7 @@ def findings(folder: Path) -> Findings:
     return Findings(
         outcome(judged),
         judged.get("passed"),
+        outcome(judged) == "undecided",
         tuple(str(one) for one in judged.get("reasons", ())),
         tuple(alignment(numbers)),
         tuple(_vessel(row) for row in numbers.get("vessels", ())),
@@ -92,8 +109,8 @@ def _read(path: Path) -> dict[str, Any] | None:
     return data if isinstance(data, dict) else None
 
 
-def alignment(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Pose, scales and deviations with their 95 % intervals, a pair each."""
+def alignment(numbers: Mapping[str, Any]) -> list[AlignmentFigure]:
+    """Return pose, scales and deviations with their 95 % intervals."""
     matrix = np.array(numbers["transform_scan_to_part"], dtype=float)
     ci = numbers.get("interval_95") or {}
     rows = [("Turned by", f"{_degrees(matrix):.2f}° {_plus(ci.get('rotation_deg'), 1.0, '°')}")]
@@ -112,7 +129,7 @@ def alignment(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
     flag = (numbers.get("ambiguity") or {}).get("flag")
     if flag is not None:
         rows.append(("Pose", "ambiguous: another fits as well" if flag else "unambiguous"))
-    return rows
+    return [AlignmentFigure(name, value.strip()) for name, value in rows]
 
 
 def _degrees(matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> float:

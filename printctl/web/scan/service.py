@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from printctl.run_folder.artefacts import HTML, NETWORK, SOLID
 from printctl.web.core import Core
@@ -12,11 +12,28 @@ from printctl.web.design.runs import DetachedProcesses, RunProgress, Runs
 from printctl.web.design.service import ARTEFACTS
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.scan.findings import Findings, findings
-from printctl.web.scan.slices import OpenScan, Slices
-from printctl.web.scan.store import ScanStore
+from printctl.web.scan.slices import OpenScan, Slices, Volume, volume_of
+from printctl.web.scan.store import REGISTERED, ScanMetadata, ScanStore
 from registration.errors import ScanFileError
 
-_REGISTERED: Final = ".registered"
+
+@dataclass(frozen=True)
+class ScanNeeds:
+    """What a scan lacks before it can be shown.
+
+    Attributes
+    ----------
+    missing : tuple of str
+        What its file doesn't say, as `ScanMetadata` names it; ``voxel_um`` for the voxel size.
+    problem : str
+        Why it can't be read; empty where it can.
+    said : ScanMetadata
+        What the user has said so far.
+    """
+
+    missing: tuple[str, ...]
+    problem: str
+    said: ScanMetadata
 
 
 class ScanService:
@@ -43,6 +60,42 @@ class ScanService:
             return self.slices.open(path)
         except ScanFileError as exc:
             raise BadRequestError(self._plain(str(exc))) from exc
+
+    def volume(self, scan: str) -> Volume:
+        """Return what is known of a scan's volume.
+
+        Raises
+        ------
+        NotFoundError, BadRequestError
+        """
+        return volume_of(self.opened(scan))
+
+    def needs(self, scan: str) -> ScanNeeds:
+        """Return what has to be said of a scan, and what was.
+
+        Raises
+        ------
+        NotFoundError, BadRequestError
+        """
+        path, said = self.store.path(scan), self.store.said(scan)
+        try:
+            self.slices.open(path)
+        except ScanFileError as exc:
+            names = ("voxel_um" if name == "voxel_mm" else name for name in exc.missing)
+            return ScanNeeds(tuple(names), self._plain(str(exc)), said)
+        return ScanNeeds((), "", said)
+
+    def say(self, scan: str, metadata: ScanMetadata) -> Volume:
+        """Keep what the user says of an uploaded scan, and read it again.
+
+        Raises
+        ------
+        NotFoundError, ConflictError
+        BadRequestError
+            When it can't be read yet; what was said is kept.
+        """
+        self.store.say(scan, metadata)
+        return self.volume(scan)
 
     def _plain(self, message: str) -> str:
         """Without the folders of this machine."""
@@ -91,7 +144,7 @@ class ScanService:
         self.store.path(scan)
         if scan == f"run~{run}":
             return self.runs.folder(run)
-        return self.runs.folder(run) / _REGISTERED / scan
+        return self.runs.folder(run) / REGISTERED / scan
 
     def progress(self, scan: str, run: str) -> RunProgress:
         """How far a registration is."""

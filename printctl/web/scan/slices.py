@@ -55,6 +55,62 @@ class OpenScan:
         return (nx * dx, ny * dy, nz * dz)
 
 
+@dataclass(frozen=True)
+class Volume:
+    """What is known of a scan's volume.
+
+    Attributes
+    ----------
+    shape : (int, int, int)
+        Voxels along x, y, z.
+    voxel_um, size_mm : (float, float, float)
+        Along x, y, z; geometric.
+    modality, scale : str
+    refractive_index : float
+        By which depth was divided; 1 where depth isn't optical.
+    depth_down : bool
+        Whether growing depth index goes down into the sample.
+    notes : tuple of str
+        What was done to it as it was read.
+    low, high : float
+        Of the intensity: the window to begin with.
+    threshold : float
+        Between the two classes of voxels (Otsu 1979).
+    """
+
+    shape: tuple[int, int, int]
+    voxel_um: tuple[float, float, float]
+    size_mm: tuple[float, float, float]
+    modality: str
+    scale: str
+    refractive_index: float
+    depth_down: bool
+    notes: tuple[str, ...]
+    low: float
+    high: float
+    threshold: float
+
+
+def volume_of(opened: OpenScan) -> Volume:
+    """Describe a scan that was read."""
+    scan = opened.scan
+    nz, ny, nx = scan.volume.shape
+    dz, dy, dx = scan.geometric_voxel_mm
+    return Volume(
+        shape=(nx, ny, nz),
+        voxel_um=(dx * 1e3, dy * 1e3, dz * 1e3),
+        size_mm=opened.size_mm,
+        modality=scan.modality,
+        scale=scan.scale,
+        refractive_index=scan.refractive_index,
+        depth_down=scan.depth_down,
+        notes=scan.notes,
+        low=opened.low,
+        high=opened.high,
+        threshold=opened.threshold,
+    )
+
+
 def open_scan(scan: Scan) -> OpenScan:
     """A scan with a window and a threshold to begin with."""
     values = sample(scan.volume)

@@ -13,16 +13,20 @@ import zipfile
 import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePath, PurePosixPath
-from typing import IO, Any, BinaryIO, Final
+from typing import IO, Any, BinaryIO, ClassVar, Final
+
+from pydantic import ConfigDict, TypeAdapter
+from yaml import YAMLError
 
 from design.files import write_text
+from firmware_profiles.yaml_file import read_yaml
 from printctl.system_errors import is_known
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.security.uploads import save_upload
 from printctl.web.workspace import Workspace, checked_name, is_name
 from registration.errors import ScanFileError
 from registration.files.readers import ScanOverrides
-from registration.files.readers.metadata import find_sidecar
+from registration.files.readers.metadata import NAMES, find_sidecar
 from registration.files.readers.read import recognise
 from registration.files.readers.tiff import has_slices, read_tiff_folder
 
@@ -207,6 +211,8 @@ def _write(archive: zipfile.ZipFile, member: zipfile.ZipInfo, place: Path, left:
 UPLOADS: Final = ".arriving"
 _RUN_SCANS: Final = ("scan.tif", "scan.oct")
 _SIDECARS: Final = (".json", ".yaml", ".yml")
+REGISTERED: Final = ".registered"
+"""Folder in a run of the registrations of other scans with its design."""
 
 
 @dataclass(frozen=True)
@@ -220,11 +226,39 @@ class ScanRow:
     megabytes : float, MB
         0 for a folder.
     modified : float, s since 1970
+    registered : tuple of str
+        Runs with whose design its registration was begun.
     """
 
     scan: str
     megabytes: float
     modified: float
+    registered: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ScanMetadata(ScanOverrides):
+    """What the user says of a scan, with the voxel size in the order of the page.
+
+    Attributes
+    ----------
+    voxel_um : (x, y, z) or None, µm
+        Instead of `voxel_mm`.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    voxel_um: tuple[float, float, float] | None = None
+
+    def overrides(self) -> dict[str, Any]:
+        """Return what was said, by the readers' names."""
+        known = {key: value for key, value in asdict(self).items() if value is not None}
+        if "voxel_um" in known:
+            known["voxel_mm"] = [1e-3 * size for size in reversed(known.pop("voxel_um"))]
+        return known
+
+
+_METADATA: Final = TypeAdapter(ScanMetadata)
 
 
 class ScanStore:
@@ -245,14 +279,35 @@ class ScanStore:
             for path in self._workspace.found("scans/*")
             if is_name(path.name) and path.suffix.lower() not in _SIDECARS
         ]
-        rows = [_row(f"file~{path.name}", path) for path in files]
+        rows = [self._row(f"file~{path.name}", path) for path in files]
         for name in _RUN_SCANS:
             rows += [
-                _row(f"run~{path.parent.name}", path)
+                self._row(f"run~{path.parent.name}", path)
                 for path in self._workspace.found(f"runs/*/{name}")
                 if is_name(path.parent.name)
             ]
         return sorted(rows, key=lambda row: -row.modified)
+
+    def _row(self, scan: str, path: Path) -> ScanRow:
+        state, begun = path.stat(), self._workspace.root.glob(f"runs/*/{REGISTERED}/{scan}")
+        runs = sorted(place.parent.parent.name for place in begun)
+        if scan.startswith("run~"):
+            runs = [scan.removeprefix("run~"), *runs]
+        size = state.st_size / 1e6 if path.is_file() else 0.0
+        return ScanRow(scan, size, state.st_mtime, tuple(name for name in runs if is_name(name)))
+
+    def row(self, scan: str) -> ScanRow:
+        """Return one scan.
+
+        Raises
+        ------
+        BadRequestError, NotFoundError
+        """
+        return self._row(scan, self.path(scan))
+
+    def unusable(self) -> list[str]:
+        """Return files in the folder that aren't listed for their names."""
+        return self._workspace.unusable_names("scans/*")
 
     def path(self, scan: str) -> Path:
         """Where a scan lies.
@@ -316,18 +371,19 @@ class ScanStore:
         place.mkdir(exist_ok=True)
         return tempfile.TemporaryDirectory(dir=place, prefix=secrets.token_hex(4))
 
-    def said(self, scan: str) -> dict[str, Any]:
-        """What the user said of a scan beside it."""
+    def said(self, scan: str) -> ScanMetadata:
+        """Return what is said of a scan in a file beside it; nothing where that can't be read."""
         sidecar = find_sidecar(self.path(scan))
-        if sidecar is None:
-            return {}
         try:
-            data = json.loads(sidecar.read_text(encoding="utf-8"))
-        except ValueError:
-            return {}
-        return data if isinstance(data, dict) else {}
+            data = read_yaml(sidecar.read_text(encoding="utf-8")) if sidecar else {}
+            known = {key: value for key, value in dict(data).items() if key in NAMES}
+            if "voxel_mm" in known:
+                known["voxel_um"] = [1e3 * size for size in reversed(known.pop("voxel_mm"))]
+            return _METADATA.validate_python(known)
+        except (OSError, TypeError, ValueError, YAMLError):
+            return ScanMetadata()
 
-    def say(self, scan: str, overrides: ScanOverrides) -> None:
+    def say(self, scan: str, metadata: ScanMetadata) -> None:
         """Keep what the user says of an uploaded scan, in a file beside it that all readers read.
 
         Raises
@@ -337,9 +393,8 @@ class ScanStore:
         """
         if not scan.startswith("file~"):
             raise ConflictError("a run's own scan says all of itself; nothing is to be added")
-        path = self.path(scan)
-        known = {key: value for key, value in asdict(overrides).items() if value is not None}
-        write_text(path.with_suffix(".json"), json.dumps(known, indent=1) + "\n")
+        place = self.path(scan).with_suffix(".json")
+        write_text(place, json.dumps(metadata.overrides(), indent=1) + "\n")
 
     def delete(self, scan: str) -> None:
         """Throw an uploaded scan away; a run's own goes with the run.
@@ -378,8 +433,3 @@ def scan_name(file_name: str) -> str:
     if PurePath(name).suffix.lower() in _SIDECARS:
         raise BadRequestError(f"{name} isn't a scan; give its volume")
     return checked_name(name[-64:].lstrip("._-"))
-
-
-def _row(scan: str, path: Path) -> ScanRow:
-    state = path.stat()
-    return ScanRow(scan, state.st_size / 1e6 if path.is_file() else 0.0, state.st_mtime)

@@ -6,10 +6,11 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, TypeGuard
+from typing import Annotated, Any, Literal, TypeGuard
 
 import numpy as np
 import yaml
+from pydantic import Field
 
 from firmware_profiles.yaml_file import read_yaml
 from registration.errors import ScanFileError
@@ -143,16 +144,16 @@ class ScanOverrides:
     """
 
     voxel_mm: tuple[float, float, float] | None = None
-    refractive_index: float | None = None
+    refractive_index: Annotated[float, Field(ge=1, le=2)] | None = None
     optical_depth: bool | None = None
     scale: Literal["linear", "db"] | None = None
     modality: Literal["oct", "microct", "confocal"] | None = None
     depth_down: bool | None = None
-    axes: str | None = None
+    axes: Annotated[str, Field(pattern="^[xyz]{3}$")] | None = None
     mirrored: bool | None = None
     db_range: tuple[float, float] | None = None
     count_range: tuple[float, float] | None = None
-    counts_per_db: float | None = None
+    counts_per_db: Annotated[float, Field(gt=0)] | None = None
     db_at_zero: float | None = None
 
 
@@ -300,7 +301,9 @@ def _refuse_missing(known: Mapping[str, Any], path: Path, notes: Sequence[str]) 
     if missing:
         options = ", ".join(_OPTIONS.get(n, "--" + n.replace("_", "-")) for n in missing)
         read = f" ({'; '.join(notes)})" if notes else ""
-        raise ScanFileError(f"{path}: doesn't say {', '.join(missing)}; give {options}{read}")
+        raise ScanFileError(
+            f"{path}: doesn't say {', '.join(missing)}; give {options}{read}", tuple(missing)
+        )
 
 
 def _oriented(

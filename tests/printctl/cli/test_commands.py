@@ -316,6 +316,13 @@ def test_many_are_compiled_and_told_once(monkeypatch, capsys, tmp_path) -> None:
     assert capsys.readouterr().err == ""
 
 
+def test_interrupt_inside_a_kernel_is_no_failure(tmp_path) -> None:
+    told = ProgressFile(tmp_path / "progress.jsonl")
+    with pytest.raises(KeyboardInterrupt), told.whole(lambda _: None):
+        raise SystemError("a result with an exception set") from KeyboardInterrupt()
+    assert read_progress("one", told.path).state == "interrupted"
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("empty_store")
 def test_doctor_compiles_the_list(tmp_path) -> None:

@@ -101,7 +101,8 @@ class Process:
 @contextmanager
 def server_process(workspace: Path, *options: str, limit_s: float = 60.0) -> Iterator[Process]:
     """Start ``printctl serve`` and end it at last."""
-    command = [sys.executable, "-m", "printctl", "serve", str(workspace), "--port", "0"]
+    command = [sys.executable, "-m", "printctl", "serve", str(workspace)]
+    command += [] if "--port" in options else ["--port", "0"]
     said = workspace.parent / "serve.log"
     with said.open("a") as log:
         process = subprocess.Popen(

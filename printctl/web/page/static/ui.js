@@ -299,14 +299,14 @@ export const Segments = ({ label, options, value, onChange }) => html`
   <div class="segments" role="radiogroup" aria-label=${label}>${options.map(([one, name]) => html`
     <button type="button" role="radio" key=${one} aria-checked=${String(one === value)} onClick=${() => onChange(one)}>${name}</button>`)}</div>`;
 
-// A place to drop a file: sent to `path`; `onDone` is told the answer.
-export function Drop({ label, accept, path, onDone, more }) {
+// A place to drop a file: sent to `path` as `field`, with `more`; `onDone` is told the answer.
+export function Drop({ label, accept, path, onDone, field, more }) {
   const [share, setShare] = useState(null);
   const [over, setOver] = useState(false);
   const [run, state] = useAction(async (file) => {
     setShare(0);
     try {
-      onDone(await upload(path, file, setShare, "file", more), file);
+      onDone(await upload(path, file, setShare, field, more), file);
     } finally {
       setShare(null);
     }

@@ -12,7 +12,6 @@ import pytest
 from starlette.testclient import TestClient
 
 from printctl.history.signing import lab_key
-from printctl.web.history.page import PrintFilter
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.printctl.web.serving import Served, served
 
@@ -63,6 +62,19 @@ def test_prints_are_listed_narrowed_and_paged(script, tmp_path):
     assert [p["file"] for p in found["prints"]] == ["5.gcode"]
     days = {"since": "2001-09-10", "until": "2001-09-11", "descending": False}
     assert script.get(WAY, params=days).json()["total"] in (2, 3)  # days are the machine's
+
+
+def test_prints_of_this_workspace_are_told_from_those_of_others(script, app, tmp_path):
+    here = app.core.workspace.root
+    printed(here / "runs" / "chip", started=1e9, who="ada")
+    printed(here.with_name("ws_2") / "runs" / "chip", started=1e9 + 1, who="grace")
+    found = script.get(WAY, params={"here": True}).json()
+    assert [(p["job"], p["who"]) for p in found["prints"]] == [("run~chip", "ada")]
+    assert [p["job"] for p in script.get(WAY).json()["prints"]] == ["", "run~chip"]
+    choices = f"{WAY}/choices"
+    assert script.get(choices, params={"here": True}).json()["people"] == ["ada"]
+    assert script.get(choices).json()["people"] == ["ada", "grace"]
+    assert script.get(f"{WAY}/csv", params={"here": True}).text.count("\n") == 2
 
 
 @pytest.mark.parametrize(
@@ -194,20 +206,3 @@ def test_nothing_is_told_or_made_without_a_token(app, tmp_path):
         assert app.client().get(WAY + way).status_code == 401
     for way in ("/verify", f"/{entry.id}/repeat"):
         assert app.client().post(WAY + way).status_code in (401, 403)
-
-
-# --- history filter: form values and URL round trip; invalid ones dropped
-@pytest.mark.parametrize(
-    "asked",
-    [
-        {"sort": "nonsense"},
-        {"since": "yesterday", "until": "0000-00-00"},
-        {"page": "-1"},
-        {"page": "²"},
-        {"page": "9" * 99},
-        {"page": "0"},
-        {"descending": "maybe", "other": "1"},
-    ],
-)
-def test_nonsense_is_left_out(asked: dict[str, str]) -> None:
-    assert PrintFilter.asked(asked) == (PrintFilter(), 0)

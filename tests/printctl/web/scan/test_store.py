@@ -244,7 +244,7 @@ NUMBERS: dict[str, Any] = {
 
 
 def test_pose_scales_and_intervals_are_told_with_units() -> None:
-    said = dict(alignment(NUMBERS))
+    said = {one.name: one.value for one in alignment(NUMBERS)}
     assert said["Turned by"] == "30.00° (± 0.02 °, 95 %)"
     assert said["Shifted by x, y, z"] == "1.500, −2.250, 0.125 mm (± 4 µm, 95 %)"
     scale = said["Part against design along x, y, z"]
@@ -336,6 +336,29 @@ def test_what_a_file_doesnt_say_is_asked_and_then_known(client: TestClient) -> N
     assert known["shape"] == [8, 6, 4]
     assert known["voxel_um"] == pytest.approx([10, 20, 30])
     assert client.get(f"/api/v1/scans/{scan}").json() == known
+
+
+def test_only_what_is_missing_is_named_and_what_was_said_comes_back(client: TestClient) -> None:
+    scan = _added(client)
+    needs = client.get(f"/api/v1/scans/{scan}/said").json()
+    assert needs["missing"] == ["voxel_um", "scale", "modality"]
+    some = {"voxel_um": [10, 20, 30], "modality": "oct"}
+    assert client.put(f"/api/v1/scans/{scan}/said", json=some).status_code == 422  # but kept
+    needs = client.get(f"/api/v1/scans/{scan}/said").json()
+    assert {"refractive_index", "optical_depth", "scale"} <= set(needs["missing"])
+    assert needs["said"]["voxel_um"] == pytest.approx([10, 20, 30])
+    client.put(f"/api/v1/scans/{scan}/said", json=SAID)
+    needs = client.get(f"/api/v1/scans/{scan}/said").json()
+    assert (needs["missing"], needs["problem"]) == ([], "")
+    assert client.put(f"/api/v1/scans/{scan}/said", json={"voxels": 1}).status_code == 422
+
+
+def test_scans_tell_with_which_runs_they_were_compared(
+    client: TestClient, workspace: Workspace
+) -> None:
+    scan = _added(client)
+    (workspace.run("one") / ".registered" / scan).mkdir(parents=True)
+    assert [row["registered"] for row in client.get("/api/v1/scans").json()] == [["one"]]
 
 
 def test_a_slice_is_that_of_the_file(client: TestClient) -> None:

@@ -1,0 +1,171 @@
+// Past prints: a list that is searched and narrowed, and one print with all that there is of it.
+import { url } from "../api.js";
+import {
+  Button, Card, Drop, Empty, Failed, Field, Fold, Loaded, Note, Page, Segments, Table,
+  html, useEffect, useGet, useRef, useState, useStyle,
+} from "../ui.js";
+import OnePrint, { End } from "./history_print.js";
+import { nameOf, stateOf, took } from "./history_words.js";
+
+const PER_PAGE = 10; // a screen of them
+const TYPING_MS = 300;
+const AGAIN = { every: 10_000 }; // a print that goes on changes its line
+const USUAL = {
+  words: "", state: "", profile: "", who: "", since: "", until: "",
+  sort: "started", descending: "true", page: "1", of: "",
+};
+const ORDERS = [
+  ["started", "Begun"], ["ended", "Ended"], ["file", "File"],
+  ["profile", "Printer"], ["who", "Operator"], ["state", "End"],
+];
+
+export default function History({ print = "", ...query }) {
+  useStyle("pages/history.css");
+  return print ? html`<${OnePrint} id=${print} />` : html`<${List} query=${query} />`;
+}
+
+// What stands in the address, so that a list can be shared; what makes no sense in it is left out.
+function filterOf(query) {
+  const known = Object.keys(USUAL).filter((name) => name in query);
+  const filter = { ...USUAL, ...Object.fromEntries(known.map((name) => [name, query[name].slice(0, 200)])) };
+  filter.descending = filter.descending.toLowerCase() === "false" ? "false" : "true";
+  if (!ORDERS.some(([name]) => name === filter.sort)) filter.sort = USUAL.sort;
+  if (!/^[1-9]\d{0,6}$/.test(filter.page)) filter.page = "1";
+  for (const day of ["since", "until"]) if (!/^\d{4}-\d{2}-\d{2}$/.test(filter[day])) filter[day] = "";
+  return filter;
+}
+
+const set = (filter) => Object.entries(filter).filter(([name, value]) => value !== USUAL[name]);
+
+// The filter in the API's words, without which page.
+function asked(filter) {
+  const words = new URLSearchParams(set(filter).filter(([name]) => name !== "page" && name !== "of"));
+  if (filter.of !== "all") words.set("here", "true");
+  return words;
+}
+
+function useFilter(query) {
+  const [filter, setFilter] = useState(() => filterOf(query));
+  const change = (more) => setFilter((old) => ({ ...old, page: "1", ...more }));
+  useEffect(() => {
+    const words = new URLSearchParams(set(filter)).toString();
+    window.history.replaceState(null, "", words ? `/history?${words}` : "/history");
+  }, [filter]);
+  return [filter, change];
+}
+
+function List({ query }) {
+  const [filter, change] = useFilter(query);
+  const words = asked(filter);
+  const found = useGet(`/history?${words}&limit=${PER_PAGE}&offset=${PER_PAGE * (filter.page - 1)}`, AGAIN);
+  const before = useRef(null);
+  if (found.value) before.current = found.value;
+  const shown = found.value ?? before.current; // what was there stays until the next comes
+  const pages = Math.max(1, Math.ceil((shown?.total ?? 0) / PER_PAGE));
+  useEffect(() => {
+    if (found.value && filter.page > pages) change({ page: String(pages) }); // an address of old
+  }, [found.value]);
+  const turn = (by) => change({ page: String(Number(filter.page) + by) });
+  const scope = html`<${Segments} label="Whose prints" value=${filter.of === "all" ? "all" : ""}
+    onChange=${(of) => change({ of })} options=${[["", "This workspace"], ["all", "All of this account"]]} />`;
+  return html`<${Page} title="History" tools=${scope}>
+    <${Card}>
+      <${Filters} filter=${filter} change=${change} />
+      ${found.problem && html`<${Failed} problem=${found.problem} again=${found.reload} />`}
+      ${(shown || !found.problem) && html`<${Loaded} of=${{ ...found, value: shown }} what="Looking through the prints">
+        ${(page) => html`<${Prints} page=${page} filter=${filter} />`}</${Loaded}>`}
+      ${shown?.total > 0 && html`<div class="row history-foot">
+        <span role="status">${shown.total === 1 ? "1 print" : `${shown.total} prints`}</span>
+        ${pages > 1 && html`<nav class="row" aria-label="Pages of the list">
+          <${Button} disabled=${filter.page <= 1} onClick=${() => turn(-1)}>Earlier page</${Button}>
+          <span>page ${filter.page} of ${pages}</span>
+          <${Button} disabled=${filter.page >= pages} onClick=${() => turn(1)}>Next page</${Button}>
+        </nav>`}
+        <${Button} href=${url(`/history/csv?${words}`)} download>Export as CSV</${Button}></div>`}
+    </${Card}>
+    <${Card} title="Verify a record, get the lab's key" fold="history.verify" folded><${Verify} /></${Card}>
+  </${Page}>`;
+}
+
+function Filters({ filter, change }) {
+  const choices = useGet(`/history/choices${filter.of === "all" ? "" : "?here=true"}`).value;
+  const [words, setWords] = useState(filter.words);
+  useEffect(() => {
+    const timer = setTimeout(() => words !== filter.words && change({ words }), TYPING_MS);
+    return () => clearTimeout(timer);
+  }, [words]);
+  const choice = (name, label, known, text = (one) => one) => {
+    const names = [...new Set([filter[name], ...(known ?? [])])].filter(Boolean);
+    return html`<${Field} kind="choice" label=${label} value=${filter[name]}
+      options=${[["", "all"], ...names.map((one) => [one, text(one)])]}
+      onChange=${(one) => change({ [name]: one })} />`;
+  };
+  const more = set(filter).filter(([name]) => !["words", "page", "of"].includes(name)).length;
+  return html`
+    <${Field} kind="search" label="Search: name, operator, hash, alarm" value=${words} onChange=${setWords}
+      maxlength="200" />
+    <${Fold} title=${more ? `Narrow and order (${more} set)` : "Narrow and order"} open=${more > 0 || undefined}>
+      <div class="history-filters">
+        ${choice("state", "End", choices?.states, stateOf)}
+        ${choice("profile", "Printer", choices?.profiles)}
+        ${choice("who", "Operator", choices?.people)}
+        <${Field} kind="date" label="From day" value=${filter.since} onChange=${(since) => change({ since })} />
+        <${Field} kind="date" label="To day" value=${filter.until} onChange=${(until) => change({ until })} />
+        <${Field} kind="choice" label="Order" value=${filter.sort} options=${ORDERS}
+          onChange=${(sort) => change({ sort })} />
+        <${Field} kind="flag" label="Last first" value=${filter.descending === "true"}
+          onChange=${(last) => change({ descending: String(last) })} />
+      </div>
+    </${Fold}>`;
+}
+
+const day = (seconds) => new Date(1000 * seconds).toLocaleDateString([], { dateStyle: "medium" });
+const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { timeStyle: "short" });
+const alarms = (many) => (many ? html` <span class="quiet">${many === 1 ? "1 alarm" : `${many} alarms`}</span>` : "");
+
+const COLUMNS = [
+  { name: "What", of: (one) => html`<a class="history-name" href=${`/history?print=${one.id}`}>${nameOf(one)}</a>` },
+  { name: "End", of: (one) => html`<${End} state=${one.state} />${alarms(one.alarms.length)}` },
+  { name: "Begun", of: (one) => html`<span class="history-day">${day(one.started)}</span> ${clock(one.started)}` },
+  { name: "Took", number: true, of: (one) => (one.ended ? took(one.ended - one.started) : "") },
+  { name: "Lines", number: true, of: (one) => `${one.done} of ${one.total}` },
+  { name: "Printer", of: (one) => one.profile },
+  { name: "Operator", of: (one) => one.operator || one.who },
+  { name: "Port", of: (one) => one.port },
+  { name: "SHA-256", of: (one) => html`<code>${one.sha256.slice(0, 8)}</code>` },
+];
+
+function Prints({ page, filter }) {
+  if (!page.total) {
+    return set(filter).some(([name]) => name !== "of" && name !== "page")
+      ? html`<${Empty}>No print fits. Search for fewer words, or narrow less.</${Empty}>`
+      : html`<${Empty}>Nothing was printed here yet. Begin with a design on the <a href="/">home page</a>;
+          each print is kept here, with its record, from its first line on.</${Empty}>`;
+  }
+  return html`<div class="history-list">
+    <${Table} caption="Prints" columns=${COLUMNS} rows=${page.prints} keyOf=${(one) => one.id} /></div>`;
+}
+
+function Verify() {
+  const [key, setKey] = useState("");
+  const [found, setFound] = useState(null);
+  return html`
+    <p>Is a record's zip as it was filed, and who signed it? Without another key, this lab's own is the one that is
+      trusted.</p>
+    <${Drop} label="Choose a record (zip)" accept=".zip" path="/history/verify" field="bundle"
+      more=${key.trim() ? { key: new Blob([key]) } : {}}
+      onDone=${(check, file) => setFound({ check, name: file.name })} />
+    ${found && html`<${Checked} ...${found} />`}
+    <${Fold} title="Trust another lab's key"><${Field} kind="long" label="Public key (PEM); empty for this lab's own"
+      value=${key} onChange=${setKey} maxlength="2000" /></${Fold}>
+    <div class="row"><${Button} href=${url("/history/key")} download>This lab's public key</${Button}></div>`;
+}
+
+function Checked({ check, name }) {
+  const good = check.whole && check.signature === "trusted";
+  return html`<div role="status"><${Note} tone=${good ? "good" : check.whole ? "warn" : "bad"}>
+    <strong>${name}</strong>
+    ${check.lines.slice(0, 52).map((line) => html`<p class="history-line">${line}</p>`)}
+    ${check.print_id && html`<p>It is of ${check.file}, print ${check.print_id}.</p>`}
+  </${Note}></div>`;
+}

@@ -1,0 +1,67 @@
+// Words of past prints, for the list and for one print.
+
+// A print is known by its design; G-code that was brought by its file.
+export const nameOf = (print) => print.job.replace(/^(run|file)~/, "") || print.file || "(no name)";
+
+export const stateOf = (state) => state.replaceAll("_", " ");
+
+// How long something took.
+export function took(seconds) {
+  if (!(seconds > 0)) return "0 s";
+  if (seconds < 60) return `${seconds.toFixed(1)} s`;
+  const minutes = Math.floor(Math.round(seconds) / 60);
+  if (minutes < 60) return `${minutes} min ${Math.round(seconds) % 60} s`;
+  return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+}
+
+// --- what the operator noted ---------------------------------------------------------------------
+
+const NAMES = {
+  operator: "Operator",
+  ink_lot: "Lot of the ink",
+  bath_lot: "Lot of the bath",
+  needle_lot: "Lot of the needle",
+  cells: "Cells",
+  passage: "Passage",
+  density_per_ml: "Density, cells per mL",
+  viability_percent: "Viability when mixed, %",
+  mixed_at: "Mixed",
+  viability_min: "Time the cells have, min",
+  sterility: "Sterility",
+  ticked: "Checklist",
+};
+const UNNAMED = ["text", "note", "step", "name"];
+const isRecord = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
+const clock = (seconds) => new Date(1000 * seconds).toLocaleString([], { dateStyle: "medium", timeStyle: "medium" });
+
+function textOf(key, value) {
+  if (key === "ticked" && isRecord(value)) {
+    const ticks = Object.values(value);
+    return `${ticks.filter((one) => one === true).length} of ${ticks.length} points ticked before the start`;
+  }
+  if (key === "mixed_at" && typeof value === "number") return clock(value);
+  if (typeof value === "number") return value.toLocaleString([], { maximumFractionDigits: 6 });
+  return isRecord(value) || Array.isArray(value) ? JSON.stringify(value) : String(value);
+}
+
+const isEmpty = (value) =>
+  value === null || value === "" || (typeof value === "object" && Object.keys(value).length === 0);
+
+// Names and values; those that nobody filled in are left out.
+export const notedValues = (note) =>
+  Object.entries(isRecord(note.values) ? note.values : {})
+    .filter(([, value]) => !isEmpty(value))
+    .map(([key, value]) => [NAMES[key] ?? key.replaceAll("_", " "), textOf(key, value)]);
+
+// Steps after the print, or notes, each in a line: when, who, what.
+export const notedLines = (note, list) => (Array.isArray(note[list]) ? note[list] : []).slice(0, 500).map(lineOf);
+
+function lineOf(entry) {
+  if (!isRecord(entry)) return String(entry);
+  const { at, who, ...rest } = entry;
+  const words = Object.entries(rest).filter(([, value]) => value !== null && value !== "").map(([key, value]) => {
+    if (typeof value === "boolean") return value ? `(${key})` : `(not ${key})`;
+    return UNNAMED.includes(key) ? textOf(key, value) : `${key}: ${textOf(key, value)}`;
+  });
+  return [typeof at === "number" ? clock(at) : "", who ?? "", ...words].filter(Boolean).join("  ");
+}

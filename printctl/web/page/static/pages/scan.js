@@ -1,0 +1,280 @@
+// Scans of printed parts: added, looked at, compared with a design, judged.
+import { part, send, url } from "../api.js";
+import {
+  Act, Button, Card, Drop, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Tabs,
+  bytes, html, number, useEffect, useGet, useRef, useState, useStyle, when,
+} from "../ui.js";
+import Findings, { Vessels } from "./scan_findings.js";
+import { Metadata, Missing } from "./scan_metadata.js";
+import Slices from "./scan_slices.js";
+
+const FORMATS = "TIFF, OME-TIFF, NRRD, NIfTI, DICOM, HDF5, MATLAB, Thorlabs .oct, Bioptigen, Heidelberg, .npz; "
+  + "or a .zip of TIFF or DICOM slices, or of an OME-Zarr.";
+const FOLLOWED_MS = 1500;
+const MODALITIES = { oct: "OCT", microct: "micro-CT", confocal: "confocal" };
+const NONE = "none"; // no scan is chosen, though there are some
+const plain = (scan) => scan.replace(/^file~/, "").replace(/^run~(.*)$/, "$1 (its own scan)");
+
+export default function Scan({ scan = "", run = "", view = "" }) {
+  useStyle("pages/scan.css");
+  return view === "report" ? html`<${Report} scan=${scan} run=${run} />` : html`<${Room} scan=${scan} run=${run} />`;
+}
+
+// The report fills the window: it is long, and has a head of its own.
+function Report({ scan, run }) {
+  const address = url(`/scans/${part(scan)}/with/${part(run)}/report`);
+  const tools = html`
+    <${Button} href=${address} target="_blank" rel="noopener">Open in a tab of its own</${Button}>
+    <${Button} href=${`/scan?scan=${part(scan)}&run=${part(run)}`}>Back</${Button}>`;
+  const root = document.documentElement;
+  const [theme, setTheme] = useState(root.dataset.theme);
+  useEffect(() => {
+    const watch = new MutationObserver(() => setTheme(root.dataset.theme));
+    watch.observe(root, { attributeFilter: ["data-theme"] });
+    return () => watch.disconnect();
+  }, []);
+  return html`<${Page} title=${`Report: ${run}`} tools=${tools} wide>
+    <iframe class="frame scan-report" title=${`Report of ${plain(scan)} with ${run}`} src=${`${address}?theme=${theme}`}
+      sandbox="allow-scripts allow-downloads"></iframe>
+  </${Page}>`;
+}
+
+function Room({ scan, run }) {
+  const scans = useGet("/scans");
+  const runs = useGet("/runs");
+  const [at, setAt] = useState({ scan, run });
+  const go = (more) => setAt((old) => ({ ...old, ...more }));
+  const rows = scans.value ?? [];
+  const own = rows.find((one) => one.scan === `run~${at.run}`);
+  // Who comes from a print without a scan is asked for one; others see the newest.
+  const row = rows.find((one) => one.scan === at.scan) ?? own ?? (at.run || at.scan === NONE ? undefined : rows[0]);
+  useEffect(() => {
+    const set = Object.entries({ scan: row?.scan, run: at.run }).filter(([, value]) => value);
+    const words = new URLSearchParams(set).toString();
+    if (scans.value) window.history.replaceState(null, "", words ? `/scan?${words}` : "/scan");
+  }, [row?.scan, at.run, scans.value]);
+  const show = (more) => { scans.reload(); go(more); };
+  // Runs whose print is done, and which were not scanned by the simulator yet.
+  const done = (useGet("/prints").value ?? []).filter((one) => one.state === "done");
+  const printed = (runs.value ?? []).map((one) => one.name).filter((name) =>
+    done.some((one) => one.job === `run~${name}`) && !rows.some((one) => one.scan === `run~${name}`));
+  return html`<${Page} title="Scan">
+    <${Loaded} of=${scans} what="Looking for scans">${() => html`<div class="scan-room">
+      <div class="stack">
+        <${Card} title=${row ? "Scans" : "Scan the part, then drop the scan here"}>
+          <${Drop} label="Add a scan" path="/scans" onDone=${(one) => show({ scan: one.scan })} />
+          <${Fold} title="Which files"><p class="hint">${FORMATS}</p><${Hidden} /></${Fold}>
+          <${List} rows=${rows} at=${row?.scan} choose=${(name) => go({ scan: name })} />
+          ${row && printed.length > 0 && html`
+            <${Button} onClick=${() => go({ scan: NONE, run: "" })}>Scan of a simulated print …</${Button}>`}
+        </${Card}>
+      </div>
+      ${row
+        ? html`<${OneScan} key=${row.scan} row=${row} run=${at.run} runs=${runs.value ?? []}
+            onRun=${(name) => go({ run: name })} onChange=${scans.reload} onGone=${() => show({ scan: "" })} />`
+        : html`<${Purpose} run=${at.run} printed=${printed}
+            onDone=${(name) => show({ scan: `run~${name}`, run: name })} />`}
+    </div>`}</${Loaded}>
+  </${Page}>`;
+}
+
+function Hidden() {
+  const names = useGet("/scans/unusable").value ?? [];
+  return names.length > 0 && html`<p class="hint">Not shown: ${names.join(", ")}. Rename each: 1 to 64 letters a to z,
+    digits, '.', '_' or '-', beginning with a letter or digit.</p>`;
+}
+
+function List({ rows, at, choose }) {
+  const about = (one) => {
+    const size = one.megabytes ? bytes(1e6 * one.megabytes) : "slices";
+    const compared = one.scan.startsWith("file~") && one.registered.length > 0 && `with ${one.registered.join(", ")}`;
+    return [when(one.modified), size, compared].filter(Boolean).join(" · ");
+  };
+  return rows.length > 0 && html`<ul class="list scan-list">${rows.map((one) => html`<li key=${one.scan}>
+    <button type="button" class="link-row" aria-current=${one.scan === at ? "true" : undefined}
+      onClick=${() => choose(one.scan)}>
+      <strong>${plain(one.scan)}</strong><span class="quiet">${about(one)}</span></button></li>`)}</ul>`;
+}
+
+// --- before there is a scan ------------------------------------------------------------------------
+
+// What a scan is for, and the simulated one of a simulated print.
+function Purpose({ run, printed, onDone }) {
+  const [chosen, setChosen] = useState("");
+  const name = run ? printed.find((one) => one === run) : printed.find((one) => one === chosen) ?? printed[0];
+  const progress = useGet(name && `/runs/${part(name)}/progress`, { every: FOLLOWED_MS });
+  const going = isGoing(progress.value);
+  const start = async () => {
+    await send("POST", `/runs/${part(name)}/continue`);
+    progress.reload();
+  };
+  useEnd(going, () => progress.value?.state === "done" && onDone(name));
+  return html`<${Card} title="What comes of it">
+    <p>The scan is laid over the design: each vessel is measured, and the report says whether the part is right, and
+      where it isn't.</p>
+    <ol class="scan-reasons">
+      <li>Scan the part (OCT, micro-CT or confocal).</li>
+      <li>Drop the scan's file where it says so.</li>
+      <li>Choose its design and press Register.</li>
+    </ol>
+    ${name ? html`
+      <h3>After a rehearsal</h3>
+      <p>A simulated print can be scanned by the simulator.</p>
+      <div class="row scan-row">
+        ${!run && printed.length > 1 && html`<${Field} kind="choice" label="Print" value=${name} onChange=${setChosen}
+          options=${printed.map((one) => [one, one])} />`}
+        ${going ? html`<${Cancel} way=${`/runs/${part(name)}`} onDone=${progress.reload} />`
+          : html`<${Act} kind="main" work=${start}>Simulate the scan of ${name}, and judge it</${Act}>`}
+      </div>
+      <${Stages} now=${progress.value} />`
+    : run && html`<${Empty}>${run} has no finished print here; a scan of any part of its design can be compared with
+        it.</${Empty}>`}
+  </${Card}>`;
+}
+
+// --- one scan ----------------------------------------------------------------------------------------
+
+function OneScan({ row, run, runs, onRun, onChange, onGone }) {
+  const way = `/scans/${part(row.scan)}`;
+  const needs = useGet(`${way}/said`);
+  const readable = needs.value?.problem === "";
+  const volume = useGet(readable && way);
+  const [saying, setSaying] = useState(false);
+  const uploaded = row.scan.startsWith("file~");
+  const said = () => { setSaying(false); needs.reload(); volume.reload(); };
+  const text = "The scan goes; what was found with it stays in the runs.";
+  const ask = { title: `Delete ${plain(row.scan)}?`, text, yes: "Delete", danger: true };
+  const drop = async () => { await send("DELETE", way); onGone(); };
+  const tools = uploaded && html`
+    ${readable && html`<${Button} onClick=${() => setSaying(!saying)} aria-expanded=${String(saying)}>
+      Correct what is known</${Button}>`}
+    <${Act} ask=${ask} work=${drop}>Delete</${Act}>`;
+  return html`<div class="stack">
+    <${Card} title=${plain(row.scan)} tools=${tools}>
+      <${Loaded} of=${needs} what="Reading the scan">${(it) => (it.problem
+        ? html`<${Missing} key=${it.missing.join()} scan=${row.scan} needs=${it} uploaded=${uploaded} onSaid=${said} />`
+        : html`<${Loaded} of=${volume} what="Reading the scan">${(known) => html`<${Known} it=${known} />`}</${Loaded}>`
+      )}</${Loaded}>
+      ${saying && readable && html`<${Metadata} scan=${row.scan} needs=${needs.value} onSaid=${said} />`}
+    </${Card}>
+    ${readable && volume.value && html`<${Compare} row=${row} run=${run} runs=${runs} volume=${volume.value}
+      onRun=${onRun} onChange=${onChange} />`}
+  </div>`;
+}
+
+function Known({ it }) {
+  const times = (values, digits) => values.map((one) => number(one, digits)).join(" × ");
+  const tiles = [
+    ["Size (x, y, z)", `${times(it.size_mm, 3)} mm`],
+    ["Voxels", times(it.shape, 6)],
+    ["Voxel size", `${times(it.voxel_um, 4)} µm`],
+    ["Scanned by", MODALITIES[it.modality] ?? it.modality],
+    it.modality === "oct" && ["Depth", `grows ${it.depth_down ? "down" : "up"}, index ${number(it.refractive_index)}`],
+    it.scale === "db" && ["Intensity", "dB"],
+  ].filter(Boolean);
+  return html`<div class="tiles">${tiles.map(([name, value]) => html`
+      <div class="tile"><span class="name">${name}</span><span class="value">${value}</span></div>`)}</div>
+    ${it.notes.map((text) => html`<p class="hint">Note: ${text}.</p>`)}`;
+}
+
+// Compare a scan with a design, follow that, and show what was found.
+function Compare({ row, run, runs, volume, onRun, onChange }) {
+  const names = runs.map((one) => one.name);
+  const chosen = [run, ...row.registered, names[0]].find((one) => names.includes(one)) ?? "";
+  const own = row.scan === `run~${chosen}`;
+  const way = `/scans/${part(row.scan)}/with/${part(chosen)}`;
+  const works = own ? `/runs/${part(chosen)}` : way;
+  const progress = useGet(chosen && `${works}/progress`, { every: FOLLOWED_MS });
+  const files = useGet(chosen && `${way}/files`);
+  const measured = files.value?.includes("registration.json");
+  const found = useGet(measured && `${way}/findings`);
+  const [filled, setFilled] = useState(false);
+  const [tab, setTab] = useState("");
+  const going = isGoing(progress.value);
+  useEnd(going, () => {
+    found.reload();
+    files.reload();
+    onChange();
+  });
+  const start = async () => {
+    await (own ? send("POST", `${works}/continue`) : send("POST", `${way}/start`, { filled }));
+    progress.reload();
+  };
+  const result = measured && !going ? found.value : null;
+  const report = `/scan?scan=${part(row.scan)}&run=${part(chosen)}&view=report`;
+  const vessels = result && `Vessels (${result.vessels.length})`;
+  const tabs = [
+    result && { id: "result", name: "Result", body: () => html`<${Findings} found=${result} report=${report} />` },
+    result && { id: "vessels", name: vessels, body: () => html`<${Vessels} rows=${result.vessels} />` },
+    { id: "slices", name: "Slices", body: () => html`<${Slices} scan=${row.scan} volume=${volume} />` },
+    result && { id: "files", name: "Files", body: () => html`<${Files} way=${way} of=${files} />` },
+  ].filter(Boolean);
+  const stages = html`<${Stages} now=${progress.value} />`;
+  const words = own ? "Judge it again" : result ? "Register again" : "Register";
+  return html`
+    <${Card} title="Compare with the design" fold=${result ? "scan.compare" : undefined} folded>
+      ${!names.length ? html`<${Empty}>There is no design yet to compare it with. Make one on the
+          <a href="/">home page</a>.</${Empty}>` : html`
+        <div class="row scan-row">
+          <${Field} kind="choice" label="Design (run)" value=${chosen} options=${names.map((one) => [one, one])}
+            onChange=${onRun} />
+          ${!own && !going && html`<${Field} kind="flag" label="Lumens are bright (filled with contrast agent)"
+            value=${filled} onChange=${setFilled} />`}
+          ${going ? html`<${Cancel} way=${works} onDone=${progress.reload} />`
+            : html`<${Act} kind=${result ? "quiet" : "main"} work=${start}>${words}</${Act}>`}
+        </div>
+        ${own && html`<p class="hint">This scan is the run's own: judging it continues the run.</p>`}
+        ${going && stages}`}
+    </${Card}>
+    ${!going && stages}
+    <${Card}>
+      <${Tabs} label="What is shown of the scan" tabs=${tabs} at=${tab || tabs[0].id} onChange=${setTab} />
+    </${Card}>`;
+}
+
+// Call `work` when something that went on goes on no more.
+function useEnd(going, work) {
+  const before = useRef(false);
+  useEffect(() => {
+    if (before.current && !going) work();
+    before.current = going;
+  }, [going]);
+}
+
+const isGoing = (progress) => ["starting", "running"].includes(progress?.state);
+
+const Cancel = ({ way, onDone }) => html`
+  <${Act} work=${async () => { await send("POST", `${way}/cancel`); onDone(); }}>Cancel</${Act}>`;
+
+// How far the work is, stage by stage; how it failed.
+function Stages({ now }) {
+  if (!isGoing(now) && !["failed", "interrupted"].includes(now?.state)) return null;
+  const words = (one) => [one.state === "waiting" ? "" : one.state, one.note].filter(Boolean).join(": ");
+  const list = html`<ul class="scan-stages">${now.stages.map((one) => html`<li key=${one.name}>
+    <span>${one.name}</span><${Progress} share=${one.fraction} label=${one.name} />
+    <span class="quiet">${words(one)}</span></li>`)}</ul>`;
+  if (!isGoing(now)) {
+    const [tone, end] = now.state === "failed" ? ["bad", "It failed."] : ["warn", "It was broken off."];
+    return html`<${Note} tone=${tone}><p><strong>${end}</strong> ${now.message}</p></${Note}>`;
+  }
+  return now.stages.length ? list : html`<${Progress} label="Starting" />`;
+}
+
+function Files({ way, of }) {
+  const link = (name) => html`<a href=${url(`${way}/files/${name}`)} download>${name}</a>`;
+  return html`<${Loaded} of=${of}>${(names) => html`
+    <${Facts} rows=${names.map((name) => [link(name), WHAT[name] ?? " "])} />`}</${Loaded}>`;
+}
+
+const WHAT = {
+  "report.json": "the report's figures",
+  "report.pdf": "the report, to print",
+  "registration.json": "pose, scales and intervals",
+  "vessels.csv": "a line for each vessel",
+  "sections.csv": "a line for each section of a vessel",
+  "defects.csv": "leaks and bridges",
+  "deviation.ply": "the surface with its deviation, for MeshLab",
+  "deviation.vtp": "the same, for ParaView",
+  "sections.vtp": "sections, for ParaView",
+  "scan_in_part.nrrd": "the scan in the part's frame, for 3D Slicer",
+};
