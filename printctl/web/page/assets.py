@@ -7,9 +7,10 @@ from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
+from urllib.parse import quote
 
 from fastapi import FastAPI, Request
-from starlette.responses import HTMLResponse, Response
+from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
@@ -72,6 +73,11 @@ def serve_page(app: FastAPI, without: Collection[str] = ()) -> None:
         if module in without:
             continue
         app.add_api_route(address, _page_at(module), include_in_schema=False)
+
+    @app.get("/history/{print_id}", include_in_schema=False)
+    def moved(print_id: str) -> RedirectResponse:
+        """An address of before 0.1.0, kept in people's bookmarks."""
+        return RedirectResponse(f"/history?print={quote(print_id)}", 308)
 
 
 def _page_at(module: str) -> Any:
