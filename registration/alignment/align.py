@@ -105,9 +105,9 @@ def align(
     search = Search(surface, distance_grid(surface, 2.5, 0.15), options)
     many = thin_points(points, options.fine_points)
     depth = float(np.inf if depth_standard else np.ptp(np.percentile(many[:, 2], (1, 99))))
-    free = partial(_freedom, surface, depth, options)
-    choice = PosePoints(search, points, free).choose()
     shared = errors or ScanErrors.of_blur(blur_mm)
+    free = partial(_freedom, surface, depth, options, shared, lumens)
+    choice = PosePoints(search, points, free).choose()
     # Else walls prove nothing: the mirror image is a doubt.
     if np.isfinite(shared.level_mm) and lit >= LEAST_SEEN:
         _refuse_mirrored(choice.mirror_lead)
@@ -153,13 +153,23 @@ def _rigid(fit: Fit) -> Fit:
 
 
 def _freedom(
-    surface: ModelSurface, depth_mm: float, options: AlignmentOptions, fit: Fit
+    surface: ModelSurface,
+    depth_mm: float,
+    options: AlignmentOptions,
+    errors: ScanErrors,
+    lumens: bool,
+    fit: Fit,
 ) -> FitFreedom:
-    """All axes across the light, and along it where scan and model both show enough depth."""
+    """All axes across the light, and along it where scan and model both show enough depth.
+
+    What light adds to the place of some walls is free where the scan's errors say that it may.
+    """
     span = np.minimum(np.ptp(surface.bounds, axis=0), depth_mm)
     deep = np.abs(fit.rotation[:, 2]) > DEPTH_COSINE
     known = ~deep | (span >= options.depth_span_mm) | np.isinf(depth_mm)
-    return FitFreedom(tuple(np.flatnonzero(known).tolist()), offset=True)
+    axes = tuple(np.flatnonzero(known).tolist())
+    outer = errors.outer_mm if errors.outer_mm > errors.level_mm and not lumens else 0.0
+    return FitFreedom(axes, True, (errors.facing_mm, outer), errors.beam)
 
 
 def _refuse_mirrored(lead: float) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,10 @@ class Fit:
         Mean distance that no map takes away: surface outside the model (beads that spread) is
         above 0. Estimated beside the scales, because it would otherwise be read as scale; it
         isn't part of the map.
+    walls_mm : (facing, outer), mm
+        The same, beyond the offset, of walls that face the light or away from it (reflections), and
+        of outer walls along it (A-scans half in gel); between, by the square of the normal's part
+        along the light. Either lies on opposite ends of the part, and would be read as scale.
     """
 
     rotation: FloatArray
@@ -42,6 +46,7 @@ class Fit:
     stretch: FloatArray
     centre: FloatArray
     offset_mm: float = 0.0
+    walls_mm: tuple[float, float] = (0.0, 0.0)
 
     @property
     def matrix(self) -> FloatArray:
@@ -76,10 +81,21 @@ class FitFreedom:
         Part axes that may stretch.
     offset : bool
         Whether a uniform offset of the surface is estimated beside them.
+    walls_mm : (facing, outer), mm
+        Standard uncertainties of `Fit.walls_mm` before the fit; what isn't 0 is estimated too.
+    beam : (3,) float64
+        Unit vector of the light's way, in the scan's frame.
     """
 
     axes: tuple[int, ...] = ()
     offset: bool = False
+    walls_mm: tuple[float, float] = (0.0, 0.0)
+    beam: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+
+    @property
+    def kinds(self) -> list[int]:
+        """Which of `walls_mm` are estimated."""
+        return np.flatnonzero(self.walls_mm).tolist()
 
 
 RIGID = FitFreedom()
@@ -127,9 +143,10 @@ class Linearised:
     Attributes
     ----------
     jacobian : (n, k) float64
-        Derivatives of the residuals by rotation about the centre, shift, log stretches, offset.
+        Derivatives of the residuals by rotation about the centre, shift, log stretches, both
+        kinds of walls, offset.
     residual, weight : (n,) float64
-        Signed distance less what the blur and the offset explain, mm; and its robust weight.
+        Signed distance less what the blur and the offsets explain, mm; and its robust weight.
     normal : (k, k) float64
         Normal matrix, priors included.
     step : (k,) float64
@@ -168,14 +185,17 @@ def linearised(
     """
     rigid = points @ fit.rotation.T + fit.shift
     near = surface.query(fit.centre + fit.stretch * (rigid - fit.centre), guesses)
-    residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
+    bends = surface.curvature[near.face]
+    along = (near.direction @ (fit.rotation @ freedom.beam)) ** 2
+    kinds = np.column_stack([along, (1 - along) * (bends >= 0)])
+    explained = fit.offset_mm + kinds @ fit.walls_mm
+    residual = near.distance - surface.blurred(near.face, blur_mm) - explained
     spread = 1.4826 * float(np.median(np.abs(residual)))
     scale = kernel_mm or 3 * max(spread, FINEST_SCALE_MM)
-    bends = surface.curvature[near.face]
     weight = (scale**2 / (scale**2 + residual**2)) ** 2
     if even:
         weight *= evenness(residual, facing(near.direction, bends))
-    jacobian = _jacobian(near.direction, rigid, fit, freedom)
+    jacobian = _jacobian(near.direction, rigid, kinds, fit, freedom)
     prior, pull = _priors(fit, freedom, scale)
     weighted = jacobian * weight[:, None]
     normal = weighted.T @ jacobian + np.diag(prior + 1e-9)
@@ -207,12 +227,15 @@ def evenness(residual: FloatArray, side: NDArray[np.int64]) -> FloatArray:
     return np.asarray(factor[np.searchsorted(sides, side)])
 
 
-def _jacobian(gradient: FloatArray, rigid: FloatArray, fit: Fit, freedom: FitFreedom) -> FloatArray:
-    """Derivatives of the residuals by rotation about the centre, shift, log stretches, offset."""
+def _jacobian(
+    gradient: FloatArray, rigid: FloatArray, kinds: FloatArray, fit: Fit, freedom: FitFreedom
+) -> FloatArray:
+    """Derivatives of the residuals, see `Linearised`; `kinds`: how much each wall is of either."""
     stretched = gradient * fit.stretch
     columns = [np.cross(rigid - fit.centre, stretched), stretched]
     moved = fit.stretch * (rigid - fit.centre)
     columns += [(gradient[:, k] * moved[:, k])[:, None] for k in freedom.axes]
+    columns.append(-kinds[:, freedom.kinds])
     if freedom.offset:
         columns.append(np.full((len(rigid), 1), -1.0))
     return np.concatenate(columns, axis=1)
@@ -221,7 +244,9 @@ def _jacobian(gradient: FloatArray, rigid: FloatArray, fit: Fit, freedom: FitFre
 def _priors(fit: Fit, freedom: FitFreedom, noise: float) -> tuple[FloatArray, FloatArray]:
     """Weight and pull of the priors, for each parameter."""
     now = [0.0] * 6 + [float(np.log(fit.stretch[k])) for k in freedom.axes]
+    now += [fit.walls_mm[k] for k in freedom.kinds]
     sigma = [np.inf] * 6 + [_STRETCH_PRIOR] * len(freedom.axes)
+    sigma += [freedom.walls_mm[k] for k in freedom.kinds]
     if freedom.offset:
         now.append(fit.offset_mm)
         sigma.append(_OFFSET_PRIOR_MM)
@@ -231,13 +256,16 @@ def _priors(fit: Fit, freedom: FitFreedom, noise: float) -> tuple[FloatArray, Fl
 
 def _advance(fit: Fit, step: FloatArray, freedom: FitFreedom) -> Fit:
     turn = Rotation.from_rotvec(step[:3]).as_matrix()
-    stretch = fit.stretch.copy()
+    stretch, walls = fit.stretch.copy(), list(fit.walls_mm)
     for number, axis in enumerate(freedom.axes):
         stretch[axis] *= np.exp(np.clip(step[6 + number], -0.05, 0.05))
+    for number, kind in enumerate(freedom.kinds, 6 + len(freedom.axes)):
+        walls[kind] += float(step[number])
     return replace(
         fit,
         rotation=turn @ fit.rotation,
         shift=turn @ (fit.shift - fit.centre) + fit.centre + step[3:6],
         stretch=stretch,
         offset_mm=fit.offset_mm + (float(step[-1]) if freedom.offset else 0.0),
+        walls_mm=(walls[0], walls[1]),
     )

@@ -1,5 +1,7 @@
 """Alignment of analytic surface points: convergence, mirror images, symmetry, scale."""
 
+from dataclasses import replace
+
 import manifold3d
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from kernels.arrays import FloatArray
 from registration.alignment import Alignment, AlignmentOptions, align
 from registration.alignment.align import CLOSE_MM, _refuse_misfit
 from registration.alignment.distance import ModelSurface, distance_grid
+from registration.alignment.uncertainty import ScanErrors
 from registration.errors import AlignmentError
 from registration.measuring.topology import agreement
 from tests.design.networks import network
@@ -129,6 +132,24 @@ def test_a_vessel_wider_all_along_leaves_scale_and_offset_alone() -> None:
     found = align(ModelSurface.of(solid(designed)), seen, True, FAST).scaled
     np.testing.assert_allclose(found.scale[:2], 1, atol=1.5e-3)
     assert abs(found.offset_mm) < 0.006
+
+
+def test_what_light_adds_to_facing_and_outer_walls_leaves_scales_alone(construct: Solid) -> None:
+    """Opposite faces don't tell an offset of theirs from a scale; the lumens beside them do."""
+    model, shrink = ModelSurface.of(construct), np.array([0.98, 0.985, 0.975])
+    points = surface_points(construct, 60_000, 5)
+    near = model.query(points)
+    facing, outer = near.direction[:, 2] ** 2, model.curvature[near.face] >= 0
+    moved = 0.004 + 0.012 * facing + 0.009 * (1 - facing) * outer
+    flip = np.diag([1.0, -1.0, -1.0])
+    seen = (points + moved[:, None] * near.direction) * shrink @ flip
+    errors = replace(ScanErrors.of_blur(0.0), facing_mm=0.0075, outer_mm=0.011)
+    found = align(model, seen, True, FAST, errors=errors).scaled
+    np.testing.assert_allclose(found.scale, shrink, atol=4e-4)
+    off = found.apply(corners(SIZE) * shrink @ flip) - corners(SIZE)
+    assert np.linalg.norm(off, axis=1).max() < 0.004
+    assert found.offset_mm == pytest.approx(0.004, abs=0.001)
+    np.testing.assert_allclose(found.walls_mm, (0.012, 0.009), atol=0.002)
 
 
 def test_fewer_than_500_points_are_refused(construct: Solid) -> None:
