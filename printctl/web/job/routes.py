@@ -9,7 +9,11 @@ from fastapi import APIRouter, Depends, File, Path, Query, Request, UploadFile
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from printctl.machine.link.states import Status
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.print_state.actions import Possible
+from printctl.machine.print_state.alerts import Alert
+from printctl.machine.printing.mend_strokes import MendStrokes
+from printctl.machine.printing.progress import Progress
 from printctl.web.api import API
 from printctl.web.controls import Principal
 from printctl.web.errors import NotFoundError
@@ -18,6 +22,7 @@ from printctl.web.job.aftercare import MOST_BYTES, checklist
 from printctl.web.job.camera.routes import add_routes
 from printctl.web.job.following import PrintReport
 from printctl.web.job.machine import Machine
+from printctl.web.job.print_commands import Rest, RestPlan
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp, Millimetre
@@ -157,69 +162,30 @@ class RecoverRequest(RequestModel):
     )
 
 
-class RecoveryResponse(ResponseModel):
-    """How to go on after the position was lost."""
-
-    lines_left_out: int = Field(description="Commands of the job that aren't printed again.")
-    steps: list[str] = Field(description="What a person does first, in order.")
-    start_mm: tuple[float, float, float] | None
-
-
-class RestResponse(ResponseModel):
-    """The rest of a print, as a job of its own."""
-
-    job: str
-    steps: list[str]
-
-
 class ReloadRequest(RequestModel):
     """Of several heads, whose syringe."""
 
     head: Annotated[int, Field(ge=0, le=15)] | None = None
 
 
-class StatusResponse(ResponseModel):
-    """A print as its link process tells it."""
+class PrintResponse(ResponseModel):
+    """A print, and how far it has come; with it the fields of `Status`."""
 
     model_config = ConfigDict(extra="allow")
 
-    state: str
-    lines_done: int
-    lines_executed: int
-    lines_total: int
-    message: str
-    waits_for: str
-    position_known: bool
-    deadman_left_s: float | None
-    look: dict[str, Any] | None = Field(
-        default=None, description="The look that it is held for (state looking): number, mark, ..."
-    )
-
-
-class ActionResponse(ResponseModel):
-    """What may be done to a print now."""
-
-    action: Literal["pause", "resume", "stop", "kill", "go_on", "recover", "give_up"]
-    possible: bool
-    reason: str = Field(description="Why not; empty where it is possible.")
-    needs: Literal["", "syringe", "from_line"] = Field(description="What must be given with it.")
-    from_line: int = Field(
-        default=0, description="Line to begin with where nobody says otherwise; 0: nobody knows."
-    )
-
-
-class PrintResponse(StatusResponse):
-    """A print, and how far it has come."""
-
     job: str
+    state: LinkState
     folder: str
     print_id: str = Field(description="Identity of the print, as the history names it.")
     started: float = Field(description="s since 1970.")
     share: float = Field(description="Of the time where that is known, else of the lines; 0 to 1.")
-    words: dict[str, str] = Field(description="State, time, layer, vessel, ink, as people read.")
+    words: dict[str, str] = Field(
+        description="State, time, layer, vessel, ink, tip, as people read."
+    )
+    alert: Alert | None = Field(description="What somebody must know: what, means, remedy.")
     time_left_s: float | None = Field(description="null for a print that is over.")
-    actions: list[ActionResponse] = Field(description="Each action, and if it is possible now.")
-    progress: dict[str, Any] | None = Field(
+    actions: list[Possible] = Field(description="Each action, and if it is possible now.")
+    progress: Progress | None = Field(
         description="By time, layer, vessel and ink; null until the job's table is made."
     )
 
@@ -301,6 +267,7 @@ class PhotoResponse(ResponseModel):
 
 
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
+AnyJob = Annotated[str, Query(max_length=80, description="run~NAME, file~NAME, or none.")]
 FromLine = Annotated[int | None, Query(ge=1, le=2**31, description="Of the job's file.")]
 REFUSED: Final[dict[int | str, dict[str, Any]]] = {
     404: {"description": "There is no such job or print."},
@@ -382,6 +349,18 @@ def _prints(routes: APIRouter, service: JobService) -> None:
         reports = (service.heard(one.id) for one in service.jobs())
         return [print_response(one) for one in reports if one is not None]
 
+    @routes.get(
+        "/prints/current",
+        tags=[*tags],
+        summary="A job's last print; without one what goes on, else what broke off last",
+    )
+    def current(job: AnyJob = "") -> PrintResponse | None:
+        if job:
+            report = service.heard(service.job(job).id)
+        else:
+            report = service.current() or service.unfinished()
+        return None if report is None else print_response(report)
+
     @routes.post("/prints/{job}/start", tags=[*tags], summary="Start; harmless when it goes on")
     def start(job: Job, given: StartRequest, who: Who) -> PrintResponse:
         set_up = given.set_up or service.set_up(job)
@@ -394,29 +373,33 @@ def _prints(routes: APIRouter, service: JobService) -> None:
             raise NotFoundError(f"no print of {job} was ever started")
         return print_response(reports)
 
+    @routes.get("/prints/{job}/mends", tags=[*tags], summary="What an observer had written again")
+    def mends(job: Job) -> list[MendStrokes]:
+        return service.mends(job)
+
     @routes.get("/prints/{job}/viability", tags=[*tags], summary="The clock of the cells")
     def viability(job: Job) -> ViabilityResponse:
         return ViabilityResponse.model_validate(service.viability(job).to_dict())
 
     @routes.post("/prints/{job}/pause", tags=[*tags], summary="Hold, now or at a mark")
-    def pause(job: Job, given: PauseRequest, who: Who) -> StatusResponse:
-        return status_response(service.hands.pause(who, job, given.after))
+    def pause(job: Job, given: PauseRequest, who: Who) -> Status:
+        return service.hands.pause(who, job, given.after)
 
     @routes.post("/prints/{job}/resume", tags=[*tags], summary="Go on, with a new syringe's data")
-    def resume(job: Job, given: ResumeRequest, who: Who) -> StatusResponse:
-        return status_response(service.hands.resume(who, job, **given.model_dump()))
+    def resume(job: Job, given: ResumeRequest, who: Who) -> Status:
+        return service.hands.resume(who, job, **given.model_dump())
 
     @routes.post("/prints/{job}/reload", tags=[*tags], summary="Make room to change the syringe")
-    def reload(job: Job, given: ReloadRequest, who: Who) -> StatusResponse:
-        return status_response(service.hands.reload(who, job, given.head))
+    def reload(job: Job, given: ReloadRequest, who: Who) -> Status:
+        return service.hands.reload(who, job, given.head)
 
     @routes.post("/prints/{job}/alive", tags=[*tags], summary="Somebody is there")
-    def alive(job: Job, who: Who) -> StatusResponse:
-        return status_response(service.hands.alive(who, job))
+    def alive(job: Job, who: Who) -> Status:
+        return service.hands.alive(who, job)
 
     @routes.post("/prints/{job}/cancel", tags=[*tags], summary="Controlled stop; for everybody")
-    def cancel(job: Job) -> StatusResponse:
-        return status_response(service.hands.cancel(job))
+    def cancel(job: Job) -> Status:
+        return service.hands.cancel(job)
 
 
 def _broken_off(routes: APIRouter, service: JobService) -> None:
@@ -424,23 +407,20 @@ def _broken_off(routes: APIRouter, service: JobService) -> None:
     tags: Final = ["prints"]
 
     @routes.post("/prints/{job}/go-on", tags=[*tags], summary="Go on after a print broke off")
-    def go_on(job: Job, who: Who) -> StatusResponse:
-        return status_response(service.hands.go_on(who, job))
+    def go_on(job: Job, who: Who) -> Status:
+        return service.hands.go_on(who, job)
 
     @routes.get("/prints/{job}/recovery", tags=[*tags], summary="Plan the rest; nothing is written")
-    def recovery(job: Job, from_line: FromLine = None) -> RecoveryResponse:
-        plan = service.hands.recovery(job, from_line)
-        return RecoveryResponse(
-            lines_left_out=plan.begin, steps=list(plan.steps), start_mm=plan.start
-        )
+    def recovery(job: Job, from_line: FromLine = None) -> RestPlan:
+        return service.hands.rest_plan(job, from_line)
 
     @routes.post("/prints/{job}/recover", tags=[*tags], summary="Write the rest as a job")
-    def recover(job: Job, given: RecoverRequest, who: Who) -> RestResponse:
-        return RestResponse.model_validate(service.hands.recover(who, job, given.from_line))
+    def recover(job: Job, given: RecoverRequest, who: Who) -> Rest:
+        return service.hands.recover(who, job, given.from_line)
 
     @routes.post("/prints/{job}/give-up", tags=[*tags], summary="Don't go on; write its end down")
-    def give_up(job: Job, who: Who) -> StatusResponse:
-        return status_response(service.hands.give_up(who, job))
+    def give_up(job: Job, who: Who) -> Status:
+        return service.hands.give_up(who, job)
 
 
 def _after(routes: APIRouter, service: JobService) -> None:
@@ -512,7 +492,3 @@ def print_response(heard: PrintReport) -> PrintResponse:
     """A print, as the API tells it."""
     return PrintResponse.model_validate(heard.to_dict())
 
-
-def status_response(status: Status) -> StatusResponse:
-    """A status, as the API tells it."""
-    return StatusResponse.model_validate(status.to_dict())

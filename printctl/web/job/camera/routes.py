@@ -39,6 +39,7 @@ class CameraService:
         source = core.settings.camera
         self.camera = CameraProcess(source, self._tell) if source else None
         self._lapse = TimeLapse(self.camera)
+        self._tell(self.camera.seen if self.camera else CameraState("none", "", None))
 
     def close(self) -> None:
         """Let go of the camera."""

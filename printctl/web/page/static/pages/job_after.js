@@ -1,0 +1,2 @@
+import { html } from "../ui.js";
+export default ({ job }) => html`<p>${job}</p>`;

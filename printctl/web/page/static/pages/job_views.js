@@ -1,0 +1,88 @@
+// What is seen of a job: the drawing of what is written, the camera, the time-lapse.
+import { get, part } from "../api.js";
+import { Button, Note, bytes, html, useEffect, useGet, useKept, useNews, useRef, useState, useStyle } from "../ui.js";
+
+const LIVE = "/live/static";
+const STILL_MS = 1000;
+
+// What has been written, the needle, what comes next; all of a job that isn't printed (no `print`).
+export function LiveView({ job, print = null }) {
+  useStyle(`${LIVE}/live_view.css`);
+  const box = useRef(null);
+  const [view, setView] = useState(null);
+  const [tools, setTools] = useKept("live.tools", false);
+  const [mends, setMends] = useState([]);
+  const live = print !== null;
+  useEffect(() => {
+    let [gone, made] = [false, null];
+    import(`${LIVE}/live_view.js`)
+      .then(({ liveView }) => gone || liveView(box.current, { scene: `/live/${part(job)}/scene`, live }))
+      .then((one) => {
+        made = one || null;
+        if (gone) made?.dispose();
+        else setView(made);
+      });
+    return () => {
+      gone = true;
+      made?.dispose();
+    };
+  }, [job, live]);
+  const inserted = print?.inserted ?? [];
+  useEffect(() => {
+    if (inserted.length) get(`/prints/${part(job)}/mends`).then(setMends, () => null);
+  }, [job, String(inserted)]);
+  const executed = print?.lines_executed;
+  useEffect(() => {
+    if (!view || !print) return;
+    view.update({
+      lines_executed: inFile(executed, inserted), lines_done: inFile(print.lines_done, inserted),
+      mends: mends.map((one) => ({ ...one, written: one.last <= executed })),
+    });
+  }, [view, executed, print?.lines_done, mends]);
+  return html`<div class=${tools ? "job-live job-live-tools" : "job-live"}>
+    <div class="job-live-box" ref=${box}></div>
+    <${Button} aria-expanded=${String(tools)} onClick=${() => setTools(!tools)}>${tools ? "Fewer" : "View …"}</${Button}>
+  </div>`;
+}
+
+// How many of the lines of a job that has grown are of its file.
+const inFile = (lines, inserted) =>
+  lines - inserted.reduce((sum, [after, count]) => sum + Math.min(Math.max(lines - after, 0), count), 0);
+
+// The camera's picture of now, where there is one; a new one about every second while it is looked at.
+export function Camera({ job, print }) {
+  const camera = useNews("camera");
+  const [at, setAt] = useState(0);
+  const there = camera?.state === "there";
+  useEffect(() => {
+    if (!there) return undefined;
+    const timer = setInterval(() => document.hidden || setAt(Date.now()), STILL_MS);
+    return () => clearInterval(timer);
+  }, [there]);
+  if (!camera || camera.state === "none") return null;
+  return html`<figure class="job-camera">
+    ${there ? html`<div><img src=${`/api/v1/camera/still?at=${at}`} alt="The print, seen by the camera" /></div>`
+      : html`<${Note} tone="warn">${camera.message || "The camera begins."}</${Note}>`}
+    <figcaption><${TimeLapse} job=${job} print=${print} /></figcaption>
+  </figure>`;
+}
+
+// The time-lapse of a print: how many pictures, and with `film` the film itself.
+export function TimeLapse({ job, print, film = false }) {
+  const place = `/prints/${part(job)}/timelapse`;
+  const { value, reload } = useGet(place);
+  const { layers_done: layers, vessels_done: vessels } = print.progress ?? {};
+  useEffect(() => reload(), [layers, vessels, print.state]);
+  useEffect(() => {
+    if (!value?.making) return undefined;
+    const timer = setTimeout(reload, 3000);
+    return () => clearTimeout(timer);
+  }, [value]);
+  if (!value?.frames) return null;
+  const source = `/api/v1${place}/film?frames=${value.frames}&bytes=${value.bytes}`;
+  const name = `${job.replace(/^(run|file)~/, "").replace(/\.gcode$/, "")}_timelapse.webp`;
+  return html`<p class="hint">Time-lapse: ${value.frames} pictures, ${bytes(value.bytes)}${value.making && "; the film is being made"}
+      ${value.message && `; ${value.message}`}.
+      ${value.film && html`${" "}<a href=${source} download=${name}>Download the film (WebP)</a>`}</p>
+    ${film && value.film && html`<img class="job-film" src=${source} alt="Time-lapse of the print" loading="lazy" />`}`;
+}
