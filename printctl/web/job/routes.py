@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict
+from html import escape
 from typing import Annotated, Any, Final, Literal
+from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, File, Path, Query, Request, UploadFile
 from fastapi.responses import FileResponse
@@ -26,6 +29,7 @@ from printctl.web.job.print_commands import Rest, RestPlan
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp, Millimetre
+from printctl.web.live.routes import preload
 from printctl.web.live.routes import router as live_router
 
 # Request and response types of the Job page's REST routes.
@@ -269,6 +273,8 @@ class PhotoResponse(ResponseModel):
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
 AnyJob = Annotated[str, Query(max_length=80, description="run~NAME, file~NAME, or none.")]
 FromLine = Annotated[int | None, Query(ge=1, le=2**31, description="Of the job's file.")]
+_KEPT: Final = "~!*'()"
+"""As JavaScript leaves them in a query (`encodeURIComponent`)."""
 REFUSED: Final[dict[int | str, dict[str, Any]]] = {
     404: {"description": "There is no such job or print."},
     409: {"description": "Not as things stand; the message says why."},
@@ -297,6 +303,20 @@ def routers(service: JobService) -> tuple[APIRouter, ...]:
     add_routes(routes, service.watching, service.heard)
     look_routes.add_routes(routes, service.looks, requesting_user)
     return routes, live_router(service.scene, service.scenes)
+
+
+def job_hints(service: JobService) -> Callable[[Request], str]:
+    """What a browser fetches at once for the page Job: how the print stands, and its drawing."""
+
+    def hints(request: Request) -> str:
+        job = request.query_params.get("job", "")
+        asked = f"{API}/prints/current?job={quote(job, safe=_KEPT)}"
+        state = f'<link rel="preload" as="fetch" crossorigin href="{escape(asked)}">'
+        report = service.current() or service.unfinished()
+        drawn = report is not None and job in ("", report.job)
+        return f"{state}\n{preload(report.job)}" if report and drawn else state
+
+    return hints
 
 
 def _jobs(routes: APIRouter, service: JobService) -> None:
@@ -491,4 +511,3 @@ def machine_response(machine: Machine | None) -> MachineResponse | None:
 def print_response(heard: PrintReport) -> PrintResponse:
     """A print, as the API tells it."""
     return PrintResponse.model_validate(heard.to_dict())
-

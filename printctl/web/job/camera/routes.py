@@ -117,16 +117,6 @@ class CameraResponse(BaseModel):
     at: float | None = Field(description="Of the last picture, s since 1970.")
 
 
-class TimeLapseResponse(BaseModel):
-    """The time-lapse of a print."""
-
-    frames: int = Field(description="Pictures kept.")
-    bytes: int
-    film: bool = Field(description="Whether the film is there.")
-    making: bool = Field(description="Whether the film is being made.")
-    message: str = Field(description="Why no more are kept, or why there is no film; else empty.")
-
-
 def add_routes(
     routes: APIRouter, service: CameraService, heard: Callable[[str], PrintReport | None]
 ) -> None:
@@ -153,8 +143,8 @@ def add_routes(
         return Response(still.jpeg, media_type="image/jpeg", headers=headers)
 
     @routes.get("/prints/{job}/timelapse", tags=["camera"], summary="The last print's time-lapse")
-    def timelapse(job: Job) -> TimeLapseResponse:
-        return TimeLapseResponse.model_validate(service.timelapse(job, heard(job)).to_dict())
+    def timelapse(job: Job) -> TimeLapseState:
+        return service.timelapse(job, heard(job))
 
     @routes.get(
         "/prints/{job}/timelapse/film",

@@ -76,7 +76,7 @@ export function useAction(work) {
 // A style sheet of one page's own, by its path below this folder.
 export function useStyle(path) {
   useEffect(() => {
-    const href = new URL(path, import.meta.url).href;
+    const href = new URL(path, import.meta.url).pathname;
     if (document.querySelector(`link[href="${href}"]`)) return;
     document.head.append(Object.assign(document.createElement("link"), { rel: "stylesheet", href }));
   }, [path]);

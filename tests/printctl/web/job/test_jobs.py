@@ -6,7 +6,6 @@ import io
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +25,6 @@ from printctl.machine.printing.progress import Filling, progress
 from printctl.machine.printing.remaining import Estimate, Remaining
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.aftercare import Ramp, flush_limit, ramped_c, viability
-from printctl.web.job.cards_print import facts
 from printctl.web.job.check import make_table
 from printctl.web.job.machine import Machine, mounted_checks, set_up_of
 from printctl.web.job.record import PrintRecord
@@ -237,42 +235,6 @@ def test_the_start_is_that_of_the_whole_job(
         assert declared_start(job) == found
     except LinkError:
         assert found is None
-
-
-# --- facts of a print on the first screen, in words
-PROGRESS = {
-    "remaining_error_s": None,
-    "ends_at": 0.0,
-    "passes": False,
-    "layer": 1,
-    "layers": 2,
-    "layers_done": 0,
-    "vessels": 0,
-    "ink_ul": 1.0,
-    "ink_total_ul": 2.0,
-    "ink_left_ul": None,
-    "tip_mm": (53.5, 55.0, 10.0),
-}
-
-
-def told(state: str, **more: Any) -> dict[str, Any]:
-    about = {"time_left_s": 1.0, "ended": False, "alarms": 0, "line_errors": 0, "last_alarm": ""}
-    return {"state": state, "position_known": True, "progress": PROGRESS, **about, **more}
-
-
-@pytest.mark.parametrize(
-    ("state", "said"),
-    [
-        ("printing", "X53.50 Y55.00 Z10.00"),
-        ("pausing", "X53.50 Y55.00 Z10.00"),
-        ("paused", "raised from X53.50 Y55.00 Z10.00"),
-        ("resuming", "raised from X53.50 Y55.00 Z10.00"),
-        ("stopped", "raised from about X53.50 Y55.00 Z10.00"),
-        ("done", "X53.50 Y55.00 Z10.00"),
-    ],
-)
-def test_a_needle_that_a_pause_or_a_stop_has_raised_isn_t_told_to_be_in_the_part(state, said):
-    assert facts(told(state), None)["tip"] == said
 
 
 # --- job table, progress and remaining time, against slow oracles

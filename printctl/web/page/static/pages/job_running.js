@@ -1,11 +1,11 @@
 // A print that goes on, on one screen: where it stands, what may be done, what is seen. And its end.
 import { part, send } from "../api.js";
 import {
-  Act, Button, Card, Dialog, Facts, Field, Fold, Loaded, Note, Progress, go, html, number, span, useAction, useEffect,
+  Act, Button, Card, Dialog, Field, Fold, Loaded, Note, Progress, go, html, number, span, useAction, useEffect,
   useGet, useNews, useState,
 } from "../ui.js";
 import { Looks } from "./job_looks.js";
-import { Camera, LiveView, TimeLapse } from "./job_views.js";
+import { Camera, LiveView } from "./job_views.js";
 
 const path = (job, action) => `/prints/${part(job)}/${action}`;
 const can = (print, action) => print.actions.find((one) => one.action === action) ?? { possible: false };
@@ -31,18 +31,23 @@ export default function Running({ job, print }) {
   </div>`;
 }
 
-// What is seen once a print is over: how it ended, what is to be decided, what was written.
+// How a print ended, what is to be decided, what was written.
 export function Ending({ job, print, reload }) {
-  return html`<${Card} class="card job-ending" aria-label="How it ended">
+  return html`<${Card} aria-label="How it ended">
     <${State} print=${print} />
     <${Alert} print=${print} />
     <${BrokeOff} job=${job} print=${print} reload=${reload} />
-    <${Facts} rows=${[
-      ["Time", print.words.time], ["Written", [print.words.layer, print.words.vessel].filter(Boolean).join("; ")],
-      ["Ink", print.words.ink.replace(/^Ink: /, "")], ["Tip", print.words.tip]]} />
-    <${TimeLapse} job=${job} print=${print} film />
-    <${Fold} title="What was written"><div class="job-written"><${LiveView} job=${job} print=${print} /></div></${Fold}>
+    ${print.words.tip && html`<p class="hint">The tip: ${print.words.tip}.</p>`}
+    <${Written} job=${job} print=${print} />
   </${Card}>`;
+}
+
+function Written({ job, print }) {
+  const [open, setOpen] = useState(false);
+  return html`<div class="stack">
+    <div><${Button} aria-expanded=${String(open)} onClick=${() => setOpen(!open)}>What was written</${Button}></div>
+    ${open && html`<div class="job-written"><${LiveView} job=${job} print=${print} /></div>`}
+  </div>`;
 }
 
 function State({ print }) {

@@ -1,4 +1,4 @@
-// What is seen of a job: the drawing of what is written, the camera, the time-lapse.
+// What is seen of a job: the drawing of what is written, and the camera.
 import { get, part } from "../api.js";
 import { Button, Note, bytes, html, useEffect, useGet, useKept, useNews, useRef, useState, useStyle } from "../ui.js";
 
@@ -63,26 +63,15 @@ export function Camera({ job, print }) {
   return html`<figure class="job-camera">
     ${there ? html`<div><img src=${`/api/v1/camera/still?at=${at}`} alt="The print, seen by the camera" /></div>`
       : html`<${Note} tone="warn">${camera.message || "The camera begins."}</${Note}>`}
-    <figcaption><${TimeLapse} job=${job} print=${print} /></figcaption>
+    <figcaption><${Kept} job=${job} print=${print} /></figcaption>
   </figure>`;
 }
 
-// The time-lapse of a print: how many pictures, and with `film` the film itself.
-export function TimeLapse({ job, print, film = false }) {
-  const place = `/prints/${part(job)}/timelapse`;
-  const { value, reload } = useGet(place);
+// How many pictures of its layers or vessels are kept; the film is made at the end.
+function Kept({ job, print }) {
+  const { value, reload } = useGet(`/prints/${part(job)}/timelapse`);
   const { layers_done: layers, vessels_done: vessels } = print.progress ?? {};
-  useEffect(() => reload(), [layers, vessels, print.state]);
-  useEffect(() => {
-    if (!value?.making) return undefined;
-    const timer = setTimeout(reload, 3000);
-    return () => clearTimeout(timer);
-  }, [value]);
+  useEffect(() => reload(), [layers, vessels]);
   if (!value?.frames) return null;
-  const source = `/api/v1${place}/film?frames=${value.frames}&bytes=${value.bytes}`;
-  const name = `${job.replace(/^(run|file)~/, "").replace(/\.gcode$/, "")}_timelapse.webp`;
-  return html`<p class="hint">Time-lapse: ${value.frames} pictures, ${bytes(value.bytes)}${value.making && "; the film is being made"}
-      ${value.message && `; ${value.message}`}.
-      ${value.film && html`${" "}<a href=${source} download=${name}>Download the film (WebP)</a>`}</p>
-    ${film && value.film && html`<img class="job-film" src=${source} alt="Time-lapse of the print" loading="lazy" />`}`;
+  return html`<p class="hint">Time-lapse: ${value.frames} pictures, ${bytes(value.bytes)}${value.message && `; ${value.message}`}.</p>`;
 }
