@@ -15,8 +15,8 @@ export const go = (address) => document.dispatchEvent(new CustomEvent("printctl-
 // --- values of the server ----------------------------------------------------------------------
 
 // The value at a path of the API: { value, problem, loading, reload }. Asked for again after any of
-// the events `on` and every `every` ms; what was there stays shown meanwhile. No path, no question.
-export function useGet(path, { on = [], every = 0 } = {}) {
+// the events `on`, every `every` ms and with another `key`; what was there stays shown meanwhile. No path, no question.
+export function useGet(path, { on = [], every = 0, key = "" } = {}) {
   const [state, setState] = useState({ value: null, problem: null, loading: true });
   const [turn, setTurn] = useState(0);
   const reload = useCallback(() => setTurn((one) => one + 1), []);
@@ -31,7 +31,7 @@ export function useGet(path, { on = [], every = 0 } = {}) {
       (problem) => gone || setState((old) => ({ ...old, problem, loading: false })),
     );
     return () => { gone = true; };
-  }, [path, turn]);
+  }, [path, turn, key]);
   useEffect(() => (on.length ? listen((one) => on.includes(one.event) && reload()) : undefined), [on.join()]);
   useEffect(() => {
     if (!every) return undefined;

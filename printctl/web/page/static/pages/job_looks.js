@@ -1,16 +1,15 @@
 // Looks at an observed print: the one that holds it with what was expected and found, what is asked,
 // and the last ones.
 import { part, send, url } from "../api.js";
-import { Act, Button, Card, Fold, html, useEffect, useGet } from "../ui.js";
+import { Act, Button, Card, Fold, html, useGet } from "../ui.js";
 
 const LAST = 12;
 const [SMALL_PX, LARGE_PX, WHOLE_PX] = [240, 1280, 4096];
 
 // Nothing for a print that nobody observes.
 export function Looks({ job, print, cancel }) {
-  const looks = useGet(`/prints/${part(job)}/looks`);
   const { look } = print;
-  useEffect(() => looks.reload(), [print.print_id, print.state, look?.number, look?.decision]);
+  const looks = useGet(`/prints/${part(job)}/looks`, { key: `${print.print_id} ${print.state} ${look?.number} ${look?.decision}` });
   const known = looks.value ?? [];
   const held = ["looking", "paused"].includes(print.state);
   const shown = held ? known.find((one) => one.number === look?.number) : undefined;

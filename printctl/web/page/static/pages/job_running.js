@@ -1,8 +1,8 @@
 // A print that goes on, on one screen: where it stands, what may be done, what is seen. And its end.
 import { part, send } from "../api.js";
 import {
-  Act, Button, Card, Dialog, Field, Fold, Loaded, Note, Progress, go, html, number, span, useAction, useEffect,
-  useGet, useNews, useState,
+  Act, Button, Card, Dialog, Field, Fold, Loaded, Note, Progress, go, html, number, span, useAction, useGet,
+  useNews, useState,
 } from "../ui.js";
 import { Looks } from "./job_looks.js";
 import { Camera, LiveView } from "./job_views.js";
@@ -51,9 +51,9 @@ function Written({ job, print }) {
 }
 
 function State({ print }) {
-  const [state, made] = print.words.state.split(" · ");
   return html`<div class="job-state">
-    <h2 class="big"><span role="status">${state}</span>${made && ` · ${made}`}</h2>
+    <h2 class="big">${print.words.state}</h2>
+    <p class="unseen" role="status">${print.words.state.split(" · ")[0]}</p>
     <${Progress} share=${print.share} label="Share of the print made" />
   </div>`;
 }
@@ -190,8 +190,7 @@ function heatOf(station) {
 
 // The clock of the cells, where it was told when they were mixed in.
 function Cells({ job, state }) {
-  const cells = useGet(path(job, "viability"), { every: 60_000 });
-  useEffect(() => cells.reload(), [state]);
+  const cells = useGet(path(job, "viability"), { every: 60_000, key: state });
   if (cells.value === null || cells.value.minutes === null) return null;
   const late = ["late", "close"].includes(cells.value.state);
   return html`<${Tile} name="Cells" value=${cells.value.words} tone=${late ? "warn" : null} />`;

@@ -69,9 +69,8 @@ export function Camera({ job, print }) {
 
 // How many pictures of its layers or vessels are kept; the film is made at the end.
 function Kept({ job, print }) {
-  const { value, reload } = useGet(`/prints/${part(job)}/timelapse`);
   const { layers_done: layers, vessels_done: vessels } = print.progress ?? {};
-  useEffect(() => reload(), [layers, vessels]);
+  const { value } = useGet(`/prints/${part(job)}/timelapse`, { key: `${layers} ${vessels}` });
   if (!value?.frames) return null;
   return html`<p class="hint">Time-lapse: ${value.frames} pictures, ${bytes(value.bytes)}${value.message && `; ${value.message}`}.</p>`;
 }
