@@ -217,7 +217,7 @@ _ALARMS: Final[tuple[tuple[str, Sentences], ...]] = (
         r"decided to",
         (
             "An inspection of the print has decided",
-            "The card Looks has its picture.",
+            "Its picture is among the last looks.",
             "See what was found there.",
         ),
     ),

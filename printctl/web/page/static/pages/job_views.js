@@ -41,6 +41,7 @@ export function LiveView({ job, print = null }) {
   }, [view, executed, print?.lines_done, mends]);
   return html`<div class=${tools ? "job-live job-live-tools" : "job-live"}>
     <div class="job-live-box" ref=${box}></div>
+    ${live && !tools && html`<ul class="job-legend"><li>written</li><li>next 10 s</li><li>still to come</li></ul>`}
     <${Button} aria-expanded=${String(tools)} onClick=${() => setTools(!tools)}>${tools ? "Fewer" : "View …"}</${Button}>
   </div>`;
 }
