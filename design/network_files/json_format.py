@@ -15,6 +15,10 @@ from design.network import VesselKind, VesselNetwork
 _FORMAT = "printctl-network"
 _VERSION = 1
 _KINDS = {kind.name.lower(): int(kind) for kind in VesselKind}
+_OF_SVZEROD = {
+    "simulation_parameters": "a case of svZeroDSolver, which `printctl flow` runs",
+    "calibration_parameters": "an input of svZeroDCalibrator",
+}
 _NAMES = {number: name for name, number in _KINDS.items()}
 
 
@@ -68,6 +72,9 @@ def read_network_json(path: Path) -> VesselNetwork:
         raise NetworkError(f"{path}: not JSON ({exc}); mend the file") from exc
     head = [data.get(k) for k in ("format", "version", "unit")] if isinstance(data, dict) else []
     if head != [_FORMAT, _VERSION, "mm"]:
+        other = next((_OF_SVZEROD[key] for key in _OF_SVZEROD if head and key in data), None)
+        if other is not None:
+            raise NetworkError(f"{path} is {other}, not a network")
         raise NetworkError(
             f"{path}: format, version and unit must be {_FORMAT}, {_VERSION} and mm; they are "
             f"{head}"

@@ -472,6 +472,12 @@ class AckProtocol(ABC):
         noisy = self.errors.count(self.number)
         if noisy:
             events.append(noisy)
+        if self.errors.stuck:
+            text = (self.flight or b"").decode("ascii", "backslashreplace")
+            line = self.lines_done + 1 if self.in_job else 0
+            refused = said.LineRefused(self.number + 1, self.errors.in_turn, text, line)
+            self.end(refused, events)
+            return
         self._end_doubt()
         self._begin_doubt_count()
         self.heard, self.sent_at = [], now

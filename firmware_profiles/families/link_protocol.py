@@ -178,6 +178,28 @@ class Noisy:
 
 
 @dataclass(frozen=True)
+class LineRefused:
+    """The same line was refused `MAX_REFUSALS` times in turn; the protocol is over.
+
+    Attributes
+    ----------
+    number, times : int
+        The line's number, and how often it was sent again.
+    command : str
+    line : int
+        Which of the job's it is, one-based; 0 for a control command.
+    text : str
+        The printer's own words; empty where it said nothing.
+    """
+
+    number: int
+    times: int
+    command: str
+    line: int
+    text: str = ""
+
+
+@dataclass(frozen=True)
 class Halting:
     """Firmware has reported a final stop and is asked for the reason; `FirmwareHalted` follows."""
 
@@ -254,6 +276,7 @@ Event: TypeAlias = (
     | WaitingForPerson
     | Action
     | Noisy
+    | LineRefused
     | Halting
     | FirmwareHalted
     | FirmwareStarted
@@ -430,6 +453,11 @@ class Timing:
     calm_lines: int = 200
 
 
+MAX_REFUSALS: Final = 100
+"""Times in turn that one line is sent again. Noise that garbles nine of ten lines does that to one
+in 40,000, and the print has paused long before; Marlin takes half a second for each."""
+
+
 @dataclass
 class LineErrors:
     """Count of resent lines and their rate.
@@ -440,17 +468,23 @@ class LineErrors:
         More than ``limit`` among ``window`` lines is too many.
     total : int
         Since the start.
+    in_turn : int
+        Of the line that was sent again last, with no other in between.
     """
 
     window: int
     limit: int
     total: int = 0
+    in_turn: int = 0
+    _newest: int = -1
     _start: int = 0
     _here: int = 0
 
     def count(self, number: int) -> Noisy | None:
         """Take notice that line ``number`` + 1 is sent again; `Noisy` when the limit is passed."""
         self.total += 1
+        self.in_turn = self.in_turn + 1 if number == self._newest else 1
+        self._newest = number
         if number - self._start > self.window or number < self._start:
             self._start, self._here = number, 0
         self._here += 1
@@ -459,6 +493,11 @@ class LineErrors:
         noisy = Noisy(self._here, number - self._start)
         self._start, self._here = number, 0
         return noisy
+
+    @property
+    def stuck(self) -> bool:
+        """Whether one line was sent again so often that it never will be taken."""
+        return self.in_turn >= MAX_REFUSALS
 
 
 QUESTION: Final = b"\nN99999999 M105*23\n"

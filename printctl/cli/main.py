@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import json
+import os
 import sys
 from itertools import takewhile
 from typing import Final
@@ -39,6 +40,7 @@ def main() -> None:
 
     With ``--json`` a failure of whatever kind is one object on stdout, too.
     """
+    _open_closed_streams()
     gc.set_threshold(_YOUNG)
     JSON_PRINTED.set(False)
     try:
@@ -58,6 +60,21 @@ def main() -> None:
         _fail(*known)
     finally:
         gc.freeze()  # what ends needs no search for circles among all that it has loaded
+
+
+def _open_closed_streams() -> None:
+    """Open the null device as each of stdin, stdout and stderr that is closed.
+
+    The next file or pipe would get its number, and be a child process' stdin or stdout.
+    """
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is this one
+            os.set_inheritable(number, True)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
 
 
 def _fail(message: str, code: int) -> None:

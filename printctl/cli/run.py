@@ -90,6 +90,15 @@ PrintedFlag = Annotated[
         "--printed", help="Take the print that is done in the run folder; nothing is printed."
     ),
 ]
+RehearseOption = Annotated[
+    float | None,
+    typer.Option(
+        "--rehearse",
+        metavar="SPEED",
+        help="Print on the simulated printer, whatever the recipe names, at so many times real "
+        "time; 0 for as fast as it can.",
+    ),
+]
 
 
 def run(
@@ -97,6 +106,7 @@ def run(
     out: OutOption = None,
     until: UntilOption = None,
     printed: PrintedFlag = False,
+    rehearse: RehearseOption = None,
     progress_file: ProgressFileOption = None,
     yes: YesFlag = False,
     pdf: PdfFlag = False,
@@ -111,7 +121,8 @@ def run(
     with nullcontext() if progress is None else progress.whole(message_of):
         loaded = load_recipe(recipe, print_note)
         folder = out if out is not None else Path("runs") / loaded.name
-        how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=progress)
+        how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=progress,
+                         rehearse=rehearse)  # fmt: skip
         with kernels_for_a_run(*_works(loaded, until), listener=progress):
             data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
     if as_json:

@@ -18,7 +18,8 @@ from printctl.corrections.compensation import (
     save_compensation,
 )
 from printctl.errors import SafetyError, UsageError
-from printctl.pipeline.context import SIMULATED_PORT, RunContext
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.run_options import SIMULATED_PORT
 from printctl.pipeline.solid_build import built_solids
 from printctl.run_folder.artefacts import NETWORK, PRINTED_WITH
 from printctl.run_folder.manifest import digest_file

@@ -37,8 +37,6 @@ from printctl.recipe.making import Embedded, FileScan, SimulatedScan
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest, digest_file
 
-SIMULATED_PORT = "simulated"
-
 LIGHT_REACHES_MM = 3.5
 """Deeper parts are beyond OCT in scattering gels; the planar part, 3 mm, is at its limit."""
 
@@ -50,7 +48,8 @@ class RunContext:
     Of a run over a plate ``stand`` is the well in which the part stands, ``ink_changes`` what is
     varied there of the ink's profile, ``title`` goes before the stages' names on the screen, and
     ``siblings`` are the runs of other wells, whose stages are taken over where nothing differs.
-    With ``printed`` nothing is printed: the print that is done in the folder is taken.
+    With ``printed`` nothing is printed: the print that is done in the folder is taken. A simulated
+    printer is ``sim_speed`` times as fast as a real one; 0 for as fast as it can.
     """
 
     recipe: Recipe
@@ -65,6 +64,7 @@ class RunContext:
     title: str = ""
     siblings: Sequence[RunContext] = ()
     printed: bool = False
+    sim_speed: float = 0.0
 
     def digests(self, names: Sequence[str]) -> dict[str, str]:
         """SHA-256 of each of the user's files, named relative to the recipe, that is there."""

@@ -11,16 +11,20 @@ from printctl.errors import UsageError
 from printctl.pipeline.run_options import (
     DESIGN_NAMES,
     JOB_NAMES,
+    SIMULATED_PORT,
     TOOLPATH_NAMES,
     WHOLE_NAMES,
     RunOptions,
     names_until,
 )
 from printctl.recipe import Recipe
+from printctl.recipe.making import FileScan
 
 __all__ = ["RunOptions", "design_recipe", "run_recipe", "toolpath_recipe"]
 
 _ALL: Final = RunOptions()
+MAX_REHEARSAL_SPEED: Final = 1000.0
+"""Times real time; a simulated printer that is to be faster needs no clock (0)."""
 
 
 def run_recipe(
@@ -43,6 +47,8 @@ def run_recipe(
     PrintctlError, DesignError, RegistrationError, LinkError, ProfileError, OSError
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
+    if how.rehearse is not None:
+        recipe = _rehearsed(recipe, how)
     for name in recipe.files():
         if not (recipe_folder / name).exists():
             raise UsageError(f"{recipe_folder / name}, which the recipe names, isn't there; "
@@ -82,3 +88,28 @@ def toolpath_recipe(
 ) -> dict[str, Any]:
     """Run the stages up to the dry run; return their summaries."""
     return run_recipe(recipe, recipe_folder, folder, console, RunOptions(until=TOOLPATH_NAMES[-1]))
+
+
+def _rehearsed(recipe: Recipe, how: RunOptions) -> Recipe:
+    """Return the recipe with the simulated printer in the place of its own.
+
+    Raises
+    ------
+    UsageError
+        Where a real print or a real scan is to be taken.
+    """
+    if how.printed:
+        raise UsageError("--printed takes a print that was done; leave --rehearse out")
+    if how.rehearse is not None and not 0 <= how.rehearse <= MAX_REHEARSAL_SPEED:
+        raise UsageError(
+            f"--rehearse {how.rehearse:g} isn't between 0 (as fast as it can) and "
+            f"{MAX_REHEARSAL_SPEED:g} times real time"
+        )
+    scanned = how.until is None or "scan" in names_until(how.until)
+    if scanned and isinstance(recipe.scan, FileScan):
+        raise UsageError(
+            f"the recipe's scan is the file {recipe.scan.file}, and a rehearsal would be judged by "
+            "it; leave out the section scan, or give --until print"
+        )
+    printer = recipe.printer.model_copy(update={"port": SIMULATED_PORT})
+    return recipe.model_copy(update={"printer": printer})

@@ -8,6 +8,8 @@ from typing import Final
 from printctl.errors import UsageError
 from printctl.progress import Listener
 
+SIMULATED_PORT: Final = "simulated"
+"""Port of the simulated printer."""
 DESIGN_NAMES: Final = (
     "tissue",
     "vasculature",
@@ -57,6 +59,9 @@ class RunOptions:
         Take the print that is done in the run's folder; nothing is printed.
     listener : Listener or None
         Told of progress.
+    rehearse : float or None, 1
+        Print on the simulated printer, whatever the recipe names, so many times as fast as a real
+        one; 0 for as fast as it can.
     """
 
     assume_yes: bool = False
@@ -64,3 +69,4 @@ class RunOptions:
     until: str | None = None
     printed: bool = False
     listener: Listener | None = None
+    rehearse: float | None = None

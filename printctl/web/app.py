@@ -37,6 +37,8 @@ from printctl.web.page.assets import serve_page
 from printctl.web.print_sockets import PrintSockets
 from printctl.web.printer.routes import router as printer_router
 from printctl.web.printer.service import PrinterService
+from printctl.web.project.routes import router as project_router
+from printctl.web.project.service import ProjectService
 from printctl.web.scan.routes import router as scan_router
 from printctl.web.scan.service import ScanService
 from printctl.web.security.access import Access
@@ -58,6 +60,7 @@ class Services:
     design: DesignService
     scan: ScanService
     history: HistoryService
+    project: ProjectService
 
     def close(self) -> None:
         """Follow no printer any more; prints and stations go on."""
@@ -67,12 +70,14 @@ class Services:
 
 def make_services(core: Core) -> Services:
     """Make the service of each room."""
+    design = DesignService(core)
     return Services(
         printer=PrinterService(core),
         job=JobService(core),
-        design=DesignService(core),
+        design=design,
         scan=ScanService(core),
         history=HistoryService(core),
+        project=ProjectService(core, design),
     )
 
 
@@ -84,6 +89,7 @@ def routers(services: Services) -> list[APIRouter]:
         *design_routers(services.design),
         scan_router(services.scan),
         history_router(services.history),
+        project_router(services.project),
     ]
 
 
@@ -117,6 +123,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         for task in tasks:
             task.cancel()
         await services.job.scenes.close()
+        await services.project.close()
         await asyncio.to_thread(services.close)
 
     app = FastAPI(

@@ -32,8 +32,9 @@ PERIODIC: Final = 1e-6
 _MIN_SCALE: Final = 1e-3
 """Of the largest mean magnitude of its kind: smaller ones are noise of the solver's tolerance."""
 MAX_STEPS: Final = 10_000_000
-"""Of a run; the solver counts steps in 32 bits and keeps them all in memory."""
+"""Of a run; the solver counts steps in 32 bits and, with output_all_cycles, keeps them all."""
 _OPTIONS: Final = "simulation_parameters"
+_CALIBRATION: Final = "calibration_parameters"
 _CYCLES: Final = "number_of_cardiac_cycles"
 _POINTS: Final = "number_of_time_pts_per_cardiac_cycle"
 _UNTIL_REPEATED: Final = "use_cycle_to_cycle_error"
@@ -52,7 +53,14 @@ _ELEMENT: Final = re.compile(r"[RC]\w*")
 _BODIES: Final = ("chambers", "valves", "closed_loop_blocks")
 """Lists that a case may have in place of vessels."""
 _NO_PACKAGE: Final = 3
-"""Exit code."""
+_NO_MEMORY: Final = 4
+"""Exit codes."""
+_FAULTS: Final = ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV")
+"""Signals by which a process ends by a fault of its own; others come from outside."""
+_LESS_MEMORY: Final = (
+    "it keeps all results in memory: set the case's output_all_cycles to false, raise its "
+    f"output_interval, lower its {_POINTS}, or free memory"
+)
 _SCRIPT: Final = """
 import json, os, signal, sys, types
 solver = os.getpid()
@@ -82,6 +90,8 @@ try:
             run.get_single_result(name)
         except RuntimeError:
             unused.append(name)
+except MemoryError:
+    sys.exit(4)
 except Exception as exc:
     answer.write(str(exc))
     sys.exit(1)
@@ -193,6 +203,11 @@ def _checked_options(data: Mapping[str, Any]) -> dict[str, Any]:
 
 def _check_blocks(data: Mapping[str, Any]) -> None:
     """Raise `FlowError` for lists that end the solver's process, names that break its table."""
+    if _CALIBRATION in data and _OPTIONS not in data:
+        raise FlowError(
+            f"this is an input of svZeroDCalibrator (it has {_CALIBRATION} and no {_OPTIONS}), not "
+            f"a case; run that program first: its result with {_OPTIONS} added is a case"
+        )
     for key, others in ((_OPTIONS, ()), ("vessels", _BODIES), ("boundary_conditions", ())):
         if not any(one in data for one in (key, *others)):
             raise FlowError(f"{key} is missing, which a case of svZeroDSolver needs; add it")
@@ -254,13 +269,23 @@ def _solve(data: Mapping[str, Any]) -> tuple[list[str], list[str], str]:
             "a case of svZeroDSolver needs the package svzerod, which can't be imported "
             f"({said}); pip install 'printctl[svzerod]'"
         )
+    if done.returncode == _NO_MEMORY:
+        raise FlowError(f"svZeroDSolver ran out of memory; {_LESS_MEMORY}")
     if done.returncode > 0:
         raise FlowError(f"svZeroDSolver: {said}")
     if done.returncode < 0:
+        end = signal.Signals(-done.returncode).name
+        if end == "SIGKILL":
+            raise FlowError(
+                f"svZeroDSolver was killed ({end}), most likely by the system, as memory ran out; "
+                f"{_LESS_MEMORY}"
+            )
+        if end not in _FAULTS:
+            raise FlowError(f"svZeroDSolver was ended from outside ({end}); run the case again")
         raise FlowError(
-            f"svZeroDSolver crashed ({signal.Signals(-done.returncode).name}); it does so for a "
-            "block without an inlet or outlet, a boundary condition that no vessel names and an "
-            "empty list: check that boundary_conditions and junctions join each vessel at both ends"
+            f"svZeroDSolver crashed ({end}); it does so for a block without an inlet or outlet, a "
+            "boundary condition that no vessel names and an empty list: check that "
+            "boundary_conditions and junctions join each vessel at both ends"
         )
     unused, *lines = done.stdout.rstrip("\n").split("\n")
     return json.loads(unused), lines, done.stderr

@@ -237,7 +237,7 @@ class Tokens:
     sent_s : float, s
         When the newest left.
     tries : int
-        Tokens sent since oks were last believed.
+        Tokens sent since oks were last believed, but those that weren't taken.
     doubted : bool
         Whether there was a doubt since oks were last believed: noise may have made lines.
     behind : bool
@@ -327,6 +327,7 @@ class Tokens:
 
     def drop(self) -> None:
         """The token in flight wasn't taken."""
+        self.tries -= self.flying
         self.flying = False
         if self._texts and not self.echoed:
             self._texts.pop()

@@ -277,6 +277,7 @@ class ReplyHandler:
             self._remark(reply, events)
         elif reply.kind not in (Kind.RESEND, Kind.ERROR):
             events.append(said.Notice(f"doubtful reply {reply.words!r} to line {state.number + 1}"))
+        state.refusal = reply.words
         state.begin_doubt(QueryGoal.GO_ON, now)
         self._doubting.hear(reply, now)
 
@@ -425,9 +426,8 @@ class DoubtResolver:
         state.second = None
         if not state.awaiting:
             state.said = []
-        noisy = state.errors.count(state.number)
-        if noisy:
-            events.append(noisy)
+        if not state.resend(state.flight or b"", not state.flight_control, events):
+            return
         tokens, doubt = state.tokens, state.doubt
         tokens.heard += doubt.oks
         if tokens.flying:
@@ -496,13 +496,18 @@ class DoubtResolver:
             else:
                 state.lines_done -= 1
             state.number -= 1
-            state.errors.total += 1
+            state.errors.total += state.number > last  # the first is counted below
         events.append(said.LinesResent(last + 1, newest, tuple(state.controls)))
+        in_job = not state.controls and state.lines_done < len(state.lines)
+        command = state.lines[state.lines_done] if in_job else next(iter(state.controls), b"")
+        if not state.resend(command, in_job, events):
+            return
         if asked:
             events.append(said.Synchronised(last))
         self._sender.send_next(now)
 
     def silence(self, now: float, events: list[Event]) -> None:
         """Doubt the line in flight, and ask at once."""
+        self._state.refusal = ""
         self._state.begin_doubt(QueryGoal.GO_ON, now)
         self.ask_now(now, events)

@@ -10,7 +10,7 @@ from enum import Enum, auto
 from typing import Final
 
 from firmware_profiles.families import link_protocol
-from firmware_profiles.families.link_protocol import Event, Fault, LineErrors, Timing
+from firmware_profiles.families.link_protocol import Event, Fault, LineErrors, LineRefused, Timing
 from firmware_profiles.families.marlin.replies import ORDER_ERROR, Kind, Reply, Tokens, frame
 from firmware_profiles.families.pairing import Pairing
 
@@ -233,6 +233,8 @@ class LineState:
         Whether it was told that ADVANCED_OK's fields make no sense.
     set_backs : int
         Times running that the printer's count of lines was set back.
+    refusal : str
+        What the printer said last to a line that it may not have taken; empty for nothing.
     behind_moves : bytes
         Written behind each move in flight that is taken, after `LinkProtocol.cut_in`.
     """
@@ -281,6 +283,7 @@ class LineState:
     plain: bool = False
     told_odd: bool = False
     set_backs: int = 0
+    refusal: str = ""
     behind_moves: bytes = b""
 
     def fault(self, text: str, about_command: bool = False) -> Fault:
@@ -290,6 +293,19 @@ class LineState:
         in_job = self.flight is not None and not self.flight_control
         answers = in_job or (self.flight is None and self.waits and self.behind_job)
         return Fault(text, self.lines_done + in_job, answers, about_command)
+
+    def resend(self, command: bytes, in_job: bool, events: list[Event]) -> bool:
+        """Count the next line as sent again; False where it was too often, which ends all."""
+        noisy = self.errors.count(self.number)
+        if noisy:
+            events.append(noisy)
+        if not self.errors.stuck:
+            return True
+        text = command.decode("ascii", "backslashreplace")
+        line = self.lines_done + 1 if in_job else 0
+        times = self.errors.in_turn
+        self.end(LineRefused(self.number + 1, times, text, line, self.refusal), events)
+        return False
 
     def recall(self, command: bytes) -> int:
         """Return which of the job's lines was that command, one-based, among the last few taken.

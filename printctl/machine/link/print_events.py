@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 from firmware_profiles.families import link_protocol as said
 from printctl.machine.link.channel import Channel, PrinterReplies
@@ -76,6 +76,7 @@ class PrintEvents:
             said.Action: self._on_action,
             said.WaitingForPerson: self._on_person_awaited,
             said.Noisy: self._on_noisy,
+            said.LineRefused: self._on_line_refused,
             said.Halting: self._on_halting,
             said.FirmwareHalted: self._on_halted,
             said.FirmwareStarted: self._on_booted,
@@ -308,13 +309,31 @@ class PrintEvents:
                 f"(profile: {printer.firmware})"
             )
         silent = f"the printer gave no usable answer for {event.seconds:.0f} s after "
+        words = self._progress.words()
+        self._give_up(silent + words, "; the next line may or may not have been taken")
+
+    def _on_line_refused(self, event: said.LineRefused) -> None:
+        job = self._progress.job
+        where = f"line {job.file_line(event.line)} of {job.name}" if event.line else "a command"
+        why = (
+            f"the printer didn't take {event.command!r} ({where}, sent as N{event.number}) in "
+            f"{event.times} tries, and nothing else in between"
+        )
+        why += f"; it answers {event.text!r}" if event.text else ""
+        remedy = "check cable, earthing and firmware"
+        if self._logbook.state in EARLY:
+            lost = ", which loses its position: `printctl recover` goes on then"
+            restart = "restart the printer" + (lost if self._logbook.resumed else "")
+            raise HandshakeError(f"{why}; {remedy}; if it stays so, {restart}")
+        self._give_up(f"{why}, after {self._progress.words()}", f"; {remedy}")
+
+    def _give_up(self, why: str, more: str) -> NoReturn:
+        """End the print of a printer that does nothing that it is told."""
         complaint = self._complaint
         if complaint:
-            message = f"{complaint}; then {silent}{self._progress.words()}: cut its power"
+            message = f"{complaint}; then {why}: cut its power"
         else:
-            message = (
-                f"{silent}{self._progress.words()}; the next line may or may not have been taken"
-            )
+            message = f"{why}{more}"
             if self._logbook.state is not LinkState.PAUSED:
                 stands = self._progress.standing_words() or "where its motors stand isn't known"
                 message += (

@@ -54,6 +54,7 @@ class StandbyEvents:
             said.FirmwareReset: self._on_reset,
             said.StrayOk: self._on_stray,
             said.NoReply: self._on_silent,
+            said.LineRefused: self._on_line_refused,
         }
 
     def found(self) -> None:
@@ -140,5 +141,14 @@ class StandbyEvents:
             LinkState.FAILED,
             f"the printer gave no usable answer for {event.seconds:.0f} s; check power and cable, "
             "then reconnect",
+            known=False,
+        )
+
+    def _on_line_refused(self, event: said.LineRefused) -> None:
+        answer = f"; it answers {event.text!r}" if event.text else ""
+        raise PrintEnded(
+            LinkState.FAILED,
+            f"the printer didn't take {event.command!r} in {event.times} tries{answer}; check "
+            "cable, earthing and firmware, restart it, then reconnect",
             known=False,
         )

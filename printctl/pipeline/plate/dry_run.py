@@ -31,10 +31,11 @@ from printctl.checks.preflight import (
 from printctl.errors import PrintctlError
 from printctl.machine.link.job import parse_job
 from printctl.machine.printing import usable_mm, with_reloads_of
-from printctl.pipeline.context import SIMULATED_PORT, RunContext
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun, relative
 from printctl.pipeline.plate_plan import Well
+from printctl.pipeline.run_options import SIMULATED_PORT
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import dry_run as alone
 from printctl.progress import Report

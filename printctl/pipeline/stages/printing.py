@@ -145,7 +145,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         observe_from_start(context, folder)
         record.unlink(missing_ok=True)
         faults = context.recipe_folder / part.faults if part.faults else None
-        return simulated_printer(part.profile, (x, y, z), gcode, record, folder, faults=faults)
+        return simulated_printer(
+            part.profile, (x, y, z), gcode, record, folder, speed=context.sim_speed, faults=faults
+        )
 
     retreat = retreat_of(context, context.lift_mm)
     gcode, care = context.folder / GCODE, care_of(context)

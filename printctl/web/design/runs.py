@@ -385,6 +385,16 @@ class Runs:
             )
         return self._go(name, ["--printed"])
 
+    def rehearse(self, name: str, speed: float) -> RunProgress:
+        """Print a design on the simulated printer, scan and judge it; ``speed`` times real time.
+
+        Raises
+        ------
+        ConflictError
+            While the run, or a print of it, is going on.
+        """
+        return self._go(name, ["--rehearse", f"{speed:g}"])
+
     def cancel(self, name: str) -> RunProgress:
         """Stop a run; finished stages are kept.
 

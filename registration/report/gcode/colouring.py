@@ -23,6 +23,8 @@ _KNOWN: Final = {
 }  # fmt: skip
 _LEAST_SPAN: Final = 0.1
 """Of the middle value: narrower limits would show the rounding of the file as differences."""
+_CONSTANT_SPAN: Final = 1e-3
+"""Of the greatest value: what rounding of the file alone makes of a constant."""
 
 
 @dataclass(frozen=True)
@@ -83,13 +85,16 @@ def colourings(job: GcodeJob) -> list[Colouring]:
 def width_colouring(name: str, width_mm: FloatArray, way_mm: FloatArray) -> Colouring:
     """Widths (n,), mm, of written ways (n,), mm, on the scale of the usual ones."""
     known = width_mm[~np.isnan(width_mm)]
-    extremes = float(known.min()), float(known.max())
     limits = usual_span(width_mm, way_mm)
+    constant = limits[0] == limits[1]
+    extremes = limits if constant else (float(known.min()), float(known.max()))
     return Colouring("width", name, "mm", limits, extremes=extremes)
 
 
 def usual_span(values: FloatArray, weights: FloatArray | None) -> tuple[float, float]:
-    """All but the outermost hundredths of the written way; never a span of mere rounding.
+    """Return the span of all but the outermost hundredths of the written way.
+
+    It is never one of mere rounding: equal limits for a constant, else at least `_LEAST_SPAN`.
 
     Parameters
     ----------
@@ -97,15 +102,19 @@ def usual_span(values: FloatArray, weights: FloatArray | None) -> tuple[float, f
     weights : (n,) float64 or None
         Way of each; without it the span is that of all values.
     """
+    least, greatest = float(np.nanmin(values)), float(np.nanmax(values))
+    if greatest - least <= _CONSTANT_SPAN * abs(greatest):
+        constant = float(np.nanmedian(values))
+        return constant, constant
     order = np.argsort(values)
     weight = np.ones(len(values)) if weights is None else weights[order]
     share = np.cumsum(weight) / weight.sum()
     at = np.minimum(np.searchsorted(share, (0.01, 0.5, 0.99)), len(order) - 1)
     low, middle, high = (float(value) for value in values[order[at]])
     if weights is None:
-        low, high = float(values.min()), float(values.max())
-    least = _LEAST_SPAN * middle / 2
-    return min(low, middle - least), max(high, middle + least)
+        low, high = least, greatest
+    half = _LEAST_SPAN * middle / 2
+    return min(low, middle - half), max(high, middle + half)
 
 
 def _kinds(job: GcodeJob) -> tuple[tuple[str, ...], tuple[str, ...]]:

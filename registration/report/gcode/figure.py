@@ -32,7 +32,7 @@ from registration.report.gcode.colouring import PLAIN, Colouring
 from registration.report.gcode.outline_pack import SCALE_UM
 from registration.report.gcode.part_outline import DesignOutline
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
-from registration.report.picture.quantity import bar_ends
+from registration.report.picture.quantity import bar_ends, bar_limits
 from registration.report.svg import MUTED
 from registration.report.wording import number
 
@@ -244,10 +244,12 @@ def _explain(
         named = there if colouring.labels else ()  # vessels have colours alone
         return [Patch(color=colouring.colours[k], label=colouring.labels[k]) for k in named]
     bar = figure.colorbar(
-        ScalarMappable(Normalize(*colouring.limits), SEQUENTIAL), ax=axes, pad=0.02, shrink=0.8,
-        extend=bar_ends(colouring.limits, colouring.extremes),
+        ScalarMappable(Normalize(*bar_limits(colouring.limits)), SEQUENTIAL), ax=axes, pad=0.02,
+        shrink=0.8, extend=bar_ends(colouring.limits, colouring.extremes),
     )  # fmt: skip
     unit = f" / {colouring.unit}" if colouring.unit else ""
+    if colouring.limits[0] == colouring.limits[1]:
+        bar.set_ticks([colouring.limits[0]])
     bar.set_label(colouring.name + (unit or ", first to last"))
     bar.outline.set_visible(False)
     return []

@@ -26,7 +26,7 @@ from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 from registration.report.picture.camera import Camera, View, fitted_camera
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
-from registration.report.picture.quantity import Quantity, bar_ends
+from registration.report.picture.quantity import Quantity, bar_ends, bar_limits
 from registration.report.picture.render import shade
 
 # Draw flow direction arrows, inlets and outlets over a network's picture.
@@ -338,9 +338,7 @@ def _explain(figure: Figure, quantity: Quantity, left: float) -> None:
                       handlelength=1.0, handleheight=1.0, title_fontsize=8.5)  # fmt: skip
         return
     low, high = quantity.limits
-    # A constant has one tick, at the foot of a bar of any height.
-    top = high if high > low else low + (abs(low) or 1.0)
-    norm = LogNorm(low, high) if quantity.scale == "log" else Normalize(low, top)
+    norm = LogNorm(low, high) if quantity.scale == "log" else Normalize(*bar_limits((low, high)))
     bar = figure.add_axes((left + 0.015, 0.22, 0.016, 0.62))
     colours = DIVERGING if quantity.scale == "diverging" else SEQUENTIAL
     beyond = bar_ends(quantity.limits, quantity.extremes)

@@ -22,6 +22,9 @@ from registration.report.picture.colours import (
     TREE_COLOURS,
 )
 
+_ROUNDING: Final = 1e-6
+"""Of a value, where pages hold it in single precision."""
+
 
 def point_pressure(
     network: VesselNetwork, first: FloatArray | None, last: FloatArray | None
@@ -49,9 +52,15 @@ def bar_ends(
 ) -> Literal["neither", "min", "max", "both"]:
     """Matplotlib's ``extend`` of a colour bar: at which ends values lie beyond its limits."""
     least, greatest = extremes or limits
-    rounding = 1e-9 * max(map(abs, limits))
+    rounding = _ROUNDING * max(map(abs, limits))
     below, above = least < limits[0] - rounding, greatest > limits[1] + rounding
     return ("both" if above else "min") if below else "max" if above else "neither"
+
+
+def bar_limits(limits: tuple[float, float]) -> tuple[float, float]:
+    """Return where a colour bar ends: a constant is at the foot of a bar of any height."""
+    low, high = limits
+    return (low, high) if high > low else (low, low + (abs(low) or 1.0))
 
 
 ScaleKind = Literal["linear", "log", "diverging", "names"]
@@ -166,7 +175,7 @@ def signed(key: str, name: str, unit: str, values: NDArray[np.floating[Any]]) ->
 def merged_limits(limits: tuple[float, float]) -> tuple[float, float]:
     """Return the limits, equal where only rounding sets them apart."""
     low, high = limits
-    return limits if high - low > 1e-9 * max(abs(low), abs(high)) else (low, low)
+    return limits if high - low > _ROUNDING * max(abs(low), abs(high)) else (low, low)
 
 
 # Collect the quantities to colour vessels by: radius, flow, pressure, shear, order, deviation.

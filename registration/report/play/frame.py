@@ -17,7 +17,7 @@ from registration.gcode_job import Act
 from registration.report.drawing import aspect, blank, draw_scaled_lines, set_limits, styled
 from registration.report.gcode.colouring import Colouring
 from registration.report.picture.colours import SEQUENTIAL
-from registration.report.picture.quantity import bar_ends
+from registration.report.picture.quantity import bar_ends, bar_limits
 from registration.report.play.playback import Playback, PlayRows
 from registration.report.play.serialise import NOT_HELD, OFF, colourings
 
@@ -65,10 +65,13 @@ def _drawn(
         )
         width = played.rows.width_mm[written]
         set_limits(axes, ends, float(width.max(initial=0.0)) / 2)
-        norm, beyond = Normalize(*chosen.limits), bar_ends(chosen.limits, chosen.extremes)
+        norm = Normalize(*bar_limits(chosen.limits))
+        beyond = bar_ends(chosen.limits, chosen.extremes)
         bar = figure.colorbar(
             ScalarMappable(norm, scale), ax=axes, pad=0.02, shrink=0.8, extend=beyond
         )
+        if chosen.limits[0] == chosen.limits[1]:
+            bar.set_ticks([chosen.limits[0]])
         bar.set_label(name)
         bar.outline.set_visible(False)
         colour = np.where(np.isnan(values)[:, None], to_rgba(NOT_HELD), scale(norm(values)))

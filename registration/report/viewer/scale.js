@@ -2,6 +2,7 @@
 import { make, roundDown, short } from "viewer/page";
 
 const MAX_NAMES = 14;
+const DIGITS = { least: 3, most: 12, shared: 4 };
 
 // Red, green and blue of "#rrggbb", 0 to 255.
 export const rgbOf = (hex) => [1, 3, 5].map((at) => Number.parseInt(hex.slice(at, at + 2), 16));
@@ -22,6 +23,7 @@ export class Scale {
       : this.diverging ? colours.diverging : colours.sequential;
     this.parts = this.stops.map(rgbOf);
     this.none = rgbOf(colours.none);
+    this.digits = DIGITS.least;
   }
 
   get title() { return this.unit ? `${this.name} / ${this.unit}` : this.name; }
@@ -85,7 +87,7 @@ export class Scale {
     const tick = (share, text) => make("span", { style: `left:${100 * share}%` }, text);
     const ticks = this.labels.length
       ? this.labels.map((text, k) => tick(k / (this.labels.length - 1), text))
-      : [this.low, ...this.between(from, to), this.high].map((value) =>
+      : this.apart([this.low, ...this.between(from, to), this.high]).map((value) =>
         tick((this.place(value) - from) / (to - from), this.endSign(value) + this.text(value)));
     const beyond = this.least < this.low || this.greatest > this.high;
     return [
@@ -96,7 +98,14 @@ export class Scale {
     ];
   }
 
-  text(value) { return short(value, 3, this.diverging); }
+  text(value) { return short(value, this.digits, this.diverging); }
+
+  // Ticks in as many digits as tell them apart; where those are many, there is room for the ends alone.
+  apart(values) {
+    while (new Set(values.map((value) => this.text(value))).size < values.length
+      && this.digits < DIGITS.most) this.digits += 1;
+    return this.digits > DIGITS.shared ? [this.low, this.high] : values;
+  }
 
   endSign(value) {
     if (value === this.low && this.least < this.low) return "≤ ";

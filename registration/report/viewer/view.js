@@ -43,7 +43,9 @@ export async function view(element, data, { onPick = null } = {}) {
   startMarkers(shown);
   startPointer(shown);
   window.addEventListener("beforeprint", () => {
-    if (stage.lost.hidden) Object.assign(byId("print-picture"), { src: stage.picture(), hidden: false });
+    const picture = byId("print-picture");
+    picture.hidden = !stage.lost.hidden; // a lost view is said instead
+    if (!picture.hidden) picture.src = stage.picture();
   });
   linkView(stage);
   return shown;

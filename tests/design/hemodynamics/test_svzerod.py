@@ -2,10 +2,6 @@
 
 import csv
 import json
-import subprocess
-import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -275,14 +271,6 @@ def test_a_faulty_case_ends_in_one_message(
     assert not out.exists()
 
 
-def test_a_crash_of_the_solver_and_a_missing_package_are_named(
-    out: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(svzerod_run, "_SCRIPT", "import os; os.abort()")
-    with pytest.raises(FlowError, match=r"crashed \(SIGABRT\).* without an inlet or outlet"):
-        run_svzerod(_windkessel(), out)
-
-
 def test_a_case_without_the_package_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -290,41 +278,6 @@ def test_a_case_without_the_package_names_the_extra(
     monkeypatch.setattr(svzerod_run, "_SCRIPT", script)
     with pytest.raises(FlowError, match=r"No module.*pip install 'printctl\[svzerod\]'"):
         run_svzerod(_windkessel(), tmp_path / "svzerod.csv")
-
-
-def test_what_ends_printctl_ends_the_solver(out: Path) -> None:
-    busy = f"""
-import fcntl, time
-file = open({str(out)!r}, "w")
-fcntl.flock(file, fcntl.LOCK_EX)
-time.sleep(60)
-"""
-    script = svzerod_run._SCRIPT.split("answer =")[0] + busy
-    run = "import sys; from design.hemodynamics.zero_d import svzerod_run as run\n"
-    run += "run._SCRIPT = sys.argv[1]; run._solve({})"
-    first = subprocess.Popen([sys.executable, "-c", run, script])
-    assert _until(lambda: not _free(out)), "the solver didn't begin"
-    first.kill()
-    first.wait()
-    assert _until(lambda: _free(out)), "the solver went on"
-
-
-def _until(true: Callable[[], bool]) -> bool:
-    return any(true() or time.sleep(0.1) for _ in range(300))  # type: ignore[func-returns-value]
-
-
-def _free(path: Path) -> bool:
-    """Whether a file is there that no process has locked."""
-    import fcntl
-
-    try:
-        with path.open() as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except FileNotFoundError:
-        return True
-    except BlockingIOError:
-        return False
-    return True
 
 
 def test_chains_of_r_c_l_come_close_to_the_networks_own_answer(out: Path) -> None:

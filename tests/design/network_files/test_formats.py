@@ -142,6 +142,13 @@ def test_bad_json_is_refused(tmp_path: Path) -> None:
         path.write_text(json.dumps({**good, **change}))
         with pytest.raises(NetworkError, match=says):
             read_network_json(path)
+    for key, says in (
+        ("simulation_parameters", "is a case of svZeroDSolver, which `printctl flow` runs"),
+        ("calibration_parameters", "is an input of svZeroDCalibrator, not a network"),
+    ):
+        path.write_text(json.dumps({"vessels": [], key: {}}))
+        with pytest.raises(NetworkError, match=says):
+            read_network_json(path)
     path.write_text("{")
     with pytest.raises(NetworkError, match="not JSON"):
         read_network_json(path)

@@ -70,6 +70,17 @@ def test_pausing_waits_for_no_library_of_another_command():
     assert done.stdout.splitlines()[-1] == "False"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX closes the streams")
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_streams_end_no_command_in_a_traceback(closed: str) -> None:
+    script = f'"$0" -m printctl doctor --json {closed}; echo "code $?"'
+    done = subprocess.run(
+        ["sh", "-c", script, sys.executable], capture_output=True, text=True, check=True
+    )
+    assert "Traceback" not in done.stderr
+    assert done.stdout.splitlines()[-1] == "code 0"
+
+
 # --- bash completion of words, asked as bash asks
 ROOT = Path(__file__).parents[3]
 IN_BASH = """

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.colorbar import Colorbar
 from PIL import Image
 
 from registration.report import ReportError, write_report_html
@@ -120,6 +121,22 @@ def test_colourings_say_only_what_is_known():
     assert [c.key for c in colourings(unknown)] == ["speed", "order"]
     keys = [c.key for c in colourings(passes_job())]
     assert keys == ["height", "width", "kind", "speed", "order", "vessel"]
+
+
+def test_a_constant_has_equal_limits_and_one_tick(monkeypatch):
+    job = layered_job()
+    width = np.where(job.writes, 0.15 + 1e-5 * np.arange(10), np.nan)
+    shown = {one.key: one for one in colourings(replace(job, width_mm=width))}
+    low, high = shown["width"].limits
+    assert low == high == pytest.approx(0.15, rel=1e-3)
+    assert shown["width"].extremes == (low, high)
+    assert shown["speed"].limits == (20.0, 20.0)
+    ticks, draw = [], Colorbar.set_ticks
+    monkeypatch.setattr(
+        Colorbar, "set_ticks", lambda bar, at, **more: (ticks.append(at), draw(bar, at, **more))
+    )
+    draw_layer(job, 1, shown["speed"], 520, True)
+    assert ticks == [[20.0]]
 
 
 def test_the_rounding_of_widths_doesnt_fill_the_scale():

@@ -57,7 +57,7 @@ document.addEventListener("click", (event) => {
   if (to.href !== location.href) go(to.pathname + to.search);
 });
 window.addEventListener("popstate", () => show());
-document.addEventListener("printctl-go", (event) => go(event.detail));
+document.addEventListener("printctl-go", (event) => go(event.detail.address, event.detail.replace));
 
 beginHeader();
 beginNews();

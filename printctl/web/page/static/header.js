@@ -41,11 +41,11 @@ function onPrint(message) {
   const job = shortName(message.job ?? "");
   printTitle = state ? [job, state].filter(Boolean).join(" ") : "";
   document.title = [printTitle, pageTitle].filter(Boolean).join(" · ");
-  if (!state) return put("print-state", "Print: none");
+  if (!state) return put("pc-print", "Print: none");
   const words = [`Print: ${job ? `${job}, ` : ""}${state}`];
   if (Number.isFinite(message.share)) words.push(`${(100 * message.share).toFixed(1)} %`);
   if (Number.isFinite(message.time_left_s)) words.push(left(message.time_left_s));
-  return put("print-state", words.join(", "));
+  return put("pc-print", words.join(", "));
 }
 
 // --- the controls ----------------------------------------------------------------------------
@@ -57,12 +57,12 @@ const mine = () => Boolean(holder() && holder().id === you()?.id);
 function showControls() {
   if (!you()) return;
   const sure = performance.now() < sureUntil;
-  put("controls-holder", mine() ? "You hold the controls" : `Controls: ${holder()?.name ?? "nobody"}`);
-  at("controls-holder").title = at("controls-holder").textContent;
-  at("controls-take").hidden = false;
-  put("controls-take", mine() ? "Release" : !holder() ? "Take controls" : sure ? "Sure?" : "Take over");
-  if (mine()) at("controls-take").setAttribute("aria-label", "Release the controls");
-  else at("controls-take").removeAttribute("aria-label");
+  put("pc-holder", mine() ? "You hold the controls" : `Controls: ${holder()?.name ?? "nobody"}`);
+  at("pc-holder").title = at("pc-holder").textContent;
+  at("pc-take").hidden = false;
+  put("pc-take", mine() ? "Release" : !holder() ? "Take controls" : sure ? "Sure?" : "Take over");
+  if (mine()) at("pc-take").setAttribute("aria-label", "Release the controls");
+  else at("pc-take").removeAttribute("aria-label");
 }
 
 async function pressTake() {
@@ -88,15 +88,15 @@ function showLost() {
   } else if (noDoor) {
     said.push("The stop process doesn't answer: STOP depends on the server alone.");
   }
-  put("lost", said.join(" "));
-  at("lost").hidden = !said.length;
+  put("pc-lost", said.join(" "));
+  at("pc-lost").hidden = !said.length;
 }
 
 export function beginHeader() {
-  at("controls-take").addEventListener("click", () => pressTake().catch(() => null));
+  at("pc-take").addEventListener("click", () => pressTake().catch(() => null));
   listen((message) => {
     if (message.event === "station") {
-      put("printer-state", `Printer: ${PRINTER[message.state] ?? message.state ?? "not connected"}`);
+      put("pc-printer", `Printer: ${PRINTER[message.state] ?? message.state ?? "not connected"}`);
     }
     if (message.event === "print") onPrint(message);
     if (message.event === "lost") showLost();

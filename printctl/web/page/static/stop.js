@@ -62,7 +62,7 @@
   );
 
   function show(lines) {
-    const banner = document.getElementById("stopped");
+    const banner = document.getElementById("pc-stopped");
     if (!banner) return;
     banner.querySelector("p").textContent = lines.filter(Boolean).join(" ");
     banner.hidden = false;
@@ -158,8 +158,8 @@
   }
 
   document.addEventListener("DOMContentLoaded", () => {
-    document.querySelector("#stopped button")?.addEventListener("click", () => {
-      document.getElementById("stopped").hidden = true;
+    document.querySelector("#pc-stopped button")?.addEventListener("click", () => {
+      document.getElementById("pc-stopped").hidden = true;
     });
   });
 })();

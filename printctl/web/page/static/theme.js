@@ -18,7 +18,7 @@
     const chosen = mode();
     const dark = chosen === "dark" || (chosen === "auto" && system.matches);
     document.documentElement.dataset.theme = dark ? "dark" : "light";
-    const button = document.getElementById("theme");
+    const button = document.getElementById("pc-theme");
     if (button) button.textContent = `Theme: ${chosen}`;
   }
 
@@ -27,7 +27,7 @@
   window.addEventListener("load", apply);
   document.addEventListener("DOMContentLoaded", () => {
     apply();
-    document.getElementById("theme")?.addEventListener("click", () => {
+    document.getElementById("pc-theme")?.addEventListener("click", () => {
       try {
         localStorage.setItem(KEY, MODES[(MODES.indexOf(mode()) + 1) % MODES.length]);
       } catch {

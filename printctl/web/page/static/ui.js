@@ -10,7 +10,8 @@ export { Fragment, render, useCallback, useEffect, useId, useMemo, useRef, useSt
 const classes = (...names) => names.filter(Boolean).join(" ");
 
 // Go to another address of the page.
-export const go = (address) => document.dispatchEvent(new CustomEvent("printctl-go", { detail: address }));
+export const go = (address, replace = false) =>
+  document.dispatchEvent(new CustomEvent("printctl-go", { detail: { address, replace } }));
 
 // --- values of the server ----------------------------------------------------------------------
 
@@ -322,6 +323,9 @@ export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   return String(Number(value.toPrecision(digits))).replace("-", "\u2212");
 }
+
+// A text of the program as a sentence: its first letter large.
+export const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 // Seconds as people say them.
 export function span(seconds) {

@@ -7,7 +7,10 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -69,11 +72,15 @@ def test_a_pulse_leaves_tables_and_the_case_for_another_solver(fork: Path) -> No
     assert case.returncode == 0, case.stderr
     with np.load(fork / "theirs" / "svzerod.npz") as arrays:
         assert arrays["flow_in"].shape == (101, len(rows))
-    for name, given in (("half.json", {"vessels": []}), ("list.json", [])):
+    calibration = {"vessels": [], "junctions": [], "y": {}, "calibration_parameters": {}}
+    for name, given in (
+        ("half.json", {"vessels": []}), ("list.json", []), ("calibration.json", calibration),
+    ):  # fmt: skip
         (fork / name).write_text(json.dumps(given))
     for name, option, words in (
         ("case.json", ("--one-d",), "--one-d is for networks"),
         ("half.json", (), "simulation_parameters is missing, which a case of svZeroDSolver needs"),
+        ("calibration.json", (), "this is an input of svZeroDCalibrator (it has calibration_par"),
         ("list.json", (), "is neither a network, which has format, nodes and vessels, nor a case"),
     ):
         refused = printctl("flow", name, *option, cwd=fork)
@@ -92,6 +99,85 @@ def test_a_steady_case_for_another_solver_gives_the_steady_flow(fork: Path) -> N
     with (fork / "theirs" / "svzerod.csv").open() as handle:
         inlet = float(next(csv.DictReader(handle))["pressure_in"])
     assert inlet == pytest.approx(10 * drop, rel=1e-6)
+
+
+# Runs whose solver is a module of the test's.
+
+
+@pytest.fixture
+def solver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Make ``svzerod`` a module whose solver runs the given code; write a case."""
+    case = {
+        "simulation_parameters": {
+            "number_of_cardiac_cycles": 1, "number_of_time_pts_per_cardiac_cycle": 2,
+        },
+        "vessels": [], "boundary_conditions": [],
+    }  # fmt: skip
+    (tmp_path / "case.json").write_text(json.dumps(case))
+    (tmp_path / "package").mkdir()
+    places = [str(tmp_path / "package"), os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, places)))
+
+    def runs(code: str) -> None:
+        (tmp_path / "package" / "svzerod.py").write_text(
+            "import fcntl, os, signal, time\nclass Solver:\n"
+            f"    def __init__(self, case): pass\n    def run(self): {code}\n"
+        )
+
+    return runs
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("os.kill(os.getpid(), signal.SIGABRT)", "crashed (SIGABRT); .* without an inlet or"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "was killed (SIGKILL), .* memory ran out; .* set"),
+        ("os.kill(os.getpid(), signal.SIGTERM)", "was ended from outside (SIGTERM); run the case"),
+        ("raise MemoryError", "ran out of memory; .* set the case's output_all_cycles to false"),
+        ("raise RuntimeError('block X')", "case.json: svZeroDSolver: block X"),
+    ],
+)
+def test_what_ended_the_solver_is_said(
+    tmp_path: Path, solver: Callable[[str], None], code: str, words: str
+) -> None:
+    solver(code)
+    done = printctl("flow", "case.json", cwd=tmp_path)
+    assert done.returncode == 1
+    first, *rest = words.split(" .* ")
+    at = done.stderr.index(first)
+    assert all(done.stderr.find(each, at) > 0 for each in rest), done.stderr
+
+
+@pytest.mark.parametrize("closed", ["", "<&- >&-", "<&- >&- 2>&-"])
+def test_what_ends_printctl_ends_the_solver(
+    tmp_path: Path, solver: Callable[[str], None], closed: str
+) -> None:
+    solver("file = open('busy', 'w'); fcntl.flock(file, fcntl.LOCK_EX); time.sleep(120)")
+    script = f'exec "$0" -m printctl flow case.json {closed}'
+    first = subprocess.Popen(["sh", "-c", script, sys.executable], cwd=tmp_path)
+    busy = tmp_path / "busy"
+    assert _until(lambda: not _is_free(busy)), "the solver didn't begin"
+    first.kill()
+    first.wait()
+    assert _until(lambda: _is_free(busy)), "the solver went on"
+
+
+def _until(true: Callable[[], bool]) -> bool:
+    return any(true() or time.sleep(0.1) for _ in range(600))  # type: ignore[func-returns-value]
+
+
+def _is_free(path: Path) -> bool:
+    """Whether no process has locked the file."""
+    import fcntl
+
+    try:
+        with path.open() as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return True
+    except BlockingIOError:
+        return False
+    return True
 
 
 def test_a_vessel_drawn_backwards_is_noted_by_its_nodes(fork: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.link_protocol import Halting
+from firmware_profiles.families.link_protocol import MAX_REFUSALS, Halting
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.recovering import plan_recovery
@@ -179,6 +179,19 @@ def test_duet_whose_ok_to_a_setting_was_lost_is_told_it_again(tmp_path, line):
     assert status.state is LinkState.DONE, status
     assert lost
     assert fake.executed.count(line.decode()) == 2
+
+
+def test_a_line_that_a_duet_never_takes_ends_the_print(tmp_path):
+    fake = FakeDuet()
+
+    def answer(data: bytes) -> bytes:
+        return b"" if b" %b*" % JOB[20] in data else fake.receive(data)
+
+    status = streamer_of("reprapfirmware", fake, tmp_path, JOB, answer).run()
+    assert (status.state, status.position_known) == (LinkState.FAILED, False)
+    assert f"in {MAX_REFUSALS} tries" in status.message
+    assert repr(JOB[20].decode()) in status.message
+    assert status.lines_done == 20
 
 
 class CountingDuet(FakeDuet):

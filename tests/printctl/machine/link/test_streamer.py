@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from firmware_profiles.families.link_protocol import MAX_REFUSALS
 from printctl.machine.link import kill
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import PortLost, Refused
@@ -100,6 +101,62 @@ def test_many_line_errors_pause_the_print(tmp_path):
     assert LinkState.PAUSED in [one.state for one in seen]
     assert status.state is LinkState.STOPPED
     assert any("line errors" in text for text in read_journal(tmp_path / "journal.log").alarms)
+
+
+class Refusing(FakeMarlin):
+    """Doesn't take line ``at``, ``times`` times: ``how`` it answers."""
+
+    def __init__(self, at: int, times: float, how: str) -> None:
+        super().__init__()
+        self.at_number, self.times, self.how, self.tries = at, times, how, 0
+
+    def _take(self, line: str) -> bytes:
+        if self.last < self.at_number - 1 or not line.startswith(f"N{self.last + 1} "):
+            return super()._take(line)
+        self.tries += 1
+        if self.tries > self.times:
+            self.tries = 0
+            return super()._take(line)
+        says = {"oks": b"ok\n", "swallows": b""}
+        return says.get(self.how) or b"" if self.how in says else self._refuse("checksum mismatch")
+
+
+@pytest.mark.parametrize("how", ["refuses", "swallows", "oks"])
+def test_a_line_that_is_never_taken_ends_the_print(tmp_path, how):
+    printer, clock = Refusing(60, np.inf, how), VirtualClock()
+    streamer = streamer_of(job_of(zigzag(200)), FakeTransport(printer, clock), tmp_path)
+    status = streamer.run()
+    assert status.state is LinkState.FAILED
+    assert not status.position_known
+    assert "sent as N60)" in status.message
+    assert f"{MAX_REFUSALS} tries" in status.message
+    assert "check cable, earthing and firmware" in status.message
+    assert "needle wasn't lifted" in status.message
+    assert printer.last == 59
+    assert ("checksum mismatch" in status.message) == (how == "refuses")
+    history = read_journal(tmp_path / "journal.log")
+    again = streamer_of(job_of(zigzag(200)), FakeTransport(printer, clock), tmp_path).run(history)
+    assert (again.state, again.position_known) == (LinkState.FAILED, False)
+    assert "sent as N60)" in again.message
+    assert "`printctl recover`" in again.message
+    assert printer.last == 59
+
+
+def test_a_line_that_is_never_taken_in_the_handshake_begins_no_print(tmp_path):
+    printer, clock = Refusing(2, np.inf, "refuses"), VirtualClock()
+    status = streamer_of(job_of(zigzag(9)), FakeTransport(printer, clock), tmp_path).run()
+    assert (status.state, status.error) == (LinkState.FAILED, "HandshakeError")
+    assert "(a command, sent as N2)" in status.message
+
+
+@pytest.mark.parametrize("how", ["refuses", "swallows"])
+def test_a_line_that_is_refused_for_long_but_taken_ends_no_print(tmp_path, how):
+    printer, clock = Refusing(60, MAX_REFUSALS - 1, how), VirtualClock()
+    status = streamer_of(job_of(zigzag(30)), FakeTransport(printer, clock), tmp_path).run()
+    assert status.state is LinkState.DONE
+    assert [line for line in printer.numbered if line.startswith("G1")] == [
+        line.decode() for line in zigzag(30)
+    ]
 
 
 def test_stop_before_the_first_line_sends_none(tmp_path):

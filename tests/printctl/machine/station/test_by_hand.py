@@ -5,20 +5,23 @@ from __future__ import annotations
 import json
 import threading
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
 from firmware_profiles import Printer, load
+from firmware_profiles.families.link_protocol import LineRefused
 from printctl.checks.gate import Bounds, NotAllowed, PrinterSituation, check_heat
 from printctl.checks.gate.firmware import differences
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import AlreadyPrinting, HandshakeError, Refused
-from printctl.machine.link.states import LinkState
+from printctl.machine.link.states import LinkState, PrintEnded
 from printctl.machine.link.temperatures import Temperature
 from printctl.machine.station import StationState, attach, connect
 from printctl.machine.station.idle_commands import IdleCommands
 from printctl.machine.station.known_state import Knowledge, heat_limits
 from printctl.machine.station.mounted_profiles import read_mounted_profiles
+from printctl.machine.station.standby_events import StandbyEvents
 from printctl.machine.station.status import MountedParts, StationStatus
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.motion.hardware import Board
@@ -131,6 +134,14 @@ def test_heater_is_set_and_told(at_rest):
         if {one.name: one.target_c for one in status.temperatures}["bed"] == 37:
             break
     at_rest.heat("bed", 0)
+
+
+def test_line_that_is_never_taken_ends_the_standby():
+    events = StandbyEvents(MagicMock(), threading.Event(), threading.Event(), MagicMock())
+    events.found()
+    with pytest.raises(PrintEnded, match=r"didn't take 'M114' in 100 tries.*restart it") as ended:
+        events.handle(LineRefused(7, 100, "M114", 0, "Error:checksum mismatch"))
+    assert (ended.value.state, ended.value.known) == (LinkState.FAILED, False)
 
 
 def test_every_listener_hears_and_a_dead_one_doesnt_matter(at_rest):

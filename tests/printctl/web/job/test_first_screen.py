@@ -168,7 +168,7 @@ def broken_off_and_gone_on_with(page: Any, under_way: UnderWay) -> None:
     os.kill(load_station(under_way.workspace.station).pid, signal.SIGKILL)
     heading(page, "Interrupted")
     name = f"{NAME[:23]}…"
-    assert page.locator("#print-state").inner_text().startswith(f"Print: {name}, interrupted")
+    assert page.locator("#pc-print").inner_text().startswith(f"Print: {name}, interrupted")
     assert page.title() == f"{name} interrupted · Job · printctl"
     button = page.get_by_role("button", name="Go on …")
     box = button.bounding_box()
@@ -183,7 +183,7 @@ def stopped(page: Any, under_way: UnderWay) -> None:
     """What happened, what it means and what to do stand there once; codes are one click away."""
     page.locator("#pc-stop").click()
     heading(page, "Killed")
-    banner = page.locator("#stopped")
+    banner = page.locator("#pc-stopped")
     wait_for(lambda: "It has halted" in banner.inner_text())
     text = page.locator("body").inner_text()
     assert len(re.findall("STOP has halted the printer", text)) == 1

@@ -62,7 +62,7 @@ def serious(page: Any, within: dict[str, list[list[str]]] | None = None) -> list
 
 def take_controls(page: Any) -> None:
     """Press until this browser holds the controls; another's are taken over by a second press."""
-    take = page.locator("#controls-take")
+    take = page.locator("#pc-take")
     while take.inner_text() != "Release":
         take.click()
         page.wait_for_timeout(300)
@@ -80,5 +80,5 @@ def shown(
     page.set_viewport_size(viewport or WIDE)
     page.emulate_media(color_scheme=color_scheme)
     page.goto(url)
-    page.wait_for_selector("#pc-take:visible, #controls-take:visible")
+    page.wait_for_selector("#pc-take:visible")
     return page

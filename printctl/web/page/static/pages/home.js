@@ -1,11 +1,119 @@
 // Where everybody begins: what goes on, what was begun, and what one can begin with.
-import { Card, Empty, Loaded, Page, html, useGet } from "../ui.js";
+import { part, send } from "../api.js";
+import {
+  Act, Badge, Button, Card, Dialog, Drop, Empty, Field, Loaded, Note, Page, go, html, span, useAction, useGet, useNews,
+  useState, useStyle, when,
+} from "../ui.js";
+
+const NEXT = {
+  shape: ["Shape it", "info"], check: ["Look at the checks", "warn"], print: ["Print or rehearse", "info"],
+  judge: ["Scan and judge", "info"], done: ["Judged", "good"],
+};
+const LISTED = 4;
 
 export default function Home() {
-  const recipes = useGet("/recipes");
-  return html`<${Page} title="Home">
-    <${Card} title="Go on"><${Loaded} of=${recipes}>${(rows) =>
-      rows.length ? html`<ul class="list">${rows.map((one) => html`<li key=${one.name}><a class="link-row" href=${`/project?name=${one.name}`}>${one.name}</a></li>`)}</ul>`
-        : html`<${Empty}>Nothing yet.</${Empty}>`}</${Loaded}></${Card}>
+  useStyle("pages/home.css");
+  const projects = useGet("/projects");
+  return html`<${Page} title="From a shape to a judged print">
+    <${Running} />
+    <${Loaded} of=${projects} what="Looking for projects">${(rows) => html`
+      ${rows.length > 0 && html`<${Projects} rows=${rows} />`}
+      <${Gallery} taken=${rows.map((one) => one.name)} first=${!rows.length} />`}</${Loaded}>
+    <${Bring} />
   </${Page}>`;
+}
+
+function Running() {
+  const print = useNews("print");
+  if (!print?.state || print.ended) return null;
+  const name = print.job.replace(/^(run|file)~/, "");
+  return html`<${Note} tone="info"><p><b>${name}</b> is on the printer: ${print.state.replaceAll("_", " ")}${
+    Number.isFinite(print.share) ? `, ${(100 * print.share).toFixed(0)} %` : ""}${
+    Number.isFinite(print.time_left_s) ? `, ${span(print.time_left_s)} left` : ""}.</p>
+    <${Button} kind="main" href=${`/job?job=${part(print.job)}`}>See the print</${Button}></${Note}>`;
+}
+
+function Projects({ rows }) {
+  const [all, setAll] = useState(false);
+  const shown = all ? rows : rows.slice(0, LISTED);
+  return html`<${Card} title="Go on with">
+    <ul class="projects">${shown.map(({ name, step, modified }) => html`
+      <li key=${name}><a class="link-row" href=${`/project?name=${part(name)}`}>
+        <b class="grow">${name}</b> <span class="quiet">${when(modified)}</span>
+        <${Badge} tone=${NEXT[step][1]}>${NEXT[step][0]}</${Badge}></a></li>`)}</ul>
+    ${rows.length > shown.length && html`<${Button} onClick=${() => setAll(true)}>Show all ${rows.length}</${Button}>`}
+  </${Card}>`;
+}
+
+// --- what one can begin with -------------------------------------------------------------------
+
+function Gallery({ taken, first }) {
+  const entries = useGet("/gallery");
+  return html`<section class="stack" aria-labelledby="gallery">
+    <h2 id="gallery">${first ? "Begin with one of these" : "Begin a new one"}</h2>
+    ${first && html`<p class="quiet">Choose, shape, check, rehearse on a simulated printer, judge by a simulated scan:
+      a few minutes, and nothing needs to be connected.</p>`}
+    <${Loaded} of=${entries}>${(list) => list.length ? html`
+      <ul class="gallery">${list.map((one) => html`<${Entry} key=${one.example} one=${one} taken=${taken} />`)}</ul>`
+      : html`<${Empty}>The examples aren't installed here. <a href="/design">Write a recipe on the page Design.</a></${Empty}>`}</${Loaded}>
+  </section>`;
+}
+
+const free = (name, taken) => {
+  let made = name;
+  for (let k = 2; taken.includes(made); k += 1) made = `${name}_${k}`;
+  return made;
+};
+
+function Entry({ one, taken }) {
+  const start = async () => {
+    const name = free(one.example, taken);
+    await send("POST", "/recipes", { name, source: one.example });
+    go(`/project?name=${part(name)}`);
+  };
+  return html`<li class="card gallery-entry">
+    <img src=${new URL(`../pictures/${one.example}.webp`, import.meta.url).href} alt="" width="480" height="300" loading="lazy" />
+    <h3>${one.title}</h3>
+    <p>${one.shows}</p>
+    <p class="quiet">${one.size} · prints in ${span(60 * one.print_min)}</p>
+    <${Act} kind="main" work=${start} aria-label=${`Start from ${one.title}`}>Start from this</${Act}>
+  </li>`;
+}
+
+// --- what a user brings --------------------------------------------------------------------------
+
+const SHAPES = ".stl,.obj,.ply,.3mf";
+const NETWORKS = ".csv,.vtp,.swc,.json,.npz,.txt";
+
+function Bring() {
+  const [file, setFile] = useState(null);
+  return html`<${Card} title="Or bring your own">
+    <div class="bring">
+      <div class="stack"><h3>A shape to fill with vessels, or a network to print</h3>
+        <p class="quiet">A closed mesh (STL, OBJ, PLY, 3MF), or vessels (CSV, VTP, SWC, JSON, NPZ).</p>
+        <${Drop} label="Choose a file" accept=${`${SHAPES},${NETWORKS}`} path="/recipes/files" onDone=${(_, sent) => setFile(sent.name)} /></div>
+      <div class="stack"><h3>G-code to print</h3>
+        <p class="quiet">It is dry-run and checked before anything moves.</p>
+        <${Drop} label="Choose G-code" accept=".gcode,.gco,.g,.nc" path="/jobs" onDone=${(job) => go(`/job?job=${part(job.id)}`)} /></div>
+    </div>
+    ${file && html`<${FromFile} file=${file} onClose=${() => setFile(null)} />`}
+  </${Card}>`;
+}
+
+function FromFile({ file, onClose }) {
+  const mesh = SHAPES.split(",").some((one) => file.toLowerCase().endsWith(one));
+  const [name, setName] = useState(file.replace(/\.[^.]*$/, "").replace(/[^A-Za-z0-9._-]/g, "_").slice(0, 60));
+  const [unit, setUnit] = useState("mm");
+  const [make, state] = useAction(async () => {
+    await send("POST", "/projects", { name, file, unit });
+    go(`/project?name=${part(name)}`);
+  });
+  return html`<${Dialog} title=${`Begin with ${file}`} onClose=${onClose}>
+    <${Field} label="Name of the project" value=${name} onChange=${setName} />
+    <${Field} label="Unit of the file" kind="choice" value=${unit} onChange=${setUnit} hint="Never guessed: the file doesn't say it."
+      options=${[["mm", "millimetres"], ["cm", "centimetres"], ["m", "metres"], ["um", "micrometres"], ["in", "inches"]]} />
+    <p class="quiet">${mesh ? "A tree of vessels is grown in it; you shape it next." : "Its vessels are printed as they are."}</p>
+    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
+    <${Button} kind="main" busy=${state.busy} onClick=${make}>Begin</${Button}>
+  </${Dialog}>`;
 }

@@ -1,0 +1,93 @@
+"""REST of projects: gallery, how far each has come, sketch and rehearsal."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter
+from pydantic import BaseModel, ConfigDict, Field
+
+from design.units import LengthUnit
+from printctl.web.api import API, REFUSALS
+from printctl.web.design.runs import RunProgress
+from printctl.web.project.service import (
+    MAX_SPEED,
+    GalleryEntry,
+    Project,
+    ProjectRow,
+    ProjectService,
+    gallery,
+)
+
+Value = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+Path = Annotated[str, Field(max_length=100)]
+
+
+class Changes(BaseModel):
+    """Values of a recipe, by their path."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    values: dict[Path, Value] = Field(default={}, max_length=50)
+
+
+class SketchRequest(Changes):
+    """What is to be sketched."""
+
+    known: str = Field(
+        default="", max_length=32, description="Tag of the tissue whose outline is there already."
+    )
+
+
+class NewProject(BaseModel):
+    """A file to begin with."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: str = Field(max_length=64)
+    file: str = Field(max_length=200, description="Taken in by POST /recipes/files.")
+    unit: LengthUnit = Field(default="mm", description="Of the file; its format may say it, too.")
+
+
+class Rehearsal(BaseModel):
+    """How a print is rehearsed."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    speed: float = Field(ge=0, le=MAX_SPEED, description="Times real time; 0: no clock.")
+
+
+def router(service: ProjectService) -> APIRouter:
+    """Routes of the guided way."""
+    routes = APIRouter(prefix=API, tags=["projects"], responses=REFUSALS)
+
+    @routes.get("/gallery", summary="What a new project can begin from")
+    def entries() -> list[GalleryEntry]:
+        return list(gallery())
+
+    @routes.get("/projects", summary="Recipes with what they have reached, the newest first")
+    def projects() -> list[ProjectRow]:
+        return service.projects()
+
+    @routes.post("/projects", summary="Begin with a mesh or a network")
+    def begin(request: NewProject) -> Project:
+        return service.begin(request.name, request.file, request.unit)
+
+    @routes.get("/projects/{name}", summary="How far a project has come")
+    def project(name: str) -> Project:
+        return service.project(name)
+
+    @routes.patch("/projects/{name}", summary="Write values into its recipe")
+    def change(name: str, request: Changes) -> Project:
+        return service.change(name, request.values)
+
+    @routes.post("/projects/{name}/sketch", summary="The vessels with other values; keeps nothing")
+    async def sketch(name: str, request: SketchRequest) -> dict[str, Any]:
+        """Straight pieces of vessels: x, y, z of both ends and both radii, mm, eight a piece."""
+        return await service.sketch(name, request.values, request.known)
+
+    @routes.post("/projects/{name}/rehearse", summary="Print, scan and judge it, all simulated")
+    def rehearse(name: str, request: Rehearsal) -> RunProgress:
+        return service.rehearse(name, request.speed)
+
+    return routes
