@@ -4,7 +4,7 @@ import {
   Act, Button, Card, Dialog, Field, Fold, Loaded, Note, Progress, go, html, number, span, useAction, useGet,
   useNews, useState,
 } from "../ui.js";
-import { Looks } from "./job_looks.js";
+import { HeldLook, LastLooks, useLooks } from "./job_looks.js";
 import { Camera, LiveView } from "./job_views.js";
 
 const path = (job, action) => `/prints/${part(job)}/${action}`;
@@ -15,15 +15,18 @@ const day = (at) => new Date(1000 * at).toDateString();
 export default function Running({ job, print }) {
   const [cancelling, setCancelling] = useState(false);
   const changing = can(print, "resume").needs === "syringe";
+  const looks = useLooks(job, print);
+  const asks = Boolean(looks.held?.waits);
   return html`<div class="job-run">
     <section class="job-now" aria-label="Print">
       <${State} print=${print} />
-      <${Waits} job=${job} print=${print} />
-      <${Alert} print=${print} />
-      <${Looks} job=${job} print=${print} cancel=${() => setCancelling(true)} />
+      <${Waits} job=${job} print=${print} look=${looks.held} />
+      <${Alert} print=${print} look=${looks.held} />
+      <${HeldLook} job=${job} print=${print} looks=${looks} />
       ${changing && html`<${NewSyringe} job=${job} />`}
-      <${Actions} job=${job} print=${print} changing=${changing} cancel=${() => setCancelling(true)} />
+      <${Actions} job=${job} print=${print} changing=${changing} asks=${asks} cancel=${() => setCancelling(true)} />
       <${Tiles} job=${job} print=${print} />
+      <${LastLooks} job=${job} looks=${looks.all} />
     </section>
     <${LiveView} key=${print.print_id} job=${job} print=${print} />
     <${Camera} job=${job} print=${print} />
@@ -59,17 +62,18 @@ function State({ print }) {
 }
 
 // What a print waits for, and within what time somebody must confirm.
-function Waits({ job, print }) {
+function Waits({ job, print, look }) {
   const held = ["paused", "pausing", "looking", "resuming"].includes(print.state);
   const left = print.deadman_left_s;
   const waits = print.waits_for.startsWith("syringe") ? "" : print.waits_for; // its form says so
-  const known = print.alert?.detail ?? "";
-  const says = held && !print.waits_for && !known.includes(print.message) && !(known && print.message.includes(known));
+  const known = print.alert?.detail;
+  const same = known && (known.includes(print.message) || print.message.includes(known));
+  const says = held && !look && !print.waits_for && !same;
   if (!waits && left === null && !says) return null;
   return html`<${Note} tone=${held || waits ? "warn" : "info"}>
     <div class="row">
       ${waits && html`<span role="status">Waits for: ${waits}.</span>`}
-      ${says && html`<span role="status">${sentence(print.message)}.</span>`}
+      ${says && html`<span role="status">${sentence(print.message.split("; `printctl")[0])}.</span>`}
       ${left !== null && html`<span>Somebody must confirm within ${span(left)}.</span>
         <${Act} work=${() => send("POST", path(job, "alive"))}>I am here</${Act}>`}
     </div>
@@ -77,13 +81,13 @@ function Waits({ job, print }) {
 }
 
 // What happened, what it means, what to do: once. Codes are one click away.
-function Alert({ print }) {
+function Alert({ print, look }) {
   const { alert } = print;
-  if (!alert) return null;
+  if (!alert || (look && alert.detail.includes("decided to"))) return null; // the look's card says it
   const more = !print.ended && print.alarms > 1 ? `${print.alarms} alarms, the last: ` : "";
   return html`<${Note} tone=${alert.tone}>
     <div class="job-alert">
-      <p><strong>${more}${alert.what}.</strong>${" "}${alert.means}${alert.remedy && html`${" "}<em>${alert.remedy}</em>`}</p>
+      <p><strong>${more}${alert.what}.</strong>${" "}${alert.means}${" "}<em>${alert.remedy}</em></p>
       ${alert.detail && html`<${Fold} title="Details"><p class="mono">${alert.detail}</p></${Fold}>`}
     </div>
   </${Note}>`;
@@ -93,14 +97,15 @@ function Alert({ print }) {
 
 const RESUME = { paused: "Resume", looking: "Go on without the observer" };
 
-function Actions({ job, print, changing, cancel }) {
+function Actions({ job, print, changing, asks, cancel }) {
   const does = (action, body) => () => send("POST", path(job, action), body);
   const pause = can(print, "pause").possible;
   const mayReload = ["printing", "paused", "looking"].includes(print.state);
   return html`<div class="job-actions" role="group" aria-label="What may be done">
     ${pause && html`<${Act} kind="main" work=${does("pause", { after: "now" })}>Pause now</${Act}>`}
     ${can(print, "resume").possible && !changing && html`
-      <${Act} kind=${pause ? "quiet" : "main"} work=${does("resume", {})}>${RESUME[print.state] ?? "Don't pause after all"}</${Act}>`}
+      <${Act} kind=${pause || asks ? "quiet" : "main"} work=${does("resume", {})}>
+        ${RESUME[print.state] ?? "Don't pause after all"}</${Act}>`}
     ${pause && html`<${Act} work=${does("pause", { after: "layer" })}>Pause after layer</${Act}>`}
     ${print.state === "printing" && print.words.vessel && html`
       <${Act} work=${does("pause", { after: "vessel" })}>Pause after vessel</${Act}>`}
@@ -115,7 +120,8 @@ function Cancelling({ job, onClose }) {
     onClose();
   });
   return html`<${Dialog} title="Cancel the print?" onClose=${onClose}>
-    <p>The move in flight ends, the plunger is relieved, the needle goes straight up. The print can't be gone on with.</p>
+    <p>The move in flight ends, the plunger is relieved, the needle goes straight up.
+      The print can't be gone on with.</p>
     ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
     <div class="row">
       <${Button} kind="danger" busy=${state.busy} onClick=${run}>Yes, cancel it</${Button}>
@@ -131,11 +137,13 @@ function NewSyringe({ job }) {
   const resume = (body) => () => send("POST", path(job, "resume"), body);
   return html`<${Card} title="What was put in?">
     <div class="row job-syringe">
-      <${Field} kind="number" label="Plunger travel used up" unit="mm" min="0" max="1000" value=${used} onChange=${setUsed} hint="0 for a full syringe" />
+      <${Field} kind="number" label="Plunger travel used up" unit="mm" min="0" max="1000"
+        value=${used} onChange=${setUsed} hint="0 for a full syringe" />
       <${Field} label="Its profile" value=${syringe} onChange=${setSyringe} hint="Only where it is of another kind" />
     </div>
     <div class="row">
-      <${Act} kind="main" work=${resume({ plunger_mm: used ?? 0, syringe: syringe || null })}>Resume with this syringe</${Act}>
+      <${Act} kind="main" work=${resume({ plunger_mm: used ?? 0, syringe: syringe || null })}>
+        Resume with this syringe</${Act}>
       <${Act} work=${resume({ unchanged: true })}>Resume, syringe unchanged</${Act}>
     </div>
   </${Card}>`;
@@ -184,7 +192,8 @@ function inkOf(progress) {
 
 function heatOf(station) {
   if (!["ready", "busy", "printing"].includes(station?.state)) return "not known";
-  const one = ({ name, now_c: now, target_c: target }) => `${name}\u00a0${now.toFixed(1)}${target ? ` → ${number(target)}` : ""}\u00a0°C`;
+  const one = ({ name, now_c: now, target_c: target }) =>
+    `${name}\u00a0${now.toFixed(1)}${target ? ` → ${number(target)}` : ""}\u00a0°C`;
   return station.temperatures.map(one).join(", ") || "not known";
 }
 
@@ -219,7 +228,8 @@ function BrokeOff({ job, print, reload }) {
       ask=${{ title: "Give the print up?", text: GIVE_UP, yes: "Yes, give it up" }}>Give up …</${Act}>`}
     ${asking && html`<${Recovery} job=${job} plan=${can(print, "recover")} onClose=${() => setAsking(false)} />`}
   </div>
-  ${!offered.includes("go_on") && print.state === "interrupted" && html`<p class="hint">No Go on: ${can(print, "go_on").reason}.</p>`}`;
+  ${!offered.includes("go_on") && print.state === "interrupted" && html`
+    <p class="hint">No Go on: ${can(print, "go_on").reason}.</p>`}`;
 }
 
 // What to do by hand, and where the rest begins: it becomes a job of its own.
@@ -236,8 +246,8 @@ function Recovery({ job, plan, onClose }) {
     ${plan.reason && html`<${Note} tone="warn">${sentence(plan.reason)}</${Note}>`}
     ${!needsLine && html`<${Loaded} of=${rest} what="Planning the rest">${({ steps }) => html`
       <ol class="job-steps">${steps.map((one) => html`<li key=${one}>${one}</li>`)}</ol>`}</${Loaded}>`}
-    <${Field} kind="number" label="Line of the job's file to begin with" min="1" step="1" value=${line} onChange=${setLine}
-      hint=${needsLine ? "" : "Left empty: where the last sure place is"} />
+    <${Field} kind="number" label="Line of the job's file to begin with" min="1" step="1"
+      value=${line} onChange=${setLine} hint=${needsLine ? "" : "Left empty: where the last sure place is"} />
     <div class="row">
       <${Act} kind="main" work=${write}>Write the rest as a job</${Act}>
       <${Button} onClick=${onClose}>Not now</${Button}>

@@ -42,7 +42,8 @@ export function LiveView({ job, print = null }) {
   return html`<div class=${tools ? "job-live job-live-tools" : "job-live"}>
     <div class="job-live-box" ref=${box}></div>
     ${live && !tools && html`<ul class="job-legend"><li>written</li><li>next 10 s</li><li>still to come</li></ul>`}
-    <${Button} aria-expanded=${String(tools)} onClick=${() => setTools(!tools)}>${tools ? "Fewer" : "View …"}</${Button}>
+    <${Button} aria-expanded=${String(tools)} onClick=${() => setTools(!tools)}>
+      ${tools ? "Fewer" : "View …"}</${Button}>
   </div>`;
 }
 
@@ -73,5 +74,6 @@ function Kept({ job, print }) {
   const { layers_done: layers, vessels_done: vessels } = print.progress ?? {};
   const { value } = useGet(`/prints/${part(job)}/timelapse`, { key: `${layers} ${vessels}` });
   if (!value?.frames) return null;
-  return html`<p class="hint">Time-lapse: ${value.frames} pictures, ${bytes(value.bytes)}${value.message && `; ${value.message}`}.</p>`;
+  return html`<p class="hint">Time-lapse: ${value.frames} pictures,
+    ${" "}${bytes(value.bytes)}${value.message && `; ${value.message}`}.</p>`;
 }
