@@ -36,21 +36,17 @@ export default function Running({ job, print }) {
 
 // How a print ended, what is to be decided, what was written.
 export function Ending({ job, print, reload }) {
+  const [drawn, setDrawn] = useState(false);
   return html`<${Card} aria-label="How it ended">
     <${State} print=${print} />
     <${Alert} print=${print} />
-    <${BrokeOff} job=${job} print=${print} reload=${reload} />
-    ${print.words.tip && html`<p class="hint">The tip: ${print.words.tip}.</p>`}
-    <${Written} job=${job} print=${print} />
+    <div class="row">
+      <${BrokeOff} job=${job} print=${print} reload=${reload} />
+      <${Button} aria-expanded=${String(drawn)} onClick=${() => setDrawn(!drawn)}>What was written</${Button}>
+      ${print.words.tip && html`<span class="hint">Tip: ${print.words.tip}</span>`}
+    </div>
+    ${drawn && html`<div class="job-written"><${LiveView} job=${job} print=${print} /></div>`}
   </${Card}>`;
-}
-
-function Written({ job, print }) {
-  const [open, setOpen] = useState(false);
-  return html`<div class="stack">
-    <div><${Button} aria-expanded=${String(open)} onClick=${() => setOpen(!open)}>What was written</${Button}></div>
-    ${open && html`<div class="job-written"><${LiveView} job=${job} print=${print} /></div>`}
-  </div>`;
 }
 
 function State({ print }) {
@@ -220,16 +216,15 @@ function BrokeOff({ job, print, reload }) {
   };
   const offered = ["go_on", "recover", "give_up"].filter((one) => can(print, one).possible);
   if (!offered.length) return null;
-  return html`<div class="row">
+  return html`
     ${offered.includes("go_on") && html`<${Act} kind="main" work=${does("go-on")}
       ask=${{ title: "Go on with the print?", text: GO_ON, yes: "Yes, go on" }}>Go on …</${Act}>`}
     ${offered.includes("recover") && html`<${Button} onClick=${() => setAsking(true)}>Recover …</${Button}>`}
     ${offered.includes("give_up") && html`<${Act} work=${does("give-up")}
       ask=${{ title: "Give the print up?", text: GIVE_UP, yes: "Yes, give it up" }}>Give up …</${Act}>`}
     ${asking && html`<${Recovery} job=${job} plan=${can(print, "recover")} onClose=${() => setAsking(false)} />`}
-  </div>
-  ${!offered.includes("go_on") && print.state === "interrupted" && html`
-    <p class="hint">No Go on: ${can(print, "go_on").reason}.</p>`}`;
+    ${!offered.includes("go_on") && print.state === "interrupted" && html`
+      <p class="hint">No Go on: ${can(print, "go_on").reason}.</p>`}`;
 }
 
 // What to do by hand, and where the rest begins: it becomes a job of its own.

@@ -4,6 +4,7 @@ import { Button, Note, bytes, html, useEffect, useGet, useKept, useNews, useRef,
 
 const LIVE = "/live/static";
 const STILL_MS = 1000;
+const AHEAD_S = 10; // what comes next is drawn in a colour of its own
 
 // What has been written, the needle, what comes next; all of a job that isn't printed (no `print`).
 export function LiveView({ job, print = null }) {
@@ -13,10 +14,11 @@ export function LiveView({ job, print = null }) {
   const [tools, setTools] = useKept("live.tools", false);
   const [mends, setMends] = useState([]);
   const live = print !== null;
+  const ahead = print?.ended ? 0 : AHEAD_S;
   useEffect(() => {
     let [gone, made] = [false, null];
     import(`${LIVE}/live_view.js`)
-      .then(({ liveView }) => gone || liveView(box.current, { scene: `/live/${part(job)}/scene`, live }))
+      .then(({ liveView }) => gone || liveView(box.current, { scene: `/live/${part(job)}/scene`, live, ahead }))
       .then((one) => {
         made = one || null;
         if (gone) made?.dispose();
@@ -26,7 +28,7 @@ export function LiveView({ job, print = null }) {
       gone = true;
       made?.dispose();
     };
-  }, [job, live]);
+  }, [job, live, ahead]);
   const inserted = print?.inserted ?? [];
   useEffect(() => {
     if (inserted.length) get(`/prints/${part(job)}/mends`).then(setMends, () => null);
@@ -35,13 +37,16 @@ export function LiveView({ job, print = null }) {
   useEffect(() => {
     if (!view || !print) return;
     view.update({
-      lines_executed: inFile(executed, inserted), lines_done: inFile(print.lines_done, inserted),
+      lines_executed: inFile(executed, inserted), lines_done: inFile(ahead ? print.lines_done : executed, inserted),
       mends: mends.map((one) => ({ ...one, written: one.last <= executed })),
     });
   }, [view, executed, print?.lines_done, mends]);
   return html`<div class=${tools ? "job-live job-live-tools" : "job-live"}>
     <div class="job-live-box" ref=${box}></div>
-    ${live && !tools && html`<ul class="job-legend"><li>written</li><li>next 10 s</li><li>still to come</li></ul>`}
+    ${live && !tools && html`<ul class="job-legend">
+      <li class="job-written-key">written</li>
+      ${ahead > 0 && html`<li class="job-next-key">next ${ahead} s</li>`}
+      <li class="job-rest-key">${ahead ? "still to come" : "not written"}</li></ul>`}
     <${Button} aria-expanded=${String(tools)} onClick=${() => setTools(!tools)}>
       ${tools ? "Fewer" : "View …"}</${Button}>
   </div>`;
