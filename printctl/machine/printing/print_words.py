@@ -63,7 +63,9 @@ def tip_words(
     stood_mm : (x, y, z) or None, mm
         What the printer said where its moves were dropped: the end's place, not the executed line.
     """
-    place = stood_mm if status.ended and stood_mm is not None else done and done.tip_mm
+    place = None if done is None else done.tip_mm
+    if status.ended and stood_mm is not None:
+        place = stood_mm
     if place is None or not status.position_known:
         return ""
     text = " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", place, strict=True))

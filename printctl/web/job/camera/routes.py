@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Response
 from fastapi import Path as PathParam
@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 from printctl.machine.printing.films import film_file
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.job.camera.camera import CameraProcess, CameraState, LatestPicture
+from printctl.web.job.camera.camera import CameraProcess, CameraState, LatestPicture, State
 from printctl.web.job.camera.timelapse import TimeLapse, TimeLapseState
 from printctl.web.job.following import PrintReport
 
@@ -111,7 +111,7 @@ _FRESH = {"Cache-Control": "no-store"}
 class CameraResponse(BaseModel):
     """The camera as it stands."""
 
-    state: Literal["starting", "there", "lost"]
+    state: State
     message: str = Field(description="Since when and why there is no picture; else empty.")
     number: int = Field(description="Pictures so far.")
     at: float | None = Field(description="Of the last picture, s since 1970.")
