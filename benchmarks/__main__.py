@@ -58,6 +58,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "slowing": "operator.stop:slowing_rows",
         "view": "operator.view:rows",
         "stop_door": "operator.stop_door:rows",
+        "page": "operator.page:rows",
         "first_print": "operator.first_print:rows",
     },
     "observe": {

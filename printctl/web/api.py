@@ -28,8 +28,8 @@ from printctl.machine.link.errors import LinkError
 from printctl.system_errors import explain
 from printctl.web.controls import Principal
 from printctl.web.core import Core
+from printctl.web.page.assets import link
 from printctl.web.print_sockets import UNCONFIRMED, PrintSockets
-from printctl.web.shell.assets import link
 from registration.errors import RegistrationError
 
 # Documented REST error statuses with their JSON body, and the installed program version.
@@ -79,11 +79,11 @@ def serve_docs(app: FastAPI) -> None:
         return HTMLResponse(
             '<!doctype html><html lang="en"><head><title>API · printctl</title>'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f'<link rel="stylesheet" href="{link("shell.css")}">'
-            f'<link rel="stylesheet" href="{link("api.css")}">'
-            f'<script src="{link("api.js")}" defer></script></head>'
-            f'<body><main class="pc-api" data-api="{API}/openapi.json">'
-            '<h1>printctl: API</h1><p><a href="/printer">Back to the page</a></p>'
+            f'<link rel="stylesheet" href="{link("page.css")}">'
+            f'<script src="{link("theme.js")}"></script>'
+            f'<script src="{link("reference.js")}" defer></script></head>'
+            f'<body><main class="page reference" data-api="{API}/openapi.json">'
+            '<h1>printctl: API</h1><p><a href="/">Back to the page</a></p>'
             '<div id="api">Reading the description …</div></main></body></html>'
         )
 

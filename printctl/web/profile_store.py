@@ -62,7 +62,8 @@ class ProfileStore:
         """
         return load(model, self.given(model, name))
 
-    def name(self, given: str) -> str:
+    @staticmethod
+    def name(given: str) -> str:
         """The name of what `given` gave."""
         return Path(given).stem if given.endswith((".yaml", ".yml")) else given
 

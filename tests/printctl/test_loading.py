@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
 
@@ -32,7 +33,7 @@ HEAVY = (
     "sim.gcode.program.gcode",
     "trimesh",
 )
-PAGES = tuple(f"printctl.web.{room}.page" for room in ROOMS)
+PAGES = tuple(page for page in (f"printctl.web.{room}.page" for room in ROOMS) if find_spec(page))
 ON_DEMAND = (
     "design.hemodynamics",
     "design.lattices",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Literal
 
 from firmware_profiles import Printer, Syringe
 from printctl.calibration.paths import backlash_path, weighing_path
@@ -24,7 +23,7 @@ from printctl.calibration.writing import (
     measured_key,
     save_measured,
 )
-from printctl.web.printer.calibration_requests import BY_NAME, CalibrationRequest, Read
+from printctl.web.printer.calibration import BY_NAME, CalibrationRequest, Mend, Read
 from printctl.web.profile_store import ProfileStore
 
 
@@ -66,7 +65,7 @@ def fit_readings(name: str, data: Readings, read: Read, store: ProfileStore) -> 
 def write_profile_copy(
     data: Readings,
     read: Read,
-    mend: Literal["printer", "syringe"],
+    mend: Mend,
     copy: str,
     store: ProfileStore,
 ) -> str:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import statistics
 import threading
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Final, Literal
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, computed_field
 
 from firmware_profiles import Ink, Needle, Syringe
-from printctl.machine.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.printer.printer_commands import PrinterAccess, fastest_ul_s
+from printctl.web.printer.printer_commands import PrinterAccess
+from printctl.web.printer.status import PrinterStatus, fastest_ul_s
 from printctl.web.profile_store import ProfileStore
 
 PURGE_STEP_UL: Final = 5.0
@@ -39,7 +40,7 @@ class Changing:
         """Pushed out by `purge` since the syringe was put in, µL."""
         return self._purged_ul
 
-    def syringe(self, who: Principal, name: str, ink: str, filled_ul: float) -> StationStatus:
+    def syringe(self, who: Principal, syringe: str, ink: str, filled_ul: float) -> PrinterStatus:
         """Say that a syringe was put in, filled with so much ink, its plunger touched.
 
         Raises
@@ -48,23 +49,22 @@ class Changing:
             For more than it holds, or nothing.
         """
         station = self._access.ask(who)
-        syringe = self._store.load(Syringe, name)
-        if not 0 < filled_ul <= syringe.volume_ul:
+        facts = self._store.load(Syringe, syringe)
+        if not 0 < filled_ul <= facts.volume_ul:
             raise BadRequestError(
-                f"{filled_ul:g} µL in {syringe.name}: give above 0 and at most "
-                f"{syringe.volume_ul:g} µL (volume_ul)"
+                f"{filled_ul:g} µL in {facts.name}: give above 0 and at most "
+                f"{facts.volume_ul:g} µL (volume_ul)"
             )
-        area = syringe.area_mm2
         status = station.mount(
-            syringe=self._store.given(Syringe, name),
+            syringe=self._store.given(Syringe, syringe),
             ink=self._store.given(Ink, ink) if ink else "",
-            plunger_mm=(syringe.volume_ul - filled_ul) / area,
+            plunger_mm=(facts.volume_ul - filled_ul) / facts.area_mm2,
         )
         with self._lock:
             self._purged_ul = 0.0
         return self._access.heard(status)
 
-    def purge(self, who: Principal, ul: float, ul_s: float | None = None) -> StationStatus:
+    def purge(self, who: Principal, ul: float, ul_s: float | None = None) -> PrinterStatus:
         """Push bubbles out of the needle, a little at a time; as fast as a purge may be.
 
         Raises
@@ -77,7 +77,7 @@ class Changing:
         if not 0 < ul <= PURGE_STEP_UL:
             raise BadRequestError(f"{ul:g} µL in one purge: above 0, at most {PURGE_STEP_UL:g} µL")
         with self._access.moving(who) as station, self._lock:
-            fastest = fastest_ul_s(station.status)
+            fastest = fastest_ul_s(station.status.profile, station.status.mounted)
             if fastest is None:
                 raise ConflictError("say which syringe is mounted first")
             most = min(PURGE_UL_S, fastest)
@@ -92,10 +92,10 @@ class Changing:
             self._purged_ul += ul
         return self._access.heard(status)
 
-    def needle(self, who: Principal, name: str) -> StationStatus:
+    def needle(self, who: Principal, needle: str) -> PrinterStatus:
         """Say that another needle was put in; the floor must then be touched off anew."""
         station = self._access.ask(who)
-        given = self._store.given(Needle, name)
+        given = self._store.given(Needle, needle)
         return self._access.heard(station.mount(needle=given, floor_mm=None, bath_level_mm=None))
 
 
@@ -105,38 +105,33 @@ Surface = Literal["floor", "bath"]
 READINGS: Final = 3
 SPREAD_MM: Final = 0.05
 THICKEST_FOIL_MM: Final = 2.0
-STEPS_MM: Final = (0.1, 0.02)
-LIFT_MM: Final = 1.0
 
 
-@dataclass(frozen=True)
-class Touching:
-    """What was read of a surface so far.
+class Touching(BaseModel):
+    """What was read of a surface so far."""
 
-    Attributes
-    ----------
-    surface : str
-        ``floor`` of the dish, or the ``bath``'s level.
-    foil_mm : float, mm
-        Thickness of the foil that the tip stands on.
-    readings_mm : tuple of float, mm
-        Height of the tip, printer's frame.
-    """
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    surface: Surface
-    foil_mm: float = 0.0
-    readings_mm: tuple[float, ...] = ()
+    surface: Surface = Field(description="`floor` of the dish, or the `bath`'s level.")
+    foil_mm: Annotated[float, Field(ge=0, le=THICKEST_FOIL_MM)] = Field(
+        default=0.0, description="Thickness of the foil that the tip stands on."
+    )
+    readings_mm: tuple[float, ...] = Field(
+        default=(), description="Heights of the tip, printer's frame."
+    )
 
     @property
     def last(self) -> tuple[float, ...]:
         """The readings that count."""
         return self.readings_mm[-READINGS:]
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def spread_mm(self) -> float | None:
         """Highest less lowest of those; None before there are enough."""
         return max(self.last) - min(self.last) if len(self.last) == READINGS else None
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def agrees(self) -> bool:
         """Whether there are enough, close enough together."""
@@ -148,6 +143,8 @@ class Touching:
         """Middle one of the readings that count, with the foil under the tip."""
         return statistics.median(self.last) if self.agrees else None
 
+    @computed_field  # type: ignore[prop-decorator]
+    @property
     def said(self) -> str:
         """How far it is, in words."""
         count = len(self.readings_mm)
@@ -158,15 +155,6 @@ class Touching:
             f"the last {READINGS} of {count} readings are within {self.spread_mm:.3f} mm (at most "
             f"{SPREAD_MM:g} mm): they {verdict}"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """As a JSON object."""
-        return {
-            **asdict(self),
-            "spread_mm": self.spread_mm,
-            "agrees": self.agrees,
-            "said": self.said(),
-        }
 
 
 class Guide:
@@ -192,15 +180,9 @@ class Guide:
 
         Raises
         ------
-        BadRequestError
-            For a foil that is none.
         ConflictError
             When no needle is named, or for the floor no dish.
         """
-        if not 0 <= foil_mm <= THICKEST_FOIL_MM:
-            raise BadRequestError(
-                f"a foil of {foil_mm:g} mm: give 0 to {THICKEST_FOIL_MM:g} mm, 0 for none"
-            )
         station = self._access.ask(who)
         mounted = station.status.mounted
         if not mounted.needle or (surface == "floor" and not mounted.dish):
@@ -210,7 +192,7 @@ class Guide:
             )
         forgotten = "floor_mm" if surface == "floor" else "bath_level_mm"
         self._access.heard(station.mount(**{forgotten: None}))
-        return self._keep(Touching(surface, foil_mm))
+        return self._keep(Touching(surface=surface, foil_mm=foil_mm))
 
     def read(self, who: Principal) -> Touching:
         """Take the tip's height as one reading.
@@ -226,10 +208,10 @@ class Guide:
             place = station.status.position_mm
             if place is None:
                 raise ConflictError("the printer hasn't told its position; home it first")
-            self._now = replace(now, readings_mm=(*now.readings_mm, place[2]))
+            self._now = now.model_copy(update={"readings_mm": (*now.readings_mm, place[2])})
             return self._now
 
-    def use(self, who: Principal) -> StationStatus:
+    def use(self, who: Principal) -> PrinterStatus:
         """Tell the station the height that the readings agree on.
 
         Raises
@@ -241,7 +223,7 @@ class Guide:
         with self._lock:
             now = self._started()
             if now.height_mm is None:
-                raise ConflictError(f"{now.said()}; touch again")
+                raise ConflictError(f"{now.said}; touch again")
             if now.surface == "floor":
                 status = station.touch_off(now.height_mm, foil_mm=now.foil_mm)
             else:

@@ -8,14 +8,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
-from firmware_profiles import Dish, Ink, Printer, Syringe, load
+from firmware_profiles import Printer, load
 from printctl.machine.station import Station, StationStatus
-from printctl.machine.station.idle_commands import UNNAMED_UL_S
 from printctl.machine.station.status import NO_PRINTER
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
 from printctl.web.printer.following import Follower
+from printctl.web.printer.status import PrinterStatus, described, rim_mm
 
 # Give Printer page services the open station, provided the user holds the control lock.
 
@@ -79,13 +79,12 @@ class PrinterAccess:
         finally:
             self._moving.release()
 
-    def heard(self, status: StationStatus) -> StationStatus:
+    def heard(self, status: StationStatus) -> PrinterStatus:
         """Pass on a status that was the answer to a request."""
         self.follower.hear(status)
-        return status
+        return described(status)
 
 
-STEPS_MM: Final = (0.01, 0.1, 1.0, 10.0)
 CLEAR_MM: Final = 5.0
 """So far above the dish's rim is out of the bath."""
 BLIND_LIFT_MM: Final = 20.0
@@ -105,12 +104,12 @@ class PrinterCommands:
 
     def jog(
         self, who: Principal, axis: str, mm: float, speed_mm_s: float | None = None
-    ) -> StationStatus:
+    ) -> PrinterStatus:
         """Move the tip by ``mm`` along ``x``, ``y`` or ``z``."""
         with self._access.moving(who) as station:
             return self._access.heard(station.jog(axis, mm, speed_mm_s))
 
-    def lift_out(self, who: Principal) -> StationStatus:
+    def lift_out(self, who: Principal) -> PrinterStatus:
         """Move the tip straight up, out of the bath and above the dish's rim.
 
         Raises
@@ -123,7 +122,7 @@ class PrinterCommands:
 
     def home(
         self, who: Principal, axes: Sequence[str], *, needle_off: bool = False
-    ) -> StationStatus:
+    ) -> PrinterStatus:
         """Home axes; with a dish below only when the needle was taken off."""
         with self._access.moving(who) as station:
             return self._access.heard(station.home(axes, needle_off=needle_off))
@@ -134,16 +133,16 @@ class PrinterCommands:
         x: float | None = None,
         y: float | None = None,
         z: float | None = None,
-    ) -> StationStatus:
+    ) -> PrinterStatus:
         """Say where the tip stands, mm; nothing moves, and the position is trusted from then on."""
         with self._access.moving(who) as station:
             return self._access.heard(station.set_position(x, y, z))
 
-    def heat(self, who: Principal, name: str, celsius: float) -> StationStatus:
+    def heat(self, who: Principal, name: str, celsius: float) -> PrinterStatus:
         """Set a heater's target; 0 is off."""
         return self._access.heard(self._access.ask(who).heat(name, celsius))
 
-    def heaters_off(self, who: Principal) -> StationStatus:
+    def heaters_off(self, who: Principal) -> PrinterStatus:
         """Set every target to 0."""
         station = self._access.ask(who)
         status = station.status
@@ -152,12 +151,12 @@ class PrinterCommands:
                 status = station.heat(one.name, 0.0)
         return self._access.heard(status)
 
-    def plunger(self, who: Principal, ul: float, ul_s: float | None = None) -> StationStatus:
+    def plunger(self, who: Principal, ul: float, ul_s: float | None = None) -> PrinterStatus:
         """Push (above 0) or draw back so many µL."""
         with self._access.moving(who) as station:
             return self._access.heard(station.plunger(ul, ul_s))
 
-    def mount(self, who: Principal, **parts: Any) -> StationStatus:
+    def mount(self, who: Principal, **parts: Any) -> PrinterStatus:
         """Say what is mounted."""
         return self._access.heard(self._access.ask(who).mount(**parts))
 
@@ -165,7 +164,7 @@ class PrinterCommands:
         if status.position_mm is None:
             raise ConflictError("the printer hasn't told where it stands; home it, or jog Z up")
         z = status.position_mm[2]
-        rim = rim_mm(status)
+        rim = rim_mm(status.mounted)
         top = load(Printer, status.profile).z_mm.high if status.position_trusted else math.inf
         way = min(BLIND_LIFT_MM if rim is None else rim + CLEAR_MM - z, top - z)
         if way <= 0:
@@ -174,28 +173,3 @@ class PrinterCommands:
                 + (", the end of the axis" if rim is None else f", the rim at {rim:.2f} mm")
             )
         return way
-
-
-def rim_mm(status: StationStatus) -> float | None:
-    """Height of the tip at the rim of the dish mounted, mm; None where that isn't known."""
-    mounted = status.mounted
-    if not mounted.dish or mounted.floor_mm is None:
-        return None
-    return mounted.floor_mm + load(Dish, mounted.dish).wall_mm
-
-
-def area_mm2(status: StationStatus) -> float | None:
-    """Cross-section of the syringe mounted, µL per mm of travel; None where none is named."""
-    if not status.mounted.syringe:
-        return None
-    return math.pi / 4 * load(Syringe, status.mounted.syringe).inner_mm ** 2
-
-
-def fastest_ul_s(status: StationStatus) -> float | None:
-    """Fastest plunger, µL/s, with the syringe and the ink mounted; None where no syringe is."""
-    area = area_mm2(status)
-    if area is None or not status.profile:
-        return None
-    ink = status.mounted.ink
-    bears = load(Ink, ink).plunger_ul_s if ink else UNNAMED_UL_S
-    return min(area * load(Printer, status.profile).max_speed_mm_s.e, bears)

@@ -9,11 +9,19 @@ from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
 from printctl.web.printer.calibration import Calibrating
+from printctl.web.printer.choices import (
+    FoundPort,
+    PartChoice,
+    PrinterChoice,
+    part_choices,
+    ports_with_profiles,
+    printer_choices,
+)
 from printctl.web.printer.console import Console, Macros
 from printctl.web.printer.following import Follower, Plots
 from printctl.web.printer.part_change import Changing, Guide
-from printctl.web.printer.ports import FoundPort, ports_with_profiles
 from printctl.web.printer.printer_commands import PrinterAccess, PrinterCommands
+from printctl.web.printer.status import PrinterStatus, described
 from printctl.web.profile_store import ProfileStore
 
 
@@ -28,7 +36,7 @@ class PrinterService:
 
     Attributes
     ----------
-    hands : PrinterCommands
+    commands : PrinterCommands
         Moves, heaters, plunger, what is mounted.
     console : Console
     macros : Macros
@@ -48,7 +56,7 @@ class PrinterService:
         self.store = ProfileStore(core.workspace.root)
         self._follower = Follower(core.workspace.station, self._publish)
         self._access = PrinterAccess(core, self._follower)
-        self.hands = PrinterCommands(self._access)
+        self.commands = PrinterCommands(self._access)
         self.console = Console(self._access)
         self.macros = Macros(self._access, self.store, self.console)
         self.guide = Guide(self._access)
@@ -61,17 +69,25 @@ class PrinterService:
         self._follower.end()
 
     @property
-    def status(self) -> StationStatus:
+    def status(self) -> PrinterStatus:
         """The station as it was heard of last; closed where there is none."""
-        return self._access.status
+        return described(self._access.status)
 
     def ports(self) -> list[FoundPort]:
         """Serial ports of this machine, and whose profile's USB id each has."""
         return ports_with_profiles(self.store)
 
+    def printers(self) -> list[PrinterChoice]:
+        """Printer profiles that can be connected."""
+        return printer_choices(self.store)
+
+    def parts(self) -> dict[str, list[PartChoice]]:
+        """Needles, syringes, inks, dishes and baths that can be mounted."""
+        return part_choices(self.store)
+
     def connect(
         self, who: Principal, profile: str, port: str = AUTO, baud: int | str | None = None
-    ) -> StationStatus:
+    ) -> PrinterStatus:
         """Connect a printer, and check that it is the profile's.
 
         Parameters
@@ -111,26 +127,20 @@ class PrinterService:
         self._follower.follow(station)
         return self._access.heard(station.status)
 
-    def disconnect(self, who: Principal) -> StationStatus:
+    def disconnect(self, who: Principal) -> PrinterStatus:
         """Let go of the port; the heaters go off. Refused while printing."""
         station = self._access.ask(who)
         station.close()
         return self._access.heard(station.status)
 
-    def reconnect(self, who: Principal) -> StationStatus:
+    def reconnect(self, who: Principal) -> PrinterStatus:
         """Open the port again and check the printer, after a halt or a lost port."""
         return self._access.heard(self._access.ask(who).reconnect())
 
-    def stop_motion(self) -> StationStatus:
+    def stop_motion(self) -> PrinterStatus:
         """Stop a move by hand; needs no controls."""
         return self._access.heard(self._access.station().stop_motion())
 
-    def kill(self) -> None:
-        """Halt the firmware past all queues; needs no controls."""
-        self._access.station().kill()
-
     def _publish(self, status: StationStatus) -> None:
         self.plots.add(status)
-        self.core.events.publish(
-            "station", **status.to_dict(), needs_touch_off=status.mounted.touch_off_due
-        )
+        self.core.events.publish("station", **described(status).to_dict())

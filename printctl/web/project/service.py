@@ -273,7 +273,7 @@ class ProjectService:
         ConflictError
             When the vessels can't be grown.
         """
-        checked = self._design.recipes.check(self._changed(name, values))
+        checked = self._design.recipes.check(_changed(self._design.recipes.read(name).text, values))
         if checked.recipe is None:
             raise BadRequestError("\n".join(one.message for one in checked.problems))
         recipe = checked.recipe.model_dump(mode="json", by_alias=True)
@@ -288,11 +288,12 @@ class ProjectService:
         ------
         NotFoundError, BadRequestError, ConflictError
         """
-        text = self._changed(name, values)
+        before = self._design.recipes.read(name)
+        text = _changed(before.text, values)
         checked = self._design.recipes.check(text)
         if checked.recipe is None:
             raise BadRequestError("\n".join(one.message for one in checked.problems))
-        self._design.recipes.write(name, text)
+        self._design.recipes.write(name, text, before.version)
         return self.project(name)
 
     def rehearse(self, name: str, speed: float) -> RunProgress:
@@ -338,12 +339,12 @@ class ProjectService:
         stages = {one.name: one.state for one in run.stages}
         return all(stages.get(one, "done") == "done" for one in JOB_NAMES)
 
-    def _changed(self, name: str, values: dict[str, float]) -> str:
-        text = self._design.recipes.read(name).text
-        data = read_text(text)
-        for path, value in values.items():
-            _set(data, path.split("."), value)
-        return rewrite_yaml(text, data)
+
+def _changed(text: str, values: dict[str, float]) -> str:
+    data = read_text(text)
+    for path, value in values.items():
+        _set(data, path.split("."), value)
+    return rewrite_yaml(text, data)
 
 
 def _set(data: Any, keys: list[str], value: float) -> None:

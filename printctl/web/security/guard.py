@@ -34,7 +34,7 @@ log = logging.getLogger("printctl.web")
 
 RENEW_S: Final = 1800
 """A cookie older than this is renewed at the next request."""
-_PUBLIC: Final = re.compile(r"/login|/favicon\.ico|/api/v1/health|/static/shell/.*")
+_PUBLIC: Final = re.compile(r"/login|/favicon\.ico|/api/v1/health|/static/(page|shell)/.*")
 """What anybody may ask for who reaches the server; nothing in it is the user's."""
 _NO_PAGES: Final = ("/api/", "/_nicegui", "/static/")
 _CLOSED: Final[Message] = {"type": "websocket.close", "code": 4403, "reason": "not allowed"}

@@ -13,10 +13,10 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Form, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
+from printctl.web.page.assets import FOLDER, link
 from printctl.web.security.guard import Guard, log, start_session
-from printctl.web.shell.assets import FOLDER, link
 
-_HOME: Final = "/printer"
+_HOME: Final = "/"
 _LONGEST: Final = 1024
 MANY_OF_ONE: Final = 5
 """Wrong passwords a minute of one address, after which it waits."""
@@ -81,7 +81,7 @@ def _inside(way: str) -> str:
 
 
 def _page(guard: Guard, way: str, problem: str = "", status: int = 200) -> HTMLResponse:
-    note = f'<p class="pc-login-note" role="alert">{escape(problem)}</p>' if problem else ""
+    note = f'<p class="note note-warn" role="alert">{escape(problem)}</p>' if problem else ""
     if guard.settings.open:
         form = f'<p>You are logged out. <a href="{_HOME}">Open the page again</a></p>'
     elif guard.settings.password is None:
@@ -94,8 +94,9 @@ def _page(guard: Guard, way: str, problem: str = "", status: int = 200) -> HTMLR
             f'<form method="post" action="/login"><input type="hidden" name="next" '
             f'value="{escape(_inside(way))}"><label for="password">Password</label>'
             '<input id="password" name="password" type="password" required autofocus '
-            'autocomplete="current-password"><button class="pc-button">Log in</button></form>'
+            'autocomplete="current-password">'
+            '<button class="button button-main">Log in</button></form>'
         )
     page = (FOLDER / "login.html").read_text(encoding="utf-8").replace("<!--note-->", note)
-    page = page.replace("<!--style-->", link("shell.css")).replace("<!--form-->", form)
+    page = page.replace("<!--style-->", link("page.css")).replace("<!--form-->", form)
     return HTMLResponse(page, status)

@@ -1,7 +1,7 @@
 // The API's description as a page, without any library: what the server says of itself.
 (() => {
   "use strict";
-  const main = document.querySelector(".pc-api");
+  const main = document.querySelector(".reference");
   const place = document.getElementById("api");
 
   function made(tag, text, kind) {

@@ -175,6 +175,17 @@ export const Table = ({ columns, rows, caption, keyOf }) => html`
     </table>
   </div>`;
 
+// A page of ours in a frame as tall as the window leaves, in this page's theme.
+export function Framed({ title, src }) {
+  const [theme, setTheme] = useState(document.documentElement.dataset.theme);
+  useEffect(() => {
+    const watch = new MutationObserver(() => setTheme(document.documentElement.dataset.theme));
+    watch.observe(document.documentElement, { attributeFilter: ["data-theme"] });
+    return () => watch.disconnect();
+  }, []);
+  return html`<iframe class="frame frame-tall" title=${title} src=${`${src}?theme=${theme}`}></iframe>`;
+}
+
 // Tabs: [{ id, name, body: () => vnode }].
 export function Tabs({ tabs, at, onChange, label }) {
   const chosen = tabs.find((one) => one.id === at) ?? tabs[0];

@@ -47,8 +47,8 @@ def service(station_root: Path) -> Iterator[PrinterService]:
     service = make_service(station_root)
     wait_for(service, lambda: service.status.state is StationState.READY)
     bare = dict.fromkeys(("needle", "syringe", "ink", "dish", "bath"), "")
-    service.hands.mount(ME, **bare, floor_mm=None, bath_level_mm=None, dish_centre_mm=None)
-    service.hands.home(ME, ["x", "y", "z"])
+    service.commands.mount(ME, **bare, floor_mm=None, bath_level_mm=None, dish_centre_mm=None)
+    service.commands.home(ME, ["x", "y", "z"])
     yield service
     service.close()
 

@@ -14,14 +14,14 @@ from fastapi.testclient import TestClient
 from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
 from starlette.responses import Response
 
-from firmware_profiles import Dish, Printer, Syringe, load
+from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
 from printctl.machine.link.errors import Refused
 from printctl.machine.station import StationState, StationStatus
 from printctl.web.api import answer_errors
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotInControlError
 from printctl.web.printer import following
-from printctl.web.printer.calibration_requests import CalibrationRequest, Read
+from printctl.web.printer.calibration import CalibrationRequest, Read
 from printctl.web.printer.console import Macro
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
@@ -31,49 +31,49 @@ from tests.printctl.web.printer.conftest import ME, OTHER, wait_for
 
 
 def test_out_of_the_bath_is_above_the_rim_where_that_is_known(service: PrinterService) -> None:
-    lifted = service.hands.lift_out(ME).position_mm
+    lifted = service.commands.lift_out(ME).position_mm
     assert lifted is not None
     assert lifted[2] == pytest.approx(BLIND_LIFT_MM)
-    service.hands.home(ME, ["z"])
-    service.hands.mount(ME, needle="25g", dish="petri_60mm")
+    service.commands.home(ME, ["z"])
+    service.commands.mount(ME, needle="25g", dish="petri_60mm")
     service.guide.start(ME, "floor")
     for _ in range(3):
         service.guide.read(ME)
     service.guide.use(ME)
-    up = service.hands.lift_out(ME).position_mm
+    up = service.commands.lift_out(ME).position_mm
     assert up is not None
     assert up[2] == pytest.approx(load(Dish, "petri_60mm").wall_mm + CLEAR_MM)
     with pytest.raises(ConflictError, match="already"):
-        service.hands.lift_out(ME)
+        service.commands.lift_out(ME)
 
 
 def test_homing_with_a_needle_above_a_dish_is_refused(service: PrinterService) -> None:
-    service.hands.mount(ME, needle="25g", dish="petri_60mm")
+    service.commands.mount(ME, needle="25g", dish="petri_60mm")
     with pytest.raises(Refused, match="needle"):
-        service.hands.home(ME, ["z"])
-    assert service.hands.home(ME, ["z"], needle_off=True).homed[2]
+        service.commands.home(ME, ["z"])
+    assert service.commands.home(ME, ["z"], needle_off=True).homed[2]
 
 
 def test_a_needle_put_on_is_not_trusted_until_somebody_says_where_its_tip_is(
     service: PrinterService,
 ) -> None:
-    service.hands.home(ME, ["x", "y", "z"], needle_off=True)
-    service.hands.jog(ME, "z", 30.0)
-    assert not service.hands.mount(ME, needle="30g").position_trusted
-    said = service.hands.set_position(ME, z=12.5)
+    service.commands.home(ME, ["x", "y", "z"], needle_off=True)
+    service.commands.jog(ME, "z", 30.0)
+    assert not service.commands.mount(ME, needle="30g").position_trusted
+    said = service.commands.set_position(ME, z=12.5)
     assert said.position_trusted
     assert said.position_mm == pytest.approx((0.0, 0.0, 12.5))
     with pytest.raises(Refused, match="200 mm"):
-        service.hands.set_position(ME, z=500.0)
+        service.commands.set_position(ME, z=500.0)
 
 
 def test_targets_keep_within_what_the_ink_bears_and_all_go_off(service: PrinterService) -> None:
-    service.hands.mount(ME, ink="collagen_fresh")
+    service.commands.mount(ME, ink="collagen_fresh")
     with pytest.raises(Refused, match="temperature_c"):
-        service.hands.heat(ME, "nozzle", 60.0)
-    service.hands.heat(ME, "bed", 30.0)
+        service.commands.heat(ME, "nozzle", 60.0)
+    service.commands.heat(ME, "bed", 30.0)
     wait_for(service, lambda: targets(service) == [0.0, 30.0])
-    service.hands.heaters_off(ME)
+    service.commands.heaters_off(ME)
     wait_for(service, lambda: targets(service) == [0.0, 0.0])
 
 
@@ -83,7 +83,7 @@ def targets(service: PrinterService) -> list[float | None]:
 
 def test_a_needle_above_a_dish_is_to_be_touched_off(service: PrinterService) -> None:
     assert not service.status.mounted.touch_off_due
-    assert service.hands.mount(ME, needle="25g", dish="petri_60mm").mounted.touch_off_due
+    assert service.commands.mount(ME, needle="25g", dish="petri_60mm").mounted.touch_off_due
 
 
 # --- console and macros of the Printer page
@@ -128,7 +128,7 @@ def test_a_purge_is_slow_small_and_limited_in_all(service: PrinterService) -> No
 
 
 def test_another_needle_forgets_floor_and_bath(service: PrinterService) -> None:
-    service.hands.mount(ME, needle="25g", dish="petri_60mm", bath_level_mm=9.0)
+    service.commands.mount(ME, needle="25g", dish="petri_60mm", bath_level_mm=9.0)
     service.guide.start(ME, "floor")
     for _ in range(3):
         service.guide.read(ME)
@@ -141,14 +141,14 @@ def test_another_needle_forgets_floor_and_bath(service: PrinterService) -> None:
 
 # --- touch-off: three readings must agree
 def test_floor_is_the_middle_reading_less_the_foil(service: PrinterService) -> None:
-    service.hands.mount(ME, needle="25g", dish="petri_60mm")
+    service.commands.mount(ME, needle="25g", dish="petri_60mm")
     service.guide.start(ME, "floor", foil_mm=0.02)
-    service.hands.jog(ME, "z", 0.5)
+    service.commands.jog(ME, "z", 0.5)
     service.guide.read(ME)
     with pytest.raises(ConflictError, match="1 of 3 readings"):
         service.guide.use(ME)
     for step in (0.02, 0.02):
-        service.hands.jog(ME, "z", step)
+        service.commands.jog(ME, "z", step)
         touching = service.guide.read(ME)
     assert touching.agrees
     status = service.guide.use(ME)
@@ -157,10 +157,10 @@ def test_floor_is_the_middle_reading_less_the_foil(service: PrinterService) -> N
 
 
 def test_readings_that_scatter_are_not_used(service: PrinterService) -> None:
-    service.hands.mount(ME, needle="25g", dish="petri_60mm")
+    service.commands.mount(ME, needle="25g", dish="petri_60mm")
     service.guide.start(ME, "bath")
     for _ in range(3):
-        service.hands.jog(ME, "z", 0.1)
+        service.commands.jog(ME, "z", 0.1)
         service.guide.read(ME)
     with pytest.raises(ConflictError, match="don't agree"):
         service.guide.use(ME)
@@ -278,10 +278,10 @@ def test_a_second_printer_is_not_connected_over_the_first(service: PrinterServic
 def test_only_who_holds_the_controls_moves_but_anyone_stops(service: PrinterService) -> None:
     service.core.controls.take(ME)
     for refused in (
-        lambda: service.hands.jog(OTHER, "x", 1.0),
-        lambda: service.hands.heat(OTHER, "bed", 30.0),
-        lambda: service.hands.plunger(OTHER, 1.0),
-        lambda: service.hands.mount(OTHER, needle="25g"),
+        lambda: service.commands.jog(OTHER, "x", 1.0),
+        lambda: service.commands.heat(OTHER, "bed", 30.0),
+        lambda: service.commands.plunger(OTHER, 1.0),
+        lambda: service.commands.mount(OTHER, needle="25g"),
         lambda: service.console.send(OTHER, "M105"),
         lambda: service.guide.start(OTHER, "floor"),
         lambda: service.disconnect(OTHER),
@@ -326,6 +326,40 @@ def test_status_ports_and_profiles_are_told(api: TestClient) -> None:
     names = [one["name"] for one in api.get(f"{API}/profiles").json()]
     assert "generic_marlin" in names
     assert "aerotech_pneumatic" not in names  # takes no lines from a host
+
+
+def test_status_adds_what_follows_from_the_parts(api: TestClient) -> None:
+    before = api.get(f"{API}/status").json()
+    assert before["state_words"].startswith("ready: connected, checked")
+    assert before["printer"] == "generic_marlin"
+    assert before["fastest_ul_s"] is None
+    api.post(f"{API}/mount", json={"syringe": "hamilton_1ml", "ink": "collagen_fresh"})
+    status = api.get(f"{API}/status").json()
+    assert status["parts"] == {
+        "needle": "",
+        "syringe": "hamilton_1ml",
+        "ink": "collagen_fresh",
+        "dish": "",
+        "bath": "",
+    }
+    assert status["fastest_ul_s"] == load(Ink, "collagen_fresh").plunger_ul_s
+    assert status["full_ul"] == load(Syringe, "hamilton_1ml").volume_ul - 20.0
+
+
+def test_parts_are_described_and_one_that_cannot_be_read_hides_no_other(
+    idle: PrinterService,
+) -> None:
+    bad = idle.store.folder(Needle) / "mine.yaml"
+    bad.parent.mkdir(parents=True)
+    bad.write_text("inner_mm: wide\n")
+    with client_of(idle) as api:
+        parts = api.get(f"{API}/parts").json()
+    assert set(parts) == {"needle", "syringe", "ink", "dish", "bath"}
+    needles = {one["name"]: one["about"] for one in parts["needle"]}
+    assert needles["25g"].startswith("bore 0.26 mm")
+    assert needles["mine"].startswith("can't be read")
+    volumes = {one["name"]: one["volume_ul"] for one in parts["syringe"]}
+    assert volumes["hamilton_1ml"] == 1000.0
 
 
 def test_a_script_jogs_heats_pushes_and_types(api: TestClient) -> None:

@@ -3,7 +3,7 @@
 import { part, send } from "../api.js";
 import { SketchView } from "../sketch_view.js";
 import {
-  Act, Badge, Button, Card, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Table, go, html, number, sentence, span,
+  Act, Badge, Button, Card, Empty, Facts, Field, Fold, Framed, Loaded, Note, Page, Progress, Table, go, html, number, sentence, span,
   useEffect, useGet, useKept, useNews, useRef, useState, useStyle,
 } from "../ui.js";
 
@@ -214,7 +214,7 @@ function Look({ project, pages }) {
   const [page, setPage] = useState(null);
   return html`<${Card} title="Look at it" tools=${pages.map(([id, title]) => html`
       <${Button} key=${id} aria-pressed=${String(page === id)} onClick=${() => setPage(page === id ? null : id)}>${title}</${Button}>`)}>
-    ${page ? html`<iframe class="frame frame-tall" title=${page} src=${`/api/v1/runs/${part(project.name)}/pages/${page}`}></iframe>`
+    ${page ? html`<${Framed} title=${page} src=${`/api/v1/runs/${part(project.name)}/pages/${page}`} />`
       : html`<${Empty}>Choose what to see.</${Empty}>`}
   </${Card}>`;
 }
@@ -291,5 +291,5 @@ function Report({ project }) {
           <${Button} onClick=${() => to(project, "print")}>Print it again</${Button}>
           <${Button} href="/history">All prints</${Button}></div></${Fold}>
     </${Card}>
-    <iframe class="frame frame-tall" title="Report" src=${address}></iframe>`;
+    <${Framed} title="Report" src=${address} />`;
 }

@@ -1,0 +1,86 @@
+"""The guided way in a browser: from the open page to a rehearsed print's report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.printctl.web.serving import Process, server_process
+from tests.printctl.web.shell.browsers import LOOKS, serious, shown
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Process]:
+    with server_process(tmp_path_factory.mktemp("way") / "workspace") as made:
+        yield made
+
+
+def button(page: Any, name: str) -> Any:
+    return page.get_by_role("button", name=name, exact=True)
+
+
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
+def test_from_the_open_page_to_the_report_in_six_clicks_and_no_text(
+    server: Process, browser: Any, size: Any, theme: str
+) -> None:
+    page = shown(browser, f"{server.url}/", size, theme)
+
+    def fine(step: str) -> None:
+        assert serious(page) == [], step
+        wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+        assert wide <= 0, f"{step}: {wide} px to scroll sideways"
+
+    fine("choose")
+    button(page, "Start from A small tree").click()
+    page.get_by_text("grown in").wait_for()
+    fine("shape")
+    page.get_by_label("Ends").press("ArrowLeft")  # a slider is moved; nothing is typed
+    button(page, "Save and make it").wait_for()
+    button(page, "Save and make it").click()
+    page.get_by_role("heading", name="checks let it be printed").wait_for(timeout=120_000)
+    fine("check")
+    button(page, "Next: print or rehearse").click()
+    page.get_by_label("How fast").select_option("100")
+    fine("print")
+    button(page, "Rehearse").click()
+    page.get_by_role("heading", name="Rehearsing").wait_for()
+    address = page.url
+    page.goto(f"{server.url}/")  # whoever leaves and comes back finds it where it was
+    page.goto(address)
+    page.get_by_role("heading", name="The print is as designed").wait_for(timeout=240_000)
+    fine("judge")
+    assert page.frame_locator("iframe[title=Report]").get_by_text("Pass").first.is_visible()
+
+
+def test_a_dialog_leaves_stop_in_reach_and_gives_the_focus_back(
+    server: Process, browser: Any, tmp_path: Path
+) -> None:
+    page = shown(browser, f"{server.url}/")
+    (tmp_path / "tree.csv").write_text("x,y,z,radius,parent\n0,0,0,0.3,-1\n9,0,0,0.3,0\n")
+    page.locator("input[type=file]").first.set_input_files(tmp_path / "tree.csv")
+    dialog = page.get_by_role("dialog", name="Begin with tree.csv")
+    dialog.wait_for()
+    assert serious(page) == []
+    on_top = """e => {
+      const { x, y } = e.getBoundingClientRect();
+      return e === document.elementFromPoint(x + 9, y + 9);
+    }"""
+    assert page.locator("#pc-stop").evaluate(on_top), "STOP lies above the dialog"
+    dialog.get_by_label("Name of the project").fill("../../etc")
+    button(page, "Begin").click()
+    dialog.get_by_role("alert").wait_for()
+    assert "../../etc" in dialog.get_by_role("alert").inner_text()
+    assert dialog.get_by_label("Name of the project").input_value() == "../../etc", "kept"
+    page.keyboard.press("Escape")
+    dialog.wait_for(state="hidden")
+
+
+def test_a_project_that_is_not_there_says_so(server: Process, browser: Any) -> None:
+    page = shown(browser, f"{server.url}/project?name=none")
+    page.get_by_text("there is no recipe 'none'").wait_for()
+    assert page.locator("#pc-stop").is_visible()
