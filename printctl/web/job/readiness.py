@@ -222,7 +222,7 @@ def record_refusals(machine: Machine | None, record: PrintRecord) -> Iterator[Re
     if machine is None or machine.simulated:
         return
     if not record.operator.strip():
-        yield Refusal("operator", "the record doesn't say who prints; write a name", "operator")
+        yield Refusal("operator", "the record must say who prints; write a name", "operator")
     for point in checklist()["before"]:
         if not record.ticked.get(point["id"]):
             yield Refusal("look at the machine", point["text"], "tick", point["id"])
@@ -232,9 +232,12 @@ def check_refusal(check: Check) -> Refusal:
     """Return a failed check of the job, with what helps."""
     shown = row(check)
     action, about = _helps(check)
+    remedy = shown.remedy
+    if action == "accept_crossings":  # its other remedies are options of the command line
+        remedy = f"{remedy.partition(';')[0]}; use a thinner needle, or accept it"
     return Refusal(
         shown.check,
-        shown.remedy,
+        remedy,
         action,
         about,
         value=shown.value,

@@ -107,6 +107,8 @@ class Records:
     def change(self, record: str, who: str, changes: Mapping[str, Any]) -> PrintRecord:
         """Say something of a print; what was said before stays in the changes.
 
+        Of ``ticked`` the points that are named change: two ticks may come at once.
+
         Raises
         ------
         BadRequestError
@@ -115,6 +117,8 @@ class Records:
         with self._lock:
             found = self.load(record)
             try:
+                if isinstance(ticked := changes.get("ticked"), dict):
+                    changes = {**changes, "ticked": {**found["values"]["ticked"], **ticked}}
                 new = PrintRecord.model_validate({**found["values"], **changes})
             except ValueError as exc:
                 raise BadRequestError(f"the record can't say that: {exc}") from exc
