@@ -21,11 +21,11 @@ Action = Literal[
     "controls",
     "connect",
     "reconnect",
+    "see_print",
     "mount",
     "set_position",
     "to_start",
     "touch_off",
-    "fill",
     "reload",
     "accept_crossings",
     "operator",
@@ -52,9 +52,9 @@ class Refusal:
         What to do.
     action : str
         What the page can do about it: empty for nothing, ``controls`` (take them), ``connect``,
-        ``reconnect``, ``mount`` (say what is mounted: `about` is the part), ``set_position``,
-        ``to_start`` (move the tip), ``touch_off``, ``fill``, ``reload`` (allow changes of
-        syringe), ``accept_crossings``, ``operator``, ``tick`` (`about` is the point).
+        ``reconnect``, ``see_print`` (that goes on), ``mount`` (say what is mounted: `about` is the
+        part), ``set_position``, ``to_start`` (move the tip), ``touch_off``, ``reload`` (allow
+        changes of syringe), ``accept_crossings``, ``operator``, ``tick`` (`about` is the point).
     about : str
         Part or point that the action is for.
     """
@@ -166,6 +166,9 @@ def _not_ready(machine: Machine) -> Refusal:
         return Refusal("printer", f"it was halted ({machine.message}); connect anew", "reconnect")
     if machine.state in (StationState.BUSY, StationState.CONNECTING):
         return Refusal("printer", f"it isn't ready yet ({machine.message}); wait a moment")
+    if machine.state == StationState.PRINTING:
+        what = machine.message.removeprefix(f"{StationState.PRINTING}: ")
+        return Refusal("printer", f"it prints already ({what}); wait for its end", "see_print")
     return Refusal("printer", f"it isn't ready ({machine.message}); wait for the end of that")
 
 

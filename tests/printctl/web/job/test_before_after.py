@@ -5,20 +5,26 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from PIL import Image
 
-from printctl.machine.station import connect
+from printctl.machine.station import Station, connect
 from printctl.machine.station.record import load_station
+from printctl.web.core import Core
+from printctl.web.job.service import JobService
 from printctl.web.workspace import Workspace
 from tests.printctl.checks.preflight.test_shaft_checks import job
 from tests.printctl.machine.link.layered import layered
+from tests.printctl.web.job.camera.pictures import sequence
+from tests.printctl.web.job.conftest import OPERATOR, add, ready
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, WIDE, serious, shown
 from tests.sim_process import printer_process
+from tests.waiting import wait_for as until
 
 pytestmark = pytest.mark.browser
 HOSTILE = b"<script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
@@ -170,3 +176,29 @@ def test_a_rehearsal_is_begun_without_a_word(browser: Any, tmp_path: Path) -> No
         page.get_by_role("link", name="Print again").first.click()
         expect(page.get_by_role("button", name="Move the tip to the start")).to_be_visible()
         page.request.post(f"{server.url}/api/v1/printer/disconnect", headers={"Origin": server.url})
+
+
+@pytest.mark.slow
+def test_the_film_of_a_print_plays_and_is_fetched(
+    core: Core, station: Station, browser: Any, tmp_path: Path
+) -> None:
+    from playwright.sync_api import expect
+
+    settings = replace(core.settings, camera=sequence(tmp_path / "seen"))
+    service = JobService(replace(core, settings=settings))
+    try:
+        name = add(service)
+        until(lambda: service.watching.seen().state == "there")
+        service.start(OPERATOR, name, ready(service, name), "generic_marlin on simulated")
+        until(lambda: service.watching.timelapse(name, service.heard(name)).film, 60.0)
+    finally:
+        service.close()
+    with server_process(core.workspace.root) as server:  # the film stays, without a camera
+        page = shown(browser, f"{server.url}/job?job={name}", viewport=WIDE)
+        film = page.get_by_role("img", name="Film of ")
+        expect(film).to_be_visible()
+        assert film.evaluate("one => one.decode().then(() => one.naturalWidth)") == 320
+        with page.expect_download() as downloading:
+            page.get_by_role("link", name="Fetch the film").click()
+        assert downloading.value.suggested_filename == "zigzag_timelapse.webp"
+        assert serious(page) == []

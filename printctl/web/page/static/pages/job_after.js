@@ -50,14 +50,15 @@ const Next = ({ href, name, says, main, away, download }) => html`<div class="jo
     rel=${away ? "noopener" : undefined}>${name}</${Button}><span class="quiet">${says}</span></div>`;
 
 function TimeLapse({ job, print }) {
-  const lapse = useGet(`/prints/${part(job)}/timelapse`, { on: ["camera"] });
+  const lapse = useGet(`/prints/${part(job)}/timelapse`, { every: 5000 });
   const one = lapse.value;
   if (!one || !(one.frames || one.message)) return null;
+  const name = job.replace(/^(run|file)~/, "").replace(/\.gcode$/, "");
   const film = `/prints/${part(job)}/timelapse/film`;
   return html`<${Card} title="Time-lapse">
     ${one.film && html`<img class="job-film" src=${url(`${film}?of=${part(print.print_id)}`)}
         alt=${`Film of ${one.frames} pictures`} />
-      <${Button} href=${url(film)} download>Fetch the film</${Button}>`}
+      <${Button} href=${url(film)} download=${`${name}_timelapse.webp`}>Fetch the film (WebP)</${Button}>`}
     <p class="quiet">${one.frames} pictures, ${bytes(one.bytes)}${one.making ? "; the film is being made" : ""}.
       ${" "}${one.message}</p>
   </${Card}>`;

@@ -373,6 +373,8 @@ function Remedy(all) {
     case "operator":
       return html`<${Kept} label="Operator's name" value=${record.operator} maxlength="200" autocomplete="name"
         save=${(operator) => write(all, { operator })} />`;
+    case "see_print":
+      return html`<${Button} href="/job">See it</${Button}>`;
     case "touch_off":
       return html`<${Button} href="/printer">Touch off</${Button}>`;
     case "set_position":
