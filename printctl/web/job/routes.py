@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import dataclass
 from html import escape
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import quote
@@ -21,11 +21,24 @@ from printctl.web.api import API
 from printctl.web.controls import Principal
 from printctl.web.errors import NotFoundError
 from printctl.web.job import looks as look_routes
-from printctl.web.job.aftercare import MOST_BYTES, checklist
+from printctl.web.job.aftercare import (
+    MOST_BYTES,
+    FlushLimit,
+    Note,
+    Photo,
+    RampState,
+    Step,
+    Viability,
+    Warming,
+    checklist,
+)
 from printctl.web.job.camera.routes import add_routes
 from printctl.web.job.following import PrintReport
+from printctl.web.job.jobs import JobEntry
 from printctl.web.job.machine import Machine
+from printctl.web.job.preflight import PreflightReport
 from printctl.web.job.print_commands import Rest, RestPlan
+from printctl.web.job.readiness import Readiness
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp, Millimetre
@@ -45,72 +58,28 @@ class ResponseModel(BaseModel):
     """What is answered."""
 
 
-class JobResponse(ResponseModel):
-    """A job, and what is known of it without a dry run."""
+@dataclass(frozen=True)
+class Form:
+    """The set-up filled in, and what it is chosen from.
 
-    id: str = Field(description="run~NAME or file~NAME.")
-    name: str
-    sha256: str
-    size: int = Field(description="Bytes.")
-    changed: float = Field(description="s since 1970.")
-    duration_s: float | None = Field(description="By the dry run; null before the first.")
-    ink_ul: float | None
-    layers: int | None = Field(description="Passes of an embedded print.")
-    vessels: int | None
-    commands: int | None
-
-
-class CheckResponse(ResponseModel):
-    """One check before the print."""
-
-    check: str = Field(description="What was looked at.")
-    result: Literal["passed", "failed", "warning"]
-    value: float | None = Field(description="What was found, in `unit`.")
-    limit: float | None = Field(description="What is allowed, in `unit`.")
-    unit: str
-    passed: bool
-    place: str = Field(description="Line of the G-code, or key of a profile.")
-    remedy: str
-    weight: Literal["refuses", "warns"]
-
-
-class PreflightResponse(ResponseModel):
-    """The list of checks, and what the dry run found."""
-
-    model_config = ConfigDict(extra="allow")
-
-    job: str
-    key: str = Field(description="Of the job's content and the set-up.")
-    passed: bool = Field(description="Whether nothing refuses the print.")
-    checks: list[CheckResponse]
-    sha256: str
-    duration_s: float
-    layers: int
-    vessels: int
-    ink_ul: float
-    accepted: list[str] = Field(description="What failed and was accepted; the journal keeps it.")
-    reload_at: list[int] = Field(description="Commands before each change of syringe.")
-
-
-class MachineResponse(ResponseModel):
-    """The printer that is connected."""
-
-    profile: str
-    port: str
-    ready: bool
-    message: str
-    words: str = Field(description="What `confirmed` must say at the start.")
-    tip_mm: tuple[float, float, float] | None
-    mounted: dict[str, str]
-    ul_left: float | None
-
-
-class FormResponse(ResponseModel):
-    """The set-up filled in, and the printer."""
+    Attributes
+    ----------
+    set_up : JobSetUp
+    machine : Machine or None
+        The printer that is connected.
+    checklist : list
+        Points to tick before the start.
+    choices : dict
+        Profiles that can be named: of each part their value and their name.
+    declared : bool
+        Whether the job itself says where it starts.
+    """
 
     set_up: JobSetUp
-    machine: MachineResponse | None
-    checklist: list[dict[str, str]] = Field(description="Points to tick before the start.")
+    machine: Machine | None
+    checklist: list[dict[str, str]]
+    choices: dict[str, dict[str, str]]
+    declared: bool
 
 
 class PreflightRequest(RequestModel):
@@ -132,12 +101,6 @@ class ToStartRequest(RequestModel):
     start_mm: tuple[Millimetre, Millimetre, Millimetre] | None = Field(
         default=None, description="As the set-up is filled in if left out."
     )
-
-
-class TipResponse(BaseModel):
-    """Where the tip stands now."""
-
-    tip_mm: tuple[float, float, float] | None
 
 
 class PauseRequest(RequestModel):
@@ -194,16 +157,6 @@ class PrintResponse(ResponseModel):
     )
 
 
-class ViabilityResponse(ResponseModel):
-    """The clock of the cells."""
-
-    minutes: float | None
-    limit_min: float | None
-    source: str
-    words: str
-    state: Literal["unknown", "in time", "close", "late"]
-
-
 class TickRequest(RequestModel):
     """A step done, or not after all."""
 
@@ -214,60 +167,6 @@ class NoteRequest(RequestModel):
     """A note."""
 
     text: Annotated[str, Field(min_length=1, max_length=10_000)]
-
-
-class RampRequest(RequestModel):
-    """Warming at a rate."""
-
-    heater: Annotated[str, Field(max_length=40)] = "bed"
-    target_c: Annotated[float, Field(ge=0, le=60)]
-    rate_c_min: Annotated[float, Field(gt=0, le=20)] = 1.0
-
-
-class RampResponse(ResponseModel):
-    """Warming as it stands."""
-
-    heater: str
-    target_c: float
-    rate_c_min: float
-    now_c: float | None
-    set_c: float | None
-    going_on: bool
-    message: str
-
-
-class FlushResponse(ResponseModel):
-    """How hard the channels may be flushed."""
-
-    pressure_pa: float
-    wall_shear_pa: float
-    vessel: str
-
-
-class StepResponse(ResponseModel):
-    """A step after the print."""
-
-    id: str
-    text: str
-    done: bool
-    at: float | None
-    who: str
-
-
-class NoteResponse(ResponseModel):
-    """A note of a print."""
-
-    at: float
-    who: str
-    text: str
-
-
-class PhotoResponse(ResponseModel):
-    """A photo of a print."""
-
-    at: float
-    who: str
-    name: str
 
 
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
@@ -321,35 +220,51 @@ def job_hints(service: JobService) -> Callable[[Request], str]:
 
 def _jobs(routes: APIRouter, service: JobService) -> None:
     @routes.get("/jobs", tags=["jobs"], summary="Every job, the newest first")
-    def list_jobs() -> list[JobResponse]:
-        return [JobResponse.model_validate(one.to_dict()) for one in service.jobs()]
+    def list_jobs() -> list[JobEntry]:
+        return service.jobs()
+
+    @routes.get("/jobs/unusable", tags=["jobs"], summary="Files and runs whose names can't be jobs")
+    def unusable() -> list[str]:
+        return service.core.workspace.unusable_names("jobs/*.gcode", "runs/*")
 
     @routes.post("/jobs", tags=["jobs"], summary="Upload a G-code file; nothing in it is run")
-    def upload(file: Annotated[UploadFile, File()]) -> JobResponse:
-        entry = service.upload(file.filename or "", file.file)
-        return JobResponse.model_validate(entry.to_dict())
+    def upload(file: Annotated[UploadFile, File()]) -> JobEntry:
+        return service.upload(file.filename or "", file.file)
 
     @routes.get("/jobs/{job}", tags=["jobs"], summary="One job")
-    def one_job(job: Job) -> JobResponse:
-        return JobResponse.model_validate(service.job(job).to_dict())
+    def one_job(job: Job) -> JobEntry:
+        return service.job(job)
 
     @routes.get("/jobs/{job}/form", tags=["jobs"], summary="The set-up filled in, the printer")
-    def form(job: Job) -> FormResponse:
-        return FormResponse(
+    def form(job: Job) -> Form:
+        return Form(
             set_up=service.set_up(job),
-            machine=machine_response(service.machine()),
+            machine=service.machine(),
             checklist=checklist()["before"],
+            choices=service.choices(),
+            declared=service.declared(job) is not None,
         )
 
+    @routes.put("/jobs/{job}/set-up", tags=["jobs"], summary="Keep a set-up for the job")
+    def keep_set_up(job: Job, given: JobSetUp) -> JobSetUp:
+        return service.keep_set_up(job, given)
+
+    @routes.get("/jobs/{job}/readiness", tags=["jobs"], summary="All that refuses a start")
+    def readiness(
+        job: Job,
+        who: Who,
+        wait: Annotated[bool, Query(description="Whether to check the job where needed.")] = True,
+    ) -> Readiness:
+        return service.readiness(who, job, wait=wait)
+
     @routes.post("/jobs/{job}/preflight", tags=["jobs"], summary="Check before the print")
-    def preflight(job: Job, given: PreflightRequest) -> PreflightResponse:
-        set_up = given.set_up or service.set_up(job)
-        return PreflightResponse.model_validate(service.preflight(job, set_up))
+    def preflight(job: Job, given: PreflightRequest) -> PreflightReport:
+        return service.preflight(job, given.set_up or service.set_up(job))
 
     @routes.post("/jobs/{job}/to-start", tags=["jobs"], summary="Move the tip to the job's start")
-    def to_start(job: Job, given: ToStartRequest, who: Who) -> TipResponse:
+    def to_start(job: Job, given: ToStartRequest, who: Who) -> Machine:
         start_mm = given.start_mm or service.set_up(job).start_mm
-        return TipResponse(tip_mm=service.to_start(who, job, start_mm).tip_mm)
+        return service.to_start(who, job, start_mm)
 
     @routes.get("/jobs/{job}/record", tags=["jobs"], summary="What is written down")
     def record(job: Job) -> PrintRecord:
@@ -398,8 +313,8 @@ def _prints(routes: APIRouter, service: JobService) -> None:
         return service.mends(job)
 
     @routes.get("/prints/{job}/viability", tags=[*tags], summary="The clock of the cells")
-    def viability(job: Job) -> ViabilityResponse:
-        return ViabilityResponse.model_validate(service.viability(job).to_dict())
+    def viability(job: Job) -> Viability:
+        return service.viability(job)
 
     @routes.post("/prints/{job}/pause", tags=[*tags], summary="Hold, now or at a mark")
     def pause(job: Job, given: PauseRequest, who: Who) -> Status:
@@ -447,29 +362,28 @@ def _after(routes: APIRouter, service: JobService) -> None:
     after, tags = service.after, ["after a print"]
 
     @routes.get("/prints/{job}/steps", tags=[*tags], summary="Steps after the print")
-    def steps(job: Job) -> list[StepResponse]:
-        return [StepResponse.model_validate(one) for one in after.steps(job)]
+    def steps(job: Job) -> list[Step]:
+        return after.steps(job)
 
     @routes.put("/prints/{job}/steps/{step}", tags=[*tags], summary="Tick a step, or take it back")
-    def tick(job: Job, step: str, given: TickRequest, who: Who) -> list[StepResponse]:
-        return [StepResponse.model_validate(one) for one in after.tick(who, job, step, given.done)]
+    def tick(job: Job, step: str, given: TickRequest, who: Who) -> list[Step]:
+        return after.tick(who, job, step, given.done)
 
     @routes.get("/prints/{job}/notes", tags=[*tags], summary="Notes")
-    def notes(job: Job) -> list[NoteResponse]:
-        return [NoteResponse.model_validate(one) for one in after.notes(job)]
+    def notes(job: Job) -> list[Note]:
+        return after.notes(job)
 
     @routes.post("/prints/{job}/notes", tags=[*tags], summary="Add a note")
-    def note(job: Job, given: NoteRequest, who: Who) -> list[NoteResponse]:
-        return [NoteResponse.model_validate(one) for one in after.note(who, job, given.text)]
+    def note(job: Job, given: NoteRequest, who: Who) -> list[Note]:
+        return after.note(who, job, given.text)
 
     @routes.get("/prints/{job}/photos", tags=[*tags], summary="Photos")
-    def photos(job: Job) -> list[PhotoResponse]:
-        return [PhotoResponse.model_validate(one) for one in after.photos(job)]
+    def photos(job: Job) -> list[Photo]:
+        return after.photos(job)
 
     @routes.post("/prints/{job}/photos", tags=[*tags], summary="Add a photo; it is written anew")
-    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[PhotoResponse]:
-        photo = after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
-        return [PhotoResponse.model_validate(one) for one in photo]
+    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[Photo]:
+        return after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
 
     @routes.get(
         "/prints/{job}/photos/{name}",
@@ -482,30 +396,24 @@ def _after(routes: APIRouter, service: JobService) -> None:
         return FileResponse(after.photo(job, name), media_type="image/jpeg")
 
     @routes.get("/prints/{job}/flush", tags=[*tags], summary="How hard to flush; null if unknown")
-    def flush(job: Job, wall_shear_pa: float | None = None) -> FlushResponse | None:
-        photo = after.flush(job, wall_shear_pa)
-        return None if photo is None else FlushResponse.model_validate(photo.to_dict())
+    def flush(job: Job, wall_shear_pa: float | None = None) -> FlushLimit | None:
+        return after.flush(job, wall_shear_pa)
+
+    @routes.get("/prints/{job}/melt-out", tags=[*tags], summary="How to warm its bath")
+    def melt_out_of(job: Job) -> Warming:
+        return after.warming_of(job)
 
     @routes.post("/melt-out", tags=[*tags], summary="Warm a heater at a rate")
-    def melt_out(given: RampRequest, who: Who) -> RampResponse:
-        return RampResponse.model_validate(after.melt_out(who, **given.model_dump()))
+    def melt_out(given: Warming, who: Who) -> RampState:
+        return after.melt_out(who, given)
 
     @routes.get("/melt-out", tags=[*tags], summary="The warming as it stands; null for none")
-    def melting() -> RampResponse | None:
-        photo = after.melting()
-        return None if photo is None else RampResponse.model_validate(photo)
+    def melting() -> RampState | None:
+        return after.melting()
 
     @routes.delete("/melt-out", tags=[*tags], summary="Raise the target no further")
-    def stop_melting() -> RampResponse | None:
-        photo = after.stop_melting()
-        return None if photo is None else RampResponse.model_validate(photo)
-
-
-def machine_response(machine: Machine | None) -> MachineResponse | None:
-    """The printer, as the API tells it."""
-    if machine is None:
-        return None
-    return MachineResponse.model_validate(asdict(machine) | {"words": machine.words})
+    def stop_melting() -> RampState | None:
+        return after.stop_melting()
 
 
 def print_response(heard: PrintReport) -> PrintResponse:
