@@ -53,7 +53,7 @@ function State({ print }) {
   return html`<div class="job-state">
     <h2 class="big">${print.words.state}</h2>
     <p class="unseen" role="status">${print.words.state.split(" · ")[0]}</p>
-    <${Progress} share=${print.share} label="Share of the print made" />
+    ${!print.ended && html`<${Progress} share=${print.share} label="Share of the print made" />`}
   </div>`;
 }
 
