@@ -30,6 +30,7 @@ from printctl.web.design.service import DesignService
 from printctl.web.history.routes import router as history_router
 from printctl.web.history.service import HistoryService
 from printctl.web.job.first_job import make_first_scene
+from printctl.web.job.routes import job_hints
 from printctl.web.job.routes import routers as job_routers
 from printctl.web.job.service import JobService
 from printctl.web.page.assets import serve_page
@@ -143,7 +144,8 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         app.include_router(part)
     answer_unknown(app, API)
     if pages:
-        serve_page(app, [room for room in ROOMS if find_spec(f"printctl.web.{room}.page")])
+        nicegui = [room for room in ROOMS if find_spec(f"printctl.web.{room}.page")]
+        serve_page(app, nicegui, {"job": job_hints(services.job)})
         _add_pages(app)
         register_pages(services)
     return app

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,15 @@ from printctl.machine.link.inserts import file_count
 from printctl.machine.link.record import JOURNAL, LinkRecord, load_record
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.print_state.actions import Possible, PrintAction, possible_actions
+from printctl.machine.print_state.alerts import Alert, alert_of
 from printctl.machine.printing.inserted_ink import filling_in_file
 from printctl.machine.printing.journal_facts import JournalledFacts, read_journal_facts
-from printctl.machine.printing.print_words import print_words, progress_words, state_words
+from printctl.machine.printing.print_words import (
+    print_words,
+    progress_words,
+    state_words,
+    tip_words,
+)
 from printctl.machine.printing.progress import Filling, Progress, predicted_s, progress
 from printctl.machine.printing.remaining import Remaining
 
@@ -68,10 +74,19 @@ class PrintTruth:
 
     @property
     def words(self) -> dict[str, str]:
-        """State, what is made, time, layer, vessel and ink as a person is told them."""
+        """State, what is made, time, layer, vessel, ink and tip as a person is told them."""
         made = progress_words(self.status, self.progress)
         state = f"{state_words(self.status.state).capitalize()} · {made.removesuffix(' made')}"
-        return {"state": state, "made": made, **print_words(self.status, self.progress)}
+        tip = tip_words(self.status, self.progress, self.journal.stood_mm)
+        return {"state": state, "made": made, "tip": tip, **print_words(self.status, self.progress)}
+
+    @property
+    def alert(self) -> Alert | None:
+        """What somebody must know: an end that wasn't as meant, else the last alarm."""
+        if not (self.status.ended or self.status.alarms):
+            return None
+        go_on = any(one.action is PrintAction.GO_ON and one.possible for one in self.actions)
+        return alert_of(self.status, self.journal.last_alarm, go_on)
 
     def may(self, action: PrintAction) -> Possible:
         """Whether an action can be done now."""
@@ -86,6 +101,7 @@ class PrintTruth:
             "started": self.journal.started,
             "ended": self.status.ended,
             "last_alarm": self.journal.last_alarm,
+            "alert": None if self.alert is None else asdict(self.alert),
             "share": self.share,
             "words": self.words,
             "time_left_s": self.time_left_s,

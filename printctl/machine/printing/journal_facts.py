@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -36,6 +36,8 @@ class JournalledFacts:
     paces : tuple of (int, float)
         Commands taken and time without pauses, s, at each checkpoint.
     last_alarm : str
+    stood_mm : (x, y, z) or None, mm
+        Where the printer said that it stood when the print's end dropped its moves.
     inserts : tuple of InsertedInk
         What was put into the job.
     """
@@ -48,6 +50,7 @@ class JournalledFacts:
     filled: tuple[int, float] | None = None
     paces: tuple[tuple[int, float], ...] = ()
     last_alarm: str = ""
+    stood_mm: tuple[float, float, float] | None = None
     inserts: tuple[InsertedInk, ...] = ()
 
     def active_until(self, now: float) -> float:
@@ -82,9 +85,16 @@ def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
             facts = _with(facts, last_alarm=str(record.get("text", "")))
         elif sort == "repeated":
             facts = _with(facts, last_alarm=times_words(record))
+        elif sort == "stood":
+            facts = _with(facts, stood_mm=_place(record.get("place") or {}))
         elif sort == "checkpoint" and facts.since is not None:
             paces.append((int(record.get("done", 0)), facts.active_until(at)))
     return _with(facts, paces=tuple(paces))
+
+
+def _place(told: Mapping[str, Any]) -> tuple[float, float, float] | None:
+    x, y, z = (told.get(axis) for axis in "xyz")
+    return None if x is None or y is None or z is None else (float(x), float(y), float(z))
 
 
 def _begun(before: JournalledFacts, record: dict[str, Any]) -> JournalledFacts:
@@ -92,7 +102,7 @@ def _begun(before: JournalledFacts, record: dict[str, Any]) -> JournalledFacts:
     sha256, at = str(record.get("sha256", "")), float(record.get("started", 0.0))
     same = before.sha256 == sha256 and record.get("id") in (None, before.print_id)
     if before.sha256 and same:
-        return _with(before, since=None)
+        return _with(before, since=None, stood_mm=None)
     return JournalledFacts(print_id(record), sha256, at)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Final
 
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.printing.progress import Progress
@@ -48,6 +49,40 @@ def print_words(status: Status, done: Progress | None) -> dict[str, str]:
         "vessel": _part("Vessel", done.vessel, done.vessels, done.vessels_done, verb),
         "ink": ink_words(done),
     }
+
+
+def tip_words(
+    status: Status, done: Progress | None, stood_mm: tuple[float, float, float] | None
+) -> str:
+    """Return where the tip is; empty where nobody knows.
+
+    Parameters
+    ----------
+    status : Status
+    done : Progress or None
+    stood_mm : (x, y, z) or None, mm
+        What the printer said where its moves were dropped: the end's place, not the executed line.
+    """
+    place = None if done is None else done.tip_mm
+    if status.ended and stood_mm is not None:
+        place = stood_mm
+    if place is None or not status.position_known:
+        return ""
+    text = " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", place, strict=True))
+    if status.state not in _RAISED:
+        return text
+    return ("raised from " if _RAISED[status.state] or stood_mm else "raised from about ") + text
+
+
+_RAISED: Final = {
+    LinkState.PAUSED: True,
+    LinkState.LOOKING: True,
+    LinkState.RESUMING: True,
+    LinkState.STOPPING: False,
+    LinkState.STOPPED: False,
+    LinkState.FAILED: False,
+}
+"""States in which the tip is above where the job has led it, and whether all moves were made."""
 
 
 def time_words(status: Status, done: Progress) -> str:

@@ -58,13 +58,19 @@ def check_homing(job: Job, needle: str) -> None:
     ------
     Refused
     """
-    homing = next((k for k, line in enumerate(job.lines) if code_of(line) == b"G28"), None)
-    if homing is not None and needle:
+    homing = homing_line(job)
+    if homing and needle:
         raise Refused(
-            f"{job.name}, line {job.file_lines[homing]}, homes the machine with the needle "
+            f"{job.name}, line {homing}, homes the machine with the needle "
             f"{needle} mounted, which would be driven into what is below; take the line out, and "
             "touch off instead"
         )
+
+
+def homing_line(job: Job) -> int:
+    """Line of the file that homes the machine; 0 for none."""
+    lines = zip(job.lines, job.file_lines, strict=True)
+    return next((number for line, number in lines if code_of(line) == b"G28"), 0)
 
 
 def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:

@@ -7,13 +7,14 @@ import io
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import yaml
 from PIL import Image, ImageOps
+from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_bytes
 from firmware_profiles import Bath, load
@@ -123,10 +124,6 @@ class FlushLimit:
     wall_shear_pa: float
     vessel: str
 
-    def to_dict(self) -> dict[str, Any]:
-        """As a JSON object."""
-        return asdict(self)
-
 
 def flush_limit(flow_csv: Path, wall_shear_pa: float) -> FlushLimit | None:
     """Pressure at which the run's steady flow shears no wall more than allowed.
@@ -154,6 +151,41 @@ def flush_limit(flow_csv: Path, wall_shear_pa: float) -> FlushLimit | None:
     drop = max(pressures) - min(pressures)
     name = rows[worst].get("vessel", "")
     return FlushLimit(drop * wall_shear_pa / shear[worst], wall_shear_pa, str(name))
+
+
+@dataclass(frozen=True)
+class RampState:
+    """Warming as it stands.
+
+    Attributes
+    ----------
+    heater : str
+    target_c : float, °C
+    rate_c_min : float, °C/min
+    now_c, set_c : float or None, °C
+        What the heater has, and is set to now.
+    going_on : bool
+        Whether the target is still being raised.
+    message : str
+    """
+
+    heater: str
+    target_c: float
+    rate_c_min: float
+    now_c: float | None
+    set_c: float | None
+    going_on: bool
+    message: str
+
+
+class Warming(BaseModel):
+    """A heater to be warmed at a rate."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    heater: Annotated[str, Field(max_length=40)] = "bed"
+    target_c: Annotated[float, Field(ge=0, le=60, description="°C.")]
+    rate_c_min: Annotated[float, Field(gt=0, le=20, description="°C/min.")] = 1.0
 
 
 class Ramp:
@@ -197,18 +229,18 @@ class Ramp:
         """Whether the target is still being raised."""
         return self._thread.is_alive()
 
-    def to_dict(self) -> dict[str, Any]:
-        """As a JSON object, with what the heater has now."""
+    def state(self) -> RampState:
+        """Return it as it stands, with what the heater has now."""
         now_c, set_c = self._printing.temperatures().get(self.heater, (None, None))
-        return {
-            "heater": self.heater,
-            "target_c": self.target_c,
-            "rate_c_min": self.rate_c_min,
-            "now_c": now_c,
-            "set_c": set_c,
-            "going_on": self.going_on,
-            "message": self.message,
-        }
+        return RampState(
+            self.heater,
+            self.target_c,
+            self.rate_c_min,
+            now_c,
+            set_c,
+            self.going_on,
+            self.message,
+        )
 
     def _work(self) -> None:
         while not self._ended.is_set():
@@ -262,10 +294,6 @@ class Viability:
     words: str
     state: Literal["unknown", "in time", "close", "late"]
 
-    def to_dict(self) -> dict[str, Any]:
-        """As a JSON object."""
-        return asdict(self)
-
 
 def viability(
     record: PrintRecord, budget: Budget | None, now: float, remaining_s: float | None
@@ -313,6 +341,44 @@ def viability(
 _LONGEST_NOTE = 10_000
 
 
+@dataclass(frozen=True)
+class Step:
+    """A step after the print.
+
+    Attributes
+    ----------
+    id, text : str
+    done : bool
+    at : float or None
+        When that was said, s since 1970.
+    who : str
+    """
+
+    id: str
+    text: str
+    done: bool
+    at: float | None
+    who: str
+
+
+@dataclass(frozen=True)
+class Note:
+    """A note of a print: when (s since 1970), whose, and what."""
+
+    at: float
+    who: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photo of a print: when it was added (s since 1970), by whom, its file's name."""
+
+    at: float
+    who: str
+    name: str
+
+
 class Aftercare:
     """Steps to tick, notes, photos, the bath's warming.
 
@@ -342,56 +408,54 @@ class Aftercare:
         if self._ramp is not None:
             self._ramp.end()
 
-    @property
-    def warming(self) -> bool:
-        """Whether there is a ramp to tell of."""
-        return self._ramp is not None
-
-    def steps(self, job: str) -> list[dict[str, Any]]:
+    def steps(self, job: str) -> list[Step]:
         """Steps after the job's last print, each with who ticked it when."""
-        record = self._record(job)
-        ticks = {} if record is None else {one["step"]: one for one in record.get("steps", [])}
-        return [
-            {
-                **step,
-                "done": bool(ticks.get(step["id"], {}).get("done")),
-                "at": ticks.get(step["id"], {}).get("at"),
-                "who": ticks.get(step["id"], {}).get("who", ""),
-            }
-            for step in steps_for(self.bath(job))
-        ]
+        ticks = {one["step"]: one for one in self._listed(job, "steps")}
+        steps = []
+        for step in steps_for(self.bath(job)):
+            tick = ticks.get(step["id"], {})
+            steps.append(
+                Step(
+                    step["id"],
+                    step["text"],
+                    bool(tick.get("done")),
+                    tick.get("at"),
+                    tick.get("who", ""),
+                )
+            )
+        return steps
 
-    def tick(self, who: Principal, job: str, step: str, done: bool) -> list[dict[str, Any]]:
+    def tick(self, who: Principal, job: str, step: str, done: bool) -> list[Step]:
         """Say that a step is done, or that it isn't after all; saying it twice does no harm."""
-        now = {one["id"]: one["done"] for one in self.steps(job)}
+        now = {one.id: one.done for one in self.steps(job)}
         if step not in now:
             raise NotFoundError(f"there is no step {step[:80]!r}; there are {', '.join(now)}")
         if now[step] is not done:
             self._records.add(self._last(job), _name(who), "steps", {"step": step, "done": done})
         return self.steps(job)
 
-    def note(self, who: Principal, job: str, text: str) -> list[dict[str, Any]]:
+    def note(self, who: Principal, job: str, text: str) -> list[Note]:
         """Write a note down; gives all."""
         if not text.strip() or len(text) > _LONGEST_NOTE:
             raise BadRequestError(f"a note has 1 to {_LONGEST_NOTE} characters, not {len(text)}")
         self._records.add(self._last(job), _name(who), "notes", {"text": text})
         return self.notes(job)
 
-    def notes(self, job: str) -> list[dict[str, Any]]:
+    def notes(self, job: str) -> list[Note]:
         """Notes of the job's last print."""
-        record = self._record(job)
-        return [] if record is None else list(record.get("notes", []))
+        listed = self._listed(job, "notes")
+        return [Note(one["at"], one["who"], one["text"]) for one in listed]
 
-    def add_photo(self, who: Principal, job: str, data: bytes) -> list[dict[str, Any]]:
+    def add_photo(self, who: Principal, job: str, data: bytes) -> list[Photo]:
         """Keep a photo; gives all."""
         name = keep_photo(self._photos(job), data)
         self._records.add(self._last(job), _name(who), "photos", {"name": name})
         return self.photos(job)
 
-    def photos(self, job: str) -> list[dict[str, Any]]:
+    def photos(self, job: str) -> list[Photo]:
         """Photos of the job's last print."""
-        record = self._record(job)
-        return [] if record is None else list(record.get("photos", []))
+        listed = self._listed(job, "photos")
+        return [Photo(one["at"], one["who"], one["name"]) for one in listed]
 
     def photo(self, job: str, name: str) -> Path:
         """File of a photo."""
@@ -407,28 +471,32 @@ class Aftercare:
         allowed = wall_shear_pa or float(checklist()["flush"]["wall_shear_pa"])
         return flush_limit(self._core.workspace.job_file(job).with_name("flow.csv"), allowed)
 
-    def melt_out(
-        self, who: Principal, heater: str, target_c: float, rate_c_min: float
-    ) -> dict[str, Any]:
+    def warming_of(self, job: str) -> Warming:
+        """Return how the bath of a job's print is melted out; 37 °C where its profile is silent."""
+        bath = self.bath(job)
+        target = bath.melt_out_c if bath is not None and bath.melt_out_c else 37.0
+        return Warming(target_c=target, rate_c_min=checklist()["melt_out"]["rate_c_min"])
+
+    def melt_out(self, who: Principal, warming: Warming) -> RampState:
         """Warm slowly; a ramp that goes on is replaced."""
         self._core.controls.require(who)
         with self._lock:
             if self._ramp is not None:
                 self._ramp.end()
-            self._ramp = Ramp(self._printing, heater, target_c, rate_c_min)
-            return self._ramp.to_dict()
+            self._ramp = Ramp(self._printing, warming.heater, warming.target_c, warming.rate_c_min)
+            return self._ramp.state()
 
-    def melting(self) -> dict[str, Any] | None:
+    def melting(self) -> RampState | None:
         """The ramp as it stands; None where there was none."""
         with self._lock:
-            return None if self._ramp is None else self._ramp.to_dict()
+            return None if self._ramp is None else self._ramp.state()
 
-    def stop_melting(self) -> dict[str, Any] | None:
+    def stop_melting(self) -> RampState | None:
         """Raise the target no further; needs no controls."""
         with self._lock:
             if self._ramp is not None:
                 self._ramp.end()
-            return None if self._ramp is None else self._ramp.to_dict()
+            return None if self._ramp is None else self._ramp.state()
 
     def _last(self, job: str) -> str:
         """Record of the last print that was started, else the one being filled in."""
@@ -438,9 +506,13 @@ class Aftercare:
                 return record
         return self._records.current(job)
 
-    def _record(self, job: str) -> dict[str, Any] | None:
+    def _listed(self, job: str, sort: str) -> list[dict[str, Any]]:
+        """Return a list of the record of the job's last print."""
         self._core.workspace.job_file(job)
-        return self._records.load(self._last(job)) if self._records.of_job(job) else None
+        if not self._records.of_job(job):
+            return []
+        listed: list[dict[str, Any]] = self._records.load(self._last(job)).get(sort, [])
+        return listed
 
     def _photos(self, job: str) -> Path:
         workspace = self._core.workspace

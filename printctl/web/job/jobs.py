@@ -6,7 +6,7 @@ import codecs
 import json
 import logging
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, Any, Final
@@ -56,10 +56,6 @@ class JobEntry:
     layers: int | None = None
     vessels: int | None = None
     commands: int | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """As a JSON object."""
-        return asdict(self)
 
 
 def list_jobs(workspace: Workspace, facts: Path) -> list[JobEntry]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, Literal
 from fastapi import APIRouter, Query, Request, Response
 from fastapi import Path as PathParam
 from PIL import Image
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 from printctl.observe.look_words import outcome_words, proposal_words, seen_words
 from printctl.observe.records import (
@@ -64,37 +64,55 @@ def small_picture(path: Path, changed_ns: int, width_px: int) -> bytes | None:
 
 
 @dataclass(frozen=True)
-class LookTold:
-    """One look as the page tells it.
+class LookReport:
+    """One look at an observed print.
 
     Attributes
     ----------
-    record : LookRecord
+    number : int
+        From 1.
+    mark : str
+        What had ended there.
+    done, job_line : int
+        Command lines of the growing job that were taken; the same without inserts.
+    at : float, s since 1970
+    decision : "go_on", "flow", "mend", "pause" or "stop"
+    why : str
+    asked : "mend", "flow", "pause" or empty
+        What the operator is asked to approve; empty for nothing.
+    factor : float or None
+        Flow factor that was put in force, or is proposed.
+    found : dict
+        Figures: seen_share, coverage, width_ratio, gaps, shift_mm, blobs, ink.
+    seconds : dict of str to float
+        How long each part of the look took.
     answer : "approve", "go_on", "stop" or None
         The operator's word; None while there is none.
     waits : bool
-        Whether the print is held for the operator's word on this look.
+        Whether the print is held for the operator's word on it.
     pictured : float
         When its picture was written, s since 1970; 0 for no picture.
+    seen, proposed, outcome : str
+        How much was seen, what is proposed and what came of it, in words; empty for nothing.
     """
 
-    record: LookRecord
+    number: int
+    mark: str
+    done: int
+    job_line: int
+    at: float
+    decision: str
+    why: str
+    asked: str
+    factor: float | None
+    found: dict[str, Any]
+    seconds: dict[str, float]
     answer: Answer | None
     waits: bool
     pictured: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """As a JSON object, with the words that a person is told."""
-        record = {name: value for name, value in asdict(self.record).items() if name != "control"}
-        return {
-            **record,
-            "answer": self.answer,
-            "waits": self.waits,
-            "pictured": self.pictured,
-            "seen": seen_words(self.record),
-            "proposed": proposal_words(self.record),
-            "outcome": outcome_words(self.record, self.answer),
-        }
+    seen: str
+    proposed: str
+    outcome: str
 
 
 class LookService:
@@ -110,7 +128,7 @@ class LookService:
     def __init__(self, core: Core, heard: Callable[[str], PrintReport | None]) -> None:
         self._core, self._heard = core, heard
 
-    def looks(self, job: str) -> list[LookTold]:
+    def looks(self, job: str) -> list[LookReport]:
         """Every look at the job's last print, in their order; none of an earlier print's.
 
         Raises
@@ -119,7 +137,7 @@ class LookService:
         """
         heard = self._print(job)
         looks = read_looks(heard.folder, heard.journal.started)
-        return [self._told(heard, one) for one in looks]
+        return [_reported(heard, one) for one in looks]
 
     def picture(self, job: str, number: int, width_px: int) -> bytes:
         """A look's picture with what was expected and found, as JPEG.
@@ -141,7 +159,7 @@ class LookService:
             raise NotFoundError(f"there is no picture of look {number} of {job}")
         return picture
 
-    def answer(self, who: Principal, job: str, number: int, word: Answer) -> LookTold:
+    def answer(self, who: Principal, job: str, number: int, word: Answer) -> LookReport:
         """Leave the operator's word for the observer; a stop needs no controls.
 
         Saying the same again does no harm.
@@ -154,19 +172,19 @@ class LookService:
         """
         if word != "stop":
             self._core.controls.require(who)
-        look = next((one for one in self.looks(job) if one.record.number == number), None)
+        look = next((one for one in self.looks(job) if one.number == number), None)
         if look is None:
             raise NotFoundError(f"there is no look {number} at the print of {job}")
         if look.answer == word:
             return look
         heard = self._print(job)
-        _refuse_unheard(heard, look)
+        _refuse_unanswerable(heard, look)
         try:
             refuse_unheard(heard.folder)
             answer_look(heard.folder, number, word)
         except ValueError as exc:
             raise ConflictError(str(exc)) from exc
-        return self._told(heard, look.record)
+        return next(one for one in self.looks(job) if one.number == number)
 
     def _print(self, job: str) -> PrintReport:
         heard = self._heard(job)
@@ -174,17 +192,26 @@ class LookService:
             raise NotFoundError(f"no print of {job} was ever started")
         return heard
 
-    def _told(self, heard: PrintReport, record: LookRecord) -> LookTold:
-        answer = answer_of(heard.folder, record.number) if record.asked else None
-        waits = bool(record.asked) and answer is None and held_for(heard.status, record.number)
-        picture = look_picture(heard.folder, record.number)
-        at = 0.0 if picture is None else picture.stat().st_mtime
-        return LookTold(record, answer, waits, at)
+
+def _reported(heard: PrintReport, record: LookRecord) -> LookReport:
+    """Return a look with the operator's word and what is read."""
+    answer = answer_of(heard.folder, record.number) if record.asked else None
+    picture = look_picture(heard.folder, record.number)
+    values = {name: value for name, value in vars(record).items() if name != "control"}
+    return LookReport(
+        **values,
+        answer=answer,
+        waits=bool(record.asked) and answer is None and held_for(heard.status, record.number),
+        pictured=0.0 if picture is None else picture.stat().st_mtime,
+        seen=seen_words(record),
+        proposed=proposal_words(record),
+        outcome=outcome_words(record, answer),
+    )
 
 
-def _refuse_unheard(heard: PrintReport, look: LookTold) -> None:
+def _refuse_unanswerable(heard: PrintReport, look: LookReport) -> None:
     """Refuse an answer that nobody waits for."""
-    number = look.record.number
+    number = look.number
     if look.answer is not None:
         raise ConflictError(f"look {number} was answered before: {look.answer}")
     if not look.waits:
@@ -202,34 +229,6 @@ Number = Annotated[int, PathParam(ge=1, le=10**6, description="Of the look, from
 Width = Annotated[int, Query(ge=64, le=4096, description="At most so wide, px.")]
 
 
-class LookResponse(BaseModel):
-    """One look at an observed print."""
-
-    number: int = Field(description="From 1.")
-    mark: str = Field(description="What had ended there.")
-    done: int = Field(description="Command lines of the growing job that were taken.")
-    job_line: int = Field(description="The same, without inserts.")
-    at: float = Field(description="s since 1970.")
-    decision: Literal["go_on", "flow", "mend", "pause", "stop"]
-    why: str
-    asked: Literal["", "mend", "flow", "pause"] = Field(
-        description="What the operator is asked to approve; empty for nothing."
-    )
-    factor: float | None = Field(description="Flow factor that was put in force, or is proposed.")
-    found: dict[str, Any] = Field(
-        description="Figures: seen_share, coverage, width_ratio, gaps, shift_mm, blobs, ink."
-    )
-    seconds: dict[str, float]
-    answer: Literal["approve", "go_on", "stop"] | None = Field(
-        description="The operator's word; null while there is none."
-    )
-    waits: bool = Field(description="Whether the print is held for the operator's word on it.")
-    pictured: float = Field(description="Of its picture, s since 1970; 0 for none.")
-    seen: str = Field(description="How much was seen, as people read.")
-    proposed: str = Field(description="What is proposed, as people read; empty for nothing.")
-    outcome: str = Field(description="What came of it, as people read.")
-
-
 class AnswerRequest(BaseModel):
     """The operator's word on a look, as ``printctl observe answer`` takes it."""
 
@@ -244,8 +243,8 @@ def add_routes(
     """Add them to the job's room; ``who`` gives the requesting user."""
 
     @routes.get("/prints/{job}/looks", tags=["looks"], summary="Looks at the last print")
-    def looks(job: Job) -> list[LookResponse]:
-        return [_response(one) for one in service.looks(job)]
+    def looks(job: Job) -> list[LookReport]:
+        return service.looks(job)
 
     @routes.get(
         "/prints/{job}/looks/{number}/picture",
@@ -263,10 +262,5 @@ def add_routes(
         tags=["looks"],
         summary="Answer a look that asks; 409 where the print doesn't wait for it",
     )
-    def answer(job: Job, number: Number, given: AnswerRequest, request: Request) -> LookResponse:
-        asking: Principal = who(request)
-        return _response(service.answer(asking, job, number, given.answer))
-
-
-def _response(look: LookTold) -> LookResponse:
-    return LookResponse.model_validate(look.to_dict())
+    def answer(job: Job, number: Number, given: AnswerRequest, request: Request) -> LookReport:
+        return service.answer(who(request), job, number, given.answer)

@@ -1,18 +1,21 @@
-"""Printer interface of the Job page: mounted items, tip position, print start; set-up checks."""
+"""Printer interface of the Job page: mounted items, tip position, print start."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
-from printctl.checks.set_up import Check
+from pydantic import computed_field
+from pydantic.dataclasses import dataclass
+
 from printctl.machine.link.client import PrintClient
 from printctl.machine.printing import Order
+from printctl.machine.printing.simulated import SIMULATED
 from printctl.web.job.set_up import JobSetUp
 
-AGREES_MM = 0.05
-"""A tip that stands farther from the job's start would write beside its place."""
+PARTS: Final = ("needle", "syringe", "ink", "bath", "dish")
+"""What can be mounted on a printer."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,8 @@ class Machine:
     profile, port : str
     ready : bool
         Whether it would take a print now.
+    state : str
+        Of the station: ready, busy, printing, halted, ...
     message : str
         What it is doing, or what to do.
     tip_mm : (x, y, z) or None, mm
@@ -41,6 +46,7 @@ class Machine:
     profile: str
     port: str
     ready: bool = True
+    state: str = "ready"
     message: str = ""
     tip_mm: tuple[float, float, float] | None = None
     mounted: dict[str, str] = field(default_factory=dict)
@@ -49,10 +55,17 @@ class Machine:
     ul_left: float | None = None
     touch_off_due: bool = False
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def words(self) -> str:
         """What a person confirms before it moves."""
         return f"{Path(self.profile).stem} on {self.port}"
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def simulated(self) -> bool:
+        """Whether it is no machine, so that there is nothing to look at."""
+        return self.port == SIMULATED
 
 
 class Printing(Protocol):
@@ -95,82 +108,3 @@ def set_up_of(
     if machine.bath_depth_mm is not None and machine.bath_depth_mm > 0 and values["dish"]:
         values["bath_depth_mm"] = machine.bath_depth_mm
     return JobSetUp.model_validate(values)
-
-
-def mounted_checks(machine: Machine | None, set_up: JobSetUp, ink_ul: float) -> list[Check]:
-    """What was said of the job's set-up against what is known of the printer.
-
-    Parameters
-    ----------
-    machine : Machine or None
-    set_up : JobSetUp
-    ink_ul : float, µL
-        What the job takes out of the syringe.
-    """
-    if machine is None:
-        return [_asked("printer", "none is connected; connect it on the page Printer")]
-    checks = [] if machine.ready else [_asked("printer", f"isn't ready: {machine.message}")]
-    if machine.profile != set_up.printer:
-        checks.append(
-            _asked(
-                "printer's profile",
-                f"{machine.profile} is connected, and {set_up.printer} was checked; choose "
-                "the connected one",
-            )
-        )
-    for key, there in machine.mounted.items():
-        wanted = getattr(set_up, key)
-        if there and wanted != there:
-            checks.append(
-                _asked(
-                    key,
-                    f"{there} is mounted, and {wanted or 'none'} was checked; choose what is "
-                    "mounted, or say on the page Printer what is",
-                )
-            )
-    if machine.touch_off_due:
-        checks.append(
-            _asked(
-                "needle's touch-off",
-                f"{machine.mounted.get('needle')} hasn't touched the dish's floor since it was put "
-                "on; touch it off on the page Printer",
-            )
-        )
-    return [*checks, *_place(machine, set_up), *_enough(machine, set_up, ink_ul)]
-
-
-def _asked(what: str, remedy: str) -> Check:
-    return Check(what, 0, 0, "", False, "", remedy)
-
-
-def _place(machine: Machine, set_up: JobSetUp) -> list[Check]:
-    if machine.tip_mm is None:
-        return [
-            _asked(
-                "where the tip stands",
-                "not known to the printer; home it without the needle, or touch off and tell the "
-                "position on the page Printer",
-            )
-        ]
-    away = max(abs(a - b) for a, b in zip(machine.tip_mm, set_up.start_mm, strict=True))
-    remedy = "move the tip to the start, or take the place where it stands as the start"
-    return [
-        Check("tip's distance from the start", away, AGREES_MM, "mm", away <= AGREES_MM, "", remedy)
-    ]
-
-
-def _enough(machine: Machine, set_up: JobSetUp, ink_ul: float) -> list[Check]:
-    if machine.ul_left is None or set_up.care.reload:
-        return []
-    remedy = "fill the syringe (page Printer), or allow changes of syringe"
-    return [
-        Check(
-            "ink that the job takes, of what is in the syringe",
-            ink_ul,
-            machine.ul_left,
-            "µL",
-            ink_ul <= machine.ul_left,
-            "",
-            remedy,
-        )
-    ]

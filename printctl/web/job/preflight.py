@@ -6,14 +6,16 @@ import hashlib
 import json
 import math
 import threading
+import time
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
 from printctl.checks.set_up import Check
-from printctl.errors import SafetyError
 from printctl.machine.printing.job_table import JobTable
 from printctl.web.errors import BadRequestError
 from printctl.web.job.set_up import JobSetUp, Question
@@ -22,6 +24,8 @@ from printctl.web.workspace import file_hash
 
 _VERSION: Final = 2
 _LONGEST_S: Final = 900.0
+_REFUSED_AGAIN_S: Final = 60.0
+"""So long a job that can't be used is refused without another look at it."""
 
 
 @dataclass(frozen=True)
@@ -43,25 +47,80 @@ class Preflight:
     checks: tuple[Check, ...]
     table: Path
 
-    @property
-    def passed(self) -> bool:
-        """Whether nothing refuses the print."""
-        return not any(check.refuses for check in self.checks)
 
-    def rows(self) -> list[dict[str, Any]]:
-        """For the page and the API: each check with its answer in a word."""
-        return [row(check) for check in self.checks]
+@dataclass(frozen=True)
+class CheckRow:
+    """One check before the print; a question to a person has no numbers.
+
+    Attributes
+    ----------
+    check : str
+        What was looked at.
+    result : "passed", "failed" or "warning"
+    value, limit : float or None
+        What was found and what is allowed, in `unit`.
+    unit : str
+    passed : bool
+    place : str
+        Line of the G-code, or key of a profile.
+    remedy : str
+    weight : "refuses" or "warns"
+    """
+
+    check: str
+    result: Literal["passed", "failed", "warning"]
+    value: float | None
+    limit: float | None
+    unit: str
+    passed: bool
+    place: str
+    remedy: str
+    weight: Literal["refuses", "warns"]
 
 
-def row(check: Check) -> dict[str, Any]:
-    """A check with its answer in a word; a question to a person has no numbers."""
-    result = "passed" if check.passed else "failed" if check.refuses else "warning"
-    asked = check.value == check.limit == 0 and not check.unit
-    shown = {
-        key: None if asked or not math.isfinite(number) else number
-        for key, number in (("value", check.value), ("limit", check.limit))
-    }
-    return {**check.as_dict(), **shown, "result": result}
+def row(check: Check) -> CheckRow:
+    """Return a check with its answer in a word."""
+    no_numbers = check.value == check.limit == 0 and not check.unit
+
+    def shown(number: float) -> float | None:
+        return None if no_numbers or not math.isfinite(number) else number
+
+    return CheckRow(
+        check=check.check,
+        result="passed" if check.passed else "failed" if check.refuses else "warning",
+        value=shown(check.value),
+        limit=shown(check.limit),
+        unit=check.unit,
+        passed=check.passed,
+        place=check.place,
+        remedy=check.remedy,
+        weight=check.weight,
+    )
+
+
+class PreflightReport(BaseModel):
+    """The list of checks, and what the dry run found."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    job: str
+    key: str = Field(description="Of the job's content and the set-up.")
+    passed: bool = Field(description="Whether nothing refuses the print.")
+    checks: list[CheckRow]
+    sha256: str
+    duration_s: float
+    layers: int
+    vessels: int
+    ink_ul: float
+    accepted: list[str] = Field(description="What failed and was accepted; the journal keeps it.")
+    reload_at: list[int] = Field(description="Commands before each change of syringe.")
+
+
+def report(job: str, checked: Preflight, before: list[CheckRow] | None = None) -> PreflightReport:
+    """Return what was found of a job, behind the rows ``before``."""
+    checks = [*(before or []), *map(row, checked.checks)]
+    passed = all(one.result != "failed" for one in checks)
+    return PreflightReport(job=job, key=checked.key, passed=passed, checks=checks, **checked.facts)
 
 
 class Preflights:
@@ -76,6 +135,7 @@ class Preflights:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._one = threading.Lock()
+        self._unusable: dict[str, tuple[float, str]] = {}
 
     def of(self, gcode: Path, set_up: JobSetUp) -> Preflight:
         """Check a job, or remember what was found; blocks for as long as the dry run takes.
@@ -89,30 +149,34 @@ class Preflights:
         """
         key = key_of(gcode, set_up)
         answer, table = self._folder / f"{key}.json", self._folder / f"{key}.npz"
+        self._refuse_unusable(key)
         with self._one:  # two dry runs at a time would be in each other's way, and in the print's
             if not (answer.is_file() and table.is_file()):
                 self._folder.mkdir(parents=True, exist_ok=True)
                 checked = _ask(Question(gcode, set_up, table))
+                if "error" in checked:
+                    self._unusable[key] = time.monotonic(), checked["error"]
+                    raise BadRequestError(checked["error"])
                 write_text(answer, json.dumps(checked) + "\n")
         return _read(key, answer, table)
 
     def known(self, gcode: Path, set_up: JobSetUp) -> Preflight | None:
-        """What was found before; None where nobody has looked."""
+        """What was found before; None where nobody has looked.
+
+        Raises
+        ------
+        BadRequestError
+            As it was raised then.
+        """
         key = key_of(gcode, set_up)
+        self._refuse_unusable(key)
         answer, table = self._folder / f"{key}.json", self._folder / f"{key}.npz"
         return _read(key, answer, table) if answer.is_file() and table.is_file() else None
 
-
-def refuse(checks: list[Check]) -> None:
-    """Refuse a print while anything fails.
-
-    Raises
-    ------
-    SafetyError
-    """
-    failed = [check.sentence() for check in checks if check.refuses]
-    if failed:
-        raise SafetyError("the print isn't started: " + "; ".join(failed))
+    def _refuse_unusable(self, key: str) -> None:
+        at, message = self._unusable.get(key, (0.0, ""))
+        if message and time.monotonic() - at < _REFUSED_AGAIN_S:
+            raise BadRequestError(message)
 
 
 def key_of(gcode: Path, set_up: JobSetUp) -> str:
@@ -152,8 +216,6 @@ def _ask(question: Question) -> dict[str, Any]:
         died=f"{name} couldn't be checked, the process ended",
     )
     checked: dict[str, Any] = json.loads(reply)
-    if "error" in checked:
-        raise BadRequestError(checked["error"])
     return checked
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Final, Literal
+from dataclasses import dataclass
+from typing import Final, Literal
 
 from printctl.machine.link.client import PrintClient, attach
 from printctl.machine.link.marks import MarkKind
@@ -27,6 +28,39 @@ from printctl.web.workspace import checked_name
 After = Literal["now", "layer", "vessel"]
 _HELD: Final = (LinkState.PAUSED, LinkState.PAUSING)
 _GOING: Final = (LinkState.PRINTING, LinkState.RESUMING)
+
+
+@dataclass(frozen=True)
+class RestPlan:
+    """How to go on after the position was lost.
+
+    Attributes
+    ----------
+    lines_left_out : int
+        Commands of the job that aren't printed again.
+    steps : tuple of str
+        What a person does first, in order.
+    start_mm : (x, y, z) or None, mm
+    """
+
+    lines_left_out: int
+    steps: tuple[str, ...]
+    start_mm: tuple[float, float, float] | None
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The rest of a print, as a job of its own.
+
+    Attributes
+    ----------
+    job : str
+    steps : tuple of str
+        What a person does first, in order.
+    """
+
+    job: str
+    steps: tuple[str, ...]
 
 
 class PrintCommands:
@@ -116,7 +150,12 @@ class PrintCommands:
         """Plan the rest of a print that can't be gone on with; nothing is written or sent."""
         return planned(self._core.workspace.print_folder(job), from_line)
 
-    def recover(self, who: Principal, job: str, from_line: int | None = None) -> dict[str, Any]:
+    def rest_plan(self, job: str, from_line: int | None = None) -> RestPlan:
+        """Return what a person is told of `recovery`."""
+        plan = self.recovery(job, from_line)
+        return RestPlan(plan.begin, tuple(plan.steps), plan.start)
+
+    def recover(self, who: Principal, job: str, from_line: int | None = None) -> Rest:
         """Write the rest of a print as a job of the workspace; give its name and what to do first.
 
         Nothing is sent to the printer.
@@ -126,7 +165,7 @@ class PrintCommands:
         name = f"{job.partition('~')[2].removesuffix('.gcode')}.rest.gcode"
         file = workspace.root / "jobs" / checked_name(name)
         written = write_rest(workspace.print_folder(job), self.recovery(job, from_line), file)
-        return {"job": f"file~{name}", "steps": written["steps"]}
+        return Rest(f"file~{name}", tuple(written["steps"]))
 
     def give_up(self, who: Principal, job: str) -> Status:
         """Write down that a print which was broken off isn't gone on with."""

@@ -18,7 +18,7 @@ from printctl.machine.print_state.state import keep_table, kept_table, read_prin
 from printctl.machine.printing.job_table import JobTable
 from printctl.machine.printing.journal_facts import read_journal_facts
 from printctl.machine.station.record import RECORD as STATION_RECORD
-from printctl.web.job.following import PrintFollower, PrintReport
+from printctl.web.job.following import PrintFollower, PrintReport, Tell
 from printctl.web.job.preflight import Preflights, load_table
 from printctl.web.job.record import Records
 from printctl.web.job.set_up import JobSetUp
@@ -181,7 +181,8 @@ class Prints:
             before = self._followers.get(job)
             if before is not None and (before.session == session if before.over else before.alive):
                 return
-            follower = PrintFollower(job, folder, lambda: self._table(job, folder), self._hear)
+            tell: Tell = lambda heard: self._hear(heard, follower)  # noqa: E731
+            follower = PrintFollower(job, folder, lambda: self._table(job, folder), tell)
             self._followers[job] = follower
             follower.begin()
 
@@ -265,7 +266,13 @@ class Prints:
         if known is not None:
             keep_table(folder, sha256, load_table(known.table))
 
-    def _hear(self, heard: PrintReport) -> None:
+    def _hear(self, heard: PrintReport, follower: PrintFollower) -> None:
+        """Tell of a print, unless another one of its job is followed by now.
+
+        The table of a long job is made in minutes: it may come after the next print has begun.
+        """
+        if self._followers.get(heard.job) is not follower:
+            return
         if heard.status.ended:
             self._note_end(heard)
         self._tell(heard)

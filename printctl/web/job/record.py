@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -19,6 +20,11 @@ from printctl.web.workspace import checked_name
 
 Line = Annotated[str, Field(max_length=200)]
 Text = Annotated[str, Field(max_length=10_000)]
+
+
+LASTING_POINTS: Final = ("profile", "stop")
+"""Points of the list before the start that hold for the next print, too: the others are of what
+each print brings with it (dish, needle, syringe, warmth, the way to the start)."""
 
 
 class PrintRecord(BaseModel):
@@ -101,6 +107,8 @@ class Records:
     def change(self, record: str, who: str, changes: Mapping[str, Any]) -> PrintRecord:
         """Say something of a print; what was said before stays in the changes.
 
+        Of ``ticked`` the points that are named change: two ticks may come at once.
+
         Raises
         ------
         BadRequestError
@@ -109,6 +117,8 @@ class Records:
         with self._lock:
             found = self.load(record)
             try:
+                if isinstance(ticked := changes.get("ticked"), dict):
+                    changes = {**changes, "ticked": {**found["values"]["ticked"], **ticked}}
                 new = PrintRecord.model_validate({**found["values"], **changes})
             except ValueError as exc:
                 raise BadRequestError(f"the record can't say that: {exc}") from exc
@@ -136,10 +146,29 @@ class Records:
                 self._save({**values, **changes}, who, changes)
 
     def _new(self, job: str) -> str:
+        """Make a record, with what the last print's says but for what holds for that one alone."""
         name = f"{job}~{time.strftime('%Y%m%d-%H%M%S', time.gmtime())}"
-        values = PrintRecord().model_dump(mode="json")
-        self._save({"id": name, "job": job, "values": values, "changes": []}, "", {})
+        before = self._last_started()
+        values = PrintRecord.model_validate(before.get("values", {}))
+        ticked = {one: True for one in LASTING_POINTS if values.ticked.get(one)}
+        values = values.model_copy(
+            update={"mixed_at": None, "viability_percent": None, "ticked": ticked}
+        )
+        record = {"id": name, "job": job, "values": values.model_dump(mode="json"), "changes": []}
+        if before:
+            record["remembered_from"] = before["id"]
+        self._save(record, "", {})
         return name
+
+    def _last_started(self) -> dict[str, Any]:
+        """The record of the print that was started last; empty where none was."""
+        by_time = sorted(self._folder.glob("*~*~*.json"), key=lambda one: one.stem[-15:])
+        for path in reversed(by_time):
+            with contextlib.suppress(NotFoundError, ConflictError, BadRequestError):
+                record = self.load(path.stem)
+                if record.get("started"):
+                    return record
+        return {}
 
     def _save(self, values: dict[str, Any], who: str, changes: Mapping[str, Any]) -> None:
         if changes:

@@ -2,25 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
 from typing import Annotated, Any, Final, Literal
+from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, File, Path, Query, Request, UploadFile
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from printctl.machine.link.states import Status
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.print_state.actions import Possible
+from printctl.machine.print_state.alerts import Alert
+from printctl.machine.printing.mend_strokes import MendStrokes
+from printctl.machine.printing.progress import Progress
 from printctl.web.api import API
 from printctl.web.controls import Principal
 from printctl.web.errors import NotFoundError
 from printctl.web.job import looks as look_routes
-from printctl.web.job.aftercare import MOST_BYTES, checklist
+from printctl.web.job.aftercare import (
+    MOST_BYTES,
+    FlushLimit,
+    Note,
+    Photo,
+    RampState,
+    Step,
+    Viability,
+    Warming,
+    checklist,
+)
 from printctl.web.job.camera.routes import add_routes
 from printctl.web.job.following import PrintReport
+from printctl.web.job.jobs import JobEntry
 from printctl.web.job.machine import Machine
+from printctl.web.job.preflight import PreflightReport
+from printctl.web.job.print_commands import Rest, RestPlan
+from printctl.web.job.readiness import Readiness
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp, Millimetre
+from printctl.web.live.routes import preload
 from printctl.web.live.routes import router as live_router
 
 # Request and response types of the Job page's REST routes.
@@ -36,72 +58,28 @@ class ResponseModel(BaseModel):
     """What is answered."""
 
 
-class JobResponse(ResponseModel):
-    """A job, and what is known of it without a dry run."""
+@dataclass(frozen=True)
+class Form:
+    """The set-up filled in, and what it is chosen from.
 
-    id: str = Field(description="run~NAME or file~NAME.")
-    name: str
-    sha256: str
-    size: int = Field(description="Bytes.")
-    changed: float = Field(description="s since 1970.")
-    duration_s: float | None = Field(description="By the dry run; null before the first.")
-    ink_ul: float | None
-    layers: int | None = Field(description="Passes of an embedded print.")
-    vessels: int | None
-    commands: int | None
-
-
-class CheckResponse(ResponseModel):
-    """One check before the print."""
-
-    check: str = Field(description="What was looked at.")
-    result: Literal["passed", "failed", "warning"]
-    value: float | None = Field(description="What was found, in `unit`.")
-    limit: float | None = Field(description="What is allowed, in `unit`.")
-    unit: str
-    passed: bool
-    place: str = Field(description="Line of the G-code, or key of a profile.")
-    remedy: str
-    weight: Literal["refuses", "warns"]
-
-
-class PreflightResponse(ResponseModel):
-    """The list of checks, and what the dry run found."""
-
-    model_config = ConfigDict(extra="allow")
-
-    job: str
-    key: str = Field(description="Of the job's content and the set-up.")
-    passed: bool = Field(description="Whether nothing refuses the print.")
-    checks: list[CheckResponse]
-    sha256: str
-    duration_s: float
-    layers: int
-    vessels: int
-    ink_ul: float
-    accepted: list[str] = Field(description="What failed and was accepted; the journal keeps it.")
-    reload_at: list[int] = Field(description="Commands before each change of syringe.")
-
-
-class MachineResponse(ResponseModel):
-    """The printer that is connected."""
-
-    profile: str
-    port: str
-    ready: bool
-    message: str
-    words: str = Field(description="What `confirmed` must say at the start.")
-    tip_mm: tuple[float, float, float] | None
-    mounted: dict[str, str]
-    ul_left: float | None
-
-
-class FormResponse(ResponseModel):
-    """The set-up filled in, and the printer."""
+    Attributes
+    ----------
+    set_up : JobSetUp
+    machine : Machine or None
+        The printer that is connected.
+    checklist : list
+        Points to tick before the start.
+    choices : dict
+        Profiles that can be named: of each part their value and their name.
+    declared : bool
+        Whether the job itself says where it starts.
+    """
 
     set_up: JobSetUp
-    machine: MachineResponse | None
-    checklist: list[dict[str, str]] = Field(description="Points to tick before the start.")
+    machine: Machine | None
+    checklist: list[dict[str, str]]
+    choices: dict[str, dict[str, str]]
+    declared: bool
 
 
 class PreflightRequest(RequestModel):
@@ -123,12 +101,6 @@ class ToStartRequest(RequestModel):
     start_mm: tuple[Millimetre, Millimetre, Millimetre] | None = Field(
         default=None, description="As the set-up is filled in if left out."
     )
-
-
-class TipResponse(BaseModel):
-    """Where the tip stands now."""
-
-    tip_mm: tuple[float, float, float] | None
 
 
 class PauseRequest(RequestModel):
@@ -157,81 +129,32 @@ class RecoverRequest(RequestModel):
     )
 
 
-class RecoveryResponse(ResponseModel):
-    """How to go on after the position was lost."""
-
-    lines_left_out: int = Field(description="Commands of the job that aren't printed again.")
-    steps: list[str] = Field(description="What a person does first, in order.")
-    start_mm: tuple[float, float, float] | None
-
-
-class RestResponse(ResponseModel):
-    """The rest of a print, as a job of its own."""
-
-    job: str
-    steps: list[str]
-
-
 class ReloadRequest(RequestModel):
     """Of several heads, whose syringe."""
 
     head: Annotated[int, Field(ge=0, le=15)] | None = None
 
 
-class StatusResponse(ResponseModel):
-    """A print as its link process tells it."""
+class PrintResponse(ResponseModel):
+    """A print, and how far it has come; with it the fields of `Status`."""
 
     model_config = ConfigDict(extra="allow")
 
-    state: str
-    lines_done: int
-    lines_executed: int
-    lines_total: int
-    message: str
-    waits_for: str
-    position_known: bool
-    deadman_left_s: float | None
-    look: dict[str, Any] | None = Field(
-        default=None, description="The look that it is held for (state looking): number, mark, ..."
-    )
-
-
-class ActionResponse(ResponseModel):
-    """What may be done to a print now."""
-
-    action: Literal["pause", "resume", "stop", "kill", "go_on", "recover", "give_up"]
-    possible: bool
-    reason: str = Field(description="Why not; empty where it is possible.")
-    needs: Literal["", "syringe", "from_line"] = Field(description="What must be given with it.")
-    from_line: int = Field(
-        default=0, description="Line to begin with where nobody says otherwise; 0: nobody knows."
-    )
-
-
-class PrintResponse(StatusResponse):
-    """A print, and how far it has come."""
-
     job: str
+    state: LinkState
     folder: str
     print_id: str = Field(description="Identity of the print, as the history names it.")
     started: float = Field(description="s since 1970.")
     share: float = Field(description="Of the time where that is known, else of the lines; 0 to 1.")
-    words: dict[str, str] = Field(description="State, time, layer, vessel, ink, as people read.")
+    words: dict[str, str] = Field(
+        description="State, time, layer, vessel, ink, tip, as people read."
+    )
+    alert: Alert | None = Field(description="What somebody must know: what, means, remedy.")
     time_left_s: float | None = Field(description="null for a print that is over.")
-    actions: list[ActionResponse] = Field(description="Each action, and if it is possible now.")
-    progress: dict[str, Any] | None = Field(
+    actions: list[Possible] = Field(description="Each action, and if it is possible now.")
+    progress: Progress | None = Field(
         description="By time, layer, vessel and ink; null until the job's table is made."
     )
-
-
-class ViabilityResponse(ResponseModel):
-    """The clock of the cells."""
-
-    minutes: float | None
-    limit_min: float | None
-    source: str
-    words: str
-    state: Literal["unknown", "in time", "close", "late"]
 
 
 class TickRequest(RequestModel):
@@ -246,62 +169,11 @@ class NoteRequest(RequestModel):
     text: Annotated[str, Field(min_length=1, max_length=10_000)]
 
 
-class RampRequest(RequestModel):
-    """Warming at a rate."""
-
-    heater: Annotated[str, Field(max_length=40)] = "bed"
-    target_c: Annotated[float, Field(ge=0, le=60)]
-    rate_c_min: Annotated[float, Field(gt=0, le=20)] = 1.0
-
-
-class RampResponse(ResponseModel):
-    """Warming as it stands."""
-
-    heater: str
-    target_c: float
-    rate_c_min: float
-    now_c: float | None
-    set_c: float | None
-    going_on: bool
-    message: str
-
-
-class FlushResponse(ResponseModel):
-    """How hard the channels may be flushed."""
-
-    pressure_pa: float
-    wall_shear_pa: float
-    vessel: str
-
-
-class StepResponse(ResponseModel):
-    """A step after the print."""
-
-    id: str
-    text: str
-    done: bool
-    at: float | None
-    who: str
-
-
-class NoteResponse(ResponseModel):
-    """A note of a print."""
-
-    at: float
-    who: str
-    text: str
-
-
-class PhotoResponse(ResponseModel):
-    """A photo of a print."""
-
-    at: float
-    who: str
-    name: str
-
-
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
+AnyJob = Annotated[str, Query(max_length=80, description="run~NAME, file~NAME, or none.")]
 FromLine = Annotated[int | None, Query(ge=1, le=2**31, description="Of the job's file.")]
+_KEPT: Final = "~!*'()"
+"""As JavaScript leaves them in a query (`encodeURIComponent`)."""
 REFUSED: Final[dict[int | str, dict[str, Any]]] = {
     404: {"description": "There is no such job or print."},
     409: {"description": "Not as things stand; the message says why."},
@@ -332,37 +204,67 @@ def routers(service: JobService) -> tuple[APIRouter, ...]:
     return routes, live_router(service.scene, service.scenes)
 
 
+def job_hints(service: JobService) -> Callable[[Request], str]:
+    """What a browser fetches at once for the page Job: how the print stands, and its drawing."""
+
+    def hints(request: Request) -> str:
+        job = request.query_params.get("job", "")
+        asked = f"{API}/prints/current?job={quote(job, safe=_KEPT)}"
+        state = f'<link rel="preload" as="fetch" crossorigin href="{escape(asked)}">'
+        report = service.current() or service.unfinished()
+        drawn = report is not None and job in ("", report.job)
+        return f"{state}\n{preload(report.job)}" if report and drawn else state
+
+    return hints
+
+
 def _jobs(routes: APIRouter, service: JobService) -> None:
     @routes.get("/jobs", tags=["jobs"], summary="Every job, the newest first")
-    def list_jobs() -> list[JobResponse]:
-        return [JobResponse.model_validate(one.to_dict()) for one in service.jobs()]
+    def list_jobs() -> list[JobEntry]:
+        return service.jobs()
+
+    @routes.get("/jobs/unusable", tags=["jobs"], summary="Files and runs whose names can't be jobs")
+    def unusable() -> list[str]:
+        return service.core.workspace.unusable_names("jobs/*.gcode", "runs/*")
 
     @routes.post("/jobs", tags=["jobs"], summary="Upload a G-code file; nothing in it is run")
-    def upload(file: Annotated[UploadFile, File()]) -> JobResponse:
-        entry = service.upload(file.filename or "", file.file)
-        return JobResponse.model_validate(entry.to_dict())
+    def upload(file: Annotated[UploadFile, File()]) -> JobEntry:
+        return service.upload(file.filename or "", file.file)
 
     @routes.get("/jobs/{job}", tags=["jobs"], summary="One job")
-    def one_job(job: Job) -> JobResponse:
-        return JobResponse.model_validate(service.job(job).to_dict())
+    def one_job(job: Job) -> JobEntry:
+        return service.job(job)
 
     @routes.get("/jobs/{job}/form", tags=["jobs"], summary="The set-up filled in, the printer")
-    def form(job: Job) -> FormResponse:
-        return FormResponse(
+    def form(job: Job) -> Form:
+        return Form(
             set_up=service.set_up(job),
-            machine=machine_response(service.machine()),
+            machine=service.machine(),
             checklist=checklist()["before"],
+            choices=service.choices(),
+            declared=service.declared(job) is not None,
         )
 
+    @routes.put("/jobs/{job}/set-up", tags=["jobs"], summary="Keep a set-up for the job")
+    def keep_set_up(job: Job, given: JobSetUp) -> JobSetUp:
+        return service.keep_set_up(job, given)
+
+    @routes.get("/jobs/{job}/readiness", tags=["jobs"], summary="All that refuses a start")
+    def readiness(
+        job: Job,
+        who: Who,
+        wait: Annotated[bool, Query(description="Whether to check the job where needed.")] = True,
+    ) -> Readiness:
+        return service.readiness(who, job, wait=wait)
+
     @routes.post("/jobs/{job}/preflight", tags=["jobs"], summary="Check before the print")
-    def preflight(job: Job, given: PreflightRequest) -> PreflightResponse:
-        set_up = given.set_up or service.set_up(job)
-        return PreflightResponse.model_validate(service.preflight(job, set_up))
+    def preflight(job: Job, given: PreflightRequest) -> PreflightReport:
+        return service.preflight(job, given.set_up or service.set_up(job))
 
     @routes.post("/jobs/{job}/to-start", tags=["jobs"], summary="Move the tip to the job's start")
-    def to_start(job: Job, given: ToStartRequest, who: Who) -> TipResponse:
+    def to_start(job: Job, given: ToStartRequest, who: Who) -> Machine:
         start_mm = given.start_mm or service.set_up(job).start_mm
-        return TipResponse(tip_mm=service.to_start(who, job, start_mm).tip_mm)
+        return service.to_start(who, job, start_mm)
 
     @routes.get("/jobs/{job}/record", tags=["jobs"], summary="What is written down")
     def record(job: Job) -> PrintRecord:
@@ -382,6 +284,18 @@ def _prints(routes: APIRouter, service: JobService) -> None:
         reports = (service.heard(one.id) for one in service.jobs())
         return [print_response(one) for one in reports if one is not None]
 
+    @routes.get(
+        "/prints/current",
+        tags=[*tags],
+        summary="A job's last print; without one what goes on, else what broke off last",
+    )
+    def current(job: AnyJob = "") -> PrintResponse | None:
+        if job:
+            report = service.heard(service.job(job).id)
+        else:
+            report = service.current() or service.unfinished()
+        return None if report is None else print_response(report)
+
     @routes.post("/prints/{job}/start", tags=[*tags], summary="Start; harmless when it goes on")
     def start(job: Job, given: StartRequest, who: Who) -> PrintResponse:
         set_up = given.set_up or service.set_up(job)
@@ -394,29 +308,33 @@ def _prints(routes: APIRouter, service: JobService) -> None:
             raise NotFoundError(f"no print of {job} was ever started")
         return print_response(reports)
 
+    @routes.get("/prints/{job}/mends", tags=[*tags], summary="What an observer had written again")
+    def mends(job: Job) -> list[MendStrokes]:
+        return service.mends(job)
+
     @routes.get("/prints/{job}/viability", tags=[*tags], summary="The clock of the cells")
-    def viability(job: Job) -> ViabilityResponse:
-        return ViabilityResponse.model_validate(service.viability(job).to_dict())
+    def viability(job: Job) -> Viability:
+        return service.viability(job)
 
     @routes.post("/prints/{job}/pause", tags=[*tags], summary="Hold, now or at a mark")
-    def pause(job: Job, given: PauseRequest, who: Who) -> StatusResponse:
-        return status_response(service.hands.pause(who, job, given.after))
+    def pause(job: Job, given: PauseRequest, who: Who) -> Status:
+        return service.hands.pause(who, job, given.after)
 
     @routes.post("/prints/{job}/resume", tags=[*tags], summary="Go on, with a new syringe's data")
-    def resume(job: Job, given: ResumeRequest, who: Who) -> StatusResponse:
-        return status_response(service.hands.resume(who, job, **given.model_dump()))
+    def resume(job: Job, given: ResumeRequest, who: Who) -> Status:
+        return service.hands.resume(who, job, **given.model_dump())
 
     @routes.post("/prints/{job}/reload", tags=[*tags], summary="Make room to change the syringe")
-    def reload(job: Job, given: ReloadRequest, who: Who) -> StatusResponse:
-        return status_response(service.hands.reload(who, job, given.head))
+    def reload(job: Job, given: ReloadRequest, who: Who) -> Status:
+        return service.hands.reload(who, job, given.head)
 
     @routes.post("/prints/{job}/alive", tags=[*tags], summary="Somebody is there")
-    def alive(job: Job, who: Who) -> StatusResponse:
-        return status_response(service.hands.alive(who, job))
+    def alive(job: Job, who: Who) -> Status:
+        return service.hands.alive(who, job)
 
     @routes.post("/prints/{job}/cancel", tags=[*tags], summary="Controlled stop; for everybody")
-    def cancel(job: Job) -> StatusResponse:
-        return status_response(service.hands.cancel(job))
+    def cancel(job: Job) -> Status:
+        return service.hands.cancel(job)
 
 
 def _broken_off(routes: APIRouter, service: JobService) -> None:
@@ -424,52 +342,48 @@ def _broken_off(routes: APIRouter, service: JobService) -> None:
     tags: Final = ["prints"]
 
     @routes.post("/prints/{job}/go-on", tags=[*tags], summary="Go on after a print broke off")
-    def go_on(job: Job, who: Who) -> StatusResponse:
-        return status_response(service.hands.go_on(who, job))
+    def go_on(job: Job, who: Who) -> Status:
+        return service.hands.go_on(who, job)
 
     @routes.get("/prints/{job}/recovery", tags=[*tags], summary="Plan the rest; nothing is written")
-    def recovery(job: Job, from_line: FromLine = None) -> RecoveryResponse:
-        plan = service.hands.recovery(job, from_line)
-        return RecoveryResponse(
-            lines_left_out=plan.begin, steps=list(plan.steps), start_mm=plan.start
-        )
+    def recovery(job: Job, from_line: FromLine = None) -> RestPlan:
+        return service.hands.rest_plan(job, from_line)
 
     @routes.post("/prints/{job}/recover", tags=[*tags], summary="Write the rest as a job")
-    def recover(job: Job, given: RecoverRequest, who: Who) -> RestResponse:
-        return RestResponse.model_validate(service.hands.recover(who, job, given.from_line))
+    def recover(job: Job, given: RecoverRequest, who: Who) -> Rest:
+        return service.hands.recover(who, job, given.from_line)
 
     @routes.post("/prints/{job}/give-up", tags=[*tags], summary="Don't go on; write its end down")
-    def give_up(job: Job, who: Who) -> StatusResponse:
-        return status_response(service.hands.give_up(who, job))
+    def give_up(job: Job, who: Who) -> Status:
+        return service.hands.give_up(who, job)
 
 
 def _after(routes: APIRouter, service: JobService) -> None:
     after, tags = service.after, ["after a print"]
 
     @routes.get("/prints/{job}/steps", tags=[*tags], summary="Steps after the print")
-    def steps(job: Job) -> list[StepResponse]:
-        return [StepResponse.model_validate(one) for one in after.steps(job)]
+    def steps(job: Job) -> list[Step]:
+        return after.steps(job)
 
     @routes.put("/prints/{job}/steps/{step}", tags=[*tags], summary="Tick a step, or take it back")
-    def tick(job: Job, step: str, given: TickRequest, who: Who) -> list[StepResponse]:
-        return [StepResponse.model_validate(one) for one in after.tick(who, job, step, given.done)]
+    def tick(job: Job, step: str, given: TickRequest, who: Who) -> list[Step]:
+        return after.tick(who, job, step, given.done)
 
     @routes.get("/prints/{job}/notes", tags=[*tags], summary="Notes")
-    def notes(job: Job) -> list[NoteResponse]:
-        return [NoteResponse.model_validate(one) for one in after.notes(job)]
+    def notes(job: Job) -> list[Note]:
+        return after.notes(job)
 
     @routes.post("/prints/{job}/notes", tags=[*tags], summary="Add a note")
-    def note(job: Job, given: NoteRequest, who: Who) -> list[NoteResponse]:
-        return [NoteResponse.model_validate(one) for one in after.note(who, job, given.text)]
+    def note(job: Job, given: NoteRequest, who: Who) -> list[Note]:
+        return after.note(who, job, given.text)
 
     @routes.get("/prints/{job}/photos", tags=[*tags], summary="Photos")
-    def photos(job: Job) -> list[PhotoResponse]:
-        return [PhotoResponse.model_validate(one) for one in after.photos(job)]
+    def photos(job: Job) -> list[Photo]:
+        return after.photos(job)
 
     @routes.post("/prints/{job}/photos", tags=[*tags], summary="Add a photo; it is written anew")
-    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[PhotoResponse]:
-        photo = after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
-        return [PhotoResponse.model_validate(one) for one in photo]
+    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[Photo]:
+        return after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
 
     @routes.get(
         "/prints/{job}/photos/{name}",
@@ -482,37 +396,26 @@ def _after(routes: APIRouter, service: JobService) -> None:
         return FileResponse(after.photo(job, name), media_type="image/jpeg")
 
     @routes.get("/prints/{job}/flush", tags=[*tags], summary="How hard to flush; null if unknown")
-    def flush(job: Job, wall_shear_pa: float | None = None) -> FlushResponse | None:
-        photo = after.flush(job, wall_shear_pa)
-        return None if photo is None else FlushResponse.model_validate(photo.to_dict())
+    def flush(job: Job, wall_shear_pa: float | None = None) -> FlushLimit | None:
+        return after.flush(job, wall_shear_pa)
+
+    @routes.get("/prints/{job}/melt-out", tags=[*tags], summary="How to warm its bath")
+    def melt_out_of(job: Job) -> Warming:
+        return after.warming_of(job)
 
     @routes.post("/melt-out", tags=[*tags], summary="Warm a heater at a rate")
-    def melt_out(given: RampRequest, who: Who) -> RampResponse:
-        return RampResponse.model_validate(after.melt_out(who, **given.model_dump()))
+    def melt_out(given: Warming, who: Who) -> RampState:
+        return after.melt_out(who, given)
 
     @routes.get("/melt-out", tags=[*tags], summary="The warming as it stands; null for none")
-    def melting() -> RampResponse | None:
-        photo = after.melting()
-        return None if photo is None else RampResponse.model_validate(photo)
+    def melting() -> RampState | None:
+        return after.melting()
 
     @routes.delete("/melt-out", tags=[*tags], summary="Raise the target no further")
-    def stop_melting() -> RampResponse | None:
-        photo = after.stop_melting()
-        return None if photo is None else RampResponse.model_validate(photo)
-
-
-def machine_response(machine: Machine | None) -> MachineResponse | None:
-    """The printer, as the API tells it."""
-    if machine is None:
-        return None
-    return MachineResponse.model_validate(asdict(machine) | {"words": machine.words})
+    def stop_melting() -> RampState | None:
+        return after.stop_melting()
 
 
 def print_response(heard: PrintReport) -> PrintResponse:
     """A print, as the API tells it."""
     return PrintResponse.model_validate(heard.to_dict())
-
-
-def status_response(status: Status) -> StatusResponse:
-    """A status, as the API tells it."""
-    return StatusResponse.model_validate(status.to_dict())

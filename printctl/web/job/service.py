@@ -5,12 +5,23 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Mapping
-from typing import IO, Any
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any, Final
 
 from design.files import write_text
-from firmware_profiles import Printer, load
-from printctl.checks.set_up import Check
+from firmware_profiles import (
+    Bath,
+    Dish,
+    Facts,
+    Ink,
+    Needle,
+    Printer,
+    ProfileError,
+    Syringe,
+    load,
+)
+from printctl.errors import PrintctlError, SafetyError
 from printctl.machine.link.job import load_job
 from printctl.machine.link.printed_job import grown_in
 from printctl.machine.link.record import load_record
@@ -25,23 +36,40 @@ from printctl.web.job.camera.routes import CameraService
 from printctl.web.job.following import PrintReport
 from printctl.web.job.jobs import JobEntry, add_job, entry_of, list_jobs
 from printctl.web.job.looks import LookService
-from printctl.web.job.machine import Machine, Printing, mounted_checks, set_up_of
-from printctl.web.job.preflight import Preflight, Preflights, refuse, row
+from printctl.web.job.machine import Machine, Printing, set_up_of
+from printctl.web.job.preflight import Preflight, PreflightReport, Preflights, key_of, report
 from printctl.web.job.print_commands import PrintCommands
 from printctl.web.job.prints import Prints
+from printctl.web.job.readiness import (
+    Readiness,
+    Refusal,
+    check_refusal,
+    homing_refusals,
+    ink_refusals,
+    machine_refusals,
+    record_refusals,
+)
 from printctl.web.job.record import PrintRecord, Records
 from printctl.web.job.set_up import JobSetUp, refuse_foreign_files
-from printctl.web.job.set_ups import Place, SetUps, declared_of
+from printctl.web.job.set_ups import Place, SetUps, declared_of, homes_at
 from printctl.web.job.starting import (
     StationPrinting,
     observer_order,
     observer_ready,
     order_of,
-    refuse_unconfirmed,
 )
 from printctl.web.live import JobSource
 from printctl.web.live.routes import SceneMaker
 from printctl.web.profile_store import ProfileStore
+
+PROFILES: Final[dict[str, type[Facts]]] = {
+    "printer": Printer,
+    "needle": Needle,
+    "syringe": Syringe,
+    "ink": Ink,
+    "bath": Bath,
+    "dish": Dish,
+}
 
 
 class JobService:
@@ -168,23 +196,72 @@ class JobService:
         self.printing.to_start(start_mm)
         return self._connected()
 
-    def preflight(self, job: str, set_up: JobSetUp) -> dict[str, Any]:
-        """Check a job; takes as long as a dry run unless it was checked so before.
+    def keep_set_up(self, job: str, set_up: JobSetUp) -> JobSetUp:
+        """Remember a set-up for a job, and give it filled in: the printer knows better."""
+        self._refuse_foreign(set_up)
+        self._set_ups.keep(job, set_up)
+        return self.set_up(job)
 
-        Returns
-        -------
-        dict
-            ``checks`` (each with its answer in a word), ``passed``, ``key`` and what was found.
+    def choices(self) -> dict[str, dict[str, str]]:
+        """Profiles that a set-up can name, by what they are of: each one's value and its name."""
+        return {part: self.store.choices(kind) for part, kind in PROFILES.items()}
+
+    def preflight(self, job: str, set_up: JobSetUp) -> PreflightReport:
+        """Check a job; takes as long as a dry run unless it was checked so before."""
+        checked = self._checked(job, set_up)
+        self._set_ups.keep(job, set_up)
+        machine = self.printing.machine()
+        refusals = [
+            *machine_refusals(machine, set_up),
+            *ink_refusals(machine, set_up, _ink_ul(checked)),
+        ]
+        return report(job, checked, [one.as_row() for one in refusals])
+
+    def readiness(
+        self, who: Principal, job: str, set_up: JobSetUp | None = None, wait: bool = True
+    ) -> Readiness:
+        """List all that refuses a start, as `start` itself judges it.
+
+        Parameters
+        ----------
+        who : Principal
+        job : str
+        set_up : JobSetUp, optional
+            As it is filled in if left out.
+        wait : bool
+            Whether the job is checked now where it wasn't yet, which takes as long as a dry run;
+            not done while the printer moves.
         """
-        checked = self._looked_at(job, set_up)
-        mounted = self._against_mounted(set_up, checked)
-        return {
-            "job": job,
-            "key": checked.key,
-            "passed": checked.passed and not any(check.refuses for check in mounted),
-            "checks": [*map(row, mounted), *checked.rows()],
-            **checked.facts,
-        }
+        file, machine = self.core.workspace.job_file(job), self.printing.machine()
+        set_up = set_up or set_up_of(machine, self._set_ups.of(job), self.declared(job))
+        refusals = list(self._others_controls(who))
+        refusals += machine_refusals(machine, set_up)
+        refusals += homing_refusals(machine, homes_at(file, set_up.printer))
+        refusals += record_refusals(machine, self.record(job))
+        checked, key = None, ""
+        try:
+            key = self._key(file, set_up)
+            observer_order(file, set_up, set_up.mounted())
+            moves = machine is not None and machine.state == "busy"
+            known = self._preflights.known(file, set_up)
+            checked = self._checked(job, set_up) if wait and not moves else known
+        except (PrintctlError, ProfileError) as exc:
+            refusals.append(Refusal("job and set-up", str(exc)))
+            checked_so = True
+        else:
+            checked_so = checked is not None
+        if checked is not None:
+            refusals += ink_refusals(machine, set_up, _ink_ul(checked))
+            refusals += [check_refusal(one) for one in checked.checks if one.refuses]
+        return Readiness(
+            job=job,
+            ready=checked is not None and not refusals,
+            checked=checked_so,
+            key=key,
+            refusals=tuple(refusals),
+            machine=machine,
+            preflight=None if checked is None else report(job, checked),
+        )
 
     def record(self, job: str) -> PrintRecord:
         """What is written down for the job's next print, or for the one that goes on."""
@@ -218,11 +295,19 @@ class JobService:
             going_on = self.heard(job)
             if going_on is not None and not going_on.status.ended:
                 return going_on
+            readiness = self.readiness(who, job, set_up)
+            if readiness.refusals:
+                refused = "; ".join(one.sentence() for one in readiness.refusals)
+                raise SafetyError(f"the print isn't started: {refused}")
             machine = self._connected()
+            if confirmed != machine.words:
+                raise ConflictError(
+                    f"the start is confirmed for {confirmed[:120] or 'no machine'!r}, and "
+                    f"connected is {machine.words!r}; confirm that one"
+                )
             record = self.records.current(job)
-            refuse_unconfirmed(machine, self.records.values(record), confirmed)
-            checked = self._looked_at(job, set_up)
-            refuse([*self._against_mounted(set_up, checked), *checked.checks])
+            checked = self._checked(job, set_up)
+            self._set_ups.keep(job, set_up)
             file = self.core.workspace.job_file(job)
             mounted = set_up.mounted()
             observer = observer_order(file, set_up, mounted)
@@ -276,21 +361,38 @@ class JobService:
             raise ConflictError(NO_PRINTER)
         return machine
 
-    def _looked_at(self, job: str, set_up: JobSetUp) -> Preflight:
+    def _refuse_foreign(self, set_up: JobSetUp) -> None:
         machine = self.printing.machine()
         known = {machine.profile, *machine.mounted.values()} if machine else set()
         refuse_foreign_files(set_up, self.core.workspace.root, frozenset(known))
-        checked = self._preflights.of(self.core.workspace.job_file(job), set_up)
+
+    def _key(self, file: Path, set_up: JobSetUp) -> str:
+        self._refuse_foreign(set_up)
+        return key_of(file, set_up)
+
+    def _checked(self, job: str, set_up: JobSetUp) -> Preflight:
+        """Return what is known of a job; where that is nothing, look."""
+        self._refuse_foreign(set_up)
+        file = self.core.workspace.job_file(job)
+        known = self._preflights.known(file, set_up)
+        if known is not None:
+            return known
+        checked = self._preflights.of(file, set_up)
         write_text(
             self._facts / f"{checked.facts['sha256']}.json", json.dumps(checked.facts) + "\n"
         )
-        self._set_ups.keep(job, set_up)
         return checked
 
-    def _against_mounted(self, set_up: JobSetUp, checked: Preflight) -> list[Check]:
-        ink_ul = float(checked.facts.get("ink_pushed_ul", 0.0))
-        return mounted_checks(self.printing.machine(), set_up, ink_ul)
+    def _others_controls(self, who: Principal) -> Iterator[Refusal]:
+        holder = self.core.controls.holder
+        if holder is not None and holder.id != who.id:
+            name = holder.name or "another browser"
+            yield Refusal("controls", f"{name} holds them; take them over", "controls")
 
     def _tell(self, heard: PrintReport) -> None:
         self.watching.hear(heard)
         self.core.events.publish("print", **heard.to_dict())
+
+
+def _ink_ul(checked: Preflight) -> float:
+    return float(checked.facts.get("ink_pushed_ul", 0.0))

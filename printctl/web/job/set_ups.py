@@ -14,6 +14,7 @@ from printctl.machine.link.errors import LinkError
 from printctl.machine.link.job import load_job
 from printctl.machine.link.job_start import declared_start
 from printctl.machine.station import Station, StationStatus
+from printctl.machine.station.orders import homing_line
 from printctl.web.job.jobs import recipe_of, set_up_of_recipe
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.workspace import Workspace
@@ -71,17 +72,29 @@ def declared_of(path: Path, printer: str) -> Place | None:
     The file is read once for each printer profile; again when its size or time of change is
     another.
     """
+    return _first_lines(path, printer)[0]
+
+
+def homes_at(path: Path, printer: str) -> int:
+    """Line at which the job homes the machine; 0 where it doesn't, or can't be read."""
+    return _first_lines(path, printer)[1]
+
+
+def _first_lines(path: Path, printer: str) -> tuple[Place | None, int]:
     stat = path.stat()
-    return _declared(path, printer, stat.st_size, stat.st_mtime_ns)
+    return _read_lines(path, printer, stat.st_size, stat.st_mtime_ns)
 
 
 @lru_cache(maxsize=256)
-def _declared(path: Path, printer: str, size: int, changed_ns: int) -> Place | None:
+def _read_lines(path: Path, printer: str, size: int, changed_ns: int) -> tuple[Place | None, int]:
     try:
         job = load_job(path, load(Printer, printer))
-        return declared_start(job)
     except (LinkError, ProfileError):
-        return None
+        return None, 0
+    try:
+        return declared_start(job), homing_line(job)
+    except LinkError:
+        return None, homing_line(job)
 
 
 PRINTED: Final = "set_up.json"

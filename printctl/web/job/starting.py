@@ -20,11 +20,9 @@ from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, start_observer
 from printctl.web.errors import ConflictError
-from printctl.web.job.aftercare import checklist
 from printctl.web.job.jobs import recipe_of
-from printctl.web.job.machine import Machine
+from printctl.web.job.machine import PARTS, Machine
 from printctl.web.job.preflight import Preflight
-from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.set_ups import go_to
 
@@ -144,34 +142,7 @@ def order_of(
     )
 
 
-def refuse_unconfirmed(machine: Machine, record: PrintRecord, confirmed: str) -> None:
-    """Refuse a start that nobody has thought through.
-
-    Raises
-    ------
-    ConflictError
-        Without the operator's name, with points of the list open, or without the machine's name.
-    """
-    if not record.operator.strip():
-        raise ConflictError("the record doesn't say who prints; fill in the operator's name")
-    open_points = [
-        point["text"] for point in checklist()["before"] if not record.ticked.get(point["id"])
-    ]
-    if open_points:
-        raise ConflictError(
-            f"{len(open_points)} points of the list before the start aren't ticked; the first: "
-            f"{open_points[0]}"
-        )
-    if confirmed != machine.words:
-        raise ConflictError(
-            f"the start is confirmed for {confirmed[:120] or 'no machine'!r}, and connected is "
-            f"{machine.words!r}; confirm that one"
-        )
-
-
 # Job page's access to the printer through the station: print, move, heat.
-
-_THINGS = ("needle", "syringe", "ink", "dish", "bath")
 
 
 class StationPrinting:
@@ -199,9 +170,10 @@ class StationPrinting:
             profile=status.profile,
             port=status.port,
             ready=status.state is StationState.READY,
+            state=status.state.value,
             message=f"{status.state.value}: {status.message}",
             tip_mm=status.position_mm if status.position_trusted else None,
-            mounted={thing: getattr(mounted, thing) for thing in _THINGS},
+            mounted={thing: getattr(mounted, thing) for thing in PARTS},
             dish_centre_mm=mounted.dish_centre_mm,
             bath_depth_mm=depth,
             ul_left=status.ul_left,

@@ -1,4 +1,4 @@
-"""Live view: scripts, page element, client of the scene's process, REST."""
+"""Live view: scripts, client of the scene's process, REST."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from urllib.parse import quote
 
 from fastapi import APIRouter, HTTPException, Request, Response
-from nicegui.element import Element
 
 from printctl.sources import python_command
 from printctl.web.live.source import JobSource, SceneError, cached_scene
@@ -71,50 +70,8 @@ def _read(name: str, path: Path) -> StaticFile:
     return StaticFile(data, _TYPES[path.suffix], tag)
 
 
-# NiceGUI element that shows the live 3D view of a print.
-
-_NOT_AT_ONCE: Final = ("element.js", "flat_painter.js")
-"""NiceGUI's own, and what only browsers without WebGL draw with."""
-
-
-class LiveView(Element, component="static/element.js"):
-    """The live view of one job.
-
-    The browser fetches the moves by itself, so that an open page costs the server no more than what
-    `tell` sends.
-    """
-
-    def __init__(self, job: str, *, live: bool = False) -> None:
-        """Put the view where the page stands.
-
-        Parameters
-        ----------
-        job : str
-            Name of the job in the URL, as `printctl.web.live.routes.router` knows it.
-        live : bool
-            Whether the job is being printed, and nothing of it has been reported yet; otherwise all
-            of it is shown as planned.
-        """
-        super().__init__()
-        self._props["scene"] = _scene(job)
-        self._props["live"] = live
-        self.classes("w-full h-full")
-
-    def tell(self, status: Mapping[str, Any]) -> None:
-        """Send this page how far the print is.
-
-        Parameters
-        ----------
-        status : mapping
-            ``lines_executed``, ``lines_done``, ``position`` and ``mends`` (lines that were put in,
-            `printctl.machine.printing.mend_strokes`), each only if it is known.
-        """
-        self.run_method("update", dict(status))
-
-
-def live_view(job: str, *, live: bool = False) -> LiveView:
-    """Put the live view of a job into the page; as `LiveView`."""
-    return LiveView(job, live=live)
+_NOT_AT_ONCE: Final = ("flat_painter.js",)
+"""What only browsers without WebGL draw with."""
 
 
 def preload(job: str) -> str:
@@ -124,14 +81,12 @@ def preload(job: str) -> str:
     second earlier.
     """
     scripts = [name for name in static_files() if name.endswith(".js") and name not in _NOT_AT_ONCE]
-    moves = f'<link rel="preload" as="fetch" crossorigin href="{_scene(job)}">'
-    return moves + "".join(
-        f'<link rel="modulepreload" href="/live/static/{name}">' for name in scripts
-    )
-
-
-def _scene(job: str) -> str:
-    return f"/live/{quote(job, safe='')}/scene"
+    links = [
+        f'<link rel="preload" as="fetch" crossorigin href="/live/{quote(job, safe="~")}/scene">',
+        '<link rel="stylesheet" href="/live/static/live_view.css">',
+        *(f'<link rel="modulepreload" href="/live/static/{name}">' for name in scripts),
+    ]
+    return "\n".join(links)
 
 
 # Start the process that makes live-view scenes, and ask it for a job's scene file.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -66,13 +66,21 @@ class _Kept(StaticFiles):
         return answer
 
 
-def serve_page(app: FastAPI, without: Collection[str] = ()) -> None:
-    """Have the app serve the page and its files."""
+Hints = Callable[[Request], str]
+"""Gives HTML for the head of a page, by its address: what the browser is to fetch at once."""
+
+
+def serve_page(
+    app: FastAPI, without: Collection[str] = (), hints: Mapping[str, Hints] | None = None
+) -> None:
+    """Have the app serve the page and its files; ``hints`` by the page's module."""
     app.mount(URL, _Kept(directory=FOLDER), name="page")
     for address, module in ADDRESSES.items():
         if module in without:
             continue
-        app.add_api_route(address, _page_at(module), include_in_schema=False)
+        app.add_api_route(
+            address, _page_at(module, (hints or {}).get(module)), include_in_schema=False
+        )
 
     @app.get("/history/{print_id}", include_in_schema=False)
     def moved(print_id: str) -> RedirectResponse:
@@ -80,32 +88,44 @@ def serve_page(app: FastAPI, without: Collection[str] = ()) -> None:
         return RedirectResponse(f"/history?print={quote(print_id)}", 308)
 
 
-def _page_at(module: str) -> Any:
+def _page_at(module: str, hints: Hints | None) -> Any:
     def page(request: Request) -> HTMLResponse:
         guard = getattr(request.state, "guard", None)
         port = guard.stop_port if guard else 0
-        return HTMLResponse(html(module, port, leave=guard is not None and not guard.settings.open))
+        leave = guard is not None and not guard.settings.open
+        return HTMLResponse(html(module, port, leave, hints(request) if hints else ""))
 
     return page
 
 
-def html(module: str, stop_port: int, leave: bool) -> str:
+def html(module: str, stop_port: int, leave: bool, hints: str = "") -> str:
     """The page's HTML.
 
     Parameters
     ----------
     module : str
-        Of ``static/pages``, which the browser fetches along with the first scripts.
+        Of ``static/pages``, which the browser fetches along with the first scripts, and with it the
+        modules that it is made of (``MODULE_*.js``) and its style sheet.
     stop_port : int
         Of the stop process; 0 for none.
     leave : bool
         Whether there is a button to log out.
+    hints : str
+        More HTML for the head.
     """
-    modules = [*_FIRST, f"pages/{module}.js"]
+    own = [f"pages/{path.name}" for path in sorted((FOLDER / "pages").glob(f"{module}*"))]
+    modules = [*_FIRST, *(name for name in own if name.endswith(".js"))]
+    styles = [name for name in own if name.endswith(".css")]
     parts = {
         "folder": f"{URL}/{version()}",
         "door": f'<meta name="printctl-stop-port" content="{stop_port}">' if stop_port else "",
-        "preload": "\n".join(f'<link rel="modulepreload" href="{link(name)}">' for name in modules),
+        "preload": "\n".join(
+            [
+                *(f'<link rel="stylesheet" href="{link(name)}">' for name in styles),
+                *(f'<link rel="modulepreload" href="{link(name)}">' for name in modules),
+                hints,
+            ]
+        ),
         "leave": _LEAVE if leave else "",
     }
     text = (FOLDER / "index.html").read_text(encoding="utf-8")

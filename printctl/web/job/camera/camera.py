@@ -23,7 +23,7 @@ _TOO_OLD_S: Final = 5.0
 _HANGS_S: Final = 30.0
 _LOOK_AGAIN_S: Final = 0.5
 
-State = Literal["starting", "there", "lost"]
+State = Literal["none", "starting", "there", "lost"]
 
 
 @dataclass(frozen=True)

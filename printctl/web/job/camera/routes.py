@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Response
 from fastapi import Path as PathParam
@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 from printctl.machine.printing.films import film_file
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.job.camera.camera import CameraProcess, CameraState, LatestPicture
+from printctl.web.job.camera.camera import CameraProcess, CameraState, LatestPicture, State
 from printctl.web.job.camera.timelapse import TimeLapse, TimeLapseState
 from printctl.web.job.following import PrintReport
 
@@ -39,6 +39,7 @@ class CameraService:
         source = core.settings.camera
         self.camera = CameraProcess(source, self._tell) if source else None
         self._lapse = TimeLapse(self.camera)
+        self._tell(self.camera.seen if self.camera else CameraState("none", "", None))
 
     def close(self) -> None:
         """Let go of the camera."""
@@ -110,20 +111,10 @@ _FRESH = {"Cache-Control": "no-store"}
 class CameraResponse(BaseModel):
     """The camera as it stands."""
 
-    state: Literal["starting", "there", "lost"]
+    state: State
     message: str = Field(description="Since when and why there is no picture; else empty.")
     number: int = Field(description="Pictures so far.")
     at: float | None = Field(description="Of the last picture, s since 1970.")
-
-
-class TimeLapseResponse(BaseModel):
-    """The time-lapse of a print."""
-
-    frames: int = Field(description="Pictures kept.")
-    bytes: int
-    film: bool = Field(description="Whether the film is there.")
-    making: bool = Field(description="Whether the film is being made.")
-    message: str = Field(description="Why no more are kept, or why there is no film; else empty.")
 
 
 def add_routes(
@@ -152,8 +143,8 @@ def add_routes(
         return Response(still.jpeg, media_type="image/jpeg", headers=headers)
 
     @routes.get("/prints/{job}/timelapse", tags=["camera"], summary="The last print's time-lapse")
-    def timelapse(job: Job) -> TimeLapseResponse:
-        return TimeLapseResponse.model_validate(service.timelapse(job, heard(job)).to_dict())
+    def timelapse(job: Job) -> TimeLapseState:
+        return service.timelapse(job, heard(job))
 
     @routes.get(
         "/prints/{job}/timelapse/film",

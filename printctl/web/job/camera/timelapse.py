@@ -7,9 +7,9 @@ import queue
 import shutil
 import subprocess
 import threading
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from design.files import write_bytes
 from printctl.machine.printing.films import film_file, frames_folder
@@ -31,8 +31,8 @@ class TimeLapseState:
 
     Attributes
     ----------
-    frames : int
-    bytes : int
+    frames, bytes : int
+        Of the pictures kept.
     film : bool
         Whether its film is there.
     making : bool
@@ -46,10 +46,6 @@ class TimeLapseState:
     film: bool
     making: bool
     message: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """As a JSON object."""
-        return asdict(self)
 
 
 class TimeLapse:

@@ -90,6 +90,16 @@
     }
   }
 
+  // Whether they have halted; what it means for a print stands on the page Job.
+  function outcome(all) {
+    if (all.some((one) => /cut its power/i.test(one.message))) {
+      return "No word that it has halted: CUT ITS POWER.";
+    }
+    const ended = all.filter((one) => !["killed", "halted"].includes(one.state));
+    if (ended.length) return ended.map((one) => `It is ${one.state.replaceAll("_", " ")}: ${one.message}.`).join(" ");
+    return "It has halted: see where the needle is.";
+  }
+
   async function stop(by) {
     const began = performance.now();
     const said = { head: `STOP (${by}) …`, sent: "", outcome: "", trouble: "" };
@@ -109,9 +119,7 @@
           said.sent = `Nothing is connected to a printer here: nothing to halt. ${CUT}`;
         }
       }
-      if (message.outcome?.length) {
-        said.outcome = message.outcome.map((one) => `${one.state}: ${one.message}.`).join(" ");
-      }
+      if (message.outcome?.length) said.outcome = outcome(message.outcome);
       said.head = `STOP (${by}).`;
       tell();
     };

@@ -16,8 +16,8 @@ export const go = (address, replace = false) =>
 // --- values of the server ----------------------------------------------------------------------
 
 // The value at a path of the API: { value, problem, loading, reload }. Asked for again after any of
-// the events `on` and every `every` ms; what was there stays shown meanwhile. No path, no question.
-export function useGet(path, { on = [], every = 0 } = {}) {
+// the events `on`, every `every` ms and with another `key`; what was there stays shown meanwhile. No path, no question.
+export function useGet(path, { on = [], every = 0, key = "" } = {}) {
   const [state, setState] = useState({ value: null, problem: null, loading: true });
   const [turn, setTurn] = useState(0);
   const reload = useCallback(() => setTurn((one) => one + 1), []);
@@ -32,7 +32,7 @@ export function useGet(path, { on = [], every = 0 } = {}) {
       (problem) => gone || setState((old) => ({ ...old, problem, loading: false })),
     );
     return () => { gone = true; };
-  }, [path, turn]);
+  }, [path, turn, key]);
   useEffect(() => (on.length ? listen((one) => on.includes(one.event) && reload()) : undefined), [on.join()]);
   useEffect(() => {
     if (!every) return undefined;
@@ -77,7 +77,7 @@ export function useAction(work) {
 // A style sheet of one page's own, by its path below this folder.
 export function useStyle(path) {
   useEffect(() => {
-    const href = new URL(path, import.meta.url).href;
+    const href = new URL(path, import.meta.url).pathname;
     if (document.querySelector(`link[href="${href}"]`)) return;
     document.head.append(Object.assign(document.createElement("link"), { rel: "stylesheet", href }));
   }, [path]);

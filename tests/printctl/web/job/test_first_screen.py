@@ -1,8 +1,9 @@
-"""First screen of the Job page: all important facts, and recovery choices."""
+"""Job page beside a print: all on one screen, prints told apart, stop, recovery."""
 
 from __future__ import annotations
 
 import os
+import re
 import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,26 +19,37 @@ from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 from tests.printctl.web.job.conftest import OPERATOR, START, add, ready
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import serious, shown
+from tests.printctl.web.shell.browsers import serious, shown, take_controls
 from tests.sim_process import printer_process
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.browser
 LOOKS = [(1024, 768, "dark"), (1280, 800, "dark"), (1024, 768, "light"), (400, 800, "light")]
-MUST = ("time", "layer", "ink", "heat", "tip", "alarms")
+TILES = ("Time left", "Layer", "Ink", "Temperatures", "Tip", "Alarms")
+NAME = "a_part_with_a_rather_long_name_as_people_give.gcode"
 
 
 @dataclass(frozen=True)
 class UnderWay:
     server: Process
     workspace: Workspace
+    service: JobService
+    words: str
     job: str
+
+    def begin(self) -> str:
+        """Start the job (again); return the print's identity."""
+        wait_for(lambda: (one := self.service.machine()) is not None and one.ready, 60)
+        self.service.to_start(OPERATOR, self.job, START)
+        report = self.service.start(OPERATOR, self.job, ready(self.service, self.job), self.words)
+        return report.journal.print_id
 
 
 @pytest.fixture(scope="module")
 def under_way(tmp_path_factory: pytest.TempPathFactory) -> Iterator[UnderWay]:
     folder = tmp_path_factory.mktemp("first")
     start = ",".join(f"{mm:g}" for mm in START)
-    with printer_process(folder, "--start", start, speed=0.5) as port:
+    with printer_process(folder, "--start", start, speed=2) as port:
         workspace = Workspace(folder / "workspace").make()
         station = connect("generic_marlin", port, workspace.station)
         station.set_position(*START)
@@ -46,10 +58,11 @@ def under_way(tmp_path_factory: pytest.TempPathFactory) -> Iterator[UnderWay]:
         )
         service = JobService(Core(ServeSettings(workspace.root), workspace))
         with server_process(workspace.root) as server:
-            job = add(service, "a_part_with_a_rather_long_name_as_people_give.gcode", 20, 200)
-            service.start(OPERATOR, job, ready(service, job), f"generic_marlin on {port}")
+            job = add(service, NAME, 20, 200)
+            under = UnderWay(server, workspace, service, f"generic_marlin on {port}", job)
+            under.begin()
             try:
-                yield UnderWay(server, workspace, job)
+                yield under
             finally:
                 service.close()
                 if station.status.open:
@@ -58,18 +71,25 @@ def under_way(tmp_path_factory: pytest.TempPathFactory) -> Iterator[UnderWay]:
 
 
 def boxes(page: Any) -> dict[str, dict[str, float]]:
-    """Bounding boxes of what must be seen, by name."""
-    found = {"stop": page.locator("#pc-stop"), "pause": page.get_by_text("Pause now")}
-    found["state"] = page.locator(".job-print .text-xl")
-    for key, tile in zip(MUST, page.locator(".job-fact").all(), strict=True):
-        found[key] = tile
+    """Bounding boxes of the twelve things that must be seen, by name."""
+    tiles = page.get_by_role("region", name="Print").locator("dl > div")
+    found = {name: tiles.filter(has=page.get_by_text(name, exact=True)).first for name in TILES} | {
+        "STOP": page.locator("#pc-stop"),
+        "pause": page.get_by_role("button", name="Pause now"),
+        "cancel": page.get_by_role("button", name="Cancel print"),
+        "state": page.get_by_role("heading", name="Printing ·"),
+        "progress": page.get_by_role("progressbar", name="Share of the print made"),
+        "live view": page.get_by_role("application", name=re.compile("^Picture of the print")),
+    }
+    assert len(found) == 12
     return {name: one.bounding_box() for name, one in found.items()}
 
 
 def shown_under_way(browser: Any, under_way: UnderWay) -> Any:
-    page = shown(browser, f"{under_way.server.url}/job?job={under_way.job}")
-    page.wait_for_selector("text=Printing ·")
-    page.wait_for_selector("text=/of 20, /")
+    page = shown(browser, f"{under_way.server.url}/job")
+    page.get_by_role("heading", name="Printing ·").wait_for()
+    page.get_by_text(" of 20").first.wait_for()
+    page.wait_for_selector("[data-drawn]")
     return page
 
 
@@ -77,13 +97,15 @@ def assert_all_must_be_seen(page: Any, width: int, height: int, theme: Any) -> N
     page.set_viewport_size({"width": width, "height": height})
     page.emulate_media(color_scheme=theme)
     page.wait_for_timeout(300)
-    bottom = height - (page.locator(".pc-nav").bounding_box()["height"] if width < 760 else 0)
+    narrow = width < 760  # there the pages' names are a bar at the bottom
+    bottom = height - (page.get_by_role("navigation").bounding_box()["height"] if narrow else 0)
     for name, box in boxes(page).items():
         assert box["y"] >= 0, name
         assert box["y"] + box["height"] <= bottom, name
         assert box["x"] >= 0, name
         assert box["x"] + box["width"] <= width, name
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate("document.documentElement.scrollHeight") <= height
     assert serious(page) == []
 
 
@@ -95,31 +117,78 @@ def test_all_that_must_be_seen_stands_on_the_first_screen_of_each_size(
     assert_all_must_be_seen(shown_under_way(browser, under_way), width, height, theme)
 
 
-def test_all_must_be_seen_and_a_print_whose_station_was_killed_is_gone_on_with_by_two_clicks(
+def heading(page: Any, state: str) -> None:
+    page.get_by_role("heading", name=f"{state} ·").wait_for(timeout=60_000)
+
+
+def test_one_screen_then_cancelled_printed_again_broken_off_gone_on_with_and_stopped(
     under_way: UnderWay, browser: Any
 ) -> None:
     """One page for all of it: a page beside a print costs seconds of a core."""
-    page = shown_under_way(browser, under_way)
+    asked: list[str] = []
+    page = browser.contexts[0].new_page()
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(f"{under_way.server.url}/job")
+    heading(page, "Printing")
+    page.wait_for_selector("[data-drawn]")
+    answers = [one for one in asked if "/static/page/" not in one]
+    assert sorted(set(answers)) == sorted(answers), "something was asked for twice"
+    assert any("/live/static/gl_painter.js" in one for one in asked)
     assert_all_must_be_seen(page, 1280, 800, "light")
     assert_all_must_be_seen(page, 400, 800, "dark")
+    cancelled_and_printed_again(page, under_way)
+    broken_off_and_gone_on_with(page, under_way)
+    stopped(page, under_way)
+
+
+def cancelled_and_printed_again(page: Any, under_way: UnderWay) -> None:
+    """Both prints are of one process: they are told apart by their own identity."""
+    page.get_by_role("button", name="Cancel print").click()
+    page.get_by_role("button", name="Yes, cancel it").click()
+    heading(page, "Stopped")
+    page.get_by_text("The print was cancelled.").wait_for()
+    assert page.get_by_role("button", name="Pause now").count() == 0
+    under_way.begin()
+    heading(page, "Printing")
+    assert page.get_by_text("The print was cancelled.").count() == 0
+    for name in ("Pause now", "Cancel print", "Change syringe"):
+        page.get_by_role("button", name=name).wait_for()
+    take_controls(page)
+    page.get_by_role("button", name="Pause now").click()
+    heading(page, "Paused")
+    assert serious(page) == []
+    page.reload()
+    heading(page, "Paused")
+    page.get_by_role("button", name="Resume", exact=True).click()
+    heading(page, "Printing")
+
+
+def broken_off_and_gone_on_with(page: Any, under_way: UnderWay) -> None:
+    """Two clicks after the station was killed."""
     os.kill(load_station(under_way.workspace.station).pid, signal.SIGKILL)
-    page.wait_for_selector("text=Interrupted ·")
-    state = page.locator(".job-print .text-xl").inner_text()
-    header = page.locator("#pc-print").inner_text()
-    name = f"{under_way.job.partition('~')[2][:23]}…"  # a long one
-    assert header == f"Print: {name}, interrupted, {state.partition('· ')[2]}"
+    heading(page, "Interrupted")
+    name = f"{NAME[:23]}…"
+    assert page.locator("#pc-print").inner_text().startswith(f"Print: {name}, interrupted")
     assert page.title() == f"{name} interrupted · Job · printctl"
     button = page.get_by_role("button", name="Go on …")
     box = button.bounding_box()
     assert box["y"] + box["height"] <= 800
     assert serious(page) == []
-    take = page.locator("#pc-take")
-    while take.inner_text() != "Release":
-        take.click()
-        page.wait_for_timeout(300)
     button.click()
-    page.click("button:has-text('Yes, go on')")
-    page.wait_for_selector("text=Printing ·")
-    page.click("button:has-text('Cancel print')")
-    page.click("button:has-text('Yes, cancel it')")
-    page.wait_for_selector("text=Stopped ·")
+    page.get_by_role("button", name="Yes, go on").click()
+    heading(page, "Printing")
+
+
+def stopped(page: Any, under_way: UnderWay) -> None:
+    """What happened, what it means and what to do stand there once; codes are one click away."""
+    page.locator("#pc-stop").click()
+    heading(page, "Killed")
+    banner = page.locator("#pc-stopped")
+    wait_for(lambda: "It has halted" in banner.inner_text())
+    text = page.locator("body").inner_text()
+    assert len(re.findall("STOP has halted the printer", text)) == 1
+    assert not re.search(r"M112|M410|left the host", text)
+    assert "X" not in page.get_by_role("region", name="How it ended").inner_text()
+    page.get_by_text("Details").click()
+    page.get_by_text("M112 left the host").wait_for()
+    assert serious(page) == []

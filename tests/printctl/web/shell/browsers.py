@@ -60,6 +60,14 @@ def serious(page: Any, within: dict[str, list[list[str]]] | None = None) -> list
     ]
 
 
+def take_controls(page: Any) -> None:
+    """Press until this browser holds the controls; another's are taken over by a second press."""
+    take = page.locator("#pc-take")
+    while take.inner_text() != "Release":
+        take.click()
+        page.wait_for_timeout(300)
+
+
 def shown(
     browser: Any, url: str, viewport: Any = None, color_scheme: Any = None, own: bool = False
 ) -> Any:

@@ -167,62 +167,34 @@ def test_the_pictures_have_a_limit_of_number_size_and_disk(tmp_path, monkeypatch
     assert limit_reached(kept, 99, much) == ""
 
 
-# --- camera and time-lapse on the Job page, in a real browser
-_WIDTH = "document.querySelector('.job-camera')?.naturalWidth"
-_PLAYS = "document.querySelectorAll('.job-camera')[1]?.naturalWidth === 320"
-
-
-def _printed(core: Core, source: str) -> str:
-    """Print a job with a camera, and wait for its film."""
-    service = JobService(replace(core, settings=replace(core.settings, camera=source)))
-    try:
-        job = add(service)
-        until(lambda: service.watching.seen().state == "there")
-        service.start(OPERATOR, job, ready(service, job), "generic_marlin on simulated")
-
-        def filmed() -> bool:
-            heard = service.heard(job)
-            over = heard is not None and heard.status.state is LinkState.DONE
-            return over and service.watching.timelapse(job, heard).film
-
-        until(filmed, 60.0)
-        return job
-    finally:
-        service.close()
-
-
+# --- the camera beside a running print, in a real browser
 @pytest.mark.browser
 @pytest.mark.slow
-def test_the_camera_is_seen_lost_and_found_and_the_film_plays(
-    core: Core, station: Any, browser: Any, tmp_path: Path
+def test_the_camera_is_seen_beside_the_drawing_lost_and_found(
+    core: Core, service: JobService, station: Any, browser: Any, tmp_path: Path
 ) -> None:
     source = sequence(tmp_path / "seen")
-    job = _printed(core, source)
+    job = add(service, layers=20, moves=800)
+    service.start(OPERATOR, job, ready(service, job), WORDS)
     with server_process(core.workspace.root, "--camera", source) as server:
         page = shown(browser, f"{server.url}/job?job={job}", viewport=WIDE, color_scheme="dark")
-        page.wait_for_function(f"{_WIDTH} === 320")
-        first = page.get_attribute(".job-camera", "src")
-        page.wait_for_function(
-            "first => document.querySelector('.job-camera').getAttribute('src') !== first",
-            arg=first,
-        )
-        page.get_by_text("Download the time-lapse (WebP)").wait_for()
-        page.locator(".job-camera").nth(1).scroll_into_view_if_needed()
-        page.wait_for_function(_PLAYS)
+        picture = page.get_by_alt_text("The print, seen by the camera")
+        wide = "one => one.decode().then(() => one.naturalWidth)"
+        assert picture.evaluate(wide) == 320
+        first = picture.get_attribute("src")
+        until(lambda: picture.get_attribute("src") != first)
         assert serious(page) == []
-        page.screenshot(path=str(tmp_path / "camera.png"), full_page=True)
+        for width, height in ((1280, 800), (1024, 768), (400, 800)):
+            page.set_viewport_size({"width": width, "height": height})
+            page.wait_for_timeout(300)
+            box = picture.bounding_box()
+            assert box["height"] >= 90
+            assert page.evaluate("document.documentElement.scrollHeight") <= height
         shutil.rmtree(tmp_path / "seen")
         page.get_by_text("no picture from").wait_for()
-        page.wait_for_selector(".job-camera >> nth=0", state="hidden")
+        assert picture.count() == 0
         sequence(tmp_path / "seen")
-        page.wait_for_selector(".job-camera >> nth=0", state="visible")
-        with page.expect_download() as downloading:
-            page.get_by_text("Download the time-lapse (WebP)").click()
-        assert downloading.value.suggested_filename == "zigzag_timelapse.webp"
-    (core.workspace.root / "jobs" / "a.gcode").write_text("G90\nG1 X50 Y50 Z10 F600\n")
-    with server_process(core.workspace.root) as server:  # the film stays, without a camera
-        page = shown(browser, f"{server.url}/job?job={job}")
-        page.get_by_text("Download the time-lapse (WebP)").wait_for()
-        page = shown(browser, f"{server.url}/job?job=file~a.gcode")
-        page.get_by_text("Set-up and preflight").wait_for()
-        assert page.get_by_role("heading", name="Camera").count() == 0
+        picture.wait_for()
+        service.hands.cancel(job)
+        page.get_by_role("heading", name="Stopped ·").wait_for()
+        page.close()

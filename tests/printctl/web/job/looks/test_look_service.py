@@ -12,7 +12,7 @@ from PIL import Image
 from printctl.machine.link.look_book import LookDecision
 from printctl.observe.records import answer_of, look_folder, save_look
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.job.looks import LookTold
+from printctl.web.job.looks import LookReport
 from printctl.web.workspace import Workspace
 from tests.printctl.web.job.conftest import OPERATOR, OTHER
 from tests.printctl.web.job.looks.held import JOB, picture, print_held_for_a_look, record
@@ -21,7 +21,7 @@ from tests.printctl.web.shell.browsers import WIDE, serious, shown
 from tests.waiting import wait_for as until
 
 
-def waiting(looks: list[LookTold]) -> list[LookTold]:
+def waiting(looks: list[LookReport]) -> list[LookReport]:
     """The looks, once the service has heard that the print is paused by one; else none."""
     return looks if looks[0].waits else []
 
@@ -31,10 +31,8 @@ def test_a_look_that_asks_is_answered_once_by_who_holds_the_controls(core, servi
         folder = core.workspace.print_folder(JOB)
         save_look(folder, record(2, at=1.0))  # of an earlier print in the same folder
         (found,) = until(lambda: waiting(service.looks.looks(JOB)))
-        told = found.to_dict()
-        assert told["proposed"] == "write again what is missing, flow factor 1.06"
-        assert told["outcome"] == "asks to write again what is missing"
-        assert "control" not in told
+        assert found.proposed == "write again what is missing, flow factor 1.06"
+        assert found.outcome == "asks to write again what is missing"
         core.controls.take(OTHER)
         with pytest.raises(Exception, match="Grace holds the controls"):
             service.looks.answer(OPERATOR, JOB, 1, "approve")
@@ -111,7 +109,9 @@ def test_a_look_that_asks_is_shown_and_approved(browser: Any, tmp_path: Path) ->
         page = shown(browser, f"{server.url}/job?job={JOB}", viewport=WIDE)
         page.get_by_text("Look 1 at the end of layer 1", exact=True).wait_for()
         page.get_by_text("Proposed: write again what is missing, flow factor 1.06").wait_for()
-        page.wait_for_function("document.querySelector('.job-looks .job-look').naturalWidth")
+        whole = page.get_by_alt_text("Look 1: what was expected and what was found")
+        assert whole.evaluate("one => one.decode().then(() => one.naturalWidth)") > 400
+        page.get_by_text("Last looks").click()
         page.wait_for_function("document.querySelector('.job-strip img')?.naturalWidth === 240")
         assert serious(page) == []
         page.screenshot(path=str(tmp_path / "looks.png"), full_page=True)

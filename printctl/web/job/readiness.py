@@ -1,0 +1,259 @@
+"""List all that refuses a print's start, each with its remedy and what helps at the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from printctl.checks.set_up import Check
+from printctl.machine.station.orders import ASIDE_MM
+from printctl.machine.station.status import StationState
+from printctl.web.job.aftercare import checklist
+from printctl.web.job.machine import PARTS, Machine
+from printctl.web.job.preflight import CheckRow, PreflightReport, row
+from printctl.web.job.record import PrintRecord
+from printctl.web.job.set_up import JobSetUp
+
+Action = Literal[
+    "",
+    "controls",
+    "connect",
+    "reconnect",
+    "see_print",
+    "mount",
+    "set_position",
+    "to_start",
+    "touch_off",
+    "reload",
+    "accept_crossings",
+    "operator",
+    "tick",
+]
+_SHAFT: Final = "vessels that the needle's shaft passes through"
+_LONG_ENOUGH: Final = "the syringe is then changed before line"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """One reason for which a start is refused.
+
+    Attributes
+    ----------
+    what : str
+        What was looked at.
+    value, limit : float or None
+        What was found and what is allowed, in `unit`; None for a question to a person.
+    unit : str
+    place : str
+        Line of the G-code, or key of a profile; empty for none.
+    remedy : str
+        What to do.
+    action : str
+        What the page can do about it: empty for nothing, ``controls`` (take them), ``connect``,
+        ``reconnect``, ``see_print`` (that goes on), ``mount`` (say what is mounted: `about` is the
+        part), ``set_position``, ``to_start`` (move the tip), ``touch_off``, ``reload`` (allow
+        changes of syringe), ``accept_crossings``, ``operator``, ``tick`` (`about` is the point).
+    about : str
+        Part or point that the action is for.
+    """
+
+    what: str
+    remedy: str
+    action: Action = ""
+    about: str = ""
+    value: float | None = None
+    limit: float | None = None
+    unit: str = ""
+    place: str = ""
+
+    def sentence(self) -> str:
+        """Return it for a message."""
+        where = f" ({self.place})" if self.place else ""
+        if self.value is None or self.limit is None:
+            return f"{self.what}{where}: {self.remedy}"
+        value = f"{self.value:g} {self.unit}".rstrip()
+        return f"{self.what}: {value}, limit {self.limit:g}{where}; {self.remedy}"
+
+    def as_row(self) -> CheckRow:
+        """Return it as a failed check."""
+        return CheckRow(
+            check=self.what,
+            result="failed",
+            value=self.value,
+            limit=self.limit,
+            unit=self.unit,
+            passed=False,
+            place=self.place,
+            remedy=self.remedy,
+            weight="refuses",
+        )
+
+
+@dataclass(frozen=True)
+class Readiness:
+    """Whether a job's print may begin.
+
+    Attributes
+    ----------
+    job : str
+    ready : bool
+        Whether it was checked and nothing refuses it.
+    checked : bool
+        Whether the job itself has been checked with this set-up; its refusals are unknown before.
+    key : str
+        Of the job's content and the set-up; empty for a set-up that can't be used.
+    refusals : tuple of Refusal
+    machine : Machine or None
+    preflight : PreflightReport or None
+        The job's own checks; None before.
+    """
+
+    job: str
+    ready: bool
+    checked: bool
+    key: str
+    refusals: tuple[Refusal, ...]
+    machine: Machine | None
+    preflight: PreflightReport | None
+
+
+def machine_refusals(machine: Machine | None, set_up: JobSetUp) -> Iterator[Refusal]:
+    """Yield what the printer's state, what is mounted and the tip's place refuse.
+
+    Parameters
+    ----------
+    machine : Machine or None
+    set_up : JobSetUp
+        With which the job is checked.
+    """
+    if machine is None:
+        yield Refusal("printer", "none is connected; connect it", "connect")
+        return
+    if not machine.ready:
+        yield _not_ready(machine)
+    if machine.profile != set_up.printer:
+        yield Refusal(
+            "printer's profile",
+            f"{machine.profile} is connected, and {set_up.printer} was checked; choose the "
+            "connected one",
+            "mount",
+            "printer",
+        )
+    for part, there in machine.mounted.items():
+        wanted = getattr(set_up, part)
+        if there and wanted != there:
+            yield Refusal(
+                part,
+                f"{there} is mounted, and {wanted or 'none'} was checked; choose what is mounted, "
+                "or say what is",
+                "mount",
+                part,
+            )
+    if machine.touch_off_due and not machine.simulated:
+        yield Refusal(
+            "needle's touch-off",
+            f"{machine.mounted.get('needle')} hasn't touched the dish's floor since it was put on; "
+            "touch it off",
+            "touch_off",
+        )
+    yield from _tip(machine, set_up)
+
+
+def _not_ready(machine: Machine) -> Refusal:
+    if machine.state == StationState.HALTED:
+        return Refusal("printer", f"it was halted ({machine.message}); connect anew", "reconnect")
+    if machine.state in (StationState.BUSY, StationState.CONNECTING):
+        return Refusal("printer", f"it isn't ready yet ({machine.message}); wait a moment")
+    if machine.state == StationState.PRINTING:
+        what = machine.message.removeprefix(f"{StationState.PRINTING}: ")
+        return Refusal("printer", f"it prints already ({what}); wait for its end", "see_print")
+    return Refusal("printer", f"it isn't ready ({machine.message}); wait for the end of that")
+
+
+def _tip(machine: Machine, set_up: JobSetUp) -> Iterator[Refusal]:
+    if machine.tip_mm is None:
+        yield Refusal(
+            "where the tip stands",
+            "not known to the printer; home it without the needle, or touch off and say where the "
+            "tip is (page Printer)",
+            "set_position",
+        )
+        return
+    away = math.dist(machine.tip_mm, set_up.start_mm)
+    if away > ASIDE_MM:
+        yield Refusal(
+            "tip's distance from the start",
+            "the part would be written as far beside its place; move the tip to the start",
+            "to_start",
+            value=away,
+            limit=ASIDE_MM,
+            unit="mm",
+        )
+
+
+def ink_refusals(machine: Machine | None, set_up: JobSetUp, ink_ul: float) -> Iterator[Refusal]:
+    """Yield a syringe that holds less than the job pushes, where no change of it is allowed."""
+    if machine is None or machine.ul_left is None or set_up.care.reload:
+        return
+    if ink_ul > machine.ul_left:
+        yield Refusal(
+            "ink that the job takes, of what is in the syringe",
+            "allow changes of syringe, or fill it (page Printer, change of syringe)",
+            "reload",
+            value=ink_ul,
+            limit=machine.ul_left,
+            unit="µL",
+        )
+
+
+def homing_refusals(machine: Machine | None, line: int) -> Iterator[Refusal]:
+    """Yield a job that homes the machine, in a line, while a needle is mounted."""
+    needle = "" if machine is None else machine.mounted.get("needle", "")
+    if line and needle:
+        yield Refusal(
+            "homing",
+            f"the job homes the machine, which would drive the needle {needle} into what is "
+            "below; take the line out, and touch off instead",
+            place=f"line {line}",
+        )
+
+
+def record_refusals(machine: Machine | None, record: PrintRecord) -> Iterator[Refusal]:
+    """Yield what a person must write or look at before a machine moves; nothing of a simulation."""
+    if machine is None or machine.simulated:
+        return
+    if not record.operator.strip():
+        yield Refusal("operator", "the record must say who prints; write a name", "operator")
+    for point in checklist()["before"]:
+        if not record.ticked.get(point["id"]):
+            yield Refusal("look at the machine", point["text"], "tick", point["id"])
+
+
+def check_refusal(check: Check) -> Refusal:
+    """Return a failed check of the job, with what helps."""
+    shown = row(check)
+    action, about = _helps(check)
+    remedy = shown.remedy
+    if action == "accept_crossings":  # its other remedies are options of the command line
+        remedy = f"{remedy.partition(';')[0]}; use a thinner needle, or accept it"
+    return Refusal(
+        shown.check,
+        remedy,
+        action,
+        about,
+        value=shown.value,
+        limit=shown.limit,
+        unit=shown.unit,
+        place=shown.place,
+    )
+
+
+def _helps(check: Check) -> tuple[Action, str]:
+    if check.check.endswith(_SHAFT):
+        return "accept_crossings", ""
+    if _LONG_ENOUGH in check.remedy:
+        return "reload", ""
+    part = next((one for one in PARTS if f"{one}:" in check.place), "")
+    return ("mount", part) if part else ("", "")

@@ -1,0 +1,175 @@
+"""All that refuses a start is listed at once, and nothing else refuses it."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import pytest
+
+from printctl.errors import SafetyError
+from printctl.machine.link.client import PrintClient
+from printctl.machine.printing import Order
+from printctl.web.core import Core
+from printctl.web.job.aftercare import checklist
+from printctl.web.job.machine import Machine
+from printctl.web.job.readiness import homing_refusals, machine_refusals
+from printctl.web.job.record import LASTING_POINTS
+from printctl.web.job.service import JobService
+from printctl.web.job.set_up import JobSetUp
+from tests.printctl.checks.preflight.test_shaft_checks import START, job
+from tests.printctl.web.job.conftest import OPERATOR, OTHER, add
+
+POINTS = {point["id"]: True for point in checklist()["before"]}
+MACHINE = Machine("generic_marlin", "/dev/ttyUSB0", tip_mm=(0.0, 0.0, 0.0))
+
+
+class BegunError(Exception):
+    """The start came through to the printer."""
+
+
+@dataclass
+class FakePrinting:
+    """A printer whose state a test sets; it begins no print."""
+
+    now: Machine | None = None
+    temperatures_c: dict[str, tuple[float, float | None]] = field(default_factory=dict)
+
+    def machine(self) -> Machine | None:
+        return self.now
+
+    def start(self, order: Order) -> PrintClient:
+        raise BegunError
+
+    def to_start(self, start_mm: tuple[float, float, float]) -> None:
+        assert self.now is not None
+        self.now = replace(self.now, tip_mm=start_mm)
+
+    def heat(self, name: str, celsius: float) -> None:
+        self.temperatures_c[name] = celsius, celsius
+
+    def temperatures(self) -> dict[str, tuple[float, float | None]]:
+        return self.temperatures_c
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ({}, []),
+        ({"ready": False, "state": "halted"}, [("printer", "reconnect")]),
+        ({"ready": False, "state": "busy"}, [("printer", "")]),
+        ({"ready": False, "state": "printing"}, [("printer", "see_print")]),
+        ({"ready": False, "state": "halting"}, [("printer", "")]),
+        ({"profile": "lulzbot"}, [("printer's profile", "mount")]),
+        ({"mounted": {"needle": "30g", "ink": ""}}, [("needle", "mount")]),
+        ({"touch_off_due": True}, [("needle's touch-off", "touch_off")]),
+        ({"touch_off_due": True, "port": "simulated"}, []),
+        ({"tip_mm": None}, [("where the tip stands", "set_position")]),
+        ({"tip_mm": (0.04, 0.04, 0.0)}, [("tip's distance from the start", "to_start")]),
+    ],
+)
+def test_each_state_of_the_machine_has_its_remedy(
+    change: dict[str, Any], found: list[tuple[str, str]]
+) -> None:
+    refusals = machine_refusals(replace(MACHINE, **change), JobSetUp())
+    assert [(one.what, one.action) for one in refusals] == found
+
+
+def test_a_job_that_homes_with_a_needle_on_is_refused() -> None:
+    needle = replace(MACHINE, mounted={"needle": "30g"})
+    assert [one.place for one in homing_refusals(needle, 7)] == ["line 7"]
+    assert not [*homing_refusals(needle, 0), *homing_refusals(MACHINE, 7)]
+
+
+@pytest.fixture
+def printing() -> FakePrinting:
+    return FakePrinting()
+
+
+@pytest.fixture
+def room(core: Core, printing: FakePrinting) -> Any:
+    made = JobService(core, printing)
+    yield made
+    made.close()
+
+
+def listed(room: JobService, job: str) -> list[str]:
+    """Actions of what refuses a start, which must refuse it by the same words."""
+    readiness = room.readiness(OPERATOR, job)
+    set_up = room.set_up(job)
+    words = MACHINE.words
+    if readiness.ready:
+        with pytest.raises(BegunError):
+            room.start(OPERATOR, job, set_up, words)
+    else:
+        with pytest.raises(SafetyError) as refused:
+            room.start(OPERATOR, job, set_up, words)
+        assert all(one.sentence() in str(refused.value) for one in readiness.refusals)
+    return [one.action for one in readiness.refusals]
+
+
+def test_five_refusals_are_listed_at_once_and_mended_one_by_one(
+    core: Core, room: JobService, printing: FakePrinting
+) -> None:
+    job(core.workspace.root / "jobs", 0, 1)
+    crossing = "file~part.gcode"
+    printing.now = replace(MACHINE, ul_left=0.5, mounted={"needle": "30g"})
+    ticks = ["tick"] * len(POINTS)
+    assert listed(room, crossing) == ["to_start", "operator", *ticks, "reload", "accept_crossings"]
+    room.to_start(OPERATOR, crossing, START)
+    assert "to_start" not in listed(room, crossing)
+    room.write_down(OPERATOR, crossing, {"operator": "Ada"})
+    assert listed(room, crossing) == [*ticks, "reload", "accept_crossings"]
+    room.write_down(OPERATOR, crossing, {"ticked": POINTS})
+    assert listed(room, crossing) == ["reload", "accept_crossings"]
+    set_up = room.set_up(crossing)
+    care = set_up.care.model_copy(update={"reload": True})
+    room.keep_set_up(crossing, set_up.model_copy(update={"care": care}))
+    assert listed(room, crossing) == ["accept_crossings"]
+    set_up = room.set_up(crossing)
+    room.keep_set_up(crossing, set_up.model_copy(update={"accept_crossings": True}))
+    assert listed(room, crossing) == []
+
+
+def test_without_waiting_only_what_is_known_is_listed(
+    room: JobService, printing: FakePrinting
+) -> None:
+    name = add(room, layers=2, moves=5)
+    first = room.readiness(OPERATOR, name, wait=False)
+    assert not first.checked
+    assert not first.ready
+    assert [one.action for one in first.refusals] == ["connect"]
+    printing.now = replace(MACHINE, ready=False, state="busy")
+    assert not room.readiness(OPERATOR, name).checked  # the tip moves: it would be checked anew
+    printing.now = None
+    assert room.readiness(OPERATOR, name).checked
+    assert room.readiness(OPERATOR, name, wait=False).checked
+
+
+def test_another_browsers_controls_and_a_job_that_cant_be_read_refuse(
+    core: Core, room: JobService
+) -> None:
+    bad = room.upload("relative.gcode", io.BytesIO(b"G91\nM83\nG1 X1 E1\n")).id
+    core.controls.take(OTHER)
+    refusals = room.readiness(OPERATOR, bad).refusals
+    assert [one.action for one in refusals] == ["controls", "connect", ""]
+    assert "line 1: G91" in refusals[2].remedy
+
+
+def test_a_simulated_printer_wants_no_name_and_no_points(
+    room: JobService, printing: FakePrinting
+) -> None:
+    printing.now = replace(MACHINE, port="simulated", tip_mm=(50.0, 50.0, 10.0))
+    assert room.readiness(OPERATOR, add(room, layers=2, moves=5)).ready
+
+
+def test_the_next_record_remembers_lots_and_what_lasts(room: JobService) -> None:
+    first, second = add(room, layers=1, moves=5), add(room, "other.gcode", layers=1, moves=6)
+    said = {"operator": "Ada", "ink_lot": "A7", "mixed_at": 1.0, "ticked": POINTS}
+    room.write_down(OPERATOR, first, said)
+    assert room.record(second).operator == ""  # nothing was printed yet
+    room.records.mark(room.records.current(first), "Ada", started=1.0, ended=2.0)
+    record = room.record(first)
+    assert (record.operator, record.ink_lot, record.mixed_at) == ("Ada", "A7", None)
+    assert record.ticked == dict.fromkeys(LASTING_POINTS, True)
