@@ -17,7 +17,7 @@ from design.network_files.csv_format import write_network_csv
 from printctl.recipe.load import STARTER
 from printctl.run_folder.manifest import Manifest, StageRecord
 from printctl.web.design import run_views as views
-from printctl.web.design.recipes import read_text
+from printctl.web.design.recipe_text import read_text
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import LOOKS, serious, shown
 from tests.printctl.web.shell.dialogs import serious_in_dialog
