@@ -91,9 +91,10 @@ POLICY: Final = (
 """The page's own policy, which names its scripts by hash, holds as well."""
 _BARE: Final = (
     "body > header, body > footer, #map > h2 { display: none } body { padding: 8px } "
-    "main, section { margin: 0; padding: 0 } .stage { min-height: 0 } .panel { overflow-y: auto } "
+    "main, section { margin: 0; padding: 0; border: 0 } .stage { min-height: 0 } "
+    "@media screen { .wide:not(.play-page) .viewer { grid-template-rows: max(16rem, 100vh - 18px) } } "
     "@media screen and (min-width: 44rem) { .wide:not(.play-page) .viewer[data-state=ready] "
-    "{ grid-template: max(18rem, 100vh - 18px) / minmax(0, 1fr) 14rem } .wide .legends { order: 0 } }"
+    "{ grid-template-columns: minmax(0, 1fr) 14rem } .panel { overflow-y: auto } }"
 )
 
 

@@ -110,7 +110,7 @@ export default function Design({ recipe = "", tab = "recipe" }) {
       problems=${editor.doc?.problems ?? []} made=${runs.reload} look=${() => setAt("look")} />` },
     { id: "look", name: "Look", body: () => html`<${Look} key=${chosen} names=${names} first=${chosen} />` },
     { id: "figures", name: "Figures and files", body: () => html`<${Figures} key=${chosen} names=${names} first=${chosen} />` },
-    { id: "compare", name: "Compare", body: () => html`<${Compare} names=${names} />` },
+    { id: "compare", name: "Compare", body: () => html`<${Compare} key=${chosen} names=${names} first=${chosen} />` },
   ];
   return html`<${Page} title="Design" wide tools=${html`
       <${Button} kind="main" onClick=${() => setDialog("new")}>New</${Button}><${Button} onClick=${() => setDialog("import")}>Import</${Button}>`}>
@@ -211,8 +211,8 @@ function RecipeTab({ editor, choices, toText }) {
         ${draft && html`<${Button} onClick=${editor.forget}>Back to what is saved</${Button}>`}</div></${Note}>`;
   }
   return html`<${Loaded} of=${schema}>${(root) => html`<${Loaded} of=${choices}>${(known) => (doc ? html`
-    <${RecipeForm} key=${doc.name} schema=${root} choices=${known} doc=${doc} change=${editor.change} />
-    <${Pick} key=${`pick ${doc.name}`} doc=${doc} change=${editor.change} />` : html`<${Loading} what="Reading the recipe" />`)}</${Loaded}>`}</${Loaded}>`;
+    <${Pick} key=${`pick ${doc.name}`} doc=${doc} change=${editor.change} />
+    <${RecipeForm} key=${doc.name} schema=${root} choices=${known} doc=${doc} change=${editor.change} />` : html`<${Loading} what="Reading the recipe" />`)}</${Loaded}>`}</${Loaded}>`;
 }
 
 function TextTab({ editor }) {
@@ -238,7 +238,7 @@ function Pick({ doc, change }) {
     setSaid(`${target.name}: ${place.join(", ")} mm`);
   };
   if (!doc.places.length) return null;
-  return html`<${Fold} title="Pick places on the tissue"><div class="row">
+  return html`<${Fold} title="Pick places on the tissue"><div class="row design-run">
       <${Field} kind="choice" label="A click on the surface sets" value=${target.name} onChange=${setName} options=${doc.places.map((one) => [one.name])} />
       <${Button} onClick=${() => setShown(shown + 1)}>${shown ? "Show the tissue anew" : "Show the tissue"}</${Button}></div>
     <p role="status">${said}</p>
@@ -315,10 +315,11 @@ function Figures(props) {
       <a href=${url(`/runs/${part(run)}/files/${part(one)}`)} download>${one}</a></li>`)}</ul>`}</${Loaded}>`}`;
 }
 
-function Compare({ names }) {
+function Compare({ names, first }) {
   const [one, setOne] = useState("");
   const [other, setOther] = useState("");
-  const pair = [one || names[0], other || names[1]];
+  const left = one || (names.includes(first) ? first : names[0]);
+  const pair = [left, other || names.find((name) => name !== left)];
   const ready = names.length > 1 && pair[0] !== pair[1];
   const found = useGet(ready && `/runs/compare?${new URLSearchParams({ one: pair[0], other: pair[1] })}`);
   const box = useRef(null);
@@ -333,16 +334,16 @@ function Compare({ names }) {
   }, []);
   if (names.length < 2) return html`<${Empty}>Two runs are needed: make the designs of two recipes first.</${Empty}>`;
   const options = names.map((name) => [name]);
-  const columns = (first) => [{ name: first, of: (row) => row.name }, { name: pair[0], number: true, of: (row) => row.one },
+  const columns = (what) => [{ name: what, of: (row) => row.name }, { name: pair[0], number: true, of: (row) => row.one },
     { name: pair[1], number: true, of: (row) => row.other }, { name: "Change", number: true, of: (row) => row.change }];
-  const table = (title, first, rows) => html`<h3>${title}</h3>${rows.length ? html`<${Table} caption=${title} columns=${columns(first)} rows=${rows} />`
+  const table = (title, what, rows) => html`<h3>${title}</h3>${rows.length ? html`<${Table} caption=${title} columns=${columns(what)} rows=${rows} />`
     : html`<${Empty}>Nothing.</${Empty}>`}`;
   return html`<div class="columns"><${Field} kind="choice" label="One run" value=${pair[0]} onChange=${setOne} options=${options} />
       <${Field} kind="choice" label="The other" value=${pair[1]} onChange=${setOther} options=${options} /></div>
     ${!ready ? html`<${Empty}>Choose two different runs.</${Empty}>` : html`
-      <${Loaded} of=${found}>${(rows) => html`${table("Key figures", "Figure", rows.figures)}${table("What the recipes say otherwise", "Key", rows.recipe)}`}</${Loaded}>
       <div class="columns" ref=${box}>${pair.map((name) => html`<div key=${name}><h3>${name}</h3>
-        <${Frame} src=${`/runs/${part(name)}/pages/network`} title=${`Network of ${name}`} /></div>`)}</div>`}`;
+        <${Frame} src=${`/runs/${part(name)}/pages/network`} title=${`Network of ${name}`} tall=${false} /></div>`)}</div>
+      <${Loaded} of=${found}>${(rows) => html`${table("Key figures", "Figure", rows.figures)}${table("What the recipes say otherwise", "Key", rows.recipe)}`}</${Loaded}>`}`;
 }
 
 // --- pages of the server, shut in a frame --------------------------------------------------------------
@@ -358,8 +359,8 @@ function useTheme() {
   return theme;
 }
 
-// A page at an address of the API, as tall as the window leaves; `hear` gets what it tells.
-function Frame({ src, title, hear = null }) {
+// A page at an address of the API, as tall as the window leaves if that is much; `hear` gets what it tells.
+function Frame({ src, title, hear = null, tall = true }) {
   const theme = useTheme();
   const [ready, setReady] = useState({ here: false, problem: null });
   const [height, setHeight] = useState(LEAST_PX);
@@ -378,7 +379,8 @@ function Frame({ src, title, hear = null }) {
   useEffect(() => {
     const fit = () => {
       const top = (box.current?.getBoundingClientRect().top ?? 0) + window.scrollY;
-      setHeight(Math.max(LEAST_PX, window.innerHeight - 130 > top ? window.innerHeight - top - 34 : 0.75 * window.innerHeight));
+      const left = window.innerHeight - top - 34; // below it lie the card's and the page's edge
+      setHeight(tall && left > LEAST_PX ? left : Math.max(LEAST_PX, 0.55 * window.innerHeight));
     };
     const observer = new ResizeObserver(fit);
     [document.documentElement, document.getElementById("content")].forEach((one) => observer.observe(one));
