@@ -35,6 +35,10 @@ def read_text(text: str) -> dict[str, Any]:
     try:
         _check_events(text)
         data = read_yaml(text)
+    except yaml.MarkedYAMLError as exc:
+        mark = exc.problem_mark
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise BadRequestError(f"this isn't YAML: {where}{exc.problem}") from exc
     except (yaml.YAMLError, ValueError, RecursionError) as exc:
         raise BadRequestError(f"this isn't YAML: {exc}") from exc
     if not isinstance(data, dict) or any(not isinstance(key, str) for key in data):

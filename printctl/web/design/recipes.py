@@ -77,6 +77,11 @@ class CheckedRecipe:
     problems: tuple[RecipeProblem, ...]
     data: dict[str, Any] | None
 
+    @property
+    def recipe(self) -> Recipe | None:
+        """The recipe; None when it can't be used."""
+        return Recipe.model_validate(self.data) if self.valid else None
+
 
 def check_text(text: str, folder: Path, store: ProfileStore) -> CheckedRecipe:
     """Read and check a recipe.

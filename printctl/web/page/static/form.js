@@ -341,7 +341,7 @@ export function RecipeForm({ schema, choices, doc, change }) {
     return () => clearTimeout(timer);
   }, [target]);
   return html`<div class="stack" ref=${box}>
-    <${Problems} problems=${doc.problems} show=${show} />
+    <${Problems} problems=${doc.problems} show=${(path) => nodeAt(schema, data, path) && (() => show(path))} />
     <${Fields} form=${form} node=${schema} path=${[]} lead=${html`
       <${Field} kind="search" label="Find a field" value=${query} onChange=${setQuery} autocomplete="off" />
       <${Found} form=${form} query=${query} show=${show} />`} />
@@ -360,8 +360,8 @@ function Found({ form, query, show }) {
     ${found.length === 0 && html`<li class="quiet">No field has this in its name or help.</li>`}</ul>`;
 }
 
-// What is wrong; with `show`, pressing one leads to its field.
-export const Problems = ({ problems, show }) => problems.length > 0 && html`
+// What is wrong; `show(path)` gives what pressing one does, if there is its field.
+export const Problems = ({ problems, show = () => null }) => problems.length > 0 && html`
   <${Note} tone="warn"><ul class="form-problems" aria-label="To mend">${problems.map((one, k) => html`
-    <li key=${k}>${show && one.path.length ? html`<button type="button" onClick=${() => show(one.path)}>${one.message}</button>` : one.message}</li>`)}
+    <li key=${k}>${one.path.length && show(one.path) ? html`<button type="button" onClick=${show(one.path)}>${one.message}</button>` : one.message}</li>`)}
   </ul></${Note}>`;
