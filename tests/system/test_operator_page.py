@@ -70,7 +70,7 @@ def _design(page: Any) -> None:
     page.get_by_text("saved", exact=True).wait_for()
     page.get_by_role("tab", name="Make").click()
     page.get_by_role("button", name="Make the design").click()
-    page.get_by_text("made as far as lumens").wait_for(timeout=_LONG_MS)
+    page.get_by_text("Made as far as lumens").wait_for(timeout=_LONG_MS)
 
 
 def _connect(page: Any, server: Process) -> None:

@@ -92,7 +92,8 @@ POLICY: Final = (
 _BARE: Final = (
     "body > header, body > footer, #map > h2 { display: none } body { padding: 8px } "
     "main, section { margin: 0; padding: 0; border: 0 } .stage { min-height: 0 } "
-    "@media screen { .wide:not(.play-page) .viewer { grid-template-rows: max(16rem, 100vh - 18px) } } "
+    "@media screen { .wide:not(.play-page) .viewer "
+    "{ grid-template-rows: max(16rem, 100vh - 18px) } } "
     "@media screen and (min-width: 44rem) { .wide:not(.play-page) .viewer[data-state=ready] "
     "{ grid-template-columns: minmax(0, 1fr) 14rem } .panel { overflow-y: auto } }"
 )

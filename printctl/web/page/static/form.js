@@ -67,7 +67,8 @@ export function toWrite({ root, data }, path, value) {
   const missing = path.findIndex((_, k) => k > 0 && valueAt(data, path.slice(0, k)) === undefined);
   if (missing < 0) return { path, value };
   const first = path.slice(0, missing);
-  const inner = path.slice(missing).reduceRight((one, key) => (typeof key === "number" ? [one] : { [key]: one }), value);
+  const inner = path.slice(missing)
+    .reduceRight((one, key) => (typeof key === "number" ? [one] : { [key]: one }), value);
   const node = nodeAt(root, data, first);
   const at = node?.tags && node.default ? optionAt(root, node, node.default) : -1;
   return { path: first, value: at < 0 ? inner : { ...node.begins[at], ...inner } };
@@ -193,8 +194,9 @@ function Leaf({ form, node, path, label = labelOf(node), hint = hintOf(node), va
     const same = !node.needed && !yaml && next === node.default;
     form.change(path, same ? undefined : next, yaml);
   });
-  const parts = { form, node, path, kind, value, label, hint, say: tell };
-  return html`<div data-path=${path.join(".")}>${kind === "one of" ? html`<${Chosen} ...${parts} />` : html`<${Typed} ...${parts} />`}</div>`;
+  const Input = kind === "one of" ? Chosen : Typed;
+  return html`<div data-path=${path.join(".")}>
+    <${Input} ...${{ form, node, path, kind, value, label, hint, say: tell }} /></div>`;
 }
 
 // A few numbers beside each other, written together.
@@ -206,10 +208,11 @@ function Row({ form, node, path }) {
     const row = items.map((_, i) => (i === k ? next : begin[i]) ?? null);
     form.change(path, row.every((one) => one === null) ? undefined : row);
   };
+  const itemAt = (k) => ({ ...resolve(form.root, items[k]), default: node.default?.[k], needed: node.needed });
   return html`<fieldset class="form-row" data-path=${path.join(".")}>
     <legend>${labelOf(node)}</legend>
-    ${items.map((one, k) => html`<${Leaf} key=${k} form=${form} path=${[...path, k]} value=${value?.[k] ?? undefined} say=${say(k)}
-      node=${{ ...resolve(form.root, one), default: node.default?.[k], needed: node.needed }} label=${AXES[items.length]?.[k] ?? String(k + 1)} hint="" />`)}
+    ${items.map((_, k) => html`<${Leaf} key=${k} form=${form} node=${itemAt(k)} path=${[...path, k]} hint=""
+      label=${AXES[items.length]?.[k] ?? String(k + 1)} value=${value?.[k] ?? undefined} say=${say(k)} />`)}
     ${hintOf(node) && html`<p class="hint">${hintOf(node)}</p>`}
     ${problemAt(form, path) && html`<p class="problem">${problemAt(form, path)}</p>`}
   </fieldset>`;
@@ -224,11 +227,12 @@ function Fields({ form, node, path, without = [], lead = null }) {
     .map((key) => ({ key, node: nodeOf(form, node, key), path: [...path, key] }))
     .filter((one) => !("const" in one.node && one.node.needed));
   const top = !path.length;
-  const isShown = (one) => valueAt(form.data, one.path) !== undefined || one.node.needed || form.opened.has(one.path.join("."))
-    || top;
+  const isShown = (one) => top || one.node.needed || valueAt(form.data, one.path) !== undefined
+    || form.opened.has(one.path.join("."));
   const rest = all.filter((one) => !isShown(one));
   return html`<${FieldList} form=${form} fields=${all.filter(isShown)} lead=${lead} />
-    ${rest.length > 0 && html`<${Folded} title=${`${rest.length} more ${rest.length > 1 ? "fields" : "field"}, at their defaults`}>
+    ${rest.length > 0 && html`
+    <${Folded} title=${`${rest.length} more ${rest.length > 1 ? "fields" : "field"}, at their defaults`}>
       <${FieldList} form=${form} fields=${rest} />
     </${Folded}>`}`;
 }
@@ -259,8 +263,10 @@ function Part({ form, node, path }) {
   const wrong = below(form, path);
   const place = path.join(".");
   const open = valueAt(form.data, path) !== undefined || form.opened.has(place);
-  const title = html`<span class="form-title">${node.title}</span>${wrong > 0 && html`<${Badge} tone="bad">${wrong} to mend</${Badge}>`}`;
-  return html`<${Folded} class="details form-part" key=${`${place} ${form.turn}`} title=${title} open=${open} data-path=${place}>
+  const title = html`<span class="form-title">${node.title}</span>
+    ${wrong > 0 && html`<${Badge} tone="bad">${wrong} to mend</${Badge}>`}`;
+  return html`<${Folded} class="details form-part" key=${`${place} ${form.turn}`} title=${title} open=${open}
+      data-path=${place}>
     ${node.description && html`<p class="hint">${node.description}</p>`}
     ${problemAt(form, path) && html`<p class="problem">${problemAt(form, path)}</p>`}
     <${Inside} form=${form} node=${node} path=${path} />
@@ -285,25 +291,28 @@ function Choice({ form, node, path }) {
   const at = value === undefined && node.default ? optionAt(form.root, node, node.default) : now;
   const shown = at < 0 ? null : resolve(form.root, node.oneOf[at]);
   const options = node.tags.map((tag, k) => [String(k), tag.replaceAll("_", " ")]);
-  if (!node.needed || now < 0) options.unshift(["-1", node.needed ? "to be chosen" : node.default ? "default" : "none"]);
+  const none = node.needed ? "to be chosen" : node.default ? "default" : "none";
+  if (!node.needed || now < 0) options.unshift(["-1", none]);
   const fixed = at < 0 ? [] : Object.keys(node.begins[at]).filter((key) => "const" in shown.properties[key]);
   const lead = html`<${Field} kind="choice" label=${`kind of ${node.title}`} value=${String(now)} options=${options}
     hint=${shown?.description} onChange=${(k) => form.change(path, node.begins[Number(k)])} />`;
-  return shown ? html`<${Fields} key=${at} form=${form} node=${shown} path=${path} without=${fixed} lead=${lead} />` : lead;
+  return shown
+    ? html`<${Fields} key=${at} form=${form} node=${shown} path=${path} without=${fixed} lead=${lead} />` : lead;
 }
 
 function List({ form, node, path }) {
   const value = valueAt(form.data, path);
   const count = Array.isArray(value) ? value.length : 0;
   const item = { title: node.title, ...resolve(form.root, node.items), needed: true };
+  const begin = item.begins?.[0] ?? item.prefixItems?.map(() => 0) ?? {};
   return html`${Array.from({ length: count }, (_, k) => html`
     <div class="form-item stack" key=${k} data-path=${[...path, k].join(".")}>
       <div class="row"><h3 class="grow">${node.title} ${k + 1}</h3>
-        <${Button} onClick=${() => form.change([...path, k], undefined)} aria-label=${`Remove ${node.title} ${k + 1}`}>Remove</${Button}></div>
+        <${Button} onClick=${() => form.change([...path, k], undefined)}
+          aria-label=${`Remove ${node.title} ${k + 1}`}>Remove</${Button}></div>
       <${Inside} form=${form} node=${item} path=${[...path, k]} />
     </div>`)}
-    <div><${Button} onClick=${() => form.change([...path, count], item.begins?.[0] ?? (item.prefixItems ? item.prefixItems.map(() => 0) : {}))}>
-      Add to ${node.title}</${Button}></div>`;
+    <div><${Button} onClick=${() => form.change([...path, count], begin)}>Add to ${node.title}</${Button}></div>`;
 }
 
 // --- the whole -------------------------------------------------------------------------------------
@@ -354,7 +363,8 @@ function Found({ form, query, show }) {
   const fits = (text) => words.every((one) => text.toLowerCase().includes(one));
   const found = words.length ? [...fields.filter((one) => fits(one.words)),
     ...fields.filter((one) => !fits(one.words) && fits(`${one.words} ${one.help}`))] : [];
-  return words.length > 0 && html`<ul class="list form-finds" aria-label="Fields found">${found.slice(0, FOUND).map((one) => html`
+  return words.length > 0 && html`<ul class="list form-finds" aria-label="Fields found">
+    ${found.slice(0, FOUND).map((one) => html`
     <li key=${one.path.join(".")}><button type="button" class="link-row" onClick=${() => show(one.path)}>
       ${one.words} <span class="quiet">${one.help}</span></button></li>`)}
     ${found.length === 0 && html`<li class="quiet">No field has this in its name or help.</li>`}</ul>`;
@@ -362,6 +372,8 @@ function Found({ form, query, show }) {
 
 // What is wrong; `show(path)` gives what pressing one does, if there is its field.
 export const Problems = ({ problems, show = () => null }) => problems.length > 0 && html`
-  <${Note} tone="warn"><ul class="form-problems" aria-label="To mend">${problems.map((one, k) => html`
-    <li key=${k}>${one.path.length && show(one.path) ? html`<button type="button" onClick=${show(one.path)}>${one.message}</button>` : one.message}</li>`)}
-  </ul></${Note}>`;
+  <${Note} tone="warn"><ul class="form-problems" aria-label="To mend">${problems.map((one, k) => {
+    const press = one.path.length > 0 && show(one.path);
+    return html`<li key=${k}>${press ? html`<button type="button" onClick=${press}>${one.message}</button>`
+      : one.message}</li>`;
+  })}</ul></${Note}>`;

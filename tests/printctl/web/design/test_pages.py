@@ -135,12 +135,12 @@ def test_a_field_is_found_and_a_section_begun_with_what_tells_it_apart(
     wait_for(lambda: read_text(file.read_text()).get("toolpath") == {"method": "fresh"})
     page.get_by_label("Find a field").fill("zzz")
     page.get_by_text("No field has this").wait_for()
-    page.get_by_text("Oxygen", exact=True).click()
+    page.get_by_text("oxygen", exact=True).click()
     page.get_by_label("with oxygen").check()
     wait_for(lambda: read_text(file.read_text()).get("oxygen") == {})
     page.get_by_label("with oxygen").uncheck()
     wait_for(lambda: "oxygen" not in file.read_text())
-    page.get_by_text("Solid", exact=True).click()
+    page.get_by_text("solid", exact=True).click()
     page.get_by_text("more fields, at their defaults").last.wait_for()
 
 

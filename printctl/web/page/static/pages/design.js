@@ -1,25 +1,27 @@
 // Recipes at the left, the chosen one at the right: its form and text, what is made of it, and two runs compared.
-import { get, part, send, url } from "../api.js";
+import { get, part, send } from "../api.js";
 import { Problems, RecipeForm } from "../form.js";
+import { Frame } from "../frame.js";
 import {
-  Act, Badge, Button, Card, Dialog, Drop, Empty, Facts, Failed, Field, Fold, Loaded, Loading, Note, Page, Progress, Segments,
-  Table, Tabs, html, number, useAction, useEffect, useGet, useRef, useState, useStyle,
+  Act, Badge, Button, Card, Dialog, Drop, Empty, Field, Fold, Loaded, Loading, Note, Page, Progress, Tabs,
+  html, useAction, useEffect, useGet, useRef, useState, useStyle,
 } from "../ui.js";
+import { Compare, Figures, Look, Names } from "./design_runs.js";
 
-const VIEWS = [["network", "Network in 3D"], ["layers", "Layers and passes"], ["dry_run", "Dry run"], ["report", "Report"]];
 const STATES = {
-  never: "not made yet", starting: "starting", running: "being made", done: "made", failed: "failed", interrupted: "broken off",
+  never: "Not made yet", starting: "Starting", running: "Being made", done: "Made", failed: "Failed",
+  interrupted: "Broken off",
 };
 const MARKS = { waiting: "·", running: "▸", done: "✓", failed: "✕" };
 const TYPING_MS = 600;
-const LEAST_PX = 320; // of a frame
 
 // --- the recipe that is edited -----------------------------------------------------------------------
 
-// { doc, problem, draft, change, type, load, forget }. Changes are sent one after the other, each with the
+// { doc, loads, problem, draft, change, type, load, forget }. Changes are sent one after the other, each with the
 // version that it changes. `draft` is a text that isn't in the file (yet): { text, problem }.
 function useRecipe(name) {
   const [doc, setDoc] = useState(null);
+  const [loads, setLoads] = useState(0);
   const [problem, setProblem] = useState(null);
   const [draft, setDraft] = useState(null);
   const now = useRef(name);
@@ -35,19 +37,23 @@ function useRecipe(name) {
     setProblem(null);
     setDraft(null);
     await get(`/recipes/${part(name)}`).then(keep, setProblem);
+    setLoads((old) => old + 1);
   };
   useEffect(() => {
     setDoc(null);
     if (name) load();
   }, [name]);
-  const write = (method, body, refused) => {
-    queue.current = queue.current.then(() => send(method, `/recipes/${part(name)}`, { ...body, version: versions.current.get(name) })
-      .then((one) => {
-        keep(one);
-        setProblem(null);
-        setDraft((old) => (old && old.text !== one.text && method === "PUT" ? old : null));
-      }, refused));
+  const put = async (method, body, refused) => {
+    try {
+      const one = await send(method, `/recipes/${part(name)}`, { ...body, version: versions.current.get(name) });
+      keep(one);
+      setProblem(null);
+      setDraft((old) => (old && old.text !== one.text && method === "PUT" ? old : null));
+    } catch (why) {
+      refused(why);
+    }
   };
+  const write = (...what) => { queue.current = queue.current.then(() => put(...what)); };
   const save = (text) => {
     typing.current = null;
     write("PUT", { text }, (why) => (why.status === 422 ? setDraft({ text, problem: why }) : setProblem(why)));
@@ -62,7 +68,8 @@ function useRecipe(name) {
     clearTimeout(typing.current.timer);
     save(typing.current.text);
   }, [name]);
-  return { doc, problem, draft, load, type, change: (body) => write("PATCH", body, setProblem), forget: () => setDraft(null) };
+  const change = (body) => write("PATCH", body, setProblem);
+  return { doc, loads, problem, draft, load, type, change, forget: () => setDraft(null) };
 }
 
 // --- page --------------------------------------------------------------------------------------------
@@ -84,7 +91,9 @@ export default function Design({ recipe = "", tab = "recipe" }) {
     const address = `/design?${new URLSearchParams({ recipe: chosen, tab: at })}`;
     if (recipes.value && location.pathname === "/design") history.replaceState(history.state, "", address);
   }, [chosen, at, recipes.value]);
-  useEffect(() => { if (count !== undefined && count !== rows.find((one) => one.name === chosen)?.problems) recipes.reload(); }, [count]);
+  useEffect(() => {
+    if (count !== undefined && count !== rows.find((one) => one.name === chosen)?.problems) recipes.reload();
+  }, [count]);
   const choose = (next) => {
     setSaid(null);
     setName(next);
@@ -102,31 +111,36 @@ export default function Design({ recipe = "", tab = "recipe" }) {
       done(await send("POST", `/recipes/${part(chosen)}/restore`))}>Take back ${chosen}</${Act}></${Note}>`);
   };
   const names = (runs.value ?? []).filter((one) => one.state !== "never").map((one) => one.name);
+  const made = (runs.value ?? []).filter((one) => one.state === "done").map((one) => one.name);
+  const ofRuns = { key: chosen, names, first: chosen };
   const dialogs = { choices, chosen, done, close: () => setDialog("") };
   const tabs = [
-    { id: "recipe", name: "Recipe", body: () => html`<${RecipeTab} editor=${editor} choices=${choices} toText=${() => setAt("text")} />` },
+    { id: "recipe", name: "Recipe",
+      body: () => html`<${RecipeTab} editor=${editor} choices=${choices} toText=${() => setAt("text")} />` },
     { id: "text", name: "Text", body: () => html`<${TextTab} editor=${editor} />` },
-    { id: "make", name: "Make", body: () => html`<${MakeTab} key=${chosen} name=${chosen} stages=${choices.value?.stages ?? []}
-      problems=${editor.doc?.problems ?? []} made=${runs.reload} look=${() => setAt("look")} />` },
-    { id: "look", name: "Look", body: () => html`<${Look} key=${chosen} names=${names} first=${chosen} />` },
-    { id: "figures", name: "Figures and files", body: () => html`<${Figures} key=${chosen} names=${names} first=${chosen} />` },
-    { id: "compare", name: "Compare", body: () => html`<${Compare} key=${chosen} names=${names} first=${chosen} />` },
+    { id: "make", name: "Make", body: () => html`<${MakeTab} key=${chosen} name=${chosen} made=${runs.reload}
+      stages=${choices.value?.stages ?? []} problems=${editor.doc?.problems ?? []} look=${() => setAt("look")} />` },
+    { id: "look", name: "Look", body: () => html`<${Look} ...${ofRuns} />` },
+    { id: "figures", name: "Figures and files", body: () => html`<${Figures} ...${ofRuns} />` },
+    { id: "compare", name: "Compare", body: () => html`<${Compare} ...${ofRuns} />` },
   ];
   return html`<${Page} title="Design" wide tools=${html`
-      <${Button} kind="main" onClick=${() => setDialog("new")}>New</${Button}><${Button} onClick=${() => setDialog("import")}>Import</${Button}>`}>
+      <${Button} kind="main" onClick=${() => setDialog("new")}>New</${Button}>
+      <${Button} onClick=${() => setDialog("import")}>Import</${Button}>`}>
     ${said}
-    ${choices.value?.unusable.length > 0 && html`<${Note} tone="warn"><p>Not shown: ${choices.value.unusable.join(", ")}. Rename each:
-      1 to 64 letters a to z, digits, ".", "_" or "-", beginning with a letter or digit.</p></${Note}>`}
+    ${choices.value?.unusable.length > 0 && html`<${Note} tone="warn"><p>Not shown:
+      ${choices.value.unusable.join(", ")}. Rename each: 1 to 64 letters a to z, digits, ".", "_" or "-", beginning
+      with a letter or digit.</p></${Note}>`}
     <${Loaded} of=${recipes} what="Reading the recipes">${() => (rows.length || names.length ? html`<div class="design">
-      <${Recipes} rows=${rows} made=${(runs.value ?? []).filter((one) => one.state === "done").map((one) => one.name)} chosen=${chosen} choose=${choose} />
+      <${Recipes} rows=${rows} made=${made} chosen=${chosen} choose=${choose} />
       <${Card} title=${chosen || "No recipe"} tools=${chosen && html`<${State} editor=${editor} />
           <${Button} onClick=${() => setDialog("duplicate")}>Duplicate</${Button}>
           <${Button} onClick=${() => setDialog("rename")}>Rename</${Button}><${Act} work=${remove}>Delete</${Act}>`}>
         <${Conflict} editor=${editor} />
         <${Tabs} label="Parts of the design" tabs=${tabs} at=${at} onChange=${setAt} />
       </${Card}></div>`
-    : html`<${Card}><${Empty}>A recipe says what is printed and how: tissue, vessels, toolpath, printer. Begin one from an example,
-        or import a file. Step by step it goes on <a href="/">Home</a>.</${Empty}></${Card}>`)}</${Loaded}>
+    : html`<${Card}><${Empty}>A recipe says what is printed and how: tissue, vessels, toolpath, printer. Begin one from
+        an example, or import a file. Step by step it goes on <a href="/">Home</a>.</${Empty}></${Card}>`)}</${Loaded}>
     ${dialog === "new" && html`<${NewDialog} ...${dialogs} />`}
     ${dialog === "import" && html`<${ImportDialog} ...${dialogs} />`}
     ${["duplicate", "rename"].includes(dialog) && html`<${NameDialog} ...${dialogs} act=${dialog} />`}
@@ -142,11 +156,13 @@ function State({ editor: { doc, draft } }) {
 }
 
 const Conflict = ({ editor: { problem, load } }) => problem && html`<${Note} tone="bad"><p>${problem.message}</p>
-  <${Button} onClick=${load}>${problem.status === 409 ? "Load it again; my last change is lost" : "Load it again"}</${Button}></${Note}>`;
+  <${Button} onClick=${load}>Load it again${problem.status === 409 && "; my last change is lost"}</${Button}>
+</${Note}>`;
 
 // On a phone a choice; else a list.
 const Recipes = ({ rows, made, chosen, choose }) => html`<nav class="design-recipes" aria-label="Recipes">
-  <div class="design-choice"><${Field} kind="choice" label="Recipe" value=${chosen} onChange=${choose} options=${rows.map((one) => [one.name])} /></div>
+  <div class="design-choice"><${Names} label="Recipe" value=${chosen} onChange=${choose}
+    names=${rows.map((one) => one.name)} /></div>
   <ul class="list card">${rows.map((one) => html`<li key=${one.name}>
     <a class="link-row" href=${`/design?recipe=${part(one.name)}`} aria-current=${String(one.name === chosen)}
       onClick=${(event) => { event.preventDefault(); choose(one.name); }}><span>${one.name}</span>
@@ -165,25 +181,31 @@ function Asking({ title, work, close, yes, children }) {
   };
   return html`<${Dialog} title=${title} onClose=${close}><form class="stack" onSubmit=${press}>${children}
     ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
-    <div class="row"><${Button} kind="main" busy=${state.busy} onClick=${run}>${yes}</${Button}><${Button} onClick=${close}>Cancel</${Button}></div>
+    <div class="row"><${Button} kind="main" busy=${state.busy} onClick=${run}>${yes}</${Button}>
+      <${Button} onClick=${close}>Cancel</${Button}></div>
   </form></${Dialog}>`;
 }
 
 function NewDialog({ choices, done, close }) {
   const [name, setName] = useState("");
   const [source, setSource] = useState("starter");
-  const options = (choices.value?.examples ?? ["starter"]).map((one) => [one]);
-  return html`<${Asking} title="New recipe" yes="Make" close=${close} work=${async () => done(await send("POST", "/recipes", { name, source }))}>
-    <${Field} label="Name" value=${name} onChange=${setName} hint="Letters a to z, digits, '.', '_' and '-'." autocomplete="off" />
-    <${Field} kind="choice" label="Begin from" value=${source} onChange=${setSource} options=${options} />
+  const work = async () => done(await send("POST", "/recipes", { name, source }));
+  return html`<${Asking} title="New recipe" yes="Make" close=${close} work=${work}>
+    <${Field} label="Name" value=${name} onChange=${setName} autocomplete="off"
+      hint="Letters a to z, digits, '.', '_' and '-'." />
+    <${Names} label="Begin from" value=${source} onChange=${setSource} names=${choices.value?.examples ?? [source]} />
   </${Asking}>`;
 }
 
 function NameDialog({ chosen, act, done, close }) {
   const copies = act === "duplicate";
   const [name, setName] = useState(copies ? `${chosen}_2` : chosen);
-  const work = async () => (name === chosen && !copies ? close() : done(await send("POST", `/recipes/${part(chosen)}/${act}`, { name })));
-  return html`<${Asking} title=${copies ? "Duplicate" : "Rename"} yes=${copies ? "Duplicate" : "Rename"} close=${close} work=${work}>
+  const title = copies ? "Duplicate" : "Rename";
+  const work = async () => {
+    if (name === chosen && !copies) close();
+    else done(await send("POST", `/recipes/${part(chosen)}/${act}`, { name }));
+  };
+  return html`<${Asking} title=${title} yes=${title} close=${close} work=${work}>
     <${Field} label=${copies ? "Name of the copy" : "New name"} value=${name} onChange=${setName} autocomplete="off"
       hint=${copies ? "" : "A run that was made of it keeps its name."} />
   </${Asking}>`;
@@ -206,13 +228,17 @@ function RecipeTab({ editor, choices, toText }) {
   const schema = useGet("/recipes/schema");
   const { doc, draft } = editor;
   if (draft?.problem || (doc && !doc.data)) {
-    return html`<${Note} tone="warn"><p>${draft?.problem?.message ?? doc.problems[0].message}</p><p>The form comes back once the text can be read.</p>
+    return html`<${Note} tone="warn"><p>${draft?.problem?.message ?? doc.problems[0].message}</p>
+      <p>The form comes back once the text can be read.</p>
       <div class="row"><${Button} onClick=${toText}>Mend the text</${Button}>
         ${draft && html`<${Button} onClick=${editor.forget}>Back to what is saved</${Button}>`}</div></${Note}>`;
   }
-  return html`<${Loaded} of=${schema}>${(root) => html`<${Loaded} of=${choices}>${(known) => (doc ? html`
-    <${Pick} key=${`pick ${doc.name}`} doc=${doc} change=${editor.change} />
-    <${RecipeForm} key=${doc.name} schema=${root} choices=${known} doc=${doc} change=${editor.change} />` : html`<${Loading} what="Reading the recipe" />`)}</${Loaded}>`}</${Loaded}>`;
+  if (!doc) return html`<${Loading} what="Reading the recipe" />`;
+  const key = `${doc.name} ${editor.loads}`;
+  return html`<${Pick} key=${`pick ${key}`} doc=${doc} change=${editor.change} />
+    <${Loaded} of=${schema}>${(root) => html`<${Loaded} of=${choices}>${(known) => html`
+      <${RecipeForm} key=${key} schema=${root} choices=${known} doc=${doc} change=${editor.change} />`}</${Loaded}>`}
+    </${Loaded}>`;
 }
 
 function TextTab({ editor }) {
@@ -230,19 +256,21 @@ function Pick({ doc, change }) {
   const [name, setName] = useState("");
   const [said, setSaid] = useState("");
   const target = doc.places.find((one) => one.name === name) ?? doc.places[0];
-  const hear = (message) => {
-    const { at } = message;
-    if (message.printctl !== "pick" || !Array.isArray(at) || at.length !== 3 || !at.every(Number.isFinite) || !target) return;
+  const hear = ({ printctl, at }) => {
+    if (printctl !== "pick" || !target || !Array.isArray(at) || at.length !== 3 || !at.every(Number.isFinite)) return;
     const place = at.map((one) => Number(one.toFixed(3)));
     change({ path: target.path, value: target.key ? { [target.key]: place } : place });
     setSaid(`${target.name}: ${place.join(", ")} mm`);
   };
   if (!doc.places.length) return null;
   return html`<${Fold} title="Pick places on the tissue"><div class="row design-run">
-      <${Field} kind="choice" label="A click on the surface sets" value=${target.name} onChange=${setName} options=${doc.places.map((one) => [one.name])} />
-      <${Button} onClick=${() => setShown(shown + 1)}>${shown ? "Show the tissue anew" : "Show the tissue"}</${Button}></div>
+      <${Names} label="A click on the surface sets" value=${target.name} onChange=${setName}
+        names=${doc.places.map((one) => one.name)} />
+      <${Button} onClick=${() => setShown(shown + 1)}>${shown ? "Show the tissue anew" : "Show the tissue"}</${Button}>
+    </div>
     <p role="status">${said}</p>
-    ${shown > 0 && html`<${Frame} key=${shown} src=${`/recipes/${part(doc.name)}/tissue`} title=${`Tissue of ${doc.name}`} hear=${hear} />`}</${Fold}>`;
+    ${shown > 0 && html`<${Frame} key=${shown} src=${`/recipes/${part(doc.name)}/tissue`} hear=${hear}
+      title=${`Tissue of ${doc.name}`} />`}</${Fold}>`;
 }
 
 // --- make --------------------------------------------------------------------------------------------
@@ -261,142 +289,27 @@ function MakeTab({ name, stages, problems, made, look }) {
     await send("POST", `/runs/${part(name)}/${path}`, body);
     progress.reload();
   };
+  const last = until || stages.at(-1);
   const why = problems.length ? "The recipe has something to mend first." : "";
   return html`<${Loaded} of=${progress}>${() => html`
     <div class="row design-make">
-      <${Field} kind="choice" label="As far as" value=${until || stages.at(-1)} onChange=${setUntil} options=${stages.map((one) => [one])} />
-      <${Act} kind="main" disabled=${busy} why=${why} work=${act("start", { until: until || stages.at(-1) })}>Make the design</${Act}>
+      <${Names} label="As far as" value=${last} onChange=${setUntil} names=${stages} />
+      <${Act} kind="main" disabled=${busy} why=${why} work=${act("start", { until: last })}>Make the design</${Act}>
       ${busy && html`<${Act} work=${act("cancel")}>Cancel</${Act}>`}
     </div>
     ${why && html`<p class="quiet">${why}</p>`}
-    <p role="status" class=${busy ? "loading" : ""}>${busy && html`<span class="spinner" aria-hidden="true"></span>`}<strong>${STATES[run.state]}${run.until && run.state === "done" ? ` as far as ${run.until}` : ""}</strong></p>
-    ${run.message && html`<${Note} tone=${run.state === "failed" ? "bad" : "warn"}><p class="design-message">${run.message}</p></${Note}>`}
+    <p role="status" class=${busy ? "loading" : ""}>${busy && html`<span class="spinner" aria-hidden="true"></span>`}
+      <strong>${STATES[run.state]}${run.state === "done" && run.until && ` as far as ${run.until}`}</strong></p>
+    ${run.message && html`<${Note} tone=${run.state === "failed" ? "bad" : "warn"}>
+      <p class="design-message">${run.message}</p></${Note}>`}
     ${run.stages.length > 0 && html`<ol class="list">${run.stages.map((one) => html`<li key=${one.name}>
       <div class="design-stage"><span><span aria-hidden="true">${MARKS[one.state]}</span> ${one.name}</span>
         <${Progress} share=${one.fraction} label=${one.name} /><span class="quiet">${one.note || one.state}</span></div>
       ${one.remarks.map((remark) => html`<p class="hint" key=${remark}>${remark}</p>`)}</li>`)}</ol>`}
     ${run.state === "done" && html`<div class="row"><${Button} onClick=${look}>Look at it</${Button}>
-      ${stages.indexOf(run.until) >= stages.indexOf("toolpath") && html`<${Button} href=${`/job?job=run~${part(name)}`}>Print it</${Button}>`}</div>`}
-    ${run.print_state === "done" && !busy && html`<div class="row"><${Act} work=${act("continue")}>Continue after the print</${Act}>
+      ${stages.indexOf(run.until) >= stages.indexOf("toolpath") && html`
+        <${Button} href=${`/job?job=run~${part(name)}`}>Print it</${Button}>`}</div>`}
+    ${run.print_state === "done" && !busy && html`<div class="row">
+      <${Act} work=${act("continue")}>Continue after the print</${Act}>
       <span class="quiet">Its print is done: scan, registration and report come next.</span></div>`}`}</${Loaded}>`;
-}
-
-// --- runs --------------------------------------------------------------------------------------------
-
-// [the run that is looked at, its choice]: the recipe's own, or else the newest, until another is chosen.
-function useRun(names, first) {
-  const [name, setName] = useState("");
-  const run = names.includes(name) ? name : names.includes(first) ? first : names[0] ?? "";
-  return [run, run ? html`<${Field} kind="choice" label="Run" value=${run} onChange=${setName} options=${names.map((one) => [one])} />`
-    : html`<${Empty}>Nothing is made yet: make a recipe's design first.</${Empty}>`];
-}
-
-function Look(props) {
-  const [run, choice] = useRun(props.names, props.first);
-  const [view, setView] = useState("network");
-  const theme = useTheme();
-  const address = `/runs/${part(run)}/pages/${view}`;
-  return html`<div class="row design-run">${choice}${run && html`
-      <${Segments} label="View" options=${VIEWS} value=${view} onChange=${setView} />
-      <${Button} href=${`${url(address)}?theme=${theme}`} target="_blank" rel="noopener">Open in a tab of its own</${Button}>`}</div>
-    ${run && html`<${Frame} key=${address} src=${address} title=${`${Object.fromEntries(VIEWS)[view]} of ${run}`} />`}`;
-}
-
-function Figures(props) {
-  const [run, choice] = useRun(props.names, props.first);
-  const figures = useGet(run && `/runs/${part(run)}/figures`);
-  const files = useGet(run && `/runs/${part(run)}/files`);
-  const text = ({ value, unit }) => `${typeof value === "number" ? number(value, Number.isInteger(value) ? 12 : 4) : value} ${unit}`.trim();
-  return html`<div class="row design-run">${choice}</div>
-    ${run && html`<${Loaded} of=${figures}>${(rows) => html`<div class="design-figures"><${Facts} rows=${rows.map((one) => [one.name, text(one)])} />
-      ${!rows.length && html`<${Empty}>No stage has said a figure yet.</${Empty}>`}</div>`}</${Loaded}>
-    <h3>Files</h3>
-    <${Loaded} of=${files}>${(rows) => html`<ul class="design-files">${rows.map((one) => html`<li key=${one}>
-      <a href=${url(`/runs/${part(run)}/files/${part(one)}`)} download>${one}</a></li>`)}</ul>`}</${Loaded}>`}`;
-}
-
-function Compare({ names, first }) {
-  const [one, setOne] = useState("");
-  const [other, setOther] = useState("");
-  const left = one || (names.includes(first) ? first : names[0]);
-  const pair = [left, other || names.find((name) => name !== left)];
-  const ready = names.length > 1 && pair[0] !== pair[1];
-  const found = useGet(ready && `/runs/compare?${new URLSearchParams({ one: pair[0], other: pair[1] })}`);
-  const box = useRef(null);
-  useEffect(() => { // networks beside each other are seen from the same side (viewer/stage.js)
-    const turn = (event) => {
-      const frames = [...(box.current?.querySelectorAll("iframe") ?? [])].map((frame) => frame.contentWindow);
-      if (event.data?.printctl !== "view" || !frames.includes(event.source)) return;
-      frames.filter((frame) => frame !== event.source).forEach((frame) => frame.postMessage({ printctl: "view", view: event.data.view }, "*"));
-    };
-    window.addEventListener("message", turn);
-    return () => window.removeEventListener("message", turn);
-  }, []);
-  if (names.length < 2) return html`<${Empty}>Two runs are needed: make the designs of two recipes first.</${Empty}>`;
-  const options = names.map((name) => [name]);
-  const columns = (what) => [{ name: what, of: (row) => row.name }, { name: pair[0], number: true, of: (row) => row.one },
-    { name: pair[1], number: true, of: (row) => row.other }, { name: "Change", number: true, of: (row) => row.change }];
-  const table = (title, what, rows) => html`<h3>${title}</h3>${rows.length ? html`<${Table} caption=${title} columns=${columns(what)} rows=${rows} />`
-    : html`<${Empty}>Nothing.</${Empty}>`}`;
-  return html`<div class="columns"><${Field} kind="choice" label="One run" value=${pair[0]} onChange=${setOne} options=${options} />
-      <${Field} kind="choice" label="The other" value=${pair[1]} onChange=${setOther} options=${options} /></div>
-    ${!ready ? html`<${Empty}>Choose two different runs.</${Empty}>` : html`
-      <div class="columns" ref=${box}>${pair.map((name) => html`<div key=${name}><h3>${name}</h3>
-        <${Frame} src=${`/runs/${part(name)}/pages/network`} title=${`Network of ${name}`} tall=${false} /></div>`)}</div>
-      <${Loaded} of=${found}>${(rows) => html`${table("Key figures", "Figure", rows.figures)}${table("What the recipes say otherwise", "Key", rows.recipe)}`}</${Loaded}>`}`;
-}
-
-// --- pages of the server, shut in a frame --------------------------------------------------------------
-
-function useTheme() {
-  const root = document.documentElement;
-  const [theme, setTheme] = useState(root.dataset.theme);
-  useEffect(() => {
-    const observer = new MutationObserver(() => setTheme(root.dataset.theme));
-    observer.observe(root, { attributeFilter: ["data-theme"] });
-    return () => observer.disconnect();
-  }, []);
-  return theme;
-}
-
-// A page at an address of the API, as tall as the window leaves if that is much; `hear` gets what it tells.
-function Frame({ src, title, hear = null, tall = true }) {
-  const theme = useTheme();
-  const [ready, setReady] = useState({ here: false, problem: null });
-  const [height, setHeight] = useState(LEAST_PX);
-  const box = useRef(null);
-  const told = useRef(hear);
-  told.current = hear;
-  useEffect(() => { // it may take minutes to be made, and a frame can't say why it isn't
-    const ended = new AbortController();
-    fetch(url(src), { signal: ended.signal }).then(async (answer) => {
-      const why = answer.ok ? null : await answer.json().catch(() => ({ message: `refused (${answer.status})` }));
-      setReady({ here: answer.ok, problem: why });
-      ended.abort();
-    }, (why) => ended.signal.aborted || setReady({ here: false, problem: why }));
-    return () => ended.abort();
-  }, [src]);
-  useEffect(() => {
-    const fit = () => {
-      const top = (box.current?.getBoundingClientRect().top ?? 0) + window.scrollY;
-      const left = window.innerHeight - top - 34; // below it lie the card's and the page's edge
-      setHeight(tall && left > LEAST_PX ? left : Math.max(LEAST_PX, 0.55 * window.innerHeight));
-    };
-    const observer = new ResizeObserver(fit);
-    [document.documentElement, document.getElementById("content")].forEach((one) => observer.observe(one));
-    window.addEventListener("resize", fit);
-    return () => {
-      observer.disconnect();
-      window.removeEventListener("resize", fit);
-    };
-  }, [ready.here]);
-  useEffect(() => {
-    const listen = (event) => event.source === box.current?.contentWindow && told.current?.(event.data ?? {});
-    window.addEventListener("message", listen);
-    return () => window.removeEventListener("message", listen);
-  }, []);
-  if (ready.problem) return html`<${Failed} problem=${ready.problem} />`;
-  if (!ready.here) return html`<${Loading} what="The view is being made" />`;
-  return html`<iframe class="frame" ref=${box} title=${title} src=${`${url(src)}?theme=${theme}`} sandbox="allow-scripts allow-downloads"
-    style=${{ height: `${Math.round(height)}px` }}></iframe>`;
 }
