@@ -9,7 +9,6 @@ from fastapi import APIRouter, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import FileResponse, HTMLResponse
 
-from printctl.web.api import Problem
 from printctl.web.design.recipe_text import MOST_BYTES, read_value
 from printctl.web.design.recipes import (
     CheckedRecipe,
@@ -23,10 +22,18 @@ from printctl.web.design.schema import recipe_schema
 from printctl.web.design.service import ARTEFACTS, DesignService
 from printctl.web.errors import BadRequestError
 
+
+class Refusal(BaseModel):
+    """Why something isn't done."""
+
+    error: str
+    message: str
+
+
 REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
-    404: {"model": Problem, "description": "There is no such thing."},
-    409: {"model": Problem, "description": "Not while things stand as they do."},
-    422: {"model": Problem, "description": "What was sent can't be taken."},
+    404: {"model": Refusal, "description": "There is no such thing."},
+    409: {"model": Refusal, "description": "Not while things stand as they do."},
+    422: {"model": Refusal, "description": "What was sent can't be taken."},
 }
 Name = Annotated[str, Field(max_length=64)]
 Text = Annotated[str, Field(max_length=MOST_BYTES)]
