@@ -1,20 +1,8 @@
 // Pages of the server (networks, layers, reports), shut in a frame.
 import { url } from "./api.js";
-import { Failed, Loading, html, useEffect, useRef, useState } from "./ui.js";
+import { Failed, Loading, html, useEffect, useRef, useState, useTheme } from "./ui.js";
 
 const LEAST_PX = 320;
-
-// "light" or "dark", as the page is now.
-export function useTheme() {
-  const root = document.documentElement;
-  const [theme, setTheme] = useState(root.dataset.theme);
-  useEffect(() => {
-    const observer = new MutationObserver(() => setTheme(root.dataset.theme));
-    observer.observe(root, { attributeFilter: ["data-theme"] });
-    return () => observer.disconnect();
-  }, []);
-  return theme;
-}
 
 // A page at an address of the API, as tall as the window leaves if that is much; `hear` gets what it tells.
 export function Frame({ src, title, hear = null, tall = true }) {

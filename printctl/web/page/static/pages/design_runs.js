@@ -1,8 +1,9 @@
 // What runs have made: their pages, figures and files, and two of them beside each other.
 import { part, url } from "../api.js";
-import { Frame, useTheme } from "../frame.js";
+import { Frame } from "../frame.js";
 import {
   Button, Empty, Facts, Field, Loaded, Segments, Table, html, number, useEffect, useGet, useRef, useState,
+  useTheme,
 } from "../ui.js";
 
 const VIEWS = [
