@@ -63,13 +63,14 @@ def _design(page: Any) -> None:
     page.get_by_role("button", name="New", exact=True).click()
     page.get_by_label("Name", exact=True).fill("one")
     page.get_by_role("button", name="Make", exact=True).click()
-    page.get_by_text(re.compile("^one: ready to be made")).wait_for()
+    page.get_by_text("ready to be made").wait_for()
+    page.get_by_role("tab", name="Text").click()
     text = page.get_by_label("Recipe as YAML")
     text.fill(of_fork(text.input_value()))
-    page.get_by_text("one: ready to be made · saved").wait_for()
+    page.get_by_text("saved", exact=True).wait_for()
     page.get_by_role("tab", name="Make").click()
     page.get_by_role("button", name="Make the design").click()
-    page.get_by_text("one: made as far as lumens").wait_for(timeout=_LONG_MS)
+    page.get_by_text("Made as far as lumens").wait_for(timeout=_LONG_MS)
 
 
 def _connect(page: Any, server: Process) -> None:

@@ -6,186 +6,26 @@ import hashlib
 import re
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, Final
 
-import yaml
 from pydantic import ValidationError
 
 from design.files import write_bytes, write_text
 from design.geometry.surface import START_BYTES, TRIANGLE
 from firmware_profiles import Bath, Dish, Ink, Needle, Plate, Printer, ProfileError, Syringe, load
 from firmware_profiles.strict_model import Facts
-from firmware_profiles.yaml_file import read_yaml
+from printctl.pipeline.run_options import TOOLPATH_NAMES
 from printctl.recipe import Recipe
 from printctl.recipe.load import STARTER, sentence
-from printctl.web.design import form as forms
-from printctl.web.design.schema import recipe_form
+from printctl.web.design.places import PickTarget, pick_targets
+from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
+from printctl.web.design.schema import KeyPath, fields_of, user_path
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
 from printctl.web.workspace import Workspace, checked_name, is_name
-
-# Parse and edit a recipe's YAML text in place, so that comments stay.
-#
-# ruamel.yaml drops the comments behind a key that is removed: 7 of the starter recipe's 62.
-
-MOST_BYTES: Final = 256_000
-MOST_DEPTH: Final = 30
-
-
-def read_text(text: str) -> dict[str, Any]:
-    """Keys and values of a recipe's text.
-
-    Raises
-    ------
-    BadRequestError
-        When it isn't YAML, is too large or too deep, holds no keys, or uses aliases or tags, which
-        a recipe never needs and a trap may.
-    """
-    try:
-        size = len(text.encode())
-    except UnicodeEncodeError as exc:
-        raise BadRequestError("a recipe is text in UTF-8; this holds signs that aren't") from exc
-    if size > MOST_BYTES:
-        raise BadRequestError(f"a recipe is at most {MOST_BYTES // 1000} kB; this has more")
-    try:
-        _check_events(text)
-        data = read_yaml(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as exc:
-        raise BadRequestError(f"this isn't YAML: {exc}") from exc
-    if not isinstance(data, dict) or any(not isinstance(key, str) for key in data):
-        raise BadRequestError("this holds no keys; begin with `schema: 1` and `name: ...`")
-    return data
-
-
-def _check_events(text: str) -> None:
-    depth = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
-        line = event.start_mark.line + 1 if event.start_mark else 0
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
-            raise BadRequestError(f"line {line}: aliases (& and *) aren't taken; write it out")
-        if getattr(event, "tag", None):
-            raise BadRequestError(f"line {line}: tags (!) aren't taken; write the plain value")
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > MOST_DEPTH:
-            raise BadRequestError(f"line {line}: more than {MOST_DEPTH} levels deep; no recipe is")
-
-
-def rewrite_yaml(text: str, new: dict[str, Any]) -> str:
-    """The text with the data ``new``; what hasn't changed stays as it is, comments with it.
-
-    Where that can't be done the whole is written anew, without comments.
-    """
-    try:
-        draft = _spliced(text, new)
-        if draft is not None and read_yaml(draft) == new:
-            return draft
-    except (yaml.YAMLError, ValueError):
-        pass
-    return dumped(new)
-
-
-def dumped(data: Any) -> str:
-    """Data as a recipe's text: sections in lines, short lists in one."""
-    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100, indent=2)
-
-
-class _Dumper(yaml.SafeDumper):
-    """Lists of plain values in one line, all else in lines of their own."""
-
-
-def _list(dumper: yaml.SafeDumper, value: list[Any]) -> yaml.Node:
-    plain = not any(isinstance(one, dict | list) for one in value)
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=plain)
-
-
-_Dumper.add_representer(list, _list)
-
-
-_Dumper.ignore_aliases = lambda self, data: True  # type: ignore[method-assign]
-
-
-def _spliced(text: str, new: dict[str, Any]) -> str | None:
-    for _ in range(200):
-        old = read_yaml(text)
-        if old == new:
-            return text
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-        changed = _change(text, root, old, new) if isinstance(root, yaml.MappingNode) else None
-        if changed is None:
-            return None
-        text = changed
-    return None
-
-
-def _change(text: str, node: yaml.MappingNode, old: Any, new: Any) -> str | None:
-    """The text with one difference mended."""
-    if node.flow_style or not node.value:
-        return None
-    pairs = {key.value: (key, value) for key, value in node.value}
-    for name, (key, value) in pairs.items():
-        if name not in new:
-            return _cut(text, key, value) if len(pairs) > 1 else None
-        if old[name] == new[name] and isinstance(old[name], bool) == isinstance(new[name], bool):
-            continue
-        both = isinstance(old[name], dict) and isinstance(new[name], dict) and new[name]
-        if both and isinstance(value, yaml.MappingNode) and not _in_line(value):
-            return _change(text, value, old[name], new[name])
-        return _replaced(text, key, value, new[name])
-    added = next((name for name in new if name not in old), None)
-    if added is None:
-        return None
-    key, value = node.value[-1]
-    entry = _lines(added, new[added], key.start_mark.column)
-    return _with_lines(text, _last_line(value) + 1, _last_line(value) + 1, entry)
-
-
-def _replaced(text: str, key: yaml.Node, value: yaml.Node, new: Any) -> str:
-    plain = not isinstance(new, dict) and not any(isinstance(v, dict | list) for v in _each(new))
-    if _in_line(value) or (plain and isinstance(value, yaml.ScalarNode)):
-        shown = yaml.safe_dump(
-            new, default_flow_style=True, allow_unicode=True, width=10**6, sort_keys=False
-        )
-        shown = shown.removesuffix("\n").removesuffix("\n...")
-        return text[: value.start_mark.index] + shown + text[value.end_mark.index :]
-    entry = _lines(str(key.value), new, key.start_mark.column)
-    return _with_lines(text, key.start_mark.line, _last_line(value) + 1, entry)
-
-
-def _in_line(node: yaml.Node) -> bool:
-    """Whether a list or mapping is written with brackets."""
-    return bool(getattr(node, "flow_style", False))
-
-
-def _each(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else []
-
-
-def _cut(text: str, key: yaml.Node, value: yaml.Node) -> str:
-    return _with_lines(text, key.start_mark.line, _last_line(value) + 1, "")
-
-
-def _lines(key: str, value: Any, column: int) -> str:
-    pad = " " * column
-    return "".join(f"{pad}{line}\n" for line in dumped({key: value}).splitlines())
-
-
-def _last_line(node: yaml.Node) -> int:
-    """The line of a node's last sign; a block's own end mark lies behind its comments."""
-    if isinstance(node, yaml.ScalarNode) or _in_line(node) or not node.value:
-        return int(node.end_mark.line)
-    last = node.value[-1]
-    return _last_line(last[1] if isinstance(last, tuple) else last)
-
-
-def _with_lines(text: str, first: int, after: int, entry: str) -> str:
-    lines = text.splitlines(keepends=True)
-    if lines and not lines[-1].endswith("\n"):
-        lines[-1] += "\n"
-    return "".join([*lines[:first], entry, *lines[after:]])
-
 
 # Check a recipe for the editor: schema, named profiles and files; each error at its field.
 
@@ -211,7 +51,7 @@ class RecipeProblem:
     message : str
     """
 
-    path: forms.Path
+    path: KeyPath
     message: str
 
     @property
@@ -226,16 +66,21 @@ class CheckedRecipe:
 
     Attributes
     ----------
+    valid : bool
+        Whether it can be used.
+    problems : tuple of RecipeProblem
     data : dict or None
         None when the text can't be read.
-    recipe : Recipe or None
-        None when it can't be used.
-    problems : tuple of RecipeProblem
     """
 
-    data: dict[str, Any] | None
-    recipe: Recipe | None
+    valid: bool
     problems: tuple[RecipeProblem, ...]
+    data: dict[str, Any] | None
+
+    @property
+    def recipe(self) -> Recipe | None:
+        """The recipe; None when it can't be used."""
+        return Recipe.model_validate(self.data) if self.valid else None
 
 
 def check_text(text: str, folder: Path, store: ProfileStore) -> CheckedRecipe:
@@ -252,42 +97,35 @@ def check_text(text: str, folder: Path, store: ProfileStore) -> CheckedRecipe:
     try:
         data = read_text(text)
     except BadRequestError as exc:
-        return CheckedRecipe(None, None, (RecipeProblem((), str(exc)),))
+        return CheckedRecipe(False, (RecipeProblem((), str(exc)),), None)
     return check_data(data, folder, store)
 
 
 def check_data(data: dict[str, Any], folder: Path, store: ProfileStore) -> CheckedRecipe:
     """As `check_text`, of data."""
-    named = tuple(_named(data, folder, store))
+    problems = tuple(_named(data, folder, store))
     try:
-        recipe = Recipe.model_validate(data)
+        Recipe.model_validate(data)
     except ValidationError as exc:
-        problems = tuple(_problem(dict(one), data) for one in exc.errors())
-        return CheckedRecipe(data, None, problems + named)
-    return CheckedRecipe(data, None if named else recipe, named)
+        problems = (*(_problem(dict(one)) for one in exc.errors()), *problems)
+    return CheckedRecipe(not problems, problems, data)
 
 
-def _problem(raw: dict[str, Any], data: dict[str, Any]) -> RecipeProblem:
-    path = forms.user_path(recipe_form(), data, raw["loc"])
+def _problem(raw: dict[str, Any]) -> RecipeProblem:
+    path = user_path(raw["loc"])
     return RecipeProblem(path, sentence(raw, path).strip())
 
 
-def _named(data: dict[str, Any], folder: Path, store: ProfileStore) -> list[RecipeProblem]:
+def _named(data: dict[str, Any], folder: Path, store: ProfileStore) -> Iterator[RecipeProblem]:
     """Profiles that aren't there, and files that aren't or lie outside the recipe's folder."""
-    problems = []
-    # Unknown keys are refused by the schema itself.
-    for path, value in forms.form_values(recipe_form(), data, strict=False):
-        field = forms.field_at(recipe_form(), data, path)
-        if field is None or not isinstance(value, str):
-            continue
+    for path, value, node in fields_of(data):
         message = ""
-        if field.node.sort == "profile":
-            message = _profile(PROFILES[field.node.profile], value, store)
-        elif field.node.sort == "file":
+        if isinstance(value, str) and "profile" in node:
+            message = _profile(PROFILES[node["profile"]], value, store)
+        elif isinstance(value, str) and node.get("file"):
             message = _file(value, folder)
         if message:
-            problems.append(RecipeProblem(path, f"{'.'.join(map(str, path))}: {message}"))
-    return problems
+            yield RecipeProblem(path, f"{'.'.join(map(str, path))}: {message}")
 
 
 def _profile(model: type[Facts], name: str, store: ProfileStore) -> str:
@@ -326,6 +164,8 @@ SUFFIXES: Final = (
     ".nii", ".gz", ".nrrd", ".tif", ".tiff",
 )  # fmt: skip
 """Of files that a recipe may name: tissues, networks, tables."""
+RESERVED: Final = ("schema", "examples", "choices", "validate", "import", "files")
+"""Names that the REST paths below ``recipes`` have."""
 _STARTS: Final = {
     ".ply": b"ply", ".3mf": b"PK", ".npz": b"PK", ".gz": b"\x1f\x8b", ".nrrd": b"NRRD",
 }  # fmt: skip
@@ -351,23 +191,55 @@ class RecipeFile:
 
 @dataclass(frozen=True)
 class RecipeText:
-    """A recipe as it lies in its file.
+    """A recipe as it lies in its file, and what is wrong with it.
 
     Attributes
     ----------
     name : str
     text : str
     version : str
-        Changes with every change of the text.
+        Changes with every change of the text; to be sent back with a changed one.
+    problems : tuple of RecipeProblem
+    data : dict or None
+        None when the text can't be read.
+    places : tuple of PickTarget
+        Fields that a click on the tissue can set.
     """
 
     name: str
     text: str
+    version: str
+    problems: tuple[RecipeProblem, ...]
+    data: dict[str, Any] | None
+    places: tuple[PickTarget, ...]
 
-    @property
-    def version(self) -> str:
-        """Hash of the text."""
-        return hashlib.sha256(self.text.encode()).hexdigest()[:16]
+
+@dataclass(frozen=True)
+class RecipeChoices:
+    """What a recipe's fields, and a new recipe, can be chosen from.
+
+    Attributes
+    ----------
+    examples : tuple of str
+        What a new recipe can begin from.
+    profiles : dict of str to dict of str to str
+        By sort: names to be written, each with the name to be shown.
+    files : tuple of str
+        Files beside the recipes that these may name.
+    suffixes : tuple of str
+        Of files that recipes may name.
+    stages : tuple of str
+        Stages that a design can be made until, in their order.
+    unusable : tuple of str
+        Files of the workspace that aren't shown until they are renamed.
+    """
+
+    examples: tuple[str, ...]
+    profiles: dict[str, dict[str, str]]
+    files: tuple[str, ...]
+    suffixes: tuple[str, ...]
+    stages: tuple[str, ...]
+    unusable: tuple[str, ...]
 
 
 class Recipes:
@@ -409,6 +281,17 @@ class Recipes:
         """Files beside the recipes that these may name, sorted."""
         return sorted(p.name for p in self.folder.iterdir() if p.suffix.lower() in SUFFIXES)
 
+    def choices(self) -> RecipeChoices:
+        """Return what there is to choose from."""
+        return RecipeChoices(
+            tuple(self.examples()),
+            {sort: self.store.choices(model) for sort, model in PROFILES.items()},
+            tuple(self.files()),
+            SUFFIXES,
+            TOOLPATH_NAMES,
+            tuple(self._workspace.unusable_names("recipes/*.yaml", "runs/*")),
+        )
+
     def examples(self) -> list[str]:
         """What a new recipe can begin from."""
         paths = [*EXAMPLES.glob("*.yaml"), *EXAMPLES.glob("paper/*.yaml")]
@@ -420,14 +303,21 @@ class Recipes:
         return check_text(text, self.folder, self.store)
 
     def read(self, name: str) -> RecipeText:
-        """A recipe's text.
+        """A recipe's text, and what is wrong with it.
 
         Raises
         ------
         NotFoundError
         """
-        path = self._there(name)
-        return RecipeText(name, path.read_text(encoding="utf-8", errors="replace"))
+        return self._opened(name, self._text(name))
+
+    def _text(self, name: str) -> str:
+        return self._there(name).read_text(encoding="utf-8", errors="replace")
+
+    def _opened(self, name: str, text: str) -> RecipeText:
+        found = self.check(text)
+        places = pick_targets(found.data)
+        return RecipeText(name, text, _version(text), found.problems, found.data, places)
 
     def write(self, name: str, text: str, version: str | None = None) -> RecipeText:
         """Write a recipe, right or wrong; what can't be read as YAML is refused.
@@ -448,14 +338,39 @@ class Recipes:
         read_text(text)
         path = self._workspace.recipe(name)
         with self._lock:
+            if version is None and name in RESERVED:
+                raise BadRequestError(f"{name!r} can't be a recipe's name; give another one")
             if version is None and path.exists():
                 raise ConflictError(f"there is a recipe {name!r} already; give another name")
-            if version is not None and self.read(name).version != version:
+            if version is not None and _version(self._text(name)) != version:
                 raise ConflictError(
                     f"recipe {name!r} was changed elsewhere meanwhile; load it again"
                 )
             write_text(path, text)
-        return RecipeText(name, text)
+        return self._opened(name, text)
+
+    def change(self, name: str, path: KeyPath, value: Any, version: str) -> RecipeText:
+        """Change one value, or remove it (None); the text's comments stay.
+
+        Parameters
+        ----------
+        name : str
+        path : tuple of str or int
+            Keys to the value.
+        value : JSON value or None
+        version : str
+            Of the text that is changed.
+
+        Raises
+        ------
+        NotFoundError
+        BadRequestError
+            When the text can't be read, or the path leads nowhere.
+        ConflictError
+            When the recipe has changed since.
+        """
+        text = self._text(name)
+        return self.write(name, rewrite_yaml(text, changed(read_text(text), path, value)), version)
 
     def new(self, name: str, source: str = "starter") -> RecipeText:
         """Begin a recipe from the starter, or from an example.
@@ -472,7 +387,7 @@ class Recipes:
 
     def duplicate(self, name: str, copy: str) -> RecipeText:
         """Make a copy under another name."""
-        return self.write(copy, self._named(self.read(name).text, copy))
+        return self.write(copy, self._named(self._text(name), copy))
 
     def rename(self, name: str, to: str) -> RecipeText:
         """Give a recipe another name; runs that it made keep theirs."""
@@ -551,6 +466,10 @@ class Recipes:
     def _named(self, text: str, name: str) -> str:
         checked_name(name)
         return rewrite_yaml(text, {**read_text(text), "name": name})
+
+
+def _version(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _is_of_its_kind(name: str, data: bytes) -> bool:

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 from fastapi import APIRouter, UploadFile
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import FileResponse, HTMLResponse
 
-from printctl.web.design.recipes import MOST_BYTES, CheckedRecipe, RecipeText
-from printctl.web.design.run_views import Difference, Figure
-from printctl.web.design.runs import RunProgress
-from printctl.web.design.schema import recipe_form
+from printctl.web.design.recipe_text import MOST_BYTES, read_value
+from printctl.web.design.recipes import (
+    CheckedRecipe,
+    RecipeChoices,
+    RecipeFile,
+    RecipeText,
+)
+from printctl.web.design.run_views import Comparison, Figure
+from printctl.web.design.runs import RunProgress, RunRow
+from printctl.web.design.schema import recipe_schema
 from printctl.web.design.service import ARTEFACTS, DesignService
 from printctl.web.errors import BadRequestError
-
-# Request and response types of the Design page's REST routes.
 
 
 class Refusal(BaseModel):
@@ -26,64 +30,36 @@ class Refusal(BaseModel):
     message: str
 
 
-REFUSALS: dict[int | str, dict[str, Any]] = {
+REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
     404: {"model": Refusal, "description": "There is no such thing."},
     409: {"model": Refusal, "description": "Not while things stand as they do."},
     422: {"model": Refusal, "description": "What was sent can't be taken."},
 }
+Name = Annotated[str, Field(max_length=64)]
+Text = Annotated[str, Field(max_length=MOST_BYTES)]
 
 
-class ProblemAnswer(BaseModel):
-    """One thing that is wrong with a recipe."""
-
-    path: list[str | int] = Field(description="Keys to the field; empty for the whole.")
-    message: str
+class _Request(BaseModel):
+    model_config = ConfigDict(extra="forbid")
 
 
-class RecipeRow(BaseModel):
-    """A recipe of the workspace."""
-
-    name: str
-    modified: float = Field(description="Seconds since 1970.")
-    problems: int
-
-
-class RecipeAnswer(BaseModel):
-    """A recipe's text and what is wrong with it."""
-
-    name: str
-    text: str
-    version: str = Field(description="To be sent back with a changed text.")
-    problems: list[ProblemAnswer]
-
-    @classmethod
-    def of(cls, text: RecipeText, checked: CheckedRecipe) -> RecipeAnswer:
-        """Of a recipe."""
-        return cls(name=text.name, text=text.text, version=text.version, problems=problems(checked))
-
-
-def problems(checked: CheckedRecipe) -> list[ProblemAnswer]:
-    """Serialise validation problems for the REST API."""
-    return [ProblemAnswer(path=list(p.path), message=p.message) for p in checked.problems]
-
-
-class NewRecipe(BaseModel):
+class NewRecipe(_Request):
     """What a new recipe begins from."""
 
-    name: str = Field(max_length=64)
+    name: Name
     source: str = Field(default="starter", max_length=64, description="starter, or an example.")
 
 
-class RenameRequest(BaseModel):
+class RenameRequest(_Request):
     """Another name."""
 
-    name: str = Field(max_length=64)
+    name: Name
 
 
-class RecipeTextRequest(BaseModel):
+class RecipeTextRequest(_Request):
     """A recipe's text."""
 
-    text: str = Field(max_length=256_000)
+    text: Text
 
 
 class ChangedText(RecipeTextRequest):
@@ -92,70 +68,21 @@ class ChangedText(RecipeTextRequest):
     version: str | None = Field(default=None, description="Of the text before; none for a new one.")
 
 
-class Validation(BaseModel):
-    """What is wrong with a text."""
+class ChangedValue(_Request):
+    """A changed value of a recipe, and the version that was changed."""
 
-    valid: bool
-    problems: list[ProblemAnswer]
-
-
-class RunAnswer(BaseModel):
-    """A run of the workspace."""
-
-    name: str
-    modified: float = Field(description="Seconds since 1970.")
-    state: str
-    until: str = Field(description="The last stage that was asked for.")
-    has_job: bool
-    has_report: bool
+    path: list[str | int] = Field(
+        min_length=1, max_length=30, description="Keys to the value; numbers are places in lists."
+    )
+    value: Any = Field(default=None, description="Null, or nothing, removes what stands there.")
+    yaml: Text | None = Field(default=None, description="The value written as YAML, instead.")
+    version: str = Field(description="Of the text that is changed.")
 
 
-class StageAnswer(BaseModel):
-    """A stage of a run."""
-
-    name: str
-    state: str
-    fraction: float
-    note: str
-    remarks: list[str]
-
-
-class ProgressAnswer(BaseModel):
-    """How far a run is."""
-
-    name: str
-    state: str
-    until: str
-    fraction: float
-    message: str
-    begun: float = Field(description="Seconds since 1970; 0 when not known.")
-    stages: list[StageAnswer]
-
-    @classmethod
-    def of(cls, run: RunProgress) -> ProgressAnswer:
-        """Of a run."""
-        return cls(
-            name=run.name,
-            state=run.state,
-            until=run.until,
-            fraction=run.fraction,
-            message=run.message,
-            begun=run.begun,
-            stages=[StageAnswer(**{**vars(s), "remarks": list(s.remarks)}) for s in run.stages],
-        )
-
-
-class MakeRequest(BaseModel):
+class MakeRequest(_Request):
     """How far a design is to be made."""
 
     until: str = Field(default="lumens", max_length=40, description="Last stage; none that prints.")
-
-
-class ComparisonAnswer(BaseModel):
-    """Two runs beside each other."""
-
-    recipe: list[Difference]
-    figures: list[Difference]
 
 
 # HTTP response with a generated HTML page (network, layers, report) for a sandboxed frame.
@@ -169,7 +96,14 @@ POLICY: Final = (
     "form-action 'none'; frame-ancestors 'self'"
 )
 """The page's own policy, which names its scripts by hash, holds as well."""
-_BARE: Final = "body > header, body > footer { display: none } body { padding: 8px }"
+_BARE: Final = (
+    "body > header, body > footer, #map > h2 { display: none } body { padding: 8px } "
+    "main, section { margin: 0; padding: 0; border: 0 } .stage { min-height: 0 } "
+    "@media screen { .wide:not(.play-page) .viewer "
+    "{ grid-template-rows: max(16rem, 100vh - 18px) } } "
+    "@media screen and (min-width: 44rem) { .wide:not(.play-page) .viewer[data-state=ready] "
+    "{ grid-template-columns: minmax(0, 1fr) 14rem } .panel { overflow-y: auto } }"
+)
 
 
 def embedded(path: Path, theme: Theme = "system", bare: bool = False) -> HTMLResponse:
@@ -208,45 +142,50 @@ def recipe_routes(service: DesignService) -> APIRouter:
     recipes = service.recipes
     routes = APIRouter(prefix="/api/v1/recipes", tags=["recipes"], responses=REFUSALS)
 
-    def answer(text: RecipeText) -> RecipeAnswer:
-        return RecipeAnswer.of(text, recipes.check(text.text))
-
     @routes.get("", summary="All recipes")
-    def every() -> list[RecipeRow]:
-        return [RecipeRow(**vars(row)) for row in recipes.rows()]
+    def every() -> list[RecipeFile]:
+        return recipes.rows()
 
     @routes.post("", summary="Begin a recipe from the starter or an example", status_code=201)
-    def new(given: NewRecipe) -> RecipeAnswer:
-        return answer(recipes.new(given.name, given.source))
+    def new(given: NewRecipe) -> RecipeText:
+        return recipes.new(given.name, given.source)
 
     @routes.get("/examples", summary="What a new recipe can begin from")
     def examples() -> list[str]:
         return recipes.examples()
 
-    @routes.get("/schema", summary="The recipe's fields, as the form shows them")
+    @routes.get("/choices", summary="Profiles, files, examples and stages to choose from")
+    def choices() -> RecipeChoices:
+        return recipes.choices()
+
+    @routes.get("/schema", summary="JSON Schema of a recipe, with units, tags and titles of a form")
     def schema() -> dict[str, Any]:
-        return recipe_form().as_json()
+        return recipe_schema()
 
     @routes.post("/validate", summary="Hold a text against the schema; nothing is kept")
-    def validate(given: RecipeTextRequest) -> Validation:
-        checked = recipes.check(given.text)
-        return Validation(valid=not checked.problems, problems=problems(checked))
+    def validate(given: RecipeTextRequest) -> CheckedRecipe:
+        return recipes.check(given.text)
 
     @routes.post("/import", summary="Take in a recipe's file", status_code=201)
-    def take_in(file: UploadFile) -> RecipeAnswer:
-        return answer(recipes.take_in(file.filename or "recipe.yaml", _read(file, MOST_BYTES)))
+    def take_in(file: UploadFile) -> RecipeText:
+        return recipes.take_in(file.filename or "recipe.yaml", _read(file, MOST_BYTES))
 
     @routes.post("/files", summary="Take in a file that recipes name", status_code=201)
     def take_file(file: UploadFile) -> str:
         return recipes.take_file(file.filename or "", _read(file, MOST_FILE_BYTES))
 
-    @routes.get("/{name}", summary="A recipe")
-    def read(name: str) -> RecipeAnswer:
-        return answer(recipes.read(name))
+    @routes.get("/{name}", summary="A recipe: text, values, and what is wrong with them")
+    def read(name: str) -> RecipeText:
+        return recipes.read(name)
 
     @routes.put("/{name}", summary="Write a recipe's text, right or wrong")
-    def write(name: str, given: ChangedText) -> RecipeAnswer:
-        return answer(recipes.write(name, given.text, given.version))
+    def write(name: str, given: ChangedText) -> RecipeText:
+        return recipes.write(name, given.text, given.version)
+
+    @routes.patch("/{name}", summary="Change or remove one value; the text's comments stay")
+    def change(name: str, given: ChangedValue) -> RecipeText:
+        value = given.value if given.yaml is None else read_value(given.yaml)
+        return recipes.change(name, tuple(given.path), value, given.version)
 
     @routes.get(
         "/{name}/tissue",
@@ -257,20 +196,20 @@ def recipe_routes(service: DesignService) -> APIRouter:
         return embedded(service.tissue(name), theme, bare=True)
 
     @routes.post("/{name}/duplicate", summary="Copy a recipe", status_code=201)
-    def duplicate(name: str, given: RenameRequest) -> RecipeAnswer:
-        return answer(recipes.duplicate(name, given.name))
+    def duplicate(name: str, given: RenameRequest) -> RecipeText:
+        return recipes.duplicate(name, given.name)
 
     @routes.post("/{name}/rename", summary="Give a recipe another name")
-    def rename(name: str, given: RenameRequest) -> RecipeAnswer:
-        return answer(recipes.rename(name, given.name))
+    def rename(name: str, given: RenameRequest) -> RecipeText:
+        return recipes.rename(name, given.name)
 
     @routes.delete("/{name}", summary="Put a recipe into the bin", status_code=204)
     def delete(name: str) -> None:
         recipes.delete(name)
 
     @routes.post("/{name}/restore", summary="Take a recipe back from the bin")
-    def restore(name: str) -> RecipeAnswer:
-        return answer(recipes.restore(name))
+    def restore(name: str) -> RecipeText:
+        return recipes.restore(name)
 
     return routes
 
@@ -291,36 +230,32 @@ def run_routes(service: DesignService) -> APIRouter:
     routes = APIRouter(prefix="/api/v1/runs", tags=["runs"], responses=REFUSALS)
 
     @routes.get("", summary="All runs, the newest first")
-    def every() -> list[RunAnswer]:
-        return [RunAnswer(**vars(row)) for row in runs.rows()]
+    def every() -> list[RunRow]:
+        return runs.rows()
 
     @routes.get("/compare", summary="Two runs beside each other")
-    def compare(one: str, other: str) -> ComparisonAnswer:
-        compared = service.compare(one, other)
-        return ComparisonAnswer(
-            recipe=list(compared.recipe),
-            figures=list(compared.figures),
-        )
+    def compare(one: str, other: str) -> Comparison:
+        return service.compare(one, other)
 
     @routes.post("/{name}/start", summary="Make the design of the recipe of that name")
-    def start(name: str, given: MakeRequest) -> ProgressAnswer:
-        return ProgressAnswer.of(runs.start(name, given.until))
+    def start(name: str, given: MakeRequest) -> RunProgress:
+        return runs.start(name, given.until)
 
     @routes.post("/{name}/continue", summary="After the print: scan, registration, report")
-    def go_on(name: str) -> ProgressAnswer:
-        return ProgressAnswer.of(runs.go_on(name))
+    def go_on(name: str) -> RunProgress:
+        return runs.go_on(name)
 
     @routes.post("/{name}/cancel", summary="Stop a run; finished stages are kept")
-    def cancel(name: str) -> ProgressAnswer:
-        return ProgressAnswer.of(runs.cancel(name))
+    def cancel(name: str) -> RunProgress:
+        return runs.cancel(name)
 
-    @routes.get("/{name}/progress", summary="How far a run is")
-    def progress(name: str) -> ProgressAnswer:
-        return ProgressAnswer.of(runs.progress(name))
+    @routes.get("/{name}/progress", summary="How far a run, or its print, is")
+    def progress(name: str) -> RunProgress:
+        return service.progress(name)
 
     @routes.get("/{name}/figures", summary="Key figures of a run")
     def figures(name: str) -> list[Figure]:
-        return list(service.figures(name))
+        return service.figures(name)
 
     @routes.get("/{name}/files", summary="Files of a run that can be fetched")
     def files(name: str) -> list[str]:

@@ -23,7 +23,7 @@ from printctl.recipe.load import refusal
 from printctl.recipe.tissue import TissuePart
 from printctl.run_folder.artefacts import GCODE, OXYGEN
 from printctl.run_folder.manifest import Manifest
-from printctl.web.design.recipes import read_text
+from printctl.web.design.recipe_text import read_text
 from printctl.web.design.run_views import LUMENS
 from printctl.web.worker import lower_priority
 from registration.report import NetworkPage, ReportSurface, write_network_html, write_places_html

@@ -424,17 +424,16 @@ class Runs:
             client.detach()
 
     def _go(self, name: str, more: list[str]) -> RunProgress:
-        text = self._recipes.read(name).text
-        checked = self._recipes.check(text)
-        if checked.recipe is None:
-            raise BadRequestError("\n".join(p.message for p in checked.problems))
+        recipe = self._recipes.read(name)
+        if recipe.problems:
+            raise BadRequestError("\n".join(p.message for p in recipe.problems))
         folder = self._workspace.run(name)
         with self._lock:
             self._refuse(name, folder)
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / RECIPE).write_text(text, encoding="utf-8")
-            recipe = str(self._workspace.recipe(name).resolve())
-            command = ["run", recipe, "--out", str(folder.resolve()), *more]
+            (folder / RECIPE).write_text(recipe.text, encoding="utf-8")
+            path = str(self._workspace.recipe(name).resolve())
+            command = ["run", path, "--out", str(folder.resolve()), *more]
             self.processes.spawn(folder, command, self._workspace.root)
         return self.progress(name)
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from printctl.web.core import Core
-from printctl.web.design.recipes import Recipes, read_text
+from printctl.web.design.recipes import Recipes
 from printctl.web.design.run_views import (
     Comparison,
     Figure,
@@ -16,7 +17,7 @@ from printctl.web.design.run_views import (
     network_page,
     tissue_page,
 )
-from printctl.web.design.runs import Runs
+from printctl.web.design.runs import RunProgress, Runs
 from printctl.web.errors import NotFoundError
 
 ARTEFACTS: Final[dict[str, str]] = {
@@ -53,6 +54,10 @@ ARTEFACTS: Final[dict[str, str]] = {
 
 PAGES: Final = ("network", "layers", "dry_run", "report")
 """Pages of a run that are shown inside the page."""
+_WHEN: Final = {
+    "dry_run": "make the design as far as the dry run",
+    "report": "print the design, then let Make continue with scan, registration and report",
+}
 
 
 class DesignService:
@@ -62,6 +67,11 @@ class DesignService:
         self.core = core
         self.recipes = Recipes(core.workspace)
         self.runs = Runs(core.workspace, self.recipes)
+
+    def progress(self, run: str) -> RunProgress:
+        """How far a run is, and once it has ended its print."""
+        now = self.runs.progress(run)
+        return now if now.going_on else replace(now, print_state=self.runs.print_state(run))
 
     def figures(self, run: str) -> list[Figure]:
         """Key figures of a run.
@@ -110,7 +120,7 @@ class DesignService:
         ConflictError
             When the tissue can't be made.
         """
-        section = read_text(self.recipes.read(recipe).text).get("tissue")
+        section = (self.recipes.read(recipe).data or {}).get("tissue")
         path = self.core.workspace.recipe(recipe)
         return tissue_page(path, section, self.core.workspace.private / "pages")
 
@@ -130,5 +140,6 @@ class DesignService:
             return gcode_page(folder, kept)
         path = folder / f"{name}.html"
         if name not in PAGES or not path.is_file():
-            raise NotFoundError(f"run {run!r} has no page {name[:80]!r} yet")
+            when = _WHEN.get(name, "there is no such page")
+            raise NotFoundError(f"run {run!r} has no page {name[:80]!r} yet: {when}")
         return path

@@ -19,7 +19,8 @@ from printctl.pipeline.run_options import JOB_NAMES
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest
 from printctl.web.core import Core
-from printctl.web.design.recipes import EXAMPLES, CheckedRecipe, read_text, rewrite_yaml
+from printctl.web.design.recipe_text import read_text, rewrite_yaml
+from printctl.web.design.recipes import EXAMPLES, CheckedRecipe
 from printctl.web.design.runs import RECIPE, RunProgress
 from printctl.web.design.service import DesignService
 from printctl.web.errors import BadRequestError, ConflictError

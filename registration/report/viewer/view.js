@@ -1,5 +1,6 @@
 // The 3D viewer with its panel: surfaces, a network, what the pointer is over. README.md says how.
 import * as THREE from "three";
+import { drawPlainly } from "viewer/drawn";
 import { byId, make, marked, short, startViewKeys } from "viewer/page";
 import { DIRECTIONS, Stage, linkView, startOverlays } from "viewer/stage";
 import { makeSurface, setOpacity, valueAt } from "viewer/surfaces";
@@ -17,7 +18,9 @@ const PICK = { colour: 0xc8102e, share: 0.012 }; // of the radius of all
 // Draws `data` of page_frame.scene into the viewer of view.html. `onPick` gets the place (mm) on a
 // surface that was clicked, which is then marked. Returns { stage, surfaces, network }.
 export async function view(element, data, { onPick = null } = {}) {
-  const stage = new Stage(byId("stage"));
+  const canvas = make("canvas"); // three.js takes over the context that is got here
+  if (!canvas.getContext("webgl2")) return drawPlainly(element, data, DIRECTIONS);
+  const stage = new Stage(byId("stage"), { canvas });
   const surfaces = [];
   for (const surface of data.surfaces) surfaces.push(await makeSurface(surface, data.colours));
   const network = data.network && (await makeNetwork(data.network, data.colours));

@@ -175,16 +175,21 @@ export const Table = ({ columns, rows, caption, keyOf }) => html`
     </table>
   </div>`;
 
-// A page of ours in a frame as tall as the window leaves, in this page's theme.
-export function Framed({ title, src }) {
-  const [theme, setTheme] = useState(document.documentElement.dataset.theme);
+// "light" or "dark", as the page is now.
+export function useTheme() {
+  const root = document.documentElement;
+  const [theme, setTheme] = useState(root.dataset.theme);
   useEffect(() => {
-    const watch = new MutationObserver(() => setTheme(document.documentElement.dataset.theme));
-    watch.observe(document.documentElement, { attributeFilter: ["data-theme"] });
+    const watch = new MutationObserver(() => setTheme(root.dataset.theme));
+    watch.observe(root, { attributeFilter: ["data-theme"] });
     return () => watch.disconnect();
   }, []);
-  return html`<iframe class="frame frame-tall" title=${title} src=${`${src}?theme=${theme}`}></iframe>`;
+  return theme;
 }
+
+// A page of ours in a frame as tall as the window leaves, in this page's theme.
+export const Framed = ({ title, src }) =>
+  html`<iframe class="frame frame-tall" title=${title} src=${`${src}?theme=${useTheme()}`}></iframe>`;
 
 // Tabs: [{ id, name, body: () => vnode }].
 export function Tabs({ tabs, at, onChange, label }) {

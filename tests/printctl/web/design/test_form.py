@@ -9,24 +9,23 @@ from typing import Any
 
 import pytest
 import yaml
+from pydantic import TypeAdapter
 
 from printctl.errors import UsageError
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.load import STARTER
 from printctl.web.core import Core
-from printctl.web.design import form as forms
-from printctl.web.design.editor import Editor
-from printctl.web.design.form_widgets import input_text, parse_typed, place_of
+from printctl.web.design.places import pick_targets
+from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
 from printctl.web.design.recipes import (
     EXAMPLES,
+    RESERVED,
     Recipes,
     check_data,
     check_text,
-    read_text,
-    rewrite_yaml,
 )
 from printctl.web.design.runs import RunProgress
-from printctl.web.design.schema import recipe_form
+from printctl.web.design.schema import fields_of, option_of, recipe_schema, resolved
 from printctl.web.design.service import DesignService
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
@@ -35,7 +34,6 @@ from printctl.web.workspace import Workspace
 from tests.waiting import wait_for
 
 SHIPPED = [STARTER, *sorted(EXAMPLES.glob("*.yaml"))]
-FORM = recipe_form()
 PLANAR: dict[str, Any] = {
     "schema": 1,
     "name": "planar",
@@ -44,25 +42,27 @@ PLANAR: dict[str, Any] = {
 }
 
 
-def _through_the_form(data: dict[str, Any]) -> dict[str, Any]:
-    """The data of a form that was filled in with it, each value as its input shows and reads it."""
-    new: dict[str, Any] = {}
-    for path, value in forms.form_values(FORM, data):
-        field = forms.field_at(FORM, data, path)
-        assert field is not None, path
-        node = field.node.items[0] if isinstance(path[-1], int) else field.node
-        if node.sort in ("number", "text", "file"):
-            value = parse_typed(node, input_text(node, value))
-        new = forms.set_value(FORM, new, path, value)
-    return new
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_shipped_recipe_is_made_anew_value_by_value(path: Path) -> None:
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    again: dict[str, Any] = {}
+    for place, value, _ in fields_of(data):
+        again = changed(again, place, value)
+    assert again == data
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_shipped_recipe_goes_through_the_form_unchanged(path: Path) -> None:
+def test_the_schema_tells_sections_apart_as_the_model_does(path: Path) -> None:
     data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    again = _through_the_form(data)
-    assert again == data
-    assert parse_recipe(again, "form") == parse_recipe(data, "file")
+    recipe = parse_recipe(data, "file")
+    for key in ("tissue", "vasculature", "toolpath", "scan"):
+        part = getattr(recipe, key)
+        if key not in data or part is None:
+            continue
+        section = option_of(resolved(recipe_schema()["properties"][key]), data[key])
+        assert set(section["properties"]) == {
+            info.alias or name for name, info in type(part).model_fields.items()
+        }
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -75,22 +75,23 @@ def test_a_shipped_recipe_has_nothing_to_mend(path: Path) -> None:
     )
 
 
-def test_every_key_of_the_model_is_in_the_form() -> None:
-    keys = {field.key for field in FORM.fields}
-    assert keys == {info.alias or name for name, info in Recipe.model_fields.items()}
-    free = {path for path, field in FORM.walk() if field.node.sort == "free"}
-    limits = {path for path in free if path[0] == "registration"}  # a number, or text: +10/-5
-    assert limits == {
-        ("registration", "datums"),  # a text, or a list of names
-        ("registration", "diameter_tolerance_percent"),
-        *(("registration", "tolerances", f"{what}_{unit}") for what in ("diameter", "mean")
-          for unit in ("um", "percent")),
-        ("registration", "tolerances", "vessels"),
-    }  # fmt: skip
-    plate = {("plate", name) for name in ("wells", "sweep", "scanned")}
-    # each_part, or a list of places; an organ's inlets by name
-    inlets = {("vasculature", "inlets"), ("vasculature", "anatomy", "inlets")}
-    assert free - limits == plate | inlets
+def test_every_key_of_the_model_is_in_the_schema_with_words_and_unit() -> None:
+    schema = recipe_schema()
+    assert set(schema["properties"]) == {i.alias or n for n, i in Recipe.model_fields.items()}
+    toolpath = resolved(schema["properties"]["toolpath"])
+    assert toolpath["tags"] == ["fresh", "embedded"]
+    assert toolpath["begins"] == [{"method": "fresh"}, {"method": "embedded"}]
+    layer = resolved(resolved(toolpath["oneOf"][0])["properties"]["layer_um"])
+    assert (layer["title"], layer["unit"], layer["minimum"]) == ("layer", "µm", 10)
+    needle = resolved(resolved(toolpath["oneOf"][0])["properties"]["needle"])
+    assert needle["profile"] == "needles"
+
+
+def test_what_begins_a_section_is_told_as_that_section() -> None:
+    for key in ("tissue", "vasculature", "scan"):
+        node = resolved(recipe_schema()["properties"][key])
+        for option, begin in zip(node["oneOf"], node["begins"], strict=True):
+            assert option_of(node, begin) == resolved(option), (key, begin)
 
 
 @pytest.mark.parametrize(
@@ -126,13 +127,22 @@ def test_a_problem_stands_at_its_field(
 def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
     text = STARTER.read_text(encoding="utf-8")
     data = read_text(text)
-    changed = forms.set_value(FORM, data, ("toolpath", "layer_um"), 75)
-    changed = forms.set_value(FORM, changed, ("oxygen",), {})
-    changed = forms.remove_value(FORM, changed, ("scan", "shrink_percent"))
-    again = rewrite_yaml(text, changed)
-    assert read_text(again) == changed
+    new = changed(data, ("toolpath", "layer_um"), 75)
+    new = changed(new, ("oxygen",), {})
+    new = changed(new, ("scan", "shrink_percent"), None)
+    again = rewrite_yaml(text, new)
+    assert read_text(again) == new
     assert again.count("#") == text.count("#")
     assert "layer_um: 75" in again
+
+
+def test_a_path_that_leads_nowhere_is_refused_and_a_new_one_made() -> None:
+    assert changed({"a": 1}, ("b", 0, "c"), 2) == {"a": 1, "b": [{"c": 2}]}
+    assert changed({"a": [1, 2]}, ("a", 0), None) == {"a": [2]}
+    assert changed({"a": 1}, ("b", "c"), None) == {"a": 1}
+    for path in (("a", 2), ("a", -1), ("a", 0, "x", 5)):
+        with pytest.raises(BadRequestError, match="no such place"):
+            changed({"a": [{"x": []}]}, path, 1)
 
 
 BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nname: n\n"
@@ -181,12 +191,25 @@ def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
 
 # --- recipe keys that a click on the tissue sets, by kind of growth
 @pytest.mark.parametrize(
-    "given", [None, {}, {"at": [1, 2]}, {"at": [1, 2, "3"]}, {"at": [1, True, 3]},
-              {"at": [1, 2, float("nan")]}, {"at": [1, 2, 1e9]}, [1, 2, 3]]
+    ("part", "paths"),
+    [
+        ({"design": "planar_four_vessel"}, []),
+        ({"grow": "tree"}, [("inlets", 0)]),
+        ({"grow": "tree", "inlets": [{"at_mm": [0, 0, 0]}]}, [("inlets", 1), ("inlets", 0)]),
+        ({"grow": "tree", "inlets": "each_part"}, [("inlets", 0)]),
+        ({"grow": "tree", "anatomy": {"template": "kidney"}}, [("anatomy", "inlets", "hilum")]),
+        ({"grow": "closed_loop"}, [("root_mm",), ("vein_root_mm",)]),
+        ({"grow": "forest", "networks": [{"trees": [{}, 3]}]},
+         [("networks", 0, "trees", k, "root_mm") for k in (0, 1)]),
+    ],
 )  # fmt: skip
-def test_what_a_frame_sends_is_a_place_or_nothing(given: Any) -> None:
-    assert place_of(given) is None
-    assert place_of({"at": [1, 2.5, -3]}) == [1.0, 2.5, -3.0]
+def test_places_are_picked_for_what_grows(part: dict[str, Any], paths: list[Any]) -> None:
+    found = pick_targets({"vasculature": part})
+    assert [one.path[1:] for one in found] == paths
+    for one in found:
+        place = [1.0, 2.0, 3.0]
+        new = changed({"vasculature": part}, one.path, {one.key: place} if one.key else place)
+        assert "1.0, 2.0, 3.0" in str(new)
 
 
 # --- stored recipes of a workspace
@@ -214,27 +237,28 @@ def test_only_files_that_recipes_read_are_taken(recipes: Recipes) -> None:
             recipes.take_file(name, bytes(200))
 
 
-def test_the_editor_keeps_what_cant_be_read_out_of_the_file(recipes: Recipes) -> None:
-    text = recipes.new("one").text
-    editor = Editor(recipes)
-    editor.load("one")
-    editor.set_text("a: [")
-    assert not editor.saved
-    assert "isn't YAML" in editor.problems[0].message
-    assert recipes.read("one").text == text
+def test_names_of_rest_paths_are_no_recipe_s(recipes: Recipes) -> None:
+    for name in RESERVED:
+        with pytest.raises(BadRequestError, match="another one"):
+            recipes.new(name)
 
 
-def test_the_editor_writes_a_wrong_value_and_says_where(recipes: Recipes) -> None:
-    recipes.new("one")
-    editor = Editor(recipes)
-    editor.load("one")
-    editor.put(("toolpath", "layer_um"), 1)
-    assert "10" in editor.problem_at(("toolpath", "layer_um"))
-    assert editor.problems_below(("toolpath",)) == 1
+def test_a_changed_value_is_written_right_or_wrong(recipes: Recipes) -> None:
+    made = recipes.new("one")
+    wrong = recipes.change("one", ("toolpath", "layer_um"), 1, made.version)
+    assert [one.place for one in wrong.problems] == ["toolpath.layer_um"]
     assert "layer_um: 1\n" in recipes.read("one").text
-    editor.remove(("toolpath", "layer_um"))
-    assert editor.problems == ()
+    with pytest.raises(ConflictError, match="changed elsewhere"):
+        recipes.change("one", ("seed",), 2, made.version)
+    mended = recipes.change("one", ("toolpath", "layer_um"), None, wrong.version)
+    assert mended.problems == ()
     assert "layer_um" not in yaml.safe_load(recipes.read("one").text)["toolpath"]
+
+
+def test_an_opened_recipe_can_be_sent_whatever_it_holds(recipes: Recipes) -> None:
+    text = "name: 2020-01-01\nflow: {-1: 2, null: .nan, 1.5: 4, true: 5}\nplate: {sweep: .inf}\n"
+    made = recipes.write("odd", text)
+    assert TypeAdapter(type(made)).dump_json(made)
 
 
 # --- detached runs: started, found by a restarted server, cancelled, refused

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import pytest
@@ -82,9 +83,40 @@ def test_a_text_is_checked_without_being_kept(client: TestClient) -> None:
     assert client.get("/api/v1/recipes").json() == []
 
 
-def test_the_schema_is_given(asked: TestClient) -> None:
-    keys = [field["key"] for field in asked.get("/api/v1/recipes/schema").json()["fields"]]
+def test_one_value_is_changed_as_value_or_yaml(client: TestClient) -> None:
+    made = client.post("/api/v1/recipes", json={"name": "a"}).json()
+
+    def change(**given: object) -> dict[str, Any]:
+        body = {"version": made["version"], **given}
+        made.update(client.patch("/api/v1/recipes/a", json=body).json())
+        return dict(made["data"])
+
+    assert change(path=["flow", "viscosity_mpa_s"], value=2)["flow"]["viscosity_mpa_s"] == 2
+    assert change(path=["solid", "formats"], yaml="[stl]")["solid"] == {"formats": ["stl"]}
+    assert "solid" not in change(path=["solid"])
+    wrong = change(path=["tissue", "size_mm"], yaml="[1, ")["tissue"]["size_mm"]
+    assert wrong == "[1, "
+    assert made["problems"][0]["path"] == ["tissue", "size_mm"]
+    body = {"path": ["seed"], "yaml": "&a 1", "version": made["version"]}
+    assert client.patch("/api/v1/recipes/a", json=body).status_code == 422
+    assert client.patch("/api/v1/recipes/a", json={**body, "colour": 1}).status_code == 422
+    stale = {"path": ["seed"], "value": 2, "version": "0"}
+    assert client.patch("/api/v1/recipes/a", json=stale).status_code == 409
+
+
+def test_what_the_form_needs_is_given(client: TestClient, workspace: Workspace) -> None:
+    (workspace.root / "recipes" / "a b.yaml").write_text("schema: 1\n")
+    keys = list(client.get("/api/v1/recipes/schema").json()["properties"])
     assert keys[:3] == ["schema", "name", "seed"]
+    choices = client.get("/api/v1/recipes/choices").json()
+    assert choices["profiles"]["inks"]["collagen_fresh"] == "collagen_fresh"
+    assert choices["stages"][-1] == "lumens"
+    assert choices["unusable"] == ["recipes/a b.yaml"]
+
+
+def test_progress_says_the_state_of_the_print(client: TestClient) -> None:
+    answer = client.get("/api/v1/runs/one/progress").json()
+    assert (answer["state"], answer["print_state"], answer["fraction"]) == ("never", "", 0.0)
 
 
 def test_a_file_of_a_run_comes_as_a_download(asked: TestClient) -> None:

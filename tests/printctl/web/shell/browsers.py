@@ -80,5 +80,5 @@ def shown(
     page.set_viewport_size(viewport or WIDE)
     page.emulate_media(color_scheme=color_scheme)
     page.goto(url)
-    page.wait_for_selector("#pc-take:visible, #controls-take:visible")
+    page.wait_for_selector("#pc-take:visible")
     return page

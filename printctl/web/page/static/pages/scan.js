@@ -2,7 +2,7 @@
 import { part, send, url } from "../api.js";
 import {
   Act, Button, Card, Drop, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Tabs,
-  bytes, html, number, useEffect, useGet, useRef, useState, useStyle, when,
+  bytes, html, number, useEffect, useGet, useRef, useState, useStyle, useTheme, when,
 } from "../ui.js";
 import Findings, { Vessels } from "./scan_findings.js";
 import { Metadata, Missing } from "./scan_metadata.js";
@@ -26,13 +26,7 @@ function Report({ scan, run }) {
   const tools = html`
     <${Button} href=${address} target="_blank" rel="noopener">Open in a tab of its own</${Button}>
     <${Button} href=${`/scan?scan=${part(scan)}&run=${part(run)}`}>Back</${Button}>`;
-  const root = document.documentElement;
-  const [theme, setTheme] = useState(root.dataset.theme);
-  useEffect(() => {
-    const watch = new MutationObserver(() => setTheme(root.dataset.theme));
-    watch.observe(root, { attributeFilter: ["data-theme"] });
-    return () => watch.disconnect();
-  }, []);
+  const theme = useTheme();
   return html`<${Page} title=${`Report: ${run}`} tools=${tools} wide>
     <iframe class="frame scan-report" title=${`Report of ${plain(scan)} with ${run}`} src=${`${address}?theme=${theme}`}
       sandbox="allow-scripts allow-downloads"></iframe>

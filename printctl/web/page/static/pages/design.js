@@ -1,0 +1,315 @@
+// Recipes at the left, the chosen one at the right: its form and text, what is made of it, and two runs compared.
+import { get, part, send } from "../api.js";
+import { Problems, RecipeForm } from "../form.js";
+import { Frame } from "../frame.js";
+import {
+  Act, Badge, Button, Card, Dialog, Drop, Empty, Field, Fold, Loaded, Loading, Note, Page, Progress, Tabs,
+  html, useAction, useEffect, useGet, useRef, useState, useStyle,
+} from "../ui.js";
+import { Compare, Figures, Look, Names } from "./design_runs.js";
+
+const STATES = {
+  never: "Not made yet", starting: "Starting", running: "Being made", done: "Made", failed: "Failed",
+  interrupted: "Broken off",
+};
+const MARKS = { waiting: "·", running: "▸", done: "✓", failed: "✕" };
+const TYPING_MS = 600;
+
+// --- the recipe that is edited -----------------------------------------------------------------------
+
+// { doc, loads, problem, draft, change, type, load, forget }. Changes are sent one after the other, each with the
+// version that it changes. `draft` is a text that isn't in the file (yet): { text, problem }.
+function useRecipe(name) {
+  const [doc, setDoc] = useState(null);
+  const [loads, setLoads] = useState(0);
+  const [problem, setProblem] = useState(null);
+  const [draft, setDraft] = useState(null);
+  const now = useRef(name);
+  const versions = useRef(new Map());
+  const queue = useRef(Promise.resolve());
+  const typing = useRef(null);
+  now.current = name;
+  const keep = (one) => {
+    versions.current.set(one.name, one.version);
+    if (one.name === now.current) setDoc(one);
+  };
+  const load = async () => {
+    setProblem(null);
+    setDraft(null);
+    await get(`/recipes/${part(name)}`).then(keep, setProblem);
+    setLoads((old) => old + 1);
+  };
+  useEffect(() => {
+    setDoc(null);
+    if (name) load();
+  }, [name]);
+  const put = async (method, body, refused) => {
+    try {
+      const one = await send(method, `/recipes/${part(name)}`, { ...body, version: versions.current.get(name) });
+      keep(one);
+      setProblem(null);
+      setDraft((old) => (old && old.text !== one.text && method === "PUT" ? old : null));
+    } catch (why) {
+      refused(why);
+    }
+  };
+  const write = (...what) => { queue.current = queue.current.then(() => put(...what)); };
+  const save = (text) => {
+    typing.current = null;
+    write("PUT", { text }, (why) => (why.status === 422 ? setDraft({ text, problem: why }) : setProblem(why)));
+  };
+  const type = (text) => {
+    setDraft((old) => ({ text, problem: old?.problem ?? null }));
+    clearTimeout(typing.current?.timer);
+    typing.current = { timer: setTimeout(save, TYPING_MS, text), text };
+  };
+  useEffect(() => () => { // what was typed last is sent before another recipe is shown
+    if (!typing.current) return;
+    clearTimeout(typing.current.timer);
+    save(typing.current.text);
+  }, [name]);
+  const change = (body) => write("PATCH", body, setProblem);
+  return { doc, loads, problem, draft, load, type, change, forget: () => setDraft(null) };
+}
+
+// --- page --------------------------------------------------------------------------------------------
+
+export default function Design({ recipe = "", tab = "recipe" }) {
+  useStyle("pages/design.css");
+  const recipes = useGet("/recipes");
+  const runs = useGet("/runs");
+  const choices = useGet("/recipes/choices");
+  const [name, setName] = useState(recipe);
+  const [at, setAt] = useState(tab);
+  const [dialog, setDialog] = useState("");
+  const [said, setSaid] = useState(null);
+  const rows = recipes.value ?? [];
+  const chosen = rows.some((one) => one.name === name) ? name : rows[0]?.name ?? "";
+  const editor = useRecipe(chosen);
+  const count = editor.doc?.problems.length;
+  useEffect(() => {
+    const address = `/design?${new URLSearchParams({ recipe: chosen, tab: at })}`;
+    if (recipes.value && location.pathname === "/design") history.replaceState(history.state, "", address);
+  }, [chosen, at, recipes.value]);
+  useEffect(() => {
+    if (count !== undefined && count !== rows.find((one) => one.name === chosen)?.problems) recipes.reload();
+  }, [count]);
+  const choose = (next) => {
+    setSaid(null);
+    setName(next);
+  };
+  const done = (made, words) => {
+    setDialog("");
+    if (made?.name) setName(made.name);
+    setSaid(words ?? null);
+    recipes.reload();
+    choices.reload();
+  };
+  const remove = async () => {
+    await send("DELETE", `/recipes/${part(chosen)}`);
+    done(null, html`<${Note}>${chosen} is in the bin. <${Act} work=${async () =>
+      done(await send("POST", `/recipes/${part(chosen)}/restore`))}>Take back ${chosen}</${Act}></${Note}>`);
+  };
+  const names = (runs.value ?? []).filter((one) => one.state !== "never").map((one) => one.name);
+  const made = (runs.value ?? []).filter((one) => one.state === "done").map((one) => one.name);
+  const ofRuns = { key: chosen, names, first: chosen };
+  const dialogs = { choices, chosen, done, close: () => setDialog("") };
+  const tabs = [
+    { id: "recipe", name: "Recipe",
+      body: () => html`<${RecipeTab} editor=${editor} choices=${choices} toText=${() => setAt("text")} />` },
+    { id: "text", name: "Text", body: () => html`<${TextTab} editor=${editor} />` },
+    { id: "make", name: "Make", body: () => html`<${MakeTab} key=${chosen} name=${chosen} made=${runs.reload}
+      stages=${choices.value?.stages ?? []} problems=${editor.doc?.problems ?? []} look=${() => setAt("look")} />` },
+    { id: "look", name: "Look", body: () => html`<${Look} ...${ofRuns} />` },
+    { id: "figures", name: "Figures and files", body: () => html`<${Figures} ...${ofRuns} />` },
+    { id: "compare", name: "Compare", body: () => html`<${Compare} ...${ofRuns} />` },
+  ];
+  return html`<${Page} title="Design" wide tools=${html`
+      <${Button} kind="main" onClick=${() => setDialog("new")}>New</${Button}>
+      <${Button} onClick=${() => setDialog("import")}>Import</${Button}>`}>
+    ${said}
+    ${choices.value?.unusable.length > 0 && html`<${Note} tone="warn"><p>Not shown:
+      ${choices.value.unusable.join(", ")}. Rename each: 1 to 64 letters a to z, digits, ".", "_" or "-", beginning
+      with a letter or digit.</p></${Note}>`}
+    <${Loaded} of=${recipes} what="Reading the recipes">${() => (rows.length || names.length ? html`<div class="design">
+      <${Recipes} rows=${rows} made=${made} chosen=${chosen} choose=${choose} />
+      <${Card} title=${chosen || "No recipe"} tools=${chosen && html`<${State} editor=${editor} />
+          <${Button} onClick=${() => setDialog("duplicate")}>Duplicate</${Button}>
+          <${Button} onClick=${() => setDialog("rename")}>Rename</${Button}><${Act} work=${remove}>Delete</${Act}>`}>
+        <${Conflict} editor=${editor} />
+        <${Tabs} label="Parts of the design" tabs=${tabs} at=${at} onChange=${setAt} />
+      </${Card}></div>`
+    : html`<${Card}><${Empty}>A recipe says what is printed and how: tissue, vessels, toolpath, printer. Begin one from
+        an example, or import a file. Step by step it goes on <a href="/">Home</a>.</${Empty}></${Card}>`)}</${Loaded}>
+    ${dialog === "new" && html`<${NewDialog} ...${dialogs} />`}
+    ${dialog === "import" && html`<${ImportDialog} ...${dialogs} />`}
+    ${["duplicate", "rename"].includes(dialog) && html`<${NameDialog} ...${dialogs} act=${dialog} />`}
+  </${Page}>`;
+}
+
+function State({ editor: { doc, draft } }) {
+  if (!doc) return null;
+  const count = doc.problems.length;
+  const kept = !draft ? "saved" : draft.problem ? "not saved: this can't be read" : "saving …";
+  return html`<span role="status" class="row">${count ? html`<${Badge} tone="warn">${count} to mend</${Badge}>`
+    : html`<${Badge} tone="good">ready to be made</${Badge}>`} <span class="quiet">${kept}</span></span>`;
+}
+
+const Conflict = ({ editor: { problem, load } }) => problem && html`<${Note} tone="bad"><p>${problem.message}</p>
+  <${Button} onClick=${load}>Load it again${problem.status === 409 && "; my last change is lost"}</${Button}>
+</${Note}>`;
+
+// On a phone a choice; else a list.
+const Recipes = ({ rows, made, chosen, choose }) => html`<nav class="design-recipes" aria-label="Recipes">
+  <div class="design-choice"><${Names} label="Recipe" value=${chosen} onChange=${choose}
+    names=${rows.map((one) => one.name)} /></div>
+  <ul class="list card">${rows.map((one) => html`<li key=${one.name}>
+    <a class="link-row" href=${`/design?recipe=${part(one.name)}`} aria-current=${String(one.name === chosen)}
+      onClick=${(event) => { event.preventDefault(); choose(one.name); }}><span>${one.name}</span>
+      ${one.problems > 0 ? html`<${Badge} tone="warn">${one.problems} to mend</${Badge}>`
+        : made.includes(one.name) && html`<${Badge} tone="good">made</${Badge}>`}</a></li>`)}</ul>
+</nav>`;
+
+// --- dialogs -----------------------------------------------------------------------------------------
+
+// What is refused stays in the dialog, with what was chosen.
+function Asking({ title, work, close, yes, children }) {
+  const [run, state] = useAction(work);
+  const press = (event) => {
+    event.preventDefault();
+    run();
+  };
+  return html`<${Dialog} title=${title} onClose=${close}><form class="stack" onSubmit=${press}>${children}
+    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
+    <div class="row"><${Button} kind="main" busy=${state.busy} onClick=${run}>${yes}</${Button}>
+      <${Button} onClick=${close}>Cancel</${Button}></div>
+  </form></${Dialog}>`;
+}
+
+function NewDialog({ choices, done, close }) {
+  const [name, setName] = useState("");
+  const [source, setSource] = useState("starter");
+  const work = async () => done(await send("POST", "/recipes", { name, source }));
+  return html`<${Asking} title="New recipe" yes="Make" close=${close} work=${work}>
+    <${Field} label="Name" value=${name} onChange=${setName} autocomplete="off"
+      hint="Letters a to z, digits, '.', '_' and '-'." />
+    <${Names} label="Begin from" value=${source} onChange=${setSource} names=${choices.value?.examples ?? [source]} />
+  </${Asking}>`;
+}
+
+function NameDialog({ chosen, act, done, close }) {
+  const copies = act === "duplicate";
+  const [name, setName] = useState(copies ? `${chosen}_2` : chosen);
+  const title = copies ? "Duplicate" : "Rename";
+  const work = async () => {
+    if (name === chosen && !copies) close();
+    else done(await send("POST", `/recipes/${part(chosen)}/${act}`, { name }));
+  };
+  return html`<${Asking} title=${title} yes=${title} close=${close} work=${work}>
+    <${Field} label=${copies ? "Name of the copy" : "New name"} value=${name} onChange=${setName} autocomplete="off"
+      hint=${copies ? "" : "A run that was made of it keeps its name."} />
+  </${Asking}>`;
+}
+
+function ImportDialog({ choices, done, close }) {
+  const suffixes = choices.value?.suffixes ?? [];
+  return html`<${Dialog} title="Import" onClose=${close}>
+    <p>A recipe:</p>
+    <${Drop} label="Choose a recipe" accept=".yaml,.yml" path="/recipes/import" onDone=${(made) => done(made)} />
+    <p>A file that recipes name (${suffixes.map((one) => one.slice(1)).join(", ")}; up to 200 MB):</p>
+    <${Drop} label="Choose a file" accept=${suffixes.join(",")} path="/recipes/files"
+      onDone=${(file) => done(null, html`<${Note} tone="good">${file} can be named in recipes now.</${Note}>`)} />
+  </${Dialog}>`;
+}
+
+// --- recipe and text ---------------------------------------------------------------------------------
+
+function RecipeTab({ editor, choices, toText }) {
+  const schema = useGet("/recipes/schema");
+  const { doc, draft } = editor;
+  if (draft?.problem || (doc && !doc.data)) {
+    return html`<${Note} tone="warn"><p>${draft?.problem?.message ?? doc.problems[0].message}</p>
+      <p>The form comes back once the text can be read.</p>
+      <div class="row"><${Button} onClick=${toText}>Mend the text</${Button}>
+        ${draft && html`<${Button} onClick=${editor.forget}>Back to what is saved</${Button}>`}</div></${Note}>`;
+  }
+  if (!doc) return html`<${Loading} what="Reading the recipe" />`;
+  const key = `${doc.name} ${editor.loads}`;
+  return html`<${Pick} key=${`pick ${key}`} doc=${doc} change=${editor.change} />
+    <${Loaded} of=${schema}>${(root) => html`<${Loaded} of=${choices}>${(known) => html`
+      <${RecipeForm} key=${key} schema=${root} choices=${known} doc=${doc} change=${editor.change} />`}</${Loaded}>`}
+    </${Loaded}>`;
+}
+
+function TextTab({ editor }) {
+  const { doc, draft } = editor;
+  if (!doc) return html`<${Loading} what="Reading the recipe" />`;
+  return html`${draft?.problem && html`<${Note} tone="bad">Not saved. ${draft.problem.message}</${Note}>`}
+    <${Problems} problems=${doc.problems} />
+    <textarea class="design-text mono" aria-label="Recipe as YAML" spellcheck=${false} value=${draft?.text ?? doc.text}
+      onInput=${(event) => editor.type(event.target.value)}></textarea>`;
+}
+
+// A place that is clicked on the tissue is written into the recipe.
+function Pick({ doc, change }) {
+  const [shown, setShown] = useState(0);
+  const [name, setName] = useState("");
+  const [said, setSaid] = useState("");
+  const target = doc.places.find((one) => one.name === name) ?? doc.places[0];
+  const hear = ({ printctl, at }) => {
+    if (printctl !== "pick" || !target || !Array.isArray(at) || at.length !== 3 || !at.every(Number.isFinite)) return;
+    const place = at.map((one) => Number(one.toFixed(3)));
+    change({ path: target.path, value: target.key ? { [target.key]: place } : place });
+    setSaid(`${target.name}: ${place.join(", ")} mm`);
+  };
+  if (!doc.places.length) return null;
+  return html`<${Fold} title="Pick places on the tissue"><div class="row design-run">
+      <${Names} label="A click on the surface sets" value=${target.name} onChange=${setName}
+        names=${doc.places.map((one) => one.name)} />
+      <${Button} onClick=${() => setShown(shown + 1)}>${shown ? "Show the tissue anew" : "Show the tissue"}</${Button}>
+    </div>
+    <p role="status">${said}</p>
+    ${shown > 0 && html`<${Frame} key=${shown} src=${`/recipes/${part(doc.name)}/tissue`} hear=${hear}
+      title=${`Tissue of ${doc.name}`} />`}</${Fold}>`;
+}
+
+// --- make --------------------------------------------------------------------------------------------
+
+function MakeTab({ name, stages, problems, made, look }) {
+  const [every, setEvery] = useState(1000);
+  const [until, setUntil] = useState("");
+  const progress = useGet(name && `/runs/${part(name)}/progress`, { every });
+  const run = progress.value;
+  const busy = run?.state === "running" || run?.state === "starting";
+  useEffect(() => {
+    setEvery(busy ? 1000 : 5000);
+    made();
+  }, [run?.state]);
+  const act = (path, body) => async () => {
+    await send("POST", `/runs/${part(name)}/${path}`, body);
+    progress.reload();
+  };
+  const last = until || stages.at(-1);
+  const why = problems.length ? "The recipe has something to mend first." : "";
+  return html`<${Loaded} of=${progress}>${() => html`
+    <div class="row design-make">
+      <${Names} label="As far as" value=${last} onChange=${setUntil} names=${stages} />
+      <${Act} kind="main" disabled=${busy} why=${why} work=${act("start", { until: last })}>Make the design</${Act}>
+      ${busy && html`<${Act} work=${act("cancel")}>Cancel</${Act}>`}
+    </div>
+    ${why && html`<p class="quiet">${why}</p>`}
+    <p role="status" class=${busy ? "loading" : ""}>${busy && html`<span class="spinner" aria-hidden="true"></span>`}
+      <strong>${STATES[run.state]}${run.state === "done" && run.until && ` as far as ${run.until}`}</strong></p>
+    ${run.message && html`<${Note} tone=${run.state === "failed" ? "bad" : "warn"}>
+      <p class="design-message">${run.message}</p></${Note}>`}
+    ${run.stages.length > 0 && html`<ol class="list">${run.stages.map((one) => html`<li key=${one.name}>
+      <div class="design-stage"><span><span aria-hidden="true">${MARKS[one.state]}</span> ${one.name}</span>
+        <${Progress} share=${one.fraction} label=${one.name} /><span class="quiet">${one.note || one.state}</span></div>
+      ${one.remarks.map((remark) => html`<p class="hint" key=${remark}>${remark}</p>`)}</li>`)}</ol>`}
+    ${run.state === "done" && html`<div class="row"><${Button} onClick=${look}>Look at it</${Button}>
+      ${stages.indexOf(run.until) >= stages.indexOf("toolpath") && html`
+        <${Button} href=${`/job?job=run~${part(name)}`}>Print it</${Button}>`}</div>`}
+    ${run.print_state === "done" && !busy && html`<div class="row">
+      <${Act} work=${act("continue")}>Continue after the print</${Act}>
+      <span class="quiet">Its print is done: scan, registration and report come next.</span></div>`}`}</${Loaded}>`;
+}
