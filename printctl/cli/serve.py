@@ -15,7 +15,7 @@ import typer
 from printctl.cli.options import messages
 from printctl.errors import UsageError
 
-NEEDED = ("nicegui", "uvicorn", "fastapi")
+NEEDED = ("fastapi", "uvicorn", "wsproto")
 _AT_MOST_PORT = 65535
 
 

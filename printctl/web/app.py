@@ -6,9 +6,6 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
-from typing import Final
 
 from fastapi import APIRouter, FastAPI
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
@@ -44,11 +41,6 @@ from printctl.web.scan.service import ScanService
 from printctl.web.security.access import Access
 from printctl.web.security.guard import Guard
 from printctl.web.security.login import router as login_router
-from printctl.web.shell.assets import serve_assets
-
-# List the five pages (printer, job, design, scan, history): services, routers, registration.
-
-ROOMS: Final = ("printer", "job", "design", "scan", "history")
 
 
 @dataclass(frozen=True)
@@ -93,13 +85,6 @@ def routers(services: Services) -> list[APIRouter]:
     ]
 
 
-def register_pages(services: Services) -> None:
-    """Define the rooms' pages; their modules load NiceGUI, so they are imported here."""
-    for room in ROOMS:
-        if find_spec(f"printctl.web.{room}.page"):
-            import_module(f"printctl.web.{room}.page").register(getattr(services, room))
-
-
 def build_app(core: Core, pages: bool = True) -> FastAPI:
     """Make the app of one server; nobody guards it yet.
 
@@ -107,7 +92,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     ----------
     core : Core
     pages : bool
-        Whether the pages are served, too; NiceGUI knows one such app a process.
+        Whether the page is served, too.
     """
     prints = PrintSockets(core.workspace.root)
     services = make_services(core)
@@ -139,15 +124,11 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     app.include_router(router(core, prints))
     app.include_router(login_router())
     serve_docs(app)
-    serve_assets(app)
     for part in routers(services):
         app.include_router(part)
     answer_unknown(app, API)
     if pages:
-        nicegui = [room for room in ROOMS if find_spec(f"printctl.web.{room}.page")]
-        serve_page(app, nicegui, {"job": job_hints(services.job)})
-        _add_pages(app)
-        register_pages(services)
+        serve_page(app, {"job": job_hints(services.job)})
     return app
 
 
@@ -159,23 +140,3 @@ def guarded(app: FastAPI, core: Core, access: Access, stop_port: int) -> ASGIApp
     plain = (*DEFAULT_EXCLUDED_CONTENT_TYPES, "application/octet-stream")
     guard = Guard(app, access, core.settings, stop_port)
     return GZipMiddleware(guard, 1000, 5, exclude_content_types=plain)
-
-
-def _add_pages(app: FastAPI) -> None:
-    from nicegui import app as pages  # Takes half a second, and the API does without.
-    from nicegui import ui
-
-    # Quasar's bar over the page while anything is sent has no name; an upload shows its own.
-    pages.config.quasar_config["loadingBar"]["skipHijack"] = True
-
-    ui.run_with(
-        app,
-        title="printctl",
-        dark=None,
-        language="en-US",
-        show_welcome_message=False,
-        # A tablet that was out of reach for a moment goes on where it was, unsaved words with it.
-        reconnect_timeout=30.0,
-        gzip_middleware_factory=None,
-        tailwind=False,  # shell/static/utilities.css
-    )

@@ -210,8 +210,7 @@ class _Server(uvicorn.Server):
 def _config(
     settings: ServeSettings, workspace: Workspace, access: Access, stop_port: int
 ) -> uvicorn.Config:
-    os.environ.setdefault("NICEGUI_STORAGE_PATH", str(workspace.private / "nicegui"))
-    from printctl.web.app import build_app, guarded  # Loads NiceGUI, which reads the environment.
+    from printctl.web.app import build_app, guarded
 
     core = Core(settings, workspace)
     return uvicorn.Config(
@@ -252,16 +251,9 @@ def _scrub(record: logging.LogRecord) -> bool:
     return True
 
 
-def _is_of_open_tab(record: logging.LogRecord) -> bool:
-    """Whether a record isn't NiceGUI's error of a timer whose browser tab was closed meanwhile."""
-    exc = record.exc_info[1] if record.exc_info else None
-    return not (isinstance(exc, RuntimeError) and "has been deleted" in str(exc))
-
-
 def log_to_terminal(verbose: bool) -> None:
     """Have the server's warnings, or each request, written to the terminal, without secrets."""
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     handler.addFilter(_scrub)
-    logging.getLogger("nicegui").addFilter(_is_of_open_tab)
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, handlers=[handler])

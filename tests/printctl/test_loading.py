@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
 
@@ -17,7 +16,6 @@ from design.on_demand import exported_names
 from printctl.pipeline.run_options import WHOLE_NAMES
 from printctl.pipeline.sequences import WHOLE
 from printctl.second_process import SecondProcess
-from printctl.web.app import ROOMS
 
 HEAVY = (
     "cv2",
@@ -33,7 +31,6 @@ HEAVY = (
     "sim.gcode.program.gcode",
     "trimesh",
 )
-PAGES = tuple(page for page in (f"printctl.web.{room}.page" for room in ROOMS) if find_spec(page))
 ON_DEMAND = (
     "design.hemodynamics",
     "design.lattices",
@@ -88,8 +85,6 @@ BEGUN = (
     "printctl.recipe",
     "printctl.cli.register",
     "printctl.web.app",
-    "nicegui",
-    *PAGES,
 )
 """Stations, links, their clients, the stop process, recipes, a command's help, the server."""
 STEPS = (

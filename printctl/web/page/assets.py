@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -70,14 +70,10 @@ Hints = Callable[[Request], str]
 """Gives HTML for the head of a page, by its address: what the browser is to fetch at once."""
 
 
-def serve_page(
-    app: FastAPI, without: Collection[str] = (), hints: Mapping[str, Hints] | None = None
-) -> None:
+def serve_page(app: FastAPI, hints: Mapping[str, Hints] | None = None) -> None:
     """Have the app serve the page and its files; ``hints`` by the page's module."""
     app.mount(URL, _Kept(directory=FOLDER), name="page")
     for address, module in ADDRESSES.items():
-        if module in without:
-            continue
         app.add_api_route(
             address, _page_at(module, (hints or {}).get(module)), include_in_schema=False
         )

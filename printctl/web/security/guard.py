@@ -34,9 +34,9 @@ log = logging.getLogger("printctl.web")
 
 RENEW_S: Final = 1800
 """A cookie older than this is renewed at the next request."""
-_PUBLIC: Final = re.compile(r"/login|/favicon\.ico|/api/v1/health|/static/(page|shell)/.*")
+_PUBLIC: Final = re.compile(r"/login|/favicon\.ico|/api/v1/health|/static/page/.*")
 """What anybody may ask for who reaches the server; nothing in it is the user's."""
-_NO_PAGES: Final = ("/api/", "/_nicegui", "/static/")
+_NO_PAGES: Final = ("/api/", "/static/")
 _CLOSED: Final[Message] = {"type": "websocket.close", "code": 4403, "reason": "not allowed"}
 _BROWSERS: Final = {
     "Edg": "Edge", "OPR/": "Opera", "Firefox": "Firefox", "Chrom": "Chrome", "Safari": "Safari",
@@ -51,12 +51,11 @@ _HEADERS: Final = {
     "x-frame-options": "DENY",
     "permissions-policy": "geolocation=(), microphone=(), payment=()",
 }
-# Scripts run only from our own files or with the page's nonce: one in a file name or a G-code
-# comment that slipped into a page as HTML would not run. Vue compiles templates in the browser,
-# which needs unsafe-eval; Quasar sets styles in the page, which needs unsafe-inline there.
+# Scripts and styles come only from our own files: one in a file name or a G-code comment that
+# slipped into a page as HTML would not run. Views of runs say a policy of their own.
 _POLICY: Final = (
-    "default-src 'none'; script-src 'self' 'nonce-{nonce}' 'unsafe-eval'; "
-    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; media-src 'self' blob:; "
+    "default-src 'none'; script-src 'self' 'nonce-{nonce}'; "
+    "style-src 'self'; img-src 'self' data: blob:; media-src 'self' blob:; "
     "font-src 'self' data:; worker-src 'self' blob:; connect-src 'self' {sources}; "
     "form-action 'self'; base-uri 'none'; frame-src 'self'; frame-ancestors 'none'; "
     "object-src 'none'"
@@ -96,10 +95,8 @@ class Guard:
         scheme = self.settings.scheme
         sources = f"{scheme.replace('http', 'ws')}://{headers['host']}" if host else ""
         sources += f" {scheme}://{host}:{self.stop_port}" if host and self.stop_port else ""
-        # NiceGUI writes x-forwarded-prefix into its page.
-        kept = [one for one in scope["headers"] if one[0].lower() != b"x-forwarded-prefix"]
         state = {**scope.get("state", {}), "nonce": nonce, "guard": self}
-        scope = {**scope, "headers": kept, "state": state}
+        scope = {**scope, "state": state}
         await self._sessions(scope, receive, _dressed(send, nonce, sources))
 
     def log_out(self, session: dict[str, Any]) -> None:
@@ -261,8 +258,7 @@ def _dressed(send: Send, nonce: str, sources: str) -> Send:
 
     A refusal in plain text, as libraries write them, becomes one in JSON as ours.
 
-    It works on the page as NiceGUI writes it, before anything else is in it: what pages are given
-    to show travels as JSON in which ``<`` is escaped.
+    It works on a page of ours as it is written, before anything else is in it.
     """
     start: Message = {}
     page = bytearray()

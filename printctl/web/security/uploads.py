@@ -15,8 +15,7 @@ from printctl.web.errors import BadRequestError
 PLAIN_BYTES: Final = 2_000_000
 """Of a request that is no upload."""
 UPLOADS: Final = re.compile(
-    r"/_nicegui/client/.*/upload/.*"
-    r"|/api/v1/(jobs|scans|history/verify|prints/[^/]+/photos|recipes/(import|files))"
+    r"/api/v1/(jobs|scans|history/verify|prints/[^/]+/photos|recipes/(import|files))"
 )
 """Paths that take files."""
 _PIECE: Final = 1 << 20

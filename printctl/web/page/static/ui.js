@@ -1,6 +1,6 @@
 // The parts that all pages are made of: one of each kind. Preact and htm; see vendor/README.md.
 import { h, render, Fragment } from "./vendor/preact.js";
-import { useCallback, useEffect, useId, useMemo, useRef, useState } from "./vendor/hooks.js";
+import { useCallback, useEffect, useErrorBoundary, useId, useMemo, useRef, useState } from "./vendor/hooks.js";
 import htm from "./vendor/htm.js";
 import { get, last, listen, upload } from "./api.js";
 
@@ -144,6 +144,7 @@ export const Page = ({ title, tools, wide, children }) => html`
 
 // A card; with `fold` (a name) it can be folded, which this browser remembers.
 export function Card({ title, tools, fold, folded = false, tone, children, ...more }) {
+  const [broken] = useErrorBoundary(console.error); // what fails in a card takes nothing else from the page
   const [closed, setClosed] = fold ? useKept(`fold.${fold}`, folded) : [false];
   const id = useId();
   const head = fold
@@ -152,7 +153,9 @@ export function Card({ title, tools, fold, folded = false, tone, children, ...mo
     : html`<h2>${title}</h2>`;
   return html`<section class=${classes("card", tone && `card-${tone}`)} ...${more}>
     ${(title || tools) && html`<div class="card-head">${title && head}${tools && html`<div class="row">${tools}</div>`}</div>`}
-    <div class="card-body" id=${id} hidden=${closed}>${children}</div>
+    <div class="card-body" id=${id} hidden=${closed}>${broken
+      ? html`<${Failed} problem=${{ message: `This part can't be shown (${broken.message}). STOP above works; reload the page.` }} />`
+      : children}</div>
   </section>`;
 }
 

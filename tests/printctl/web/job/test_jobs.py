@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from nicegui import Client, ui
 from PIL import Image
 
 from firmware_profiles import Ink, Printer, Syringe, load
@@ -30,7 +29,6 @@ from printctl.web.job.machine import Machine, set_up_of
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.set_ups import declared_of, places_to
-from printctl.web.shell.frame import contained
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import load_job, parse_job
 from tests.printctl.machine.link.layered import layered
@@ -56,16 +54,6 @@ def test_a_name_that_cant_be_used_hides_no_other_job(service):
     assert [one.id for one in service.jobs()] == [job]
     unusable = service.core.workspace.unusable_names("jobs/*.gcode", "runs/*")
     assert unusable == sorted([*(f"jobs/{name}" for name in odd), "runs/my run"])
-
-
-def test_a_part_of_a_page_that_fails_takes_nothing_else_from_it():
-    with Client(ui.page("/contained"), request=None) as client:
-        with contained("The list of jobs"):
-            raise ZeroDivisionError
-        ui.label("afterwards")
-    texts = [getattr(one, "text", "") for one in client.elements.values()]
-    assert any(text.startswith("The list of jobs can't be shown in full") for text in texts)
-    assert "afterwards" in texts
 
 
 def test_what_is_no_text_or_too_large_is_refused_and_leaves_nothing(service):
