@@ -6,8 +6,6 @@ to fill in; with that file as argument it fits. No profile is written but with `
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
 
 from printctl.calibration.results import level_result
@@ -16,14 +14,15 @@ from printctl.cli.calibrate_measured import backlash, lag, offset, weigh
 from printctl.cli.calibrate_oct import oct_device, walls
 from printctl.cli.calibrate_options import Csv, numbers_of, print_estimates, read_csv_argument
 from printctl.cli.calibrate_pattern import pattern, widths
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag
+from printctl.settings import opt
 
 
+@command
 def level(
     readings: Csv = None,
-    part: Annotated[
-        str, typer.Option("--part", metavar="X,Y", help="Size of the part, mm.")
-    ] = "20,20",
+    part: str = opt("Size of the part, mm.", "20,20", metavar="X,Y"),
     as_json: JsonFlag = False,
 ) -> None:
     """Level of bed and bath: CSV with surface (bed or bath), x_mm, y_mm and z_mm of touches.

@@ -13,8 +13,10 @@ from PIL import Image
 from design.files import atomic_replacement
 from printctl.calibration import Estimate
 from printctl.cli.calibrate_options import numbers_of, print_estimates
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, messages
 from printctl.errors import UsageError
+from printctl.settings import arg, opt
 from registration.devices.lens import Board, board_picture, find_board, fit_lens, write_lens
 
 _MARKER = 0.75
@@ -31,13 +33,15 @@ Marker = Annotated[
 Markers = Annotated[str, typer.Option("--markers", help="OpenCV's name of the markers' set.")]
 
 
+@command
 def board(
-    out: Annotated[Path, typer.Argument(help="PNG to be written.", show_default=False)],
+    *,
+    out: Path = arg("PNG to be written."),
     square_mm: Square,
     squares: Squares = "11,8",
     marker_mm: Marker = None,
     markers: Markers = "5X5_100",
-    dpi: Annotated[int, typer.Option("--dpi", min=72, max=25400, help="Of the printer.")] = 1200,
+    dpi: int = opt("Of the printer.", 1200, min=72, max=25400),
 ) -> None:
     """A ChArUco board to print at 100 % and glue onto something flat.
 
@@ -64,21 +68,15 @@ def board(
     messages().print(f"wrote {out}: print it at 100 %", markup=False)
 
 
+@command
 def camera(
-    pictures: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Pictures of the board; in the first it lies where prints will.",
-            show_default=False,
-        ),
-    ],
+    *,
+    pictures: list[Path] = arg("Pictures of the board; in the first it lies where prints will."),
     square_mm: Square,
     squares: Squares = "11,8",
     marker_mm: Marker = None,
     markers: Markers = "5X5_100",
-    write: Annotated[
-        Path | None, typer.Option("--write", help="YAML file for --camera of widths and dye.")
-    ] = None,
+    write: Path | None = opt("YAML file for --camera of widths and dye."),
     as_json: JsonFlag = False,
 ) -> None:
     """Scale and distortion of a camera or microscope, from pictures of a ChArUco board.

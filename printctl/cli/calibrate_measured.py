@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 
 from firmware_profiles import (
     Ink,
@@ -56,8 +55,10 @@ from printctl.cli.calibrate_options import (
     write_mended,
     write_test,
 )
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
 from printctl.errors import UsageError
+from printctl.settings import opt
 
 
 @dataclass(frozen=True)
@@ -118,17 +119,16 @@ def _notes(weighing: FlowWeighing, what: WeighingOptions) -> list[str]:
 # `printctl calibrate backlash`: write an axis test, or fit backlash and scale from readings.
 
 
+@command
 def backlash(
     readings: Csv = None,
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
-    axis: Annotated[str, typer.Option("--axis", help="x, y, z or e.")] = "x",
-    targets: Annotated[str, typer.Option("--targets", help="From the tip's place, mm.")] = (
-        "2,4,6,8,10"
-    ),
-    overshoot: Annotated[float, typer.Option("--overshoot", help="mm", min=0.01)] = 1.0,
-    speed: Annotated[float, typer.Option("--speed", help="mm/s", min=0.01)] = 2.0,
-    wait: Annotated[float, typer.Option("--wait", help="To read the dial, s.", min=0)] = 8.0,
+    axis: str = opt("x, y, z or e.", "x"),
+    targets: str = opt("From the tip's place, mm.", "2,4,6,8,10"),
+    overshoot: float = opt("mm", 1.0, min=0.01),
+    speed: float = opt("mm/s", 2.0, min=0.01),
+    wait: float = opt("To read the dial, s.", 8.0, min=0),
     at: At = "100,100,50",
     gcode: Gcode = None,
     as_json: JsonFlag = False,
@@ -166,24 +166,20 @@ def _axis(text: str) -> Axis:
 # `printctl calibrate lag`: write a test, or fit pressure lag and flow factor to line widths.
 
 
+@command
 def lag(
     readings: Csv = None,
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
-    ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
-    needle: Annotated[
-        str | None,
-        typer.Option("--needle", help="The one mounted: a lag is written for it alone."),
-    ] = None,
-    slow: Annotated[float, typer.Option("--slow", help="mm/s", min=0.01)] = 4.0,
-    fast: Annotated[float, typer.Option("--fast", help="mm/s", min=0.01)] = 16.0,
-    length: Annotated[float, typer.Option("--length", help="Of each stretch, mm.", min=1)] = 40.0,
-    width: Annotated[float, typer.Option("--width", help="Of the line, mm.", min=0.01)] = 0.4,
-    layer: Annotated[float, typer.Option("--layer", help="mm", min=0.01)] = 0.2,
-    round_bead: Annotated[
-        bool, typer.Option("--round/--flat", help="A filament in a bath, or a bead on a plate.")
-    ] = False,
-    lines: Annotated[int, typer.Option("--lines", help="Of the test.", min=1)] = 3,
+    ink: str = opt("Ink profile.", "collagen_fresh"),
+    needle: str | None = opt("The one mounted: a lag is written for it alone."),
+    slow: float = opt("mm/s", 4.0, min=0.01),
+    fast: float = opt("mm/s", 16.0, min=0.01),
+    length: float = opt("Of each stretch, mm.", 40.0, min=1),
+    width: float = opt("Of the line, mm.", 0.4, min=0.01),
+    layer: float = opt("mm", 0.2, min=0.01),
+    round_bead: bool = opt("A filament in a bath, or a bead on a plate.", False, "--round/--flat"),
+    lines: int = opt("Of the test.", 3, min=1),
     at: At = "40,100,1",
     gcode: Gcode = None,
     write: Write = None,
@@ -294,15 +290,11 @@ def _places(length: float) -> list[float]:
 # `printctl calibrate offset`: fit the offset between two needle tips to touch-off readings.
 
 
+@command
 def offset(
     readings: Csv = None,
-    printer: Annotated[
-        str | None,
-        typer.Option("--printer", help="Profile of a printer with several heads, all lowered."),
-    ] = None,
-    head: Annotated[
-        int, typer.Option("--head", help="Whose needle is the second of the two.", min=1)
-    ] = 1,
+    printer: str | None = opt("Profile of a printer with several heads, all lowered."),
+    head: int = opt("Whose needle is the second of the two.", 1, min=1),
     write: Write = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -359,25 +351,20 @@ def _of_head(
 # `printctl calibrate weigh`: write a dosing test, or fit steps per µL to weighed doses.
 
 
+@command
 def weigh(
     readings: Csv = None,
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
-    density: Annotated[float, typer.Option("--density", help="Of what is weighed, g/cm³.")] = 0.998,
-    density_error: Annotated[
-        float, typer.Option("--density-error", help="Half of its 95 % interval, g/cm³.", min=0)
-    ] = 0.001,
-    mend: Annotated[
-        str, typer.Option("--mend", help="What --write changes: bore (syringe) or steps (printer).")
-    ] = "steps",
-    doses: Annotated[str, typer.Option("--doses", help="Of the test, µL.")] = "20,40,60",
-    repeats: Annotated[int, typer.Option("--repeats", help="Of each dose.", min=1)] = 4,
-    flow: Annotated[float, typer.Option("--flow", help="Of the test, µL/s.", min=0.001)] = 2.0,
-    wait: Annotated[float, typer.Option("--wait", help="To change vials, s.", min=0)] = 30.0,
-    ink: Annotated[
-        str, typer.Option("--ink", help="What a pneumatic head is weighed with.")
-    ] = "collagen_fresh",
-    needle: Annotated[str, typer.Option("--needle", help="The same, its needle.")] = "30g",
+    density: float = opt("Of what is weighed, g/cm³.", 0.998),
+    density_error: float = opt("Half of its 95 % interval, g/cm³.", 0.001, min=0),
+    mend: str = opt("What --write changes: bore (syringe) or steps (printer).", "steps"),
+    doses: str = opt("Of the test, µL.", "20,40,60"),
+    repeats: int = opt("Of each dose.", 4, min=1),
+    flow: float = opt("Of the test, µL/s.", 2.0, min=0.001),
+    wait: float = opt("To change vials, s.", 30.0, min=0),
+    ink: str = opt("What a pneumatic head is weighed with.", "collagen_fresh"),
+    needle: str = opt("The same, its needle.", "30g"),
     at: At = "100,100,50",
     gcode: Gcode = None,
     write: Write = None,

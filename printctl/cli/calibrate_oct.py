@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
-
-import typer
+from typing import Literal
 
 from printctl.calibration import Estimate
 from printctl.cli.calibrate_options import print_estimates
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, messages
 from printctl.cli.scan import voxel_mm
 from printctl.errors import UsageError
+from printctl.settings import arg, opt
 from registration import Scan, ScanOverrides, read_scan
 from registration.devices.optics import (
     GridFit,
@@ -37,69 +37,25 @@ _MEANING = {
 }  # fmt: skip
 
 
+@command
 def oct_device(
-    grid: Annotated[
-        list[Path] | None,
-        typer.Option("--grid", help="Scan of a flat dot grid in air; again at another height."),
-    ] = None,
-    pitch_um: Annotated[
-        float | None, typer.Option("--pitch-um", min=10, help="Of the grid's dots.")
-    ] = None,
-    pitch_u_um: Annotated[
-        float,
-        typer.Option(
-            "--pitch-u-um", min=0.0, help="U (k = 2) of the pitch by the grid's certificate."
-        ),
-    ] = 0.0,
-    step: Annotated[
-        Path | None, typer.Option("--step", help="Scan of a step of known height.")
-    ] = None,
-    height_um: Annotated[
-        float | None, typer.Option("--height-um", min=10, help="Of the step.")
-    ] = None,
-    height_u_um: Annotated[
-        float,
-        typer.Option(
-            "--height-u-um", min=0.0, help="U (k = 2) of the height by the step's certificate."
-        ),
-    ] = 0.0,
-    reference: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--reference",
-            help="Report folder of a part whose model is what it truly is; again of other scans.",
-        ),
-    ] = None,
-    reference_u_um: Annotated[
-        float,
-        typer.Option(
-            "--reference-u-um", min=0.0, help="U (k = 2) of its diameters by its certificate."
-        ),
-    ] = 0.0,
-    immersed: Annotated[
-        bool,
-        typer.Option("--immersed/--in-air", help="The step lay in the medium of the prints."),
-    ] = False,
-    voxel_um: Annotated[
-        str | None,
-        typer.Option(
-            "--voxel-um", metavar="X,Y,Z", help="Where the files don't say; Z as optical path."
-        ),
-    ] = None,
-    axes: Annotated[
-        str | None, typer.Option("--axes", metavar="ZYX", help="Order of axes, slowest first.")
-    ] = None,
-    scale: Annotated[
-        Literal["linear", "db"] | None,
-        typer.Option("--scale", help="Of the intensity, where the files don't say."),
-    ] = None,
-    write: Annotated[
-        Path | None,
-        typer.Option(
-            "--write",
-            help="YAML file for `register --oct-calibration`; what it says of other targets stays.",
-        ),
-    ] = None,
+    grid: list[Path] | None = opt("Scan of a flat dot grid in air; again at another height."),
+    pitch_um: float | None = opt("Of the grid's dots.", min=10),
+    pitch_u_um: float = opt("U (k = 2) of the pitch by the grid's certificate.", 0.0, min=0.0),
+    step: Path | None = opt("Scan of a step of known height."),
+    height_um: float | None = opt("Of the step.", min=10),
+    height_u_um: float = opt("U (k = 2) of the height by the step's certificate.", 0.0, min=0.0),
+    reference: list[Path] | None = opt(
+        "Report folder of a part whose model is what it truly is; again of other scans."
+    ),
+    reference_u_um: float = opt("U (k = 2) of its diameters by its certificate.", 0.0, min=0.0),
+    immersed: bool = opt("The step lay in the medium of the prints.", False, "--immersed/--in-air"),
+    voxel_um: str | None = opt("Where the files don't say; Z as optical path.", metavar="X,Y,Z"),
+    axes: str | None = opt("Order of axes, slowest first.", metavar="ZYX"),
+    scale: Literal["linear", "db"] | None = opt("Of the intensity, where the files don't say."),
+    write: Path | None = opt(
+        "YAML file for `register --oct-calibration`; what it says of other targets stays."
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Fan, bow, scales and walls of a device: from a dot grid, a step, a part of known channels.
@@ -219,16 +175,10 @@ def _told_reference(walls: WallCalibration, u_um: float) -> list[str]:
     return notes
 
 
+@command
 def walls(
-    phantoms: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Report folders of a reference, as --reference takes them.", show_default=False
-        ),
-    ],
-    write: Annotated[
-        Path | None, typer.Option("--write", help="YAML file for `register --oct-calibration`.")
-    ] = None,
+    phantoms: list[Path] = arg("Report folders of a reference, as --reference takes them."),
+    write: Path | None = opt("YAML file for `register --oct-calibration`."),
     as_json: JsonFlag = False,
 ) -> None:
     """Old name of `calibrate oct --reference`, for one more release.

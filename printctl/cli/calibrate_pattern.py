@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Final, Literal
 
 import cv2
 import numpy as np
@@ -53,8 +53,10 @@ from printctl.cli.calibrate_options import (
     print_estimates,
     write_measured,
 )
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, SyringeOption, messages, print_lines, three_numbers
 from printctl.errors import UsageError
+from printctl.settings import arg, opt
 from registration.devices.lens import read_lens
 from sim.gcode.dry_run.run import dry_run
 
@@ -73,35 +75,46 @@ _CLEAR_MM: Final = 1.5
 """Between needle and dish."""
 
 
+@command
 def pattern(
     context: typer.Context,
-    name: Name,
-    output: Output,
-    needle: NeedleName,
-    printer: PrinterName = "generic_marlin",
+    name: Literal["lines", "spiral", "joint", "bridge", "comb", "squares"] = arg(
+        "lines, spiral, joint, bridge, comb or squares."
+    ),
+    output: Path = opt("The G-code; .csv, .json, .svg stand beside it.", ..., "--output", "-o"),
+    needle: str = opt("Needle profile.", ...),
+    printer: str = opt(
+        "Printer profile, shipped or a .yaml.", "generic_marlin", "--printer", "--profile"
+    ),
     syringe: SyringeOption = "hamilton_1ml",
-    ink: InkName = "collagen_fresh",
+    ink: str = opt("Ink profile.", "collagen_fresh"),
     bath: mounting.BathOption = None,
     dish: mounting.DishOption = None,
     dish_centre: mounting.DishCentreOption = None,
     bath_depth: mounting.BathDepthOption = None,
-    at: At = "100,100,5",
-    width: Width = None,
-    layer: Layer = None,
-    round_bead: RoundBead = None,
-    speeds: Speeds = "2,5,8",
-    flow_factors: FlowFactors = "0.8,1,1.2",
-    length: Length = 24.0,
-    repeats: Repeats = 1,
-    steps: Steps = 2,
-    speed: Speed = 5.0,
-    turns: Turns = 5.0,
-    pitch: Pitch = None,
-    gaps: Gaps = None,
-    overlaps: Overlaps = "-1.5,-1,-0.5,0,0.5,1",
-    spans: Spans = "1,2,3,4,6",
-    height: Height = 2.0,
-    across: Across = None,
+    at: str = opt(
+        "Middle of the pattern and height of its lines, mm.", "100,100,5", metavar="X,Y,Z"
+    ),
+    width: float | None = opt("Of the line, mm; the needle's bore if not."),
+    layer: float | None = opt("Height of a line, mm; half its width if not."),
+    round_bead: bool | None = opt(
+        "A filament, if a bath is named; or on a plate.", None, "--round/--flat"
+    ),
+    speeds: str = opt("Of lines, mm/s.", "2,5,8"),
+    flow_factors: str = opt("Of lines: multiples of the cross-section.", "0.8,1,1.2"),
+    length: float = opt("Of a line, mm.", 24.0, min=1),
+    repeats: int = opt("Of each line.", 1, min=1),
+    steps: int = opt("Lines written slow, fast, slow, for the lag.", 2, min=0),
+    speed: float = opt("Of all but lines, mm/s.", 5.0, min=0.01),
+    turns: float = opt("Of the spiral.", 5.0, min=1, max=50),
+    pitch: float | None = opt("Of the spiral, mm; 5 widths if not."),
+    gaps: str | None = opt("Of the comb, mm; 0.2 to 2 widths if not."),
+    overlaps: str = opt("Of joints, radii beyond the trunk's surface.", "-1.5,-1,-0.5,0,0.5,1"),
+    spans: str = opt("Of bridges, mm.", "1,2,3,4,6"),
+    height: float = opt("Of the bridges' pillars, mm.", 2.0, min=0.1),
+    across: float | None = opt(
+        "Of the squares' circle, mm; --dish less the needle and 3 mm, 50 if not."
+    ),
 ) -> None:
     """Write a calibration print: G-code, a drawing, a sheet to type widths into.
 
@@ -294,99 +307,25 @@ def _across(said: float | None, dish: str | None, needle: str) -> float:
 
 # Typer options of `printctl calibrate pattern`: profiles, line size, speeds, gaps, spans.
 
-Name = Annotated[
-    Literal["lines", "spiral", "joint", "bridge", "comb", "squares"],
-    typer.Argument(help="lines, spiral, joint, bridge, comb or squares.", show_default=False),
-]
-Output = Annotated[
-    Path,
-    typer.Option("--output", "-o", help="The G-code; .csv, .json, .svg stand beside it."),
-]
-NeedleName = Annotated[str, typer.Option("--needle", help="Needle profile.", show_default=False)]
-PrinterName = Annotated[
-    str, typer.Option("--printer", "--profile", help="Printer profile, shipped or a .yaml.")
-]
-InkName = Annotated[str, typer.Option("--ink", help="Ink profile.")]
-At = Annotated[
-    str,
-    typer.Option(
-        "--at", metavar="X,Y,Z", help="Middle of the pattern and height of its lines, mm."
-    ),
-]
-Width = Annotated[
-    float | None, typer.Option("--width", help="Of the line, mm; the needle's bore if not.")
-]
-Layer = Annotated[
-    float | None, typer.Option("--layer", help="Height of a line, mm; half its width if not.")
-]
-RoundBead = Annotated[
-    bool | None,
-    typer.Option("--round/--flat", help="A filament, if a bath is named; or on a plate."),
-]
-Speeds = Annotated[str, typer.Option("--speeds", help="Of lines, mm/s.")]
-FlowFactors = Annotated[
-    str, typer.Option("--flow-factors", help="Of lines: multiples of the cross-section.")
-]
-Length = Annotated[float, typer.Option("--length", help="Of a line, mm.", min=1)]
-Repeats = Annotated[int, typer.Option("--repeats", help="Of each line.", min=1)]
-Steps = Annotated[
-    int, typer.Option("--steps", help="Lines written slow, fast, slow, for the lag.", min=0)
-]
-Speed = Annotated[float, typer.Option("--speed", help="Of all but lines, mm/s.", min=0.01)]
-Turns = Annotated[float, typer.Option("--turns", help="Of the spiral.", min=1, max=50)]
-Pitch = Annotated[float | None, typer.Option("--pitch", help="Of the spiral, mm; 5 widths if not.")]
-Gaps = Annotated[
-    str | None, typer.Option("--gaps", help="Of the comb, mm; 0.2 to 2 widths if not.")
-]
-Overlaps = Annotated[
-    str, typer.Option("--overlaps", help="Of joints, radii beyond the trunk's surface.")
-]
-Spans = Annotated[str, typer.Option("--spans", help="Of bridges, mm.")]
-Across = Annotated[
-    float | None,
-    typer.Option(
-        "--across", help="Of the squares' circle, mm; --dish less the needle and 3 mm, 50 if not."
-    ),
-]
-Height = Annotated[float, typer.Option("--height", help="Of the bridges' pillars, mm.", min=0.1)]
-
 
 # `printctl calibrate widths`: ink constants from a calibration print's widths or picture.
 
 _CORNERS = 4
 
 
+@command
 def widths(
-    file: Annotated[
-        Path, typer.Argument(help="The sheet, filled in (.csv), or a picture.", show_default=False)
-    ],
-    pattern: Annotated[
-        Path | None,
-        typer.Option("--pattern", help="The pattern's .json; FILE's name with .json if not."),
-    ] = None,
-    um_per_px: Annotated[
-        float | None,
-        typer.Option(
-            "--um-per-px", min=0.01, max=1000, help="By a stage micrometer, not the frame."
-        ),
-    ] = None,
-    marks: Annotated[
-        str | None,
-        typer.Option(
-            "--marks",
-            metavar="U,V,…",
-            help="Pixels of the frame's corners where it isn't found: lower left, lower right, "
-            "upper right, upper left, as on the drawing.",
-        ),
-    ] = None,
+    file: Path = arg("The sheet, filled in (.csv), or a picture."),
+    pattern: Path | None = opt("The pattern's .json; FILE's name with .json if not."),
+    um_per_px: float | None = opt("By a stage micrometer, not the frame.", min=0.01, max=1000),
+    marks: str | None = opt(
+        "Pixels of the frame's corners where it isn't found: lower left, lower right, upper "
+        "right, upper left, as on the drawing.",
+        metavar="U,V,…",
+    ),
     camera: CameraFile = None,
-    flow_factor: Annotated[
-        float | None,
-        typer.Option("--flow-factor", min=0.2, max=5, help="Weighed; the swelling is told then."),
-    ] = None,
-    ink: Annotated[
-        str | None, typer.Option("--ink", help="For --write; the one it was printed with if not.")
-    ] = None,
+    flow_factor: float | None = opt("Weighed; the swelling is told then.", min=0.2, max=5),
+    ink: str | None = opt("For --write; the one it was printed with if not."),
     write: Write = None,
     as_json: JsonFlag = False,
 ) -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final
-
-import typer
+from typing import Any, Final
 
 from design.files import write_text
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, PdfFlag, folder_to_write, print_json, print_lines
 from printctl.errors import UsageError
 from printctl.history.comparing import NewLimits, PrintNames, read_folders
+from printctl.settings import arg, opt
 from registration.comparison import (
     Comparison,
     compare,
@@ -31,65 +31,32 @@ HTML: Final = "compare.html"
 PDF: Final = "compare.pdf"
 
 
+@command
 def compare_prints(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RUN...",
-            help="Run folders, or folders that `printctl register` wrote; two or more.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
-        ),
-    ],
-    prints: Annotated[
-        str | None,
-        typer.Option(
-            "--prints",
-            metavar="A,A,B,...",
-            help="Which print each folder's scan is of, by any names; else by its journal.",
-        ),
-    ] = None,
-    repeatability: Annotated[
-        bool,
-        typer.Option(
-            "--repeatability",
-            help="Gauge R&R: the folders are operators x parts x repeats (ANOVA, AIAG MSA).",
-        ),
-    ] = False,
-    operators: Annotated[
-        str | None,
-        typer.Option(
-            "--operators",
-            metavar="A,A,B,...",
-            help="With --repeatability: who made each folder's scan; else as its record says.",
-        ),
-    ] = None,
-    parts: Annotated[
-        str | None,
-        typer.Option(
-            "--parts",
-            metavar="1,2,1,...",
-            help="With --repeatability: the part each folder's scan is of; else as its record or "
-            "journal says.",
-        ),
-    ] = None,
-    tolerance_um: Annotated[
-        float | None,
-        typer.Option("--tolerance-um", min=0.1, help="Judge all prints anew by this RMS limit."),
-    ] = None,
-    diameter_tolerance_percent: Annotated[
-        float | None,
-        typer.Option(
-            "--diameter-tolerance-percent",
-            min=0.1,
-            help="Judge all prints anew by this limit, and tell the capability (Cp, Cpk).",
-        ),
-    ] = None,
+    folders: list[Path] = arg(
+        "Run folders, or folders that `printctl register` wrote; two or more.", metavar="RUN..."
+    ),
+    out: Path = opt("Folder for the files.", ..., callback=folder_to_write),
+    prints: str | None = opt(
+        "Which print each folder's scan is of, by any names; else by its journal.",
+        metavar="A,A,B,...",
+    ),
+    repeatability: bool = opt(
+        "Gauge R&R: the folders are operators x parts x repeats (ANOVA, AIAG MSA).", False
+    ),
+    operators: str | None = opt(
+        "With --repeatability: who made each folder's scan; else as its record says.",
+        metavar="A,A,B,...",
+    ),
+    parts: str | None = opt(
+        "With --repeatability: the part each folder's scan is of; else as its record or journal "
+        "says.",
+        metavar="1,2,1,...",
+    ),
+    tolerance_um: float | None = opt("Judge all prints anew by this RMS limit.", min=0.1),
+    diameter_tolerance_percent: float | None = opt(
+        "Judge all prints anew by this limit, and tell the capability (Cp, Cpk).", min=0.1
+    ),
     pdf: PdfFlag = False,
     as_json: JsonFlag = False,
 ) -> None:

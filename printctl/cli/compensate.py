@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from pydantic import ValidationError
 
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.corrections.compensation import (
     CompensationFile,
@@ -18,50 +17,28 @@ from printctl.corrections.compensation import (
 )
 from printctl.corrections.feedback import Choices, Mean, estimate, read_print
 from printctl.errors import UsageError
+from printctl.settings import arg, opt
 
 
+@command
 def compensate(
-    prints: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RUN...",
-            help="Finished runs of one design, or folders of `register --model RUN --out`.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path, typer.Option("--out", help="The file, .yaml or .json.", show_default=False)
-    ],
-    depth_standard: Annotated[
-        str | None,
-        typer.Option(
-            "--depth-standard",
-            metavar="TEXT",
-            help="What known height stands behind the scans' depth, where they don't say; "
-            "without one depth isn't corrected.",
-        ),
-    ] = None,
-    diameter_bias_um: Annotated[
-        str | None,
-        typer.Option(
-            "--diameter-bias-um",
-            metavar="BIAS,INTERVAL",
-            help="Of this scanner on a phantom: measured less true, and its 95 % half width.",
-        ),
-    ] = None,
-    gain: Annotated[
-        float, typer.Option("--gain", help="Share of scale and radial offset corrected at once.")
-    ] = 1.0,
-    local_gain: Annotated[
-        float, typer.Option("--local-gain", help="Share of local corrections made at once.")
-    ] = 0.7,
-    without_vessel: Annotated[
-        list[int] | None,
-        typer.Option("--without-vessel", help="A vessel to leave out; may be repeated."),
-    ] = None,
-    whole_only: Annotated[
-        bool, typer.Option("--whole-only", help="Nothing for single vessels and nodes.")
-    ] = False,
+    prints: list[Path] = arg(
+        "Finished runs of one design, or folders of `register --model RUN --out`.", metavar="RUN..."
+    ),
+    out: Path = opt("The file, .yaml or .json.", ...),
+    depth_standard: str | None = opt(
+        "What known height stands behind the scans' depth, where they don't say; without one "
+        "depth isn't corrected.",
+        metavar="TEXT",
+    ),
+    diameter_bias_um: str | None = opt(
+        "Of this scanner on a phantom: measured less true, and its 95 % half width.",
+        metavar="BIAS,INTERVAL",
+    ),
+    gain: float = opt("Share of scale and radial offset corrected at once.", 1.0),
+    local_gain: float = opt("Share of local corrections made at once.", 0.7),
+    without_vessel: list[int] | None = opt("A vessel to leave out; may be repeated."),
+    whole_only: bool = opt("Nothing for single vessels and nodes.", False),
     as_json: JsonFlag = False,
 ) -> None:
     """Make a compensation from registered prints, for a recipe's `toolpath.compensation`.

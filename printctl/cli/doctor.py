@@ -16,14 +16,16 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import typer
 
 from kernels import cache_dir
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.machine.link.history import data_folder
 from printctl.machine.link.ports import PortInfo, list_ports
+from printctl.settings import opt
 
 # Examine this computer for `printctl doctor`: run all checks, collect facts and problems.
 
@@ -369,10 +371,9 @@ def _remedy(port: PortInfo, group: str) -> str:
     return f"{text}: {joined}{rule}"
 
 
+@command
 def doctor(
-    warm: Annotated[
-        bool, typer.Option("--warm", help="Compile all kernels now, so that no run waits for them.")
-    ] = False,
+    warm: bool = opt("Compile all kernels now, so that no run waits for them.", False),
     as_json: JsonFlag = False,
 ) -> None:
     """Say whether this machine is fit: packages, extras, ports, disk, kernels, folders, clock.

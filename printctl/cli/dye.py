@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -15,6 +15,7 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from design.units import UL_S_PER_ML_MIN
 from printctl.cli.calibrate_options import CameraFile
+from printctl.cli.declare import command
 from printctl.cli.dye_predict import FrontOptions, predict_front
 from printctl.cli.options import (
     JsonFlag,
@@ -26,6 +27,7 @@ from printctl.cli.options import (
 )
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK
+from printctl.settings import arg, opt
 from registration.devices.lens import read_lens
 from registration.dye import (
     DyeOptions,
@@ -41,56 +43,22 @@ from registration.report.dye_page import write_dye_html
 NUMBERS, PLACES, PAGE = "dye.json", "dye.csv", "dye.html"
 
 
+@command
 def dye(
-    model: Annotated[
-        Path,
-        typer.Option("--model", help="A run folder, or its network.csv in mm.", show_default=False),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
-        ),
-    ],
-    video: Annotated[
-        Path | None,
-        typer.Argument(help="Film of dye run through the part (docs/dye.md).", show_default=False),
-    ] = None,
-    marks: Annotated[
-        Path | None,
-        typer.Option("--marks", help="YAML: known points and their pixels.", show_default=False),
-    ] = None,
-    flow_ml_min: Annotated[
-        float | None,
-        typer.Option("--flow-ml-min", min=1e-6, help="Into the part; else fitted."),
-    ] = None,
-    start_s: Annotated[
-        float | None,
-        typer.Option("--start-s", help="When dye passes the inlet, film's clock; else fitted."),
-    ] = None,
-    tolerance_percent: Annotated[
-        float,
-        typer.Option("--tolerance-percent", min=0.1, help="Of the predicted way from the inlet."),
-    ] = 40.0,
+    model: Path = opt("A run folder, or its network.csv in mm.", ...),
+    out: Path = opt("Folder for the files.", ..., callback=folder_to_write),
+    video: Path | None = arg("Film of dye run through the part (docs/dye.md).", None),
+    marks: Path | None = opt("YAML: known points and their pixels."),
+    flow_ml_min: float | None = opt("Into the part; else fitted.", min=1e-6),
+    start_s: float | None = opt("When dye passes the inlet, film's clock; else fitted."),
+    tolerance_percent: float = opt("Of the predicted way from the inlet.", 40.0, min=0.1),
     camera: CameraFile = None,
-    predict: Annotated[
-        bool, typer.Option("--predict", help="No film yet: when dye will come to each vessel.")
-    ] = False,
-    frames_per_s: Annotated[
-        float, typer.Option("--frames-per-s", min=1e-3, help="Of the film to come (--predict).")
-    ] = 25.0,
-    as_printed: Annotated[
-        bool,
-        typer.Option("--as-printed", help="Lumens as registration found them (--predict)."),
-    ] = False,
-    at: Annotated[
-        list[str] | None,
-        typer.Option("--at", metavar="VESSEL:SHARE", help="Places of curves (--predict)."),
-    ] = None,
+    predict: bool = opt("No film yet: when dye will come to each vessel.", False),
+    frames_per_s: float = opt("Of the film to come (--predict).", 25.0, min=1e-3),
+    as_printed: bool = opt("Lumens as registration found them (--predict).", False),
+    at: list[str] | None = opt("Places of curves (--predict).", metavar="VESSEL:SHARE"),
     unit: UnitOption = None,
-    diffusivity_mm2_s: Annotated[
-        float, typer.Option("--diffusivity-mm2-s", min=0.0, help="Of the dye (--predict).")
-    ] = DYE_DIFFUSIVITY,
+    diffusivity_mm2_s: float = opt("Of the dye (--predict).", DYE_DIFFUSIVITY, min=0.0),
     as_json: JsonFlag = False,
 ) -> None:
     """Arrival of dye along the vessels against the prediction, and which vessels are open.

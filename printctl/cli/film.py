@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import typer
 
@@ -20,81 +20,47 @@ from printctl.analysis.film import (
 )
 from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import Drive, Source, load_source
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, UnitOption, messages, print_json, print_lines
 from printctl.cli.view import FromOption
 from printctl.errors import UsageError
 from printctl.recipe.growth import Growth
+from printctl.settings import arg, opt
 from registration.report.picture import FilmScene, PictureOptions, Quantity, quantities
 
 # Typer options of `printctl film`: growth or pulse, steps, solver, colour, size, frame rate.
 
-ShowOption = Annotated[
-    Literal["growth", "pulse"], typer.Option("--show", help="How it grew, or a pulse through it.")
-]
-OutOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        help="The film: .mp4, .mov, .avi, .gif or .webp; growth.mp4 or pulse.mp4 in the run.",
-        show_default=False,
-    ),
-]
-ByOption = Annotated[
-    Literal["terminals", "generations"],
-    typer.Option("--by", help="Of growth: one terminal after the other, or joint after joint."),
-]
-StepsOption = Annotated[
-    int, typer.Option("--steps", min=2, max=2000, help="Frames of growth by terminals.")
-]
-ColourOption = Annotated[
-    Literal["radius", "kind", "tree", "order", "flow", "pressure"] | None,
-    typer.Option(
-        "--colour",
-        "--color",
-        help="Of growth any (kind where there are several, else radius); of a pulse pressure or "
-        "flow.",
-        show_default=False,
-    ),
-]
-SolverOption = Annotated[
-    Literal["0d", "1d"], typer.Option("--solver", help="Of a pulse: lumped, or waves (1d).")
-]
-FramesOption = Annotated[int, typer.Option("--frames", min=8, max=2000, help="Of a cycle.")]
-CyclesOption = Annotated[int, typer.Option("--cycles", min=1, max=100, help="Of a pulse.")]
-FpsOption = Annotated[
-    float, typer.Option("--fps", min=1.0, max=60.0, help="Frames in 1 s of the film.")
-]
-WidthOption = Annotated[int, typer.Option("--width", min=300, max=3000, help="Pixels.")]
-TablesOption = Annotated[
-    Path,
-    typer.Option("--tables", help="Folder of the recipe's tables (a pulse's, the outlets')."),
-]
-SourceArg = Annotated[
-    Path,
-    typer.Argument(
-        help="A run folder; of growth also a network (.csv, .vtp, .swc, .json, .npz, .txt).",
-        show_default=False,
-    ),
-]
 _OF_GROWTH: Final = ("by", "steps", "unit")
 _OF_PULSES: Final = ("solver", "frames", "cycles", "tables")
 
 
+@command
 def film(
     context: typer.Context,
-    source: SourceArg,
-    show: ShowOption = "growth",
-    out: OutOption = None,
-    by: ByOption = "terminals",
-    steps: StepsOption = 60,
-    solver: SolverOption = "0d",
-    frames: FramesOption = 50,
-    cycles: CyclesOption = 2,
-    tables: TablesOption = Path(),
-    colour: ColourOption = None,
+    source: Path = arg(
+        "A run folder; of growth also a network (.csv, .vtp, .swc, .json, .npz, .txt)."
+    ),
+    show: Literal["growth", "pulse"] = opt("How it grew, or a pulse through it.", "growth"),
+    out: Path | None = opt(
+        "The film: .mp4, .mov, .avi, .gif or .webp; growth.mp4 or pulse.mp4 in the run."
+    ),
+    by: Literal["terminals", "generations"] = opt(
+        "Of growth: one terminal after the other, or joint after joint.", "terminals"
+    ),
+    steps: int = opt("Frames of growth by terminals.", 60, min=2, max=2000),
+    solver: Literal["0d", "1d"] = opt("Of a pulse: lumped, or waves (1d).", "0d"),
+    frames: int = opt("Of a cycle.", 50, min=8, max=2000),
+    cycles: int = opt("Of a pulse.", 2, min=1, max=100),
+    tables: Path = opt("Folder of the recipe's tables (a pulse's, the outlets').", Path()),
+    colour: Literal["radius", "kind", "tree", "order", "flow", "pressure"] | None = opt(
+        "Of growth any (kind where there are several, else radius); of a pulse pressure or flow.",
+        None,
+        "--colour",
+        "--color",
+    ),
     seen_from: FromOption = "oblique",
-    width: WidthOption = 900,
-    fps: FpsOption = 12.0,
+    width: int = opt("Pixels.", 900, min=300, max=3000),
+    fps: float = opt("Frames in 1 s of the film.", 12.0, min=1.0, max=60.0),
     unit: UnitOption = None,
     as_json: JsonFlag = False,
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 import typer
@@ -17,41 +17,52 @@ from design.hemodynamics.zero_d.svzerod_run import run_svzerod
 from design.units import PA_PER_MMHG
 from firmware_profiles.yaml_file import read_yaml
 from printctl.cli import flow_options as options
+from printctl.cli.declare import command
 from printctl.cli.flow_options import SECTIONS, FlowOutput
 from printctl.cli.options import (
     JsonFlag,
     SourceArg,
     UnitOption,
+    folder_to_write,
     messages,
     print_json,
     print_lines,
     print_note,
 )
-from printctl.cli.section_options import parameters, with_options, with_options_of
+from printctl.cli.section_options import Sections
 from printctl.errors import UsageError
+from printctl.settings import opt
+
+_TYPED: Final = Sections(SECTIONS, dict)
 
 
-@with_options(parameters(SECTIONS), "typed", dict)
-@with_options_of(options.OtherSolvers, "others")
-@with_options_of(options.Match, "match")
+@command
 def flow(
+    *,
     context: typer.Context,
     network: SourceArg,
-    *,
     unit: UnitOption = None,
-    out: options.OutOption = Path("flow"),
-    typed: dict[str, Any],
-    fluid: options.FluidOption = None,
-    stenosis: options.StenosisOption = None,
-    shear_band_dyn_cm2: options.ShearBandOption = None,
-    svzerod: options.SvzerodOption = None,
-    svoned: options.SvonedOption = None,
-    fillet_ratio: options.FilletOption = None,
-    as_printed: options.AsPrintedFlag = False,
-    scanned: options.ScannedFlag = False,
+    out: Path = opt(
+        "Folder for the tables; made where it isn't.", Path("flow"), callback=folder_to_write
+    ),
+    typed: dict[str, Any] = _TYPED,
+    fluid: Path | None = opt("YAML with a recipe's flow.viscosity: model: carreau and so on."),
+    stenosis: list[str] | None = opt(
+        "Vessel, diameter left (0.1 to 1), length; may be given again.", metavar="VESSEL,SHARE,MM"
+    ),
+    shear_band_dyn_cm2: str | None = opt("Wall shear that is wanted.", metavar="LOW,HIGH"),
+    svzerod: Path | None = opt("Write the problem for svZeroDSolver, too."),
+    svoned: Path | None = opt("Write the pulsatile problem for svOneDSolver, too."),
+    fillet_ratio: float | None = opt("Of 3D: fillet over the thinnest vessel's radius."),
+    as_printed: bool = opt(
+        "Of a run: as designed against the lumens that registration found.", False
+    ),
+    scanned: bool = opt("3D as printed in the scan's own surface.", False),
     others: options.OtherSolvers,
     match: options.Match,
-    results: options.ResultsOption = None,
+    results: Literal["csv", "npz"] | None = opt(
+        "Tables as csv, or as arrays of one npz (NumPy, fast)."
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Solve the flow in a network: lumped; as waves (--one-d); in the lumens' space (--three-d).

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from design.files import write_bytes
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
 from printctl.history.bundle import filed, write_bundle
@@ -25,6 +26,7 @@ from printctl.machine.link.history_query import HistoryQuery, SortBy
 from printctl.machine.link.record import JOURNAL
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.evidence import evidence
+from printctl.settings import arg, opt
 
 # Options of `printctl history` that filter, sort and limit prints, and the query made of them.
 
@@ -45,11 +47,6 @@ ProfileOption = Annotated[str, typer.Option("--profile", help="The printer's pro
 WhoOption = Annotated[str, typer.Option("--who", help="The operator.")]
 SinceOption = Annotated[str, typer.Option("--since", metavar="DAY", help="First day: 2026-11-01.")]
 UntilOption = Annotated[str, typer.Option("--until", metavar="DAY", help="Last day: 2026-11-30.")]
-SortOption = Annotated[SortBy, typer.Option("--sort", help="The latest or last name first.")]
-ReverseFlag = Annotated[bool, typer.Option("--reverse", help="The other way round.")]
-LimitOption = Annotated[
-    int | None, typer.Option("--limit", min=1, help="At most so many.", show_default=False)
-]
 
 
 def query_of(
@@ -139,12 +136,11 @@ def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
     )
 
 
+@command
 def bundle(
     print_id: IdArg,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="The zip; print_ID.zip by default.")
-    ] = None,
-    unsigned: Annotated[bool, typer.Option("--unsigned", help="Without a signature.")] = False,
+    out: Path | None = opt("The zip; print_ID.zip by default."),
+    unsigned: bool = opt("Without a signature.", False),
     as_json: JsonFlag = False,
 ) -> None:
     """Pack a print's journal, G-code, recipe, profiles and report into one signed zip.
@@ -165,16 +161,14 @@ def bundle(
     print_lines(*(f"  not in it: {text}" for text in manifest.missing or ("nothing is missing",)))
 
 
+@command
 def verify(
-    file: Annotated[Path, typer.Argument(help="The bundle.", show_default=False)],
-    keys: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--key",
-            help="A public key (PEM) that you know to be the lab's; this machine's own by default.",
-            show_default=False,
-        ),
-    ] = None,
+    file: Path = arg("The bundle."),
+    keys: list[Path] | None = opt(
+        "A public key (PEM) that you know to be the lab's; this machine's own by default.",
+        None,
+        "--key",
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Tell whether a bundle is as it was filed, and who signed it; nothing is unpacked.
@@ -203,10 +197,9 @@ def verify(
         raise typer.Exit(1)
 
 
+@command
 def key(
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Write the public key here (PEM).")
-    ] = None,
+    out: Path | None = opt("Write the public key here (PEM)."),
 ) -> None:
     """Show the lab's key, made at the first call; give the public one to whoever verifies.
 
@@ -221,20 +214,12 @@ def key(
     )
 
 
+@command
 def repeat(
-    print_id: Annotated[
-        str, typer.Argument(metavar="[ID]", help="The print; not needed with --bundle.")
-    ] = "",
-    out: Annotated[
-        Path, typer.Option("--to", help="Folder for the job; of a page's workspace, its jobs.")
-    ] = Path("jobs"),
-    bundle: Annotated[
-        Path | None,
-        typer.Option("--bundle", help="Take the G-code from this bundle.", show_default=False),
-    ] = None,
-    check_only: Annotated[
-        bool, typer.Option("--check", help="Only tell what differs from then.")
-    ] = False,
+    print_id: str = arg("The print; not needed with --bundle.", "", metavar="[ID]"),
+    out: Path = opt("Folder for the job; of a page's workspace, its jobs.", Path("jobs"), "--to"),
+    bundle: Path | None = opt("Take the G-code from this bundle."),
+    check_only: bool = opt("Only tell what differs from then.", False, "--check"),
     as_json: JsonFlag = False,
 ) -> None:
     """Make a job of the same bytes again, and tell what isn't as it was then; nothing is started.
@@ -287,10 +272,11 @@ history.command("repeat")(repeat)
 
 
 @history.callback()
+@command
 def overview(
     context: typer.Context,
     search: SearchOption = "",
-    as_csv: Annotated[bool, typer.Option("--csv", help="Every column as CSV.")] = False,
+    as_csv: bool = opt("Every column as CSV.", False, "--csv"),
     as_json: JsonFlag = False,
 ) -> None:
     """List past prints, the latest first; `list --help` has more ways to narrow."""
@@ -299,6 +285,7 @@ def overview(
 
 
 @history.command("list")
+@command
 def list_prints(
     search: SearchOption = "",
     state: StateOption = None,
@@ -306,10 +293,10 @@ def list_prints(
     who: WhoOption = "",
     since: SinceOption = "",
     until: UntilOption = "",
-    sort: SortOption = SortBy.STARTED,
-    reverse: ReverseFlag = False,
-    limit: LimitOption = None,
-    as_csv: Annotated[bool, typer.Option("--csv", help="Every column as CSV.")] = False,
+    sort: SortBy = opt("The latest or last name first.", SortBy.STARTED),
+    reverse: bool = opt("The other way round.", False),
+    limit: int | None = opt("At most so many.", min=1),
+    as_csv: bool = opt("Every column as CSV.", False, "--csv"),
     as_json: JsonFlag = False,
 ) -> None:
     """List past prints that fit.
@@ -338,11 +325,9 @@ def as_table(
 
 
 @history.command("rebuild")
+@command
 def rebuild(
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(help="Search these too, with all folders below.", show_default=False),
-    ] = None,
+    folders: list[Path] | None = arg("Search these too, with all folders below.", None),
     as_json: JsonFlag = False,
 ) -> None:
     """Make the list again from the journals, which are the truth.

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import numpy as np
-import typer
 
 from design.network import VesselNetwork
 from design.solids import Solid, read_solid
@@ -33,6 +32,7 @@ from printctl.checks.lumens import (
     writes_at,
 )
 from printctl.checks.set_up import of_each
+from printctl.cli.declare import command
 from printctl.cli.options import (
     JsonFlag,
     PrinterOption,
@@ -47,76 +47,10 @@ from printctl.errors import SafetyError, UsageError
 from printctl.failures import error_facts
 from printctl.run_folder.artefacts import NETWORK, SURFACE
 from printctl.run_folder.manifest import MANIFEST
+from printctl.settings import arg, opt
 from sim.gcode.deposit.strands import Strands
 
 # Typer options of `printctl lumens`: G-code, network or part, ink, needle, line widths, origin.
-
-FileArg = Annotated[Path, typer.Argument(help="The G-code file.", show_default=False)]
-NetworkOption = Annotated[
-    Path | None,
-    typer.Option("--network", help="The designed vessels: a network's file or a run folder."),
-]
-ModelOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--model", help="The part as a closed mesh; without a network its holes are the lumens."
-    ),
-]
-UnitOption = Annotated[
-    LengthUnit | None,
-    typer.Option("--unit", help="Of the network's and the model's files, if they don't say."),
-]
-SyringeOption = Annotated[
-    str | None,
-    typer.Option(
-        "--syringe",
-        help="E is the plunger's travel in this syringe; of several heads: left,right.",
-    ),
-]
-InkOption = Annotated[
-    str | None,
-    typer.Option(
-        "--ink",
-        help="Whose flow factor (out over pushed) the file was made for, and whose bead lines have "
-        "(without one: rounded); of a pneumatic head, what flows.",
-    ),
-]
-NeedleOption = Annotated[
-    str | None,
-    typer.Option("--needle", help="Of a pneumatic head: through which the ink flows."),
-]
-FlowOption = Annotated[
-    float | None,
-    typer.Option("--flow-ul-s", min=1e-9, help="Of a pneumatic head while its valve is open."),
-]
-FilamentOption = Annotated[
-    float | None,
-    typer.Option("--filament-mm", min=0.05, max=20, help="E is the way of such a filament."),
-]
-LineOption = Annotated[
-    float | None,
-    typer.Option("--line-um", min=5, max=10_000, help="All lines are so wide, whatever E is."),
-]
-LayerOption = Annotated[
-    float | None,
-    typer.Option("--layer-um", min=1, max=5000, help="Of a file with one layer."),
-]
-EmbeddedFlag = Annotated[
-    bool,
-    typer.Option(
-        "--embedded",
-        help="Filaments written along the vessels, not layers; found by itself where writing isn't "
-        "level, or where FILE.map.npz says so.",
-    ),
-]
-PlaceOption = Annotated[
-    str | None,
-    typer.Option("--place", metavar="X,Y,Z", help="The part's origin in the printer's frame, mm."),
-]
-LeakOption = Annotated[
-    float, typer.Option("--leak-um", min=10, max=2000, help="Narrower ways are no leaks.")
-]
-AllFlag = Annotated[bool, typer.Option("--all", help="A row for every lumen.")]
 
 
 # Format the lumen check's result (open diameters, closed layers, leaks) for the terminal.
@@ -394,23 +328,35 @@ def place_of_filaments(text: str | None, strands: Strands, network: VesselNetwor
 Found = tuple[LumenCheck | FilamentCheck, np.ndarray]
 
 
+@command
 def lumens(
-    file: FileArg,
-    network: NetworkOption = None,
-    model: ModelOption = None,
-    unit: UnitOption = None,
-    syringe: SyringeOption = None,
-    ink: InkOption = None,
-    needle: NeedleOption = None,
-    flow_ul_s: FlowOption = None,
-    filament_mm: FilamentOption = None,
-    line_um: LineOption = None,
-    layer_um: LayerOption = None,
-    embedded: EmbeddedFlag = False,
-    place: PlaceOption = None,
+    file: Path = arg("The G-code file."),
+    network: Path | None = opt("The designed vessels: a network's file or a run folder."),
+    model: Path | None = opt(
+        "The part as a closed mesh; without a network its holes are the lumens."
+    ),
+    unit: LengthUnit | None = opt("Of the network's and the model's files, if they don't say."),
+    syringe: str | None = opt(
+        "E is the plunger's travel in this syringe; of several heads: left,right."
+    ),
+    ink: str | None = opt(
+        "Whose flow factor (out over pushed) the file was made for, and whose bead lines have "
+        "(without one: rounded); of a pneumatic head, what flows."
+    ),
+    needle: str | None = opt("Of a pneumatic head: through which the ink flows."),
+    flow_ul_s: float | None = opt("Of a pneumatic head while its valve is open.", min=1e-9),
+    filament_mm: float | None = opt("E is the way of such a filament.", min=0.05, max=20),
+    line_um: float | None = opt("All lines are so wide, whatever E is.", min=5, max=10_000),
+    layer_um: float | None = opt("Of a file with one layer.", min=1, max=5000),
+    embedded: bool = opt(
+        "Filaments written along the vessels, not layers; found by itself where writing isn't "
+        "level, or where FILE.map.npz says so.",
+        False,
+    ),
+    place: str | None = opt("The part's origin in the printer's frame, mm.", metavar="X,Y,Z"),
     printer: PrinterOption = "generic_marlin",
-    leak_um: LeakOption = 50.0,
-    every: AllFlag = False,
+    leak_um: float = opt("Narrower ways are no leaks.", 50.0, min=10, max=2000),
+    every: bool = opt("A row for every lumen.", False, "--all"),
     as_json: JsonFlag = False,
 ) -> None:
     """Predict how open each lumen will be: diameter, conductance, closed layers, leaks.

@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
-
-import typer
+from typing import Any, Final, Literal
 
 from design.files import write_text
 from design.measures import MeasureOptions, compare_orders, measure_network, measures_dict
@@ -15,6 +13,7 @@ from design.network_files.by_suffix import READ
 from design.tissue import SizeLimits, Tissue, load_tissue
 from design.units import LengthUnit
 from printctl.analysis.networks import Drive, load_source
+from printctl.cli.declare import command
 from printctl.cli.options import (
     InletFlowOption,
     JsonFlag,
@@ -30,6 +29,7 @@ from printctl.cli.options import (
 )
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import SURFACE
+from printctl.settings import opt
 
 # Format a network's measures, beside published values, as lines for the terminal.
 
@@ -214,30 +214,20 @@ _ANY_SIZE = SizeLimits(0.5, 2000.0)
 """The network says where the tissue is, so that a wrong unit shows in the measures."""
 
 
+@command
 def measure(
     network: SourceArg,
     tissue: TissueOption = None,
     tissue_unit: TissueUnitOption = None,
     unit: UnitOption = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Write the JSON into a file.")] = None,
-    printable_mm: Annotated[
-        float | None,
-        typer.Option("--printable-mm", help="Measure again for lumens at least as wide."),
-    ] = None,
-    murray_exponent: Annotated[
-        float,
-        typer.Option(
-            "--murray-exponent", help="That radii at junctions are held against.", min=1, max=5
-        ),
-    ] = 3.0,
-    samples: Annotated[
-        int, typer.Option("--samples", min=100, max=50_000_000, help="Points in the tissue.")
-    ] = 200_000,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the points.")] = 1,
-    against: Annotated[
-        Literal["coronary", "kidney", "lung", "liver"] | None,
-        typer.Option("--against", help="Compare orders and forks with published real vessels."),
-    ] = None,
+    out: Path | None = opt("Write the JSON into a file."),
+    printable_mm: float | None = opt("Measure again for lumens at least as wide."),
+    murray_exponent: float = opt("That radii at junctions are held against.", 3.0, min=1, max=5),
+    samples: int = opt("Points in the tissue.", 200_000, min=100, max=50_000_000),
+    seed: int = opt("Of the points.", 1, min=0),
+    against: Literal["coronary", "kidney", "lung", "liver"] | None = opt(
+        "Compare orders and forks with published real vessels."
+    ),
     inlet_flow_ml_min: InletFlowOption = None,
     viscosity_mpa_s: ViscosityOption = None,
     as_json: JsonFlag = False,

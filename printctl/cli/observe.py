@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Final, cast, get_args
+from typing import Final, cast, get_args
 
 import typer
 
 from design.solids.write import write_stl
 from firmware_profiles import load
 from firmware_profiles.plates import Dish
+from printctl.cli.declare import command
 from printctl.cli.observe_frame import frame, tip
-from printctl.cli.observe_looks import FrameFile, LimitOption, answer, looks
+from printctl.cli.observe_looks import FrameFile, answer, looks
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.errors import UsageError
+from printctl.settings import arg, opt
 from registration.devices.camera_frame import (
     check_frame,
     design_insert,
@@ -38,27 +40,16 @@ _SOLID: Final = ("fdm", "resin")
 _DPI: Final = 1200
 
 
+@command
 def insert(
-    dish: Annotated[str, typer.Option("--dish", help="Dish profile: shipped name or .yaml file.")],
-    out: Annotated[
-        Path, typer.Option("--out", callback=folder_to_write, help="Folder to write to.")
-    ],
-    made: Annotated[
-        str, typer.Option("--made", help="How it is made: fdm, resin, paper or engraved.")
-    ] = "fdm",
-    mark_mm: Annotated[float, typer.Option("--mark-mm", help="Side of a mark.")] = 8.0,
-    thickness_mm: Annotated[
-        float | None,
-        typer.Option("--thickness-mm", help="Of the plate; 3 mm if not, of paper on a card 1 mm."),
-    ] = None,
-    hole_mm: Annotated[
-        float | None,
-        typer.Option(
-            "--hole-mm",
-            help="Hole along x: the dish outside and 0.5 mm; 4 mm more than "
-            "the dish inside if not.",
-        ),
-    ] = None,
+    dish: str = opt("Dish profile: shipped name or .yaml file.", ...),
+    out: Path = opt("Folder to write to.", ..., callback=folder_to_write),
+    made: str = opt("How it is made: fdm, resin, paper or engraved.", "fdm"),
+    mark_mm: float = opt("Side of a mark.", 8.0),
+    thickness_mm: float | None = opt("Of the plate; 3 mm if not, of paper on a card 1 mm."),
+    hole_mm: float | None = opt(
+        "Hole along x: the dish outside and 0.5 mm; 4 mm more than the dish inside if not."
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Write a plate with ArUco marks that lies around the dish: drawings at true size, and bodies.
@@ -104,19 +95,18 @@ def insert(
 _T95: Final = 1.96
 
 
+@command
 def sweep(
-    pictures: Annotated[
-        Path,
-        typer.Argument(help="Folder of pictures, TIFF of pages or video: the laser's line swept "
-                       "over a flat face in the dish.", show_default=False),
-    ],
+    *,
+    pictures: Path = arg(
+        "Folder of pictures, TIFF of pages or video: the laser's line swept over a flat face in "
+        "the dish."
+    ),
     frame: FrameFile,
-    floor_z: Annotated[
-        float,
-        typer.Option("--floor-z", help="Height of that face, printer's frame, mm: touch it with "
-                     "the needle.", show_default=False),
-    ],
-    out: Annotated[Path, typer.Option("-o", "--out", help="YAML file to write.")],
+    floor_z: float = opt(
+        "Height of that face, printer's frame, mm: touch it with the needle.", ...
+    ),
+    out: Path = opt("YAML file to write.", ..., "-o", "--out"),
     as_json: JsonFlag = False,
 ) -> None:  # fmt: skip
     """Fit how a laser line sweeps under a camera, so that pictures of its line become heights.
@@ -148,10 +138,12 @@ def sweep(
 
 
 # `printctl observe check`: detect a moved camera or insert from the marks in one picture.
+@command
 def check(
-    picture: Annotated[Path, typer.Argument(help="Picture of the insert.", show_default=False)],
+    *,
+    picture: Path = arg("Picture of the insert."),
     frame: FrameFile,
-    limit_um: LimitOption = LIMIT_UM,
+    limit_um: float = opt("Shift at the dish up to which a frame holds.", LIMIT_UM, min=1),
     as_json: JsonFlag = False,
 ) -> None:
     """Compare a picture's marks with the frame's: a bumped camera, a moved insert, another focus.

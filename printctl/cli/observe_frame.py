@@ -5,16 +5,17 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
 from firmware_profiles import Needle, load
 from printctl.calibration.patterns import read_pattern
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines, three_numbers
 from printctl.errors import UsageError
+from printctl.settings import arg, opt
 from registration.devices.camera_frame import (
     Bath,
     CameraFrame,
@@ -46,51 +47,36 @@ _U_Z_OF_PRINT_MM: Final = 5.0
 """How far the marks may lie above or below a print whose --at wasn't given."""
 
 
+@command
 def frame(
-    pictures: Annotated[
-        list[Path], typer.Argument(help="Pictures of the insert, nothing moved between them.")
-    ],
-    lens: Annotated[Path, typer.Option("--lens", help="File of `printctl calibrate camera`.")],
-    insert: Annotated[Path, typer.Option("--insert", help="File of `printctl observe insert`.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="YAML file to write.")],
-    touched: Annotated[
-        list[str] | None,
-        typer.Option("--touched", metavar="CROSS=X,Y[,Z]",
-                     help="Printer's position with the tip on a cross (left, right, front, back); "
-                     "two or more, with Z where the tip touches the plate."),
-    ] = None,
-    u_touch_mm: Annotated[
-        float, typer.Option("--u-touch-mm", help="Standard uncertainty of a touched place.", min=0)
-    ] = 0.05,
-    printed: Annotated[
-        Path | None,
-        typer.Option("--printed", help="A print in the dish instead: the .json of `calibrate "
-                     "pattern squares`; its lines are looked for."),
-    ] = None,
-    at: Annotated[
-        str | None,
-        typer.Option("--at", metavar="X,Y,Z", help="Insert's middle and its marks' height, "
-                     "printer's frame, about; touched crosses tell it better. If not given, where "
-                     "the print lies, or 0,0,0."),
-    ] = None,
-    u_z_mm: Annotated[
-        float | None,
-        typer.Option("--u-z-mm", help="Standard uncertainty of --at's Z; 0.2 if not given.",
-                     min=0.001),
-    ] = None,
-    measured: Annotated[
-        str | None,
-        typer.Option("--measured", metavar="MM[,U]", help="Measured from the left to the right "
-                     "cross, and its standard uncertainty (0.03 mm)."),
-    ] = None,
-    bath_surface_z_mm: Annotated[
-        float | None,
-        typer.Option("--bath-surface-z-mm", help="Surface of a clear bath above the ink, printer's "
-                     "frame: refraction is taken into account."),
-    ] = None,
-    index: Annotated[
-        float, typer.Option("--index", help="Refractive index of the bath.", min=1, max=2)
-    ] = 1.333,
+    pictures: list[Path] = arg("Pictures of the insert, nothing moved between them."),
+    lens: Path = opt("File of `printctl calibrate camera`.", ...),
+    insert: Path = opt("File of `printctl observe insert`.", ...),
+    out: Path = opt("YAML file to write.", ..., "-o", "--out"),
+    touched: list[str] | None = opt(
+        "Printer's position with the tip on a cross (left, right, front, back); two or more, with "
+        "Z where the tip touches the plate.",
+        metavar="CROSS=X,Y[,Z]"
+    ),
+    u_touch_mm: float = opt("Standard uncertainty of a touched place.", 0.05, min=0),
+    printed: Path | None = opt(
+        "A print in the dish instead: the .json of `calibrate pattern squares`; its lines are "
+        "looked for."
+    ),
+    at: str | None = opt(
+        "Insert's middle and its marks' height, printer's frame, about; touched crosses tell it "
+        "better. If not given, where the print lies, or 0,0,0.",
+        metavar="X,Y,Z"
+    ),
+    u_z_mm: float | None = opt("Standard uncertainty of --at's Z; 0.2 if not given.", min=0.001),
+    measured: str | None = opt(
+        "Measured from the left to the right cross, and its standard uncertainty (0.03 mm).",
+        metavar="MM[,U]"
+    ),
+    bath_surface_z_mm: float | None = opt(
+        "Surface of a clear bath above the ink, printer's frame: refraction is taken into account."
+    ),
+    index: float = opt("Refractive index of the bath.", 1.333, min=1, max=2),
     as_json: JsonFlag = False,
 ) -> None:  # fmt: skip
     """Fit a camera's place over the printer to pictures of a dish insert.
@@ -233,30 +219,25 @@ def _tell(
 _SURE_MM: Final = 0.02
 
 
+@command
 def tip(
-    pictures: Annotated[
-        list[Path], typer.Argument(help="Pictures of the needle.", show_default=False)
-    ],
-    frame: Annotated[
-        list[Path], typer.Option("--frame", help="File of `observe frame`; one for all pictures, "
-                                 "or one for each (several cameras).")
-    ],
-    at: Annotated[
-        list[str], typer.Option("--at", metavar="X,Y,Z", help="The printer's position in each "
-                                "picture, in their order.")
-    ],
-    needle: Annotated[str, typer.Option("--needle", help="Needle profile.")],
-    reach_mm: Annotated[
-        float, typer.Option("--reach-mm", help="How far the tip may be off.", min=0.1, max=20)
-    ] = 2.0,
-    ground: Annotated[
-        Path | None, typer.Option("--ground", help="The same scene without the needle (of one "
-                                  "camera); other pictures serve as such, if not given.")
-    ] = None,
-    known_z_mm: Annotated[
-        float | None, typer.Option("--known-z-mm", help="Standard uncertainty of Z, where the "
-                                   "needle was touched off; one picture will do then.", min=0.001)
-    ] = None,
+    pictures: list[Path] = arg("Pictures of the needle."),
+    frame: list[Path] = opt(
+        "File of `observe frame`; one for all pictures, or one for each (several cameras).", ...
+    ),
+    at: list[str] = opt(
+        "The printer's position in each picture, in their order.", ..., metavar="X,Y,Z"
+    ),
+    needle: str = opt("Needle profile.", ...),
+    reach_mm: float = opt("How far the tip may be off.", 2.0, min=0.1, max=20),
+    ground: Path | None = opt(
+        "The same scene without the needle (of one camera); other pictures serve as such, if not "
+        "given."
+    ),
+    known_z_mm: float | None = opt(
+        "Standard uncertainty of Z, where the needle was touched off; one picture will do then.",
+        min=0.001
+    ),
     as_json: JsonFlag = False,
 ) -> None:  # fmt: skip
     """Find where the needle's tip is: its offset from the printer's position, its width, its wear.

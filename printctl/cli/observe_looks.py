@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
@@ -31,12 +32,10 @@ from printctl.observe.records import (
     refuse_unheard,
 )
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
+from printctl.settings import arg, opt
 
 FrameFile = Annotated[
     Path, typer.Option("--frame", help="File of `printctl observe frame`.", show_default=False)
-]
-LimitOption = Annotated[
-    float, typer.Option("--limit-um", help="Shift at the dish up to which a frame holds.", min=1)
 ]
 
 
@@ -96,24 +95,15 @@ def unlooked_lines(folder: Path) -> list[str]:
     ]
 
 
+@command
 def answer(
     run: RunArg,
-    word: Annotated[
-        str,
-        typer.Argument(
-            help="approve: do what is proposed. go_on: without it. stop: end the print.",
-            show_default=False,
-        ),
-    ],
-    look: Annotated[
-        int | None,
-        typer.Option(
-            "--look",
-            min=1,
-            help="The look that is meant: refused if another one asks by now.",
-            show_default="the last one",
-        ),
-    ] = None,
+    word: str = arg("approve: do what is proposed. go_on: without it. stop: end the print."),
+    look: int | None = opt(
+        "The look that is meant: refused if another one asks by now.",
+        min=1,
+        show_default="the last one",
+    ),
 ) -> None:
     """Answer the last look of a print that waits for the operator's word.
 

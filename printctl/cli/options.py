@@ -280,14 +280,6 @@ ThinnestBoreOption = Annotated[
 BathOption = Annotated[
     str | None, typer.Option("--bath", help="Bath profile; chemistry and warmth need it.")
 ]
-AcceptCrossingsFlag = Annotated[
-    bool,
-    typer.Option(
-        "--accept-crossings",
-        help="Print although the needle's shaft passes through written vessels; the journal keeps "
-        "it.",
-    ),
-]
 DishOption = Annotated[str | None, typer.Option("--dish", help="Dish profile; walls need it.")]
 DishCentreOption = Annotated[
     str | None,

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import numpy as np
-import typer
 from pydantic import ValidationError
 
 from design.files import write_text
@@ -16,6 +15,7 @@ from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
 from printctl.analysis.networks import Drive, Source, load_source
 from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_write
+from printctl.cli.declare import command
 from printctl.cli.measure import tissue_around
 from printctl.cli.options import (
     InletFlowOption,
@@ -32,12 +32,12 @@ from printctl.cli.options import (
 )
 from printctl.cli.section_options import (
     SectionOptions,
-    parameters,
+    Sections,
     section_values,
-    with_options,
     wrong_option,
 )
 from printctl.recipe.parts import OxygenPart
+from printctl.settings import opt
 
 NUMBERS = "oxygen.json"
 _SECTION: Final = SectionOptions(OxygenPart)
@@ -51,22 +51,22 @@ def _part(typed: dict[str, Any]) -> OxygenPart:
         raise wrong_option(exc, [_SECTION], "oxygen") from exc
 
 
-@with_options(parameters([_SECTION]), "part", _part)
+_PART: Final = Sections([_SECTION], _part)
+
+
+@command
 def oxygen(
-    network: SourceArg,
     *,
+    network: SourceArg,
     tissue: TissueOption = None,
     tissue_unit: TissueUnitOption = None,
     unit: UnitOption = None,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", callback=folder_to_write, help="Folder for the files; made where it isn't."
-        ),
-    ] = Path("oxygen"),
+    out: Path = opt(
+        "Folder for the files; made where it isn't.", Path("oxygen"), callback=folder_to_write
+    ),
     inlet_flow_ml_min: InletFlowOption = None,
     viscosity_mpa_s: ViscosityOption = None,
-    part: OxygenPart,
+    part: OxygenPart = _PART,
     as_json: JsonFlag = False,
 ) -> None:
     """Oxygen in vessels and tissue: what is hypoxic, what is left at the outlets.

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from firmware_profiles import Printer, load, shipped
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.machine.link.port_detection import AUTO, locate, matches
 from printctl.machine.link.ports import PortInfo, list_ports
+from printctl.settings import opt
 
 
+@command
 def ports(
-    printer: Annotated[
-        str | None,
-        typer.Option("--printer", help="Profile to look for, beside the shipped ones."),
-    ] = None,
-    find: Annotated[
-        bool,
-        typer.Option(
-            "--find", help="Open the port that is --printer's, and try baud rates until it answers."
-        ),
-    ] = False,
+    printer: str | None = opt("Profile to look for, beside the shipped ones."),
+    find: bool = opt(
+        "Open the port that is --printer's, and try baud rates until it answers.", False
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """List serial ports with their USB ids and the profiles that these match.

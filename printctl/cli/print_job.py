@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -15,8 +14,8 @@ from firmware_profiles.tools import THINNEST_BORE
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
+from printctl.cli.declare import command
 from printctl.cli.options import (
-    AcceptCrossingsFlag,
     BathDepthOption,
     BathOption,
     DishCentreOption,
@@ -54,64 +53,10 @@ from printctl.machine.printing import (
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.progress import StageBars
+from printctl.settings import arg, opt
 from sim.gcode.dry_run.run import dry_run
 
 # Command-line options for supervising a print: checkpoints, dead-man's time, syringes, log.
-
-CheckpointOption = Annotated[
-    float,
-    typer.Option(
-        "--checkpoint-every",
-        metavar="SECONDS",
-        min=0.0,
-        help="Verify the position where a layer or pass ends, at most so often, s; 0 for each end, "
-        "inf for none.",
-    ),
-]
-DeadmanOption = Annotated[
-    float,
-    typer.Option(
-        "--deadman",
-        metavar="MINUTES",
-        min=0.0,
-        help="Pause unless somebody confirms within so many min (`printctl alive`).",
-    ),
-]
-DeadmanStopsFlag = Annotated[bool, typer.Option("--deadman-stops", help="Stop instead of pausing.")]
-PrimeOption = Annotated[
-    float, typer.Option("--prime-ul", min=0.0, help="Ink to push in addition after a pause, µL.")
-]
-ReloadFlag = Annotated[
-    bool, typer.Option("--reload", help="Pause for a new syringe where one doesn't last.")
-]
-SilentLimitOption = Annotated[
-    float | None,
-    typer.Option(
-        "--silent-limit",
-        metavar="SECONDS",
-        min=10.0,
-        max=86_400.0,
-        help="End the print when the printer gives no usable answer for so long, s; 60, or 1800 "
-        "for one line of Klipper and RepRapFirmware, which may be busy with it.",
-    ),
-]
-NoiseLimitOption = Annotated[
-    int,
-    typer.Option(
-        "--noise-limit",
-        metavar="LINES",
-        min=1,
-        help="Pause when more lines than this among 500 had to be sent again.",
-    ),
-]
-WireLogOption = Annotated[
-    str,
-    typer.Option(
-        "--wire-log",
-        metavar="PATH",
-        help="Write all traffic to this file or folder; else the last of it is kept on an alarm.",
-    ),
-]
 
 
 def care_for(
@@ -134,20 +79,16 @@ def care_for(
     )
 
 
+@command
 def print_job(
-    file: Annotated[Path, typer.Argument(help="The G-code file.", show_default=False)],
+    *,
+    file: Path = arg("The G-code file."),
     printer: PrinterOption,
-    port: Annotated[
-        str,
-        typer.Option(
-            "--port",
-            help="Serial port, tcp:HOST:PORT, simulated, or auto: the one with the profile's USB "
-            "id.",
-            show_default=False,
-        ),
-    ],
+    port: str = opt(
+        "Serial port, tcp:HOST:PORT, simulated, or auto: the one with the profile's USB id.", ...
+    ),
     syringe: SyringeOption = "hamilton_1ml",
-    ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
+    ink: str = opt("Ink profile.", "collagen_fresh"),
     needle: NeedleOption = None,
     thinnest_bore: ThinnestBoreOption = THINNEST_BORE,
     bath: BathOption = None,
@@ -155,26 +96,47 @@ def print_job(
     dish_centre: DishCentreOption = None,
     bath_depth: BathDepthOption = None,
     start: StartOption = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option("--folder", help="For the journal; FILE.print by default."),
-    ] = None,
-    baud: Annotated[
-        str | None,
-        typer.Option("--baud", help="In place of the profile's; auto tries the profile's list."),
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with an interrupted print of this file.")
-    ] = False,
-    checkpoint_every: CheckpointOption = 30.0,
-    silent_limit: SilentLimitOption = None,
-    noise_limit: NoiseLimitOption = 30,
-    wire_log: WireLogOption = "",
-    deadman: DeadmanOption = 0.0,
-    deadman_stops: DeadmanStopsFlag = False,
-    prime_ul: PrimeOption = 0.0,
-    reload: ReloadFlag = False,
-    accept_crossings: AcceptCrossingsFlag = False,
+    folder: Path | None = opt("For the journal; FILE.print by default."),
+    baud: str | None = opt("In place of the profile's; auto tries the profile's list."),
+    resume: bool = opt("Go on with an interrupted print of this file.", False),
+    checkpoint_every: float = opt(
+        "Verify the position where a layer or pass ends, at most so often, s; 0 for each end, inf "
+        "for none.",
+        30.0,
+        metavar="SECONDS",
+        min=0.0,
+    ),
+    silent_limit: float | None = opt(
+        "End the print when the printer gives no usable answer for so long, s; 60, or 1800 for "
+        "one line of Klipper and RepRapFirmware, which may be busy with it.",
+        metavar="SECONDS",
+        min=10.0,
+        max=86_400.0,
+    ),
+    noise_limit: int = opt(
+        "Pause when more lines than this among 500 had to be sent again.",
+        30,
+        metavar="LINES",
+        min=1,
+    ),
+    wire_log: str = opt(
+        "Write all traffic to this file or folder; else the last of it is kept on an alarm.",
+        "",
+        metavar="PATH",
+    ),
+    deadman: float = opt(
+        "Pause unless somebody confirms within so many min (`printctl alive`).",
+        0.0,
+        metavar="MINUTES",
+        min=0.0,
+    ),
+    deadman_stops: bool = opt("Stop instead of pausing.", False),
+    prime_ul: float = opt("Ink to push in addition after a pause, µL.", 0.0, min=0.0),
+    reload: bool = opt("Pause for a new syringe where one doesn't last.", False),
+    accept_crossings: bool = opt(
+        "Print although the needle's shaft passes through written vessels; the journal keeps it.",
+        False,
+    ),
     yes: YesFlag = False,
     as_json: JsonFlag = False,
 ) -> None:

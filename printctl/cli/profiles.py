@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 import yaml
@@ -28,10 +28,12 @@ from firmware_profiles import (
     shipped,
     shipped_text,
 )
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
 from printctl.machine.link.families import link_facts
 from printctl.machine.probing import Row, compare, corrected_profile, query_settings
+from printctl.settings import arg, opt
 
 # `printctl profiles show`: list the known profiles, or print one.
 
@@ -56,14 +58,10 @@ class ProfileGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
 
+@command
 def show(
-    name: Annotated[
-        str | None, typer.Argument(help="Show one profile whole: its shipped name or a .yaml file.")
-    ] = None,
-    write: Annotated[
-        Path | None,
-        typer.Option("--write", help="Copy the shipped profile to this new file, to correct it."),
-    ] = None,
+    name: str | None = arg("Show one profile whole: its shipped name or a .yaml file.", None),
+    write: Path | None = opt("Copy the shipped profile to this new file, to correct it."),
     as_json: JsonFlag = False,
 ) -> None:
     """List the shipped profiles, or show one with its source.
@@ -165,19 +163,12 @@ def _one(name: str) -> dict[str, dict[str, Any]]:
 # `printctl profiles probe`: compare a printer's own settings with its profile.
 
 
+@command
 def probe(
-    port: Annotated[
-        str, typer.Option("--port", help="Serial port or tcp:HOST:PORT.", show_default=False)
-    ],
-    profile: Annotated[
-        str,
-        typer.Option("--profile", help="A shipped name or a .yaml file.", show_default=False),
-    ],
-    baud: Annotated[int | None, typer.Option("--baud", help="In place of the profile's.")] = None,
-    write: Annotated[
-        Path | None,
-        typer.Option("--write", help="Write the profile with the printer's values to this file."),
-    ] = None,
+    port: str = opt("Serial port or tcp:HOST:PORT.", ...),
+    profile: str = opt("A shipped name or a .yaml file.", ...),
+    baud: int | None = opt("In place of the profile's."),
+    write: Path | None = opt("Write the profile with the printer's values to this file."),
     as_json: JsonFlag = False,
 ) -> None:
     """Read a printer's settings and show where they differ from a profile.
@@ -234,10 +225,9 @@ def _untold(printer: Printer, rows: list[Row]) -> list[str]:
 
 
 # `printctl profiles check`: check a profile for invalid keys and contradictory values.
+@command
 def check(
-    file: Annotated[
-        str, typer.Argument(help="A .yaml file, or a shipped name.", show_default=False)
-    ],
+    file: str = arg("A .yaml file, or a shipped name."),
     as_json: JsonFlag = False,
 ) -> None:
     """Check a profile: keys, bounds, and keys against each other.

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from design.files import write_text
 from firmware_profiles.yaml_file import read_yaml
+from printctl.cli.declare import command
 from printctl.cli.options import RecipeArg, print_json, print_lines, print_note
 from printctl.errors import UsageError
 from printctl.recipe import SCHEMA, Recipe, parse_recipe
 from printctl.recipe.load import STARTER, Step, migrated_text, read_mapping, steps_from
+from printctl.settings import arg, opt
 
 recipe = typer.Typer(help="The recipe's schema, and recipes of an older one.")
 
@@ -28,14 +29,10 @@ def schema() -> None:
 
 
 @recipe.command()
+@command
 def migrate(
     file: RecipeArg,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="Where to write; the recipe's own file by default.", show_default=False
-        ),
-    ] = None,
+    out: Path | None = opt("Where to write; the recipe's own file by default."),
 ) -> None:
     """Bring a recipe to today's schema; comments and order stay, the old file is kept beside it.
 
@@ -74,8 +71,9 @@ def _step_lines(steps: tuple[Step, ...]) -> list[str]:
     return [f"schema {step.old} to {step.old + 1}: {step.why}" for step in steps]
 
 
+@command
 def init(
-    path: Annotated[Path, typer.Argument(help="Where to write the recipe.")] = Path("recipe.yaml"),
+    path: Path = arg("Where to write the recipe.", Path("recipe.yaml")),
 ) -> None:
     """Write a commented starter recipe that runs as it stands.
 

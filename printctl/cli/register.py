@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import typer
 from pydantic import BaseModel, ValidationError
 
 from design.units import LengthUnit
+from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
@@ -22,7 +23,6 @@ from printctl.cli.options import (
     print_note,
 )
 from printctl.cli.scan import ScanFile, ScanOptions
-from printctl.cli.section_options import with_options_of
 from printctl.errors import UsageError
 from printctl.garbage_collection import collected_rarely
 from printctl.recipe.making import RegistrationPart
@@ -30,95 +30,10 @@ from printctl.recipe.record import RecordPart
 from printctl.recipe.tolerances import TolerancesPart
 from printctl.run_folder.artefacts import HTML, PDF
 from printctl.second_process import SecondProcess
+from printctl.settings import opt
 from registration.measuring.judging.tolerance import DecisionRule, Tolerances
 
 # Typer options of `printctl register`: design, output folder, datums, tolerances, record.
-
-ModelOption = Annotated[
-    Path, typer.Option("--model", help="A run folder, or the design's STL.", show_default=False)
-]
-OutOption = Annotated[
-    Path,
-    typer.Option(
-        "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
-    ),
-]
-NetworkOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--network",
-        help="network.csv in mm; else the one beside the model, or the lumens found in an STL.",
-    ),
-]
-LumensFlag = Annotated[
-    bool | None,
-    typer.Option(
-        "--lumens/--whole",
-        help="With a run folder: only its lumens were scanned, or the whole part. If not given, "
-        "the lumens of an embedded print, the whole part of FRESH layers. With an STL and no "
-        "network: the STL is the lumens.",
-        show_default=False,
-    ),
-]
-ModelUnit = Annotated[LengthUnit, typer.Option("--unit", help="Unit of an STL model.")]
-PrintOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--print", help="The print that was scanned: its folder or file; else the run's own."
-    ),
-]
-RecordOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--record",
-        help="YAML file of the measurement record: instrument, certificate, operator, "
-        "temperature (docs/registration.md).",
-    ),
-]
-ToleranceOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--tolerance", help="YAML file of limits by vessel and feature (docs/registration.md)."
-    ),
-]
-DatumsOption = Annotated[
-    str | None,
-    typer.Option(
-        "--datums",
-        help="Datum features, primary first, like 'face -z, face -x, axis 3'; also 'inlet 0', "
-        "'outlet 3', 'ports'; else best fit.",
-    ),
-]
-RmsOption = Annotated[
-    float | None,
-    typer.Option(
-        "--tolerance-um",
-        help="RMS deviation of the scaled fit above which the print doesn't pass; else 100.",
-        min=0.1,
-    ),
-]
-RuleOption = Annotated[
-    DecisionRule | None,
-    typer.Option(
-        "--decision-rule",
-        help="How limits count uncertainty: conformance (probability that the vessel conforms), "
-        "guarded (ISO 14253-1), shared_risk (the value alone); else conformance.",
-    ),
-]
-ConformanceOption = Annotated[
-    float | None,
-    typer.Option(
-        "--conformance-percent",
-        help="Probability from which on a vessel passes by the rule conformance; else 95.",
-    ),
-]
-DiameterOption = Annotated[
-    str | None,
-    typer.Option(
-        "--diameter-tolerance-percent",
-        help="Error of any section's diameter beyond which it doesn't, like 10 or +10/-5; else 10.",
-    ),
-]
 
 
 # Read and validate a YAML file with one section of a recipe, such as a measurement record.
@@ -209,24 +124,51 @@ PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""
 
 
-@with_options_of(ScanOptions, "scan_said")
+@command
 def register(
     *,
     scan: ScanFile,
-    model: ModelOption,
-    out: OutOption,
-    network: NetworkOption = None,
-    lumens: LumensFlag = None,
-    unit: ModelUnit = "mm",
+    model: Path = opt("A run folder, or the design's STL.", ...),
+    out: Path = opt("Folder for the files.", ..., callback=folder_to_write),
+    network: Path | None = opt(
+        "network.csv in mm; else the one beside the model, or the lumens found in an STL."
+    ),
+    lumens: bool | None = opt(
+        "With a run folder: only its lumens were scanned, or the whole part. If not given, the "
+        "lumens of an embedded print, the whole part of FRESH layers. With an STL and no network: "
+        "the STL is the lumens.",
+        None,
+        "--lumens/--whole",
+    ),
+    unit: LengthUnit = opt("Unit of an STL model.", "mm"),
     scan_said: ScanOptions,
-    datums: DatumsOption = None,
-    printed_in: PrintOption = None,
-    record: RecordOption = None,
-    tolerance: ToleranceOption = None,
-    tolerance_um: RmsOption = None,
-    diameter_tolerance_percent: DiameterOption = None,
-    decision_rule: RuleOption = None,
-    conformance_percent: ConformanceOption = None,
+    datums: str | None = opt(
+        "Datum features, primary first, like 'face -z, face -x, axis 3'; also 'inlet 0', 'outlet "
+        "3', 'ports'; else best fit."
+    ),
+    printed_in: Path | None = opt(
+        "The print that was scanned: its folder or file; else the run's own.", None, "--print"
+    ),
+    record: Path | None = opt(
+        "YAML file of the measurement record: instrument, certificate, operator, temperature "
+        "(docs/registration.md)."
+    ),
+    tolerance: Path | None = opt(
+        "YAML file of limits by vessel and feature (docs/registration.md)."
+    ),
+    tolerance_um: float | None = opt(
+        "RMS deviation of the scaled fit above which the print doesn't pass; else 100.", min=0.1
+    ),
+    diameter_tolerance_percent: str | None = opt(
+        "Error of any section's diameter beyond which it doesn't, like 10 or +10/-5; else 10."
+    ),
+    decision_rule: DecisionRule | None = opt(
+        "How limits count uncertainty: conformance (probability that the vessel conforms), "
+        "guarded (ISO 14253-1), shared_risk (the value alone); else conformance."
+    ),
+    conformance_percent: float | None = opt(
+        "Probability from which on a vessel passes by the rule conformance; else 95."
+    ),
     progress_file: ProgressFileOption = None,
     pdf: PdfFlag = False,
     as_json: JsonFlag = False,

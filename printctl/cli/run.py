@@ -7,12 +7,13 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from design.files import atomic_replacement
 from printctl.checks import preflight
+from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels, kernels_for_a_run
 from printctl.cli.observe_looks import looks_lines
 from printctl.cli.options import (
@@ -37,6 +38,7 @@ from printctl.progress_file import ProgressFile
 from printctl.recipe import Recipe, load_recipe
 from printctl.recipe.growth import Growth
 from printctl.run_folder.artefacts import GCODE, HTML, LINE_MAP, PDF, PLATE_PICTURE, PLATE_TABLE
+from printctl.settings import opt
 
 
 def process_lines(dry_run: Mapping[str, Any]) -> list[str]:
@@ -66,37 +68,18 @@ def _ink(facts: Mapping[str, Any]) -> str:
     )
 
 
-OutOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        callback=folder_to_write,
-        help="Run folder; runs/NAME by default.",
-        show_default=False,
-    ),
-]
-UntilOption = Annotated[
-    str | None,
-    typer.Option(
-        "--until",
-        metavar="STAGE",
-        help="Last stage: tissue, vasculature, flow, fidelities, measures, oxygen, solid, "
-        "toolpath, dry-run, lumens, print, scan or registration. Nothing is printed before print.",
-    ),
-]
-PrintedFlag = Annotated[
-    bool,
-    typer.Option(
-        "--printed", help="Take the print that is done in the run folder; nothing is printed."
-    ),
-]
-
-
+@command
 def run(
     recipe: RecipeArg,
-    out: OutOption = None,
-    until: UntilOption = None,
-    printed: PrintedFlag = False,
+    out: Path | None = opt("Run folder; runs/NAME by default.", callback=folder_to_write),
+    until: str | None = opt(
+        "Last stage: tissue, vasculature, flow, fidelities, measures, oxygen, solid, toolpath, "
+        "dry-run, lumens, print, scan or registration. Nothing is printed before print.",
+        metavar="STAGE",
+    ),
+    printed: bool = opt(
+        "Take the print that is done in the run folder; nothing is printed.", False
+    ),
     progress_file: ProgressFileOption = None,
     yes: YesFlag = False,
     pdf: PdfFlag = False,
@@ -159,25 +142,15 @@ def pdfs(data: dict[str, Any], folder: Path) -> list[str]:
 
 # `printctl design`: make network, flow table and solid files of a recipe, without printing.
 
-UntilDesignOption = Annotated[
-    str | None,
-    typer.Option(
-        "--until",
-        metavar="STAGE",
-        help=f"Last stage: {', '.join(DESIGN_NAMES[:-1])} or {DESIGN_NAMES[-1]} (default).",
-    ),
-]
 
-
+@command
 def design(
     recipe: RecipeArg,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
-        ),
-    ],
-    until: UntilDesignOption = None,
+    out: Path = opt("Folder for the files.", ..., callback=folder_to_write),
+    until: str | None = opt(
+        f"Last stage: {', '.join(DESIGN_NAMES[:-1])} or {DESIGN_NAMES[-1]} (default).",
+        metavar="STAGE",
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Design only: network.csv, network.vtp, lumen.stl, solid.stl, solid.3mf and flow.csv.
@@ -276,9 +249,10 @@ def _place(one: Mapping[str, Any]) -> str:
     return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
 
 
+@command
 def toolpath(
     recipe: RecipeArg,
-    out: Annotated[Path, typer.Option("--out", help="G-code file to write.", show_default=False)],
+    out: Path = opt("G-code file to write.", ...),
     as_json: JsonFlag = False,
 ) -> None:
     """Write a recipe's G-code after its dry run, with FILE.map.npz (line to vessel or layer).

@@ -6,10 +6,9 @@ import shlex
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
-import typer
-
+from printctl.cli.declare import command
 from printctl.cli.observe_looks import asking_lines
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines, refuse_input_as_output
 from printctl.cli.run_folder import RunArg, print_folder, running_print
@@ -30,6 +29,7 @@ from printctl.machine.printing.print_words import alarm_words
 from printctl.machine.printing.recovery import planned, write_rest
 from printctl.observe.continue_print import continue_print
 from printctl.observe.records import OBSERVER_LOCK
+from printctl.settings import opt
 
 _COMMANDS = {
     PrintAction.GO_ON: "go on: printctl resume {run}",
@@ -163,15 +163,11 @@ class PauseAfter(StrEnum):
     VESSEL = "vessel"
 
 
+@command
 def pause(
     run: RunArg,
-    after: Annotated[
-        PauseAfter | None,
-        typer.Option("--after", help="Finish the current layer or vessel first."),
-    ] = None,
-    now: Annotated[
-        bool, typer.Option("--now", help="After the line in flight; the default.")
-    ] = False,
+    after: PauseAfter | None = opt("Finish the current layer or vessel first."),
+    now: bool = opt("After the line in flight; the default.", False),
 ) -> None:
     """Hold a print: relieve the plunger, lift the needle straight up, keep the temperatures.
 
@@ -192,33 +188,18 @@ def pause(
 # `printctl resume`: resume a print that is paused, or whose link process died.
 
 
+@command
 def resume(
     run: RunArg,
-    syringe: Annotated[
-        str | None,
-        typer.Option("--syringe", help="Profile of the syringe that was put in."),
-    ] = None,
-    plunger_mm: Annotated[
-        float | None,
-        typer.Option(
-            "--plunger-mm",
-            min=0.0,
-            help="Travel that its plunger has used up already; 0 for a full one.",
-        ),
-    ] = None,
-    unchanged: Annotated[
-        bool, typer.Option("--unchanged", help="The syringe wasn't changed after all.")
-    ] = False,
-    port: Annotated[
-        str | None, typer.Option("--port", help="When the printer's port has another name now.")
-    ] = None,
-    unobserved: Annotated[
-        bool,
-        typer.Option(
-            "--unobserved",
-            help="Start no observer for a print with looks: each look pauses it after its limit.",
-        ),
-    ] = False,
+    syringe: str | None = opt("Profile of the syringe that was put in."),
+    plunger_mm: float | None = opt(
+        "Travel that its plunger has used up already; 0 for a full one.", min=0.0
+    ),
+    unchanged: bool = opt("The syringe wasn't changed after all.", False),
+    port: str | None = opt("When the printer's port has another name now."),
+    unobserved: bool = opt(
+        "Start no observer for a print with looks: each look pauses it after its limit.", False
+    ),
 ) -> None:
     """Go on: come down where the print was left, prime, verify the position, print.
 
@@ -250,11 +231,10 @@ def resume(
     print_lines(f"going on; {where}")
 
 
+@command
 def reload(
     run: RunArg,
-    head: Annotated[
-        int | None, typer.Option("--head", help="Of several, whose; the one in use if not.", min=0)
-    ] = None,
+    head: int | None = opt("Of several, whose; the one in use if not.", min=0),
 ) -> None:
     """Hold a print at its next reload point, with room above the needle to change the syringe.
 
@@ -284,19 +264,14 @@ def confirm_presence(run: RunArg) -> None:
 # `printctl recover`: write G-code for the rest of a print whose printer has lost its position.
 
 
+@command
 def recover(
     run: RunArg,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", help="File for the rest of the job; FILE.rest.gcode by default."),
-    ] = None,
-    from_line: Annotated[
-        int | None,
-        typer.Option(
-            "--from-line", min=1, help="Line of the job to go on with, in place of the checkpoint."
-        ),
-    ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Write the file without asking.")] = False,
+    out: Path | None = opt("File for the rest of the job; FILE.rest.gcode by default."),
+    from_line: int | None = opt(
+        "Line of the job to go on with, in place of the checkpoint.", min=1
+    ),
+    yes: bool = opt("Write the file without asking.", False),
     as_json: JsonFlag = False,
 ) -> None:
     """Plan how to go on after a power cut or a reset, from the last checkpoint.

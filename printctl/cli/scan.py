@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
@@ -22,6 +22,7 @@ from printctl.errors import UsageError
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import PrintEntry, entry_of
 from printctl.machine.link.record import JOURNAL
+from printctl.settings import arg, opt, settings
 from registration.files import readers
 
 if TYPE_CHECKING:
@@ -38,86 +39,36 @@ ScanFile = Annotated[
         help="A scan of any known format, or a mosaic's YAML (docs/scans.md).", show_default=False
     ),
 ]
-VoxelUm = Annotated[
-    str | None,
-    typer.Option("--voxel-um", metavar="X,Y,Z", help="Where the scan's file doesn't say."),
-]
-RefractiveIndex = Annotated[
-    float | None, typer.Option("--refractive-index", help="Group index of gel and liquid.")
-]
-OpticalDepth = Annotated[
-    bool | None,
-    typer.Option("--optical-depth/--geometric-depth", help="What the depth voxel counts."),
-]
-Modality = Annotated[
-    Literal["oct", "microct", "confocal"] | None, typer.Option("--modality", help="What measured.")
-]
-Scale = Annotated[Literal["linear", "db"] | None, typer.Option("--scale", help="Of the intensity.")]
-Axes = Annotated[
-    str | None,
-    typer.Option("--axes", metavar="ZYX", help="Order of the file's axes, slowest first."),
-]
-DepthDown = Annotated[
-    bool | None,
-    typer.Option("--depth-down/--depth-up", help="Which way growing depth index goes."),
-]
-Mirrored = Annotated[
-    bool | None,
-    typer.Option("--mirrored/--not-mirrored", help="The file's x, y, z are left-handed."),
-]
-DbRange = Annotated[
-    str | None,
-    typer.Option("--db-range", metavar="LOW,HIGH", help="dB of the lowest and highest count."),
-]
-CountRange = Annotated[
-    str | None,
-    typer.Option(
-        "--count-range", metavar="LOW,HIGH", help="Counts that mean --db-range; else the type's."
-    ),
-]
-CountsPerDb = Annotated[
-    float | None, typer.Option("--counts-per-db", help="In place of --db-range.")
-]
-DbAtZero = Annotated[
-    float | None, typer.Option("--db-at-zero", help="dB of count 0, with --counts-per-db.")
-]
-OctCalibrationFile = Annotated[
-    Path | None, typer.Option("--oct-calibration", help="File of `printctl calibrate oct`.")
-]
-AirAbove = Annotated[
-    bool,
-    typer.Option("--air-above", help="Air lies above the sample: undo refraction at its surface."),
-]
-WallsFile = Annotated[
-    Path | None,
-    typer.Option("--walls", help="Old name for a file of walls; give it as --oct-calibration."),
-]
-Filled = Annotated[
-    bool,
-    typer.Option("--filled", help="Lumens are brighter than the gel: filled with contrast agent."),
-]
 
 
-@dataclass(frozen=True)
+@settings
 class ScanOptions:
     """What the command line says of a scan and of its calibrations, as typer reads it."""
 
-    voxel_um: VoxelUm = None
-    refractive_index: RefractiveIndex = None
-    optical_depth: OpticalDepth = None
-    modality: Modality = None
-    scale: Scale = None
-    axes: Axes = None
-    depth_down: DepthDown = None
-    mirrored: Mirrored = None
-    db_range: DbRange = None
-    count_range: CountRange = None
-    counts_per_db: CountsPerDb = None
-    db_at_zero: DbAtZero = None
-    oct_calibration: OctCalibrationFile = None
-    air_above: AirAbove = False
-    walls: WallsFile = None
-    filled: Filled = False
+    voxel_um: str | None = opt("Where the scan's file doesn't say.", metavar="X,Y,Z")
+    refractive_index: float | None = opt("Group index of gel and liquid.")
+    optical_depth: bool | None = opt(
+        "What the depth voxel counts.", None, "--optical-depth/--geometric-depth"
+    )
+    modality: Literal["oct", "microct", "confocal"] | None = opt("What measured.")
+    scale: Literal["linear", "db"] | None = opt("Of the intensity.")
+    axes: str | None = opt("Order of the file's axes, slowest first.", metavar="ZYX")
+    depth_down: bool | None = opt(
+        "Which way growing depth index goes.", None, "--depth-down/--depth-up"
+    )
+    mirrored: bool | None = opt(
+        "The file's x, y, z are left-handed.", None, "--mirrored/--not-mirrored"
+    )
+    db_range: str | None = opt("dB of the lowest and highest count.", metavar="LOW,HIGH")
+    count_range: str | None = opt(
+        "Counts that mean --db-range; else the type's.", metavar="LOW,HIGH"
+    )
+    counts_per_db: float | None = opt("In place of --db-range.")
+    db_at_zero: float | None = opt("dB of count 0, with --counts-per-db.")
+    oct_calibration: Path | None = opt("File of `printctl calibrate oct`.")
+    air_above: bool = opt("Air lies above the sample: undo refraction at its surface.", False)
+    walls: Path | None = opt("Old name for a file of walls; give it as --oct-calibration.")
+    filled: bool = opt("Lumens are brighter than the gel: filled with contrast agent.", False)
 
     def overrides(self) -> ScanOverrides:
         """What the scan's file doesn't say; raises `UsageError` for numbers that aren't."""
@@ -146,63 +97,34 @@ def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
     return (z * 1e-3, y * 1e-3, x * 1e-3)
 
 
-PrintArg = Annotated[
-    str,
-    typer.Argument(
-        metavar="PRINT",
-        help="The print: its folder, its run folder, its G-code file, its journal, or its id "
-        "(`printctl history`).",
-        show_default=False,
-    ),
-]
-OutOption = Annotated[
-    Path | None,
-    typer.Option("--out", help="Scan file, .tif or .oct; scan.tif in the print's folder if not "
-                 "given.", show_default=False),
-]  # fmt: skip
-DeviceOption = Annotated[
-    Literal["oct", "microct"] | None,
-    typer.Option(
-        "--device",
-        help="What scans; if not given, oct for layers that light gets through, else microct.",
-        show_default=False,
-    ),
-]
-VoxelOption = Annotated[
-    str | None,
-    typer.Option(
-        "--voxel-um", metavar="X,Y,Z", help="25,25,15 of oct, 80,80,80 of microct by default."
-    ),
-]
 HeldOption = Annotated[
     str | None,
     typer.Option(help="Profile, or one of each head with commas between; as printed by default."),
 ]
 
 
+@command
 def scan(
-    printed: PrintArg,
-    out: OutOption = None,
-    device: DeviceOption = None,
-    voxel_um: VoxelOption = None,
-    shrink_percent: Annotated[
-        float,
-        typer.Option("--shrink-percent", help="By how much the part shrank.", min=-10, max=20),
-    ] = 1.0,
-    seed: Annotated[int, typer.Option("--seed", help="Of noise and pose.", min=0)] = 1,
-    large: Annotated[bool, typer.Option("--large", help="Allow more than 1 GB.")] = False,
+    printed: str = arg(
+        "The print: its folder, its run folder, its G-code file, its journal, or its id "
+        "(`printctl history`).",
+        metavar="PRINT",
+    ),
+    out: Path | None = opt("Scan file, .tif or .oct; scan.tif in the print's folder if not given."),
+    device: Literal["oct", "microct"] | None = opt(
+        "What scans; if not given, oct for layers that light gets through, else microct."
+    ),
+    voxel_um: str | None = opt("25,25,15 of oct, 80,80,80 of microct by default.", metavar="X,Y,Z"),
+    shrink_percent: float = opt("By how much the part shrank.", 1.0, min=-10, max=20),
+    seed: int = opt("Of noise and pose.", 1, min=0),
+    large: bool = opt("Allow more than 1 GB.", False),
     syringe: HeldOption = None,
     ink: HeldOption = None,
     needle: HeldOption = None,
-    faults: Annotated[
-        Path | None, typer.Option("--faults", help="Fault file that the print was made with.")
-    ] = None,
-    record: Annotated[
-        Path | None,
-        typer.Option(
-            "--record", help="What the motors did, where `printctl sim-printer --record` wrote it."
-        ),
-    ] = None,
+    faults: Path | None = opt("Fault file that the print was made with."),
+    record: Path | None = opt(
+        "What the motors did, where `printctl sim-printer --record` wrote it."
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Simulate an OCT or micro-CT scan of any print made on the simulated printer.

@@ -3,52 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.search import SearchResult, load_search, run_search
 from printctl.search.results import count_lines, table_lines, write_results
 from printctl.search.workers import WAIT_MIN, Workers
+from printctl.settings import arg, opt
 
 
+@command
 def search(
-    search_file: Annotated[
-        Path, typer.Argument(metavar="SEARCH", help="A YAML file.", show_default=False)
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            callback=folder_to_write,
-            help="Folder; what it knows is kept.",
-            show_default=False,
-        ),
-    ],
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            "--workers",
-            min=0,
-            max=1024,
-            help="Processes here, one a core by default; 0: this process alone, without Dask.",
-            show_default=False,
-        ),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler", metavar="ADDRESS", help="A Dask cluster's, like tcp://HOST:8786."
-        ),
-    ] = None,
-    wait_min: Annotated[
-        float,
-        typer.Option("--wait-min", min=0.0, help="For --scheduler, its first worker."),
-    ] = WAIT_MIN,
-    limit: Annotated[
-        int | None, typer.Option("--limit", min=0, help="Grow so many new candidates at most.")
-    ] = None,
+    search_file: Path = arg("A YAML file.", metavar="SEARCH"),
+    out: Path = opt("Folder; what it knows is kept.", ..., callback=folder_to_write),
+    workers: int | None = opt(
+        "Processes here, one a core by default; 0: this process alone, without Dask.",
+        min=0,
+        max=1024,
+    ),
+    scheduler: str | None = opt("A Dask cluster's, like tcp://HOST:8786.", metavar="ADDRESS"),
+    wait_min: float = opt("For --scheduler, its first worker.", WAIT_MIN, min=0.0),
+    limit: int | None = opt("Grow so many new candidates at most.", min=0),
     as_json: JsonFlag = False,
 ) -> None:
     """Grow and measure many variants of a recipe, rank them, and write the best as a recipe.

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
+from printctl.cli.declare import command
 from printctl.cli.options import PrinterOption
 from printctl.errors import PrintctlError
+from printctl.settings import opt
 from printctl.sources import python_command
 
 
+@command
 def sim_printer(
     context: typer.Context,
     printer: PrinterOption = "generic_marlin",
-    link: Annotated[
-        Path | None, typer.Option("--link", help="Name for the pseudo-terminal.")
-    ] = None,
-    tcp: Annotated[int | None, typer.Option("--tcp", help="Listen on this TCP port.")] = None,
-    speed: Annotated[
-        float, typer.Option("--speed", help="Times real time; 0 is as fast as it goes.", min=0)
-    ] = 1.0,
+    link: Path | None = opt("Name for the pseudo-terminal."),
+    tcp: int | None = opt("Listen on this TCP port."),
+    speed: float = opt("Times real time; 0 is as fast as it goes.", 1.0, min=0),
 ) -> None:
     """Run a simulated printer until interrupted; further options are those of `python -m sim`.
 

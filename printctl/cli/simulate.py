@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
+from design.units import LengthUnit
 from firmware_profiles import Printer, load
 from firmware_profiles.tools import THINNEST_BORE
 from printctl.checks.preflight import file_checks, placed_failures, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, refusal_of, set_up
 from printctl.cli import simulate_options as options
+from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     BathDepthOption,
@@ -25,6 +24,7 @@ from printctl.cli.options import (
     StartOption,
     SyringeOption,
     ThinnestBoreOption,
+    folder_to_write,
     messages,
     print_json,
     print_lines,
@@ -32,14 +32,16 @@ from printctl.cli.options import (
 )
 from printctl.cli.start_position import read_start_position
 from printctl.failures import error_facts
+from printctl.settings import arg, opt
 from sim.gcode.dry_run.run import dry_run
 
 
+@command
 def simulate(
-    file: Annotated[Path, typer.Argument(help="The G-code file.", show_default=False)],
+    file: Path = arg("The G-code file."),
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
-    ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
+    ink: str = opt("Ink profile.", "collagen_fresh"),
     needle: NeedleOption = None,
     thinnest_bore: ThinnestBoreOption = THINNEST_BORE,
     bath: BathOption = None,
@@ -47,13 +49,21 @@ def simulate(
     dish_centre: DishCentreOption = None,
     bath_depth: BathDepthOption = None,
     start: StartOption = None,
-    out: options.OutOption = None,
-    lag_s: options.LagOption = None,
-    network: options.NetworkOption = None,
-    unit: options.UnitOption = None,
-    place: options.PlaceOption = None,
-    voxel_um: options.VoxelOption = None,
-    window_s: options.WindowOption = None,
+    out: Path | None = opt(
+        "Folder for what will lie in the bath: tables, a time line, voxels.",
+        callback=folder_to_write,
+    ),
+    lag_s: float | None = opt("τ of the ink's flow, instead of its profile's.", min=0.0, max=100),
+    network: Path | None = opt(
+        "The designed vessels, for the diameter of each: a file or a run folder."
+    ),
+    unit: LengthUnit | None = opt("Of the network's file, if it doesn't say."),
+    place: str | None = opt(
+        "The part's origin in the printer's frame, mm; found from what is written if not.",
+        metavar="X,Y,Z",
+    ),
+    voxel_um: float | None = opt("Write voxels (NRRD) and a surface (PLY).", min=1, max=2000),
+    window_s: str | None = opt("Of the time line; the whole job if not.", metavar="FROM,TO"),
     as_json: JsonFlag = False,
 ) -> None:
     """Run a G-code file through the planner without a printer: time, limits, ink.

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from design.toolpath.fresh import Adaptive, Filling, FreshOptions, Infill
 from design.units import LengthUnit
@@ -15,6 +13,7 @@ from firmware_profiles.tools import THINNEST_BORE
 from kernels import freed_memory_returned
 from printctl.checks.preflight.bore import bore_check
 from printctl.checks.set_up import loads_of, of_each, refuse_failed
+from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
@@ -34,107 +33,59 @@ from printctl.pipeline.slicing import (
     read_modifier,
     slice_parts,
 )
+from printctl.settings import arg, opt
 
 # Typer option types of `printctl slice`: meshes, heads, profiles, layers, lines, infill, speed.
 
-Models = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="MESH...",
-        help="STL, 3MF, PLY, OBJ or OFF; closed. Several, in one frame: each by a head of its "
-        "own; where two overlap the later one counts.",
-        show_default=False,
-    ),
-]
-Out = Annotated[Path, typer.Option("--out", help="G-code file to write.", show_default=False)]
-Unit = Annotated[
-    LengthUnit | None, typer.Option("--unit", help="Of the meshes; a 3MF says it itself.")
-]
-Heads = Annotated[
-    str | None,
-    typer.Option(
-        "--heads", help="Head of each mesh, counted from 0, like 0,1,1; if not given 0,1,..."
-    ),
-]
-SyringeOfEach = Annotated[
-    str, typer.Option("--syringe", help="Syringe profile; of several heads: left,right.")
-]
-InkOfEach = Annotated[str, typer.Option("--ink", help="Ink profile; of several heads: left,right.")]
-NeedleOfEach = Annotated[
-    str,
-    typer.Option(
-        "--needle",
-        help="Needle profile, of several heads: left,right; what a pneumatic head lays needs it.",
-    ),
-]
-DishName = Annotated[
-    str | None,
-    typer.Option("--dish", help="Dish profile: several heads are changed above its wall."),
-]
-Layer = Annotated[float, typer.Option("--layer-um", help="Height of a layer, µm.", min=5, max=2000)]
-Thinnest = Annotated[
-    float | None,
-    typer.Option(
-        "--thinnest-layer-um",
-        help="Layers down to this height where walls are slanted, µm; all alike if not given.",
-        min=5,
-        max=2000,
-    ),
-]
-Stair = Annotated[
-    float,
-    typer.Option(
-        "--stair-um",
-        help="With --thinnest-layer-um: depth of a slanted wall's stair from which on layers "
-        "become thinner, µm.",
-        min=1,
-        max=500,
-    ),
-]
-Line = Annotated[
-    str, typer.Option("--line-um", help="Width of a line, µm; of several heads: left,right.")
-]
-Walls = Annotated[int, typer.Option("--walls", help="Along every boundary.", min=1, max=50)]
-InfillKind = Annotated[Infill, typer.Option("--infill", help="What fills the inside of the walls.")]
-InfillPercent = Annotated[
-    float,
-    typer.Option("--infill-percent", help="Share of the inside that is filled.", min=0, max=100),
-]
-Modifier = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--modifier",
-        metavar="MESH:SETTING=VALUE,...",
-        help="Inside this mesh the part is filled in another way: infill, infill-percent, "
-        "infill-angles (45/135), or written by another head. Again for each.",
-    ),
-]
-Speed = Annotated[float, typer.Option("--speed", help="Writing, mm/s.", min=0.01)]
 _HEIGHT_PART = 0.01
 """Of the part's height: what layers may be off by before it is told."""
 _LINES_UM = (10.0, 5000.0)
 
 
+@command
 def slice_mesh(
-    models: Models,
-    out: Out,
-    unit: Unit = None,
+    models: list[Path] = arg(
+        "STL, 3MF, PLY, OBJ or OFF; closed. Several, in one frame: each by a head of its own; "
+        "where two overlap the later one counts.",
+        metavar="MESH...",
+    ),
+    out: Path = opt("G-code file to write.", ...),
+    unit: LengthUnit | None = opt("Of the meshes; a 3MF says it itself."),
     printer: PrinterOption = "generic_marlin",
-    heads: Heads = None,
-    syringe: SyringeOfEach = "hamilton_1ml",
-    ink: InkOfEach = "collagen_fresh",
-    needle: NeedleOfEach = "fresh_150um",
+    heads: str | None = opt("Head of each mesh, counted from 0, like 0,1,1; if not given 0,1,..."),
+    syringe: str = opt("Syringe profile; of several heads: left,right.", "hamilton_1ml"),
+    ink: str = opt("Ink profile; of several heads: left,right.", "collagen_fresh"),
+    needle: str = opt(
+        "Needle profile, of several heads: left,right; what a pneumatic head lays needs it.",
+        "fresh_150um",
+    ),
     thinnest_bore: ThinnestBoreOption = THINNEST_BORE,
-    dish: DishName = None,
-    layer_um: Layer = 60.0,
-    thinnest_um: Thinnest = None,
-    stair_um: Stair = 20.0,
-    line_um: Line = "150",
-    walls: Walls = 2,
-    infill: InfillKind = "lines",
-    infill_percent: InfillPercent = 100.0,
-    modifier: Modifier = None,
-    speed: Speed = 20.0,
+    dish: str | None = opt("Dish profile: several heads are changed above its wall."),
+    layer_um: float = opt("Height of a layer, µm.", 60.0, min=5, max=2000),
+    thinnest_um: float | None = opt(
+        "Layers down to this height where walls are slanted, µm; all alike if not given.",
+        None,
+        "--thinnest-layer-um",
+        min=5,
+        max=2000,
+    ),
+    stair_um: float = opt(
+        "With --thinnest-layer-um: depth of a slanted wall's stair from which on layers become "
+        "thinner, µm.",
+        20.0,
+        min=1,
+        max=500,
+    ),
+    line_um: str = opt("Width of a line, µm; of several heads: left,right.", "150"),
+    walls: int = opt("Along every boundary.", 2, min=1, max=50),
+    infill: Infill = opt("What fills the inside of the walls.", "lines"),
+    infill_percent: float = opt("Share of the inside that is filled.", 100.0, min=0, max=100),
+    modifier: list[str] | None = opt(
+        "Inside this mesh the part is filled in another way: infill, infill-percent, "
+        "infill-angles (45/135), or written by another head. Again for each.",
+        metavar="MESH:SETTING=VALUE,...",
+    ),
+    speed: float = opt("Writing, mm/s.", 20.0, min=0.01),
     as_json: JsonFlag = False,
 ) -> None:
     """Slice meshes into FRESH layers whose lumens keep their size; write G-code and its line map.

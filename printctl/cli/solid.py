@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from design.solids import lumen_solid, tube_solid, validate_file, write_step
 from design.solids.read import SUFFIXES
 from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import LOSSES, check_target, load_source, read_noted, write_network
+from printctl.cli.declare import command
 from printctl.cli.options import (
     JsonFlag,
     SourceArg,
@@ -23,30 +21,18 @@ from printctl.cli.options import (
 )
 from printctl.errors import UsageError
 from printctl.pipeline.solid_build import WRITERS
+from printctl.settings import arg, opt
 
 
+@command
 def solid(
     source: SourceArg,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", help="A .stl, .3mf, .step, .ply, .obj or .vtp file.", show_default=False
-        ),
-    ],
+    out: Path = opt("A .stl, .3mf, .step, .ply, .obj or .vtp file.", ...),
     unit: UnitOption = None,
-    fillet_ratio: Annotated[
-        float | None,
-        typer.Option(
-            "--fillet-ratio",
-            min=0,
-            max=1,
-            help="Of junctions, over their thinnest vessel; 0, or the run's own.",
-        ),
-    ] = None,
-    wall_mm: Annotated[
-        float | None,
-        typer.Option("--wall-mm", min=1e-3, max=50, help="Tubes of this wall, not the lumens."),
-    ] = None,
+    fillet_ratio: float | None = opt(
+        "Of junctions, over their thinnest vessel; 0, or the run's own.", min=0, max=1
+    ),
+    wall_mm: float | None = opt("Tubes of this wall, not the lumens.", min=1e-3, max=50),
     as_json: JsonFlag = False,
 ) -> None:
     """Make a solid of a vessel network, and read the file back to check it.
@@ -90,25 +76,16 @@ def solid(
 # `printctl convert`: convert a vessel network between file formats.
 
 
+@command
 def convert(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="Network: .csv, .vtp, .swc, .json, .npz, or X-CAVATE's .txt.", show_default=False
-        ),
-    ],
-    target: Annotated[
-        Path,
-        typer.Argument(
-            help="The same formats but .txt; without a suffix a new folder of SimVascular paths.",
-            show_default=False,
-        ),
-    ],
+    source: Path = arg("Network: .csv, .vtp, .swc, .json, .npz, or X-CAVATE's .txt."),
+    target: Path = arg(
+        "The same formats but .txt; without a suffix a new folder of SimVascular paths."
+    ),
     unit: UnitOption = None,
-    ends: Annotated[
-        Path | None,
-        typer.Option("--inlet-outlet", help="Inlets and outlets that come with X-CAVATE's .txt."),
-    ] = None,
+    ends: Path | None = opt(
+        "Inlets and outlets that come with X-CAVATE's .txt.", None, "--inlet-outlet"
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Convert a vessel network between CSV, VTP, SWC, JSON and npz, and to SimVascular paths.

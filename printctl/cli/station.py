@@ -8,12 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from printctl.checks.set_up import read_dish_centre
+from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, PrinterOption, print_json, print_lines, three_numbers
 from printctl.errors import UsageError
 from printctl.machine.link.port_detection import read_baud
 from printctl.machine.station import Station, StationStatus, attach
 from printctl.machine.station import connect as open_station
 from printctl.machine.station.record import usual_folder
+from printctl.settings import arg, opt
 
 # Options shared by `printctl station` subcommands; find the station, print its status.
 
@@ -79,29 +81,14 @@ _SHOWN = frozenset({"needle", "syringe", "ink", "dish", "bath"})
 
 
 # `printctl station connect`: start a background process that holds a printer's port open.
+@command
 def connect(
     printer: PrinterOption,
-    port: Annotated[
-        str,
-        typer.Option("--port", help="Serial port, tcp:HOST:PORT, auto, or simulated."),
-    ],
-    baud: Annotated[
-        str | None, typer.Option("--baud", help="In place of the profile's; auto tries its list.")
-    ] = None,
-    speed: Annotated[
-        float,
-        typer.Option(
-            "--speed", help="Of a simulated printer, in times real time; 0 is all it can."
-        ),
-    ] = 1.0,
-    start: Annotated[
-        str,
-        typer.Option("--start", metavar="X,Y,Z", help="Where a simulated printer's tip stands."),
-    ] = "0,0,0",
-    discard: Annotated[
-        bool,
-        typer.Option("--discard", help="Although the last print was interrupted; it is given up."),
-    ] = False,
+    port: str = opt("Serial port, tcp:HOST:PORT, auto, or simulated.", ...),
+    baud: str | None = opt("In place of the profile's; auto tries its list."),
+    speed: float = opt("Of a simulated printer, in times real time; 0 is all it can.", 1.0),
+    start: str = opt("Where a simulated printer's tip stands.", "0,0,0", metavar="X,Y,Z"),
+    discard: bool = opt("Although the last print was interrupted; it is given up.", False),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -135,21 +122,16 @@ def _said(what: str) -> Any:
     return typer.Option(help=f"{what}: a shipped profile or a .yaml file; '' for none.")
 
 
+@command
 def mount(
     needle: Annotated[str | None, _said("Needle")] = None,
     syringe: Annotated[str | None, _said("Syringe, full")] = None,
     ink: Annotated[str | None, _said("Ink")] = None,
     dish: Annotated[str | None, _said("Dish")] = None,
     bath: Annotated[str | None, _said("Bath")] = None,
-    dish_centre: Annotated[
-        str | None, typer.Option("--dish-centre", metavar="X,Y", help="Of the dish, mm.")
-    ] = None,
-    bath_level: Annotated[
-        float | None, typer.Option("--bath-level", help="Z of the bath's surface, mm.")
-    ] = None,
-    plunger: Annotated[
-        float | None, typer.Option("--plunger-mm", help="Travel of the syringe that is used up.")
-    ] = None,
+    dish_centre: str | None = opt("Of the dish, mm.", metavar="X,Y"),
+    bath_level: float | None = opt("Z of the bath's surface, mm."),
+    plunger: float | None = opt("Travel of the syringe that is used up.", None, "--plunger-mm"),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -176,14 +158,13 @@ def mount(
 ByOption = Annotated[float | None, typer.Option(help="By so many mm.")]
 
 
+@command
 def jog(
     x: ByOption = None,
     y: ByOption = None,
     z: ByOption = None,
-    to: Annotated[bool, typer.Option("--to", help="The numbers are places, not steps.")] = False,
-    speed: Annotated[
-        float | None, typer.Option("--speed", help="In mm/s; 5 without, or what Z can.")
-    ] = None,
+    to: bool = opt("The numbers are places, not steps.", False),
+    speed: float | None = opt("In mm/s; 5 without, or what Z can."),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -201,11 +182,10 @@ def jog(
         print_status(station.jog(given, speed_mm_s=speed), as_json)
 
 
+@command
 def home(
-    axes: Annotated[str, typer.Argument(help="Which, such as xy.")] = "xyz",
-    needle_off: Annotated[
-        bool, typer.Option("--needle-off", help="The needle is off the machine.")
-    ] = False,
+    axes: str = arg("Which, such as xy.", "xyz"),
+    needle_off: bool = opt("The needle is off the machine.", False),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -233,10 +213,9 @@ def where(
     print_status(the_station(folder).set_position(x, y, z), as_json)
 
 
+@command
 def touch_off(
-    foil: Annotated[
-        float, typer.Option("--foil", help="Thickness of the foil between tip and floor, mm.")
-    ] = 0.0,
+    foil: float = opt("Thickness of the foil between tip and floor, mm.", 0.0),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -247,11 +226,10 @@ def touch_off(
     print_status(the_station(folder).touch_off(foil_mm=foil), as_json)
 
 
+@command
 def push(
-    ul: Annotated[float, typer.Option("--ul", help="So much, µL; below 0 draws back.")],
-    speed: Annotated[
-        float | None, typer.Option("--speed", help="In µL/s; the ink's own without.")
-    ] = None,
+    ul: float = opt("So much, µL; below 0 draws back.", ...),
+    speed: float | None = opt("In µL/s; the ink's own without."),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -262,9 +240,10 @@ def push(
     print_status(the_station(folder).plunger(ul, speed), as_json)
 
 
+@command
 def heat(
-    name: Annotated[str, typer.Argument(help="nozzle, bed or chamber.", show_default=False)],
-    celsius: Annotated[float, typer.Argument(help="Target, °C; 0 is off.", show_default=False)],
+    name: str = arg("nozzle, bed or chamber."),
+    celsius: float = arg("Target, °C; 0 is off."),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -276,8 +255,9 @@ def heat(
     print_status(the_station(folder).heat(name, celsius), as_json)
 
 
+@command
 def send(
-    command: Annotated[str, typer.Argument(help="Such as M503.", show_default=False)],
+    command: str = arg("Such as M503."),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:

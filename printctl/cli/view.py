@@ -23,6 +23,7 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.analysis.networks import Drive, Source, load_source
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.checks.gcode_view.outline import PartOutlines
+from printctl.cli.declare import command
 from printctl.cli.lumens import read_part
 from printctl.cli.options import (
     InletFlowOption,
@@ -39,6 +40,7 @@ from printctl.cli.options import (
 )
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import SURFACE
+from printctl.settings import arg, opt
 from registration.report import NetworkPage, ReportSurface, write_network_html
 from registration.report.gcode import GcodeJob, GcodePage, draw_layer, write_gcode_html
 from registration.report.gcode.colouring import PLAIN, Colouring, colourings
@@ -53,107 +55,10 @@ Shown = Literal[
 ]  # fmt: skip
 """`registration.report.picture.Colour` for networks, `registration.report.gcode.GcodeColour` for
 G-code; the order is the vessels' in the one, that of writing in the other."""
-SourceArg = Annotated[
-    Path,
-    typer.Argument(
-        help="A run folder, a network (.csv, .vtp, .swc, .json, .npz, .txt), or G-code (.gcode).",
-        show_default=False,
-    ),
-]
-OutOption = Annotated[
-    Path | None,
-    typer.Option("--out", help="The page; view.html in the run, NAME.view.html beside a file."),
-]
-PngOption = Annotated[
-    Path | None,
-    typer.Option("--png", help="Draw a picture for a paper; without --out no page."),
-]
-ColourOption = Annotated[
-    Shown | None,
-    typer.Option(
-        "--colour",
-        "--color",
-        help="What is coloured by at first: radius to deviation a network (kind where it has "
-        "several, else radius), width to vessel and order G-code (width; height z of a job in "
-        "passes).",
-    ),
-]
 FromOption = Annotated[View, typer.Option("--from", help="Where the picture is seen from.")]
-WidthOption = Annotated[int, typer.Option("--width", min=300, max=6000, help="Of --png.")]
-PaletteFlag = Annotated[
-    bool, typer.Option("--palette", help="Keep --png to 256 colours: a third of the size.")
-]
-OpenOption = Annotated[
-    bool | None,
-    typer.Option("--open/--no-open", help="Open the page in the browser; on a desktop, do."),
-]
-MostPiecesOption = Annotated[
-    int,
-    typer.Option("--most-pieces", min=1, help="Beyond it the page leaves out the thinnest."),
-]
 
 
 # Typer options of `printctl view FILE.gcode`: layer, syringe, filament, flow, designed part.
-
-LayerOption = Annotated[
-    int | None,
-    typer.Option(
-        "--layer",
-        min=1,
-        help="G-code: layer or pass shown first, or drawn, counted from 1; the middle.",
-    ),
-]
-GcodePrinterOption = Annotated[
-    str | None,
-    typer.Option(
-        "--printer",
-        help="G-code: whose head writes, by profile (a valve's file needs it); generic_marlin.",
-    ),
-]
-GcodeSyringeOption = Annotated[
-    str | None,
-    typer.Option("--syringe", help="G-code: profile whose bore makes E a volume; hamilton_1ml."),
-]
-FilamentOption = Annotated[
-    float | None,
-    typer.Option(
-        "--filament-mm",
-        min=0.01,
-        max=100,
-        help="G-code: diameter that E is counted in, instead of a syringe's; as the file says.",
-    ),
-]
-FlowOption = Annotated[
-    float | None,
-    typer.Option(
-        "--flow-ul-s", min=1e-9, help="G-code: of a pneumatic head; as the profile measured it."
-    ),
-]
-LayerHeightOption = Annotated[
-    float | None,
-    typer.Option(
-        "--layer-um",
-        min=1,
-        max=5000,
-        help="G-code: height of the lines; as the file says, or the spacing of its levels.",
-    ),
-]
-ModelOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--model",
-        help="G-code: the part's mesh; its outline is drawn in each layer, coloured by how far "
-        "ink lies beyond it.",
-    ),
-]
-PlaceOption = Annotated[
-    str | None,
-    typer.Option(
-        "--place",
-        metavar="X,Y,Z",
-        help="G-code: the --model's origin in the printer's frame, mm; found from what is written.",
-    ),
-]
 
 
 # `printctl view FILE.gcode`: write its layers as an HTML page, or one layer as a picture.
@@ -414,30 +319,61 @@ _FOR_GCODE: Final = (
 )
 
 
+@command
 def view(
     context: typer.Context,
-    source: SourceArg,
-    out: OutOption = None,
-    png: PngOption = None,
-    colour: ColourOption = None,
+    source: Path = arg(
+        "A run folder, a network (.csv, .vtp, .swc, .json, .npz, .txt), or G-code (.gcode)."
+    ),
+    out: Path | None = opt("The page; view.html in the run, NAME.view.html beside a file."),
+    png: Path | None = opt("Draw a picture for a paper; without --out no page."),
+    colour: Shown | None = opt(
+        "What is coloured by at first: radius to deviation a network (kind where it has several, "
+        "else radius), width to vessel and order G-code (width; height z of a job in passes).",
+        None,
+        "--colour",
+        "--color",
+    ),
     seen_from: FromOption = "oblique",
-    width: WidthOption = 1600,
-    palette: PaletteFlag = False,
-    open_page: OpenOption = None,
+    width: int = opt("Of --png.", 1600, min=300, max=6000),
+    palette: bool = opt("Keep --png to 256 colours: a third of the size.", False),
+    open_page: bool | None = opt(
+        "Open the page in the browser; on a desktop, do.", None, "--open/--no-open"
+    ),
     unit: UnitOption = None,
     tissue: TissueOption = None,
     tissue_unit: TissueUnitOption = None,
     inlet_flow_ml_min: InletFlowOption = None,
     viscosity_mpa_s: ViscosityOption = None,
-    most_pieces: MostPiecesOption = MAX_PIECES,
-    layer: LayerOption = None,
-    printer: GcodePrinterOption = None,
-    syringe: GcodeSyringeOption = None,
-    filament_mm: FilamentOption = None,
-    flow_ul_s: FlowOption = None,
-    layer_um: LayerHeightOption = None,
-    model: ModelOption = None,
-    place: PlaceOption = None,
+    most_pieces: int = opt("Beyond it the page leaves out the thinnest.", MAX_PIECES, min=1),
+    layer: int | None = opt(
+        "G-code: layer or pass shown first, or drawn, counted from 1; the middle.", min=1
+    ),
+    printer: str | None = opt(
+        "G-code: whose head writes, by profile (a valve's file needs it); generic_marlin."
+    ),
+    syringe: str | None = opt("G-code: profile whose bore makes E a volume; hamilton_1ml."),
+    filament_mm: float | None = opt(
+        "G-code: diameter that E is counted in, instead of a syringe's; as the file says.",
+        min=0.01,
+        max=100,
+    ),
+    flow_ul_s: float | None = opt(
+        "G-code: of a pneumatic head; as the profile measured it.", min=1e-9
+    ),
+    layer_um: float | None = opt(
+        "G-code: height of the lines; as the file says, or the spacing of its levels.",
+        min=1,
+        max=5000,
+    ),
+    model: Path | None = opt(
+        "G-code: the part's mesh; its outline is drawn in each layer, coloured by how far ink "
+        "lies beyond it."
+    ),
+    place: str | None = opt(
+        "G-code: the --model's origin in the printer's frame, mm; found from what is written.",
+        metavar="X,Y,Z",
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Show a network or G-code: a page that opens offline, or with --png a picture.
