@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import cv2
-import typer
 from PIL import Image
 
 from design.files import atomic_replacement
@@ -23,14 +22,10 @@ _MARKER = 0.75
 """Side of a marker, of its square's."""
 _MOST_PX = 30_000
 
-Squares = Annotated[
-    str, typer.Option("--squares", metavar="COLUMNS,ROWS", help="Squares of the board.")
-]
-Square = Annotated[float, typer.Option("--square-mm", help="Side of a square.", show_default=False)]
-Marker = Annotated[
-    float | None, typer.Option("--marker-mm", help="Side of a marker; 0.75 of a square's if not.")
-]
-Markers = Annotated[str, typer.Option("--markers", help="OpenCV's name of the markers' set.")]
+Squares = Annotated[str, opt("Squares of the board.", metavar="COLUMNS,ROWS")]
+Square = Annotated[float, opt("Side of a square.")]
+Marker = Annotated[float | None, opt("Side of a marker; 0.75 of a square's if not.")]
+Markers = Annotated[str, opt("OpenCV's name of the markers' set.")]
 
 
 @command

@@ -6,29 +6,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from firmware_profiles import Facts
 from printctl.calibration import Estimate, Readings, read_readings
 from printctl.calibration.writing import Job, MeasuredValue, make_test, measured_key, save_measured
 from printctl.cli.options import messages, print_json, print_lines
 from printctl.errors import UsageError
+from printctl.settings import arg, opt
 
-Csv = Annotated[Path | None, typer.Argument(help="Readings to fit, a CSV file.")]
-Gcode = Annotated[
-    Path | None,
-    typer.Option("--gcode", help="Write the test's G-code here, and a CSV to fill in beside it."),
-]
-At = Annotated[
-    str, typer.Option("--at", metavar="X,Y,Z", help="Where the tip stands, printer's frame, mm.")
-]
+Csv = Annotated[Path | None, arg("Readings to fit, a CSV file.")]
+Gcode = Annotated[Path | None, opt("Write the test's G-code here, and a CSV to fill in beside it.")]
+At = Annotated[str, opt("Where the tip stands, printer's frame, mm.", metavar="X,Y,Z")]
 CameraFile = Annotated[
-    Path | None,
-    typer.Option("--camera", help="File of `printctl calibrate camera`: scale and distortion."),
+    Path | None, opt("File of `printctl calibrate camera`: scale and distortion.")
 ]
-Write = Annotated[
-    Path | None, typer.Option("--write", help="Write a profile with the result to this file.")
-]
+Write = Annotated[Path | None, opt("Write a profile with the result to this file.")]
 
 
 def numbers_of(text: str, option: str) -> list[float]:

@@ -12,6 +12,7 @@ from typing import (
     NamedTuple,
     Protocol,
     TypeVar,
+    get_origin,
     get_type_hints,
 )
 
@@ -85,23 +86,32 @@ def command(function: F) -> F:
 
 
 def _plain(one: inspect.Parameter) -> inspect.Parameter:
-    if not isinstance(one.default, Declared):
+    """The parameter as typer reads it; declared by its default, or in its annotation."""
+    declared, kind, default = one.default, one.annotation, one.default
+    if isinstance(declared, Declared):
+        default = one.empty if declared.default is ... else declared.default
+    elif get_origin(kind) is Annotated and isinstance(kind.__metadata__[0], Declared):
+        (declared,), kind = kind.__metadata__, kind.__origin__
+    else:
         return one.replace(kind=one.KEYWORD_ONLY)
-    declared, kind, names = one.default, one.annotation, one.default.names
+    names = declared.names
     made = typer.Argument if declared.is_argument else typer.Option
     if not (names or declared.is_argument):
         word = "--" + one.name.replace("_", "-")
-        both = kind in (bool, bool | None) and declared.default is not False
+        both = kind in (bool, bool | None) and default is not False
         names = (f"{word}/--no-{word[2:]}" if both else word,)
-    said = made(*names, help=declared.text, **declared.facts)
-    default = one.empty if declared.default is ... else declared.default
-    return keyword(one.name, Annotated[kind, said], default)
+    return keyword(
+        one.name, Annotated[kind, made(*names, help=declared.text, **declared.facts)], default
+    )
+
+
+def declared(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function as `command` makes it, if it isn't made so already."""
+    return function if hasattr(function, "__signature__") else command(function)
 
 
 def group(app: typer.Typer, *commands: Callable[..., Any], **named: Callable[..., Any]) -> Any:
     """Add commands to a group, under their own names or those given."""
-    for one in commands:
-        app.command(one.__name__.replace("_", "-"))(one)
-    for name, one in named.items():
-        app.command(name.replace("_", "-"))(one)
+    for name, one in ({one.__name__: one for one in commands} | named).items():
+        app.command(name.replace("_", "-"))(declared(one))
     return app

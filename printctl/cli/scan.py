@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
 from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
@@ -17,7 +15,7 @@ from printctl.cli.options import (
     three_numbers,
     two_numbers,
 )
-from printctl.cli.run_folder import print_folder
+from printctl.cli.running_print import print_folder
 from printctl.errors import UsageError
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import PrintEntry, entry_of
@@ -33,12 +31,7 @@ if TYPE_CHECKING:
 #
 # Commands take them all as `ScanOptions` (`printctl.cli.section_options`).
 
-ScanFile = Annotated[
-    Path,
-    typer.Argument(
-        help="A scan of any known format, or a mosaic's YAML (docs/scans.md).", show_default=False
-    ),
-]
+ScanFile = Annotated[Path, arg("A scan of any known format, or a mosaic's YAML (docs/scans.md).")]
 
 
 @settings
@@ -98,8 +91,7 @@ def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
 
 
 HeldOption = Annotated[
-    str | None,
-    typer.Option(help="Profile, or one of each head with commas between; as printed by default."),
+    str | None, opt("Profile, or one of each head with commas between; as printed by default.")
 ]
 
 

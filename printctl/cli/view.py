@@ -55,7 +55,7 @@ Shown = Literal[
 ]  # fmt: skip
 """`registration.report.picture.Colour` for networks, `registration.report.gcode.GcodeColour` for
 G-code; the order is the vessels' in the one, that of writing in the other."""
-FromOption = Annotated[View, typer.Option("--from", help="Where the picture is seen from.")]
+FromOption = Annotated[View, opt("Where the picture is seen from.", ..., "--from")]
 
 
 # Typer options of `printctl view FILE.gcode`: layer, syringe, filament, flow, designed part.
