@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeVar, dataclass_transform
+from dataclasses import dataclass, field, is_dataclass
+from typing import Any, Final, NamedTuple, TypeVar, dataclass_transform, get_args
 
 T = TypeVar("T")
 
@@ -40,11 +41,57 @@ def arg(text: str, default: Any = ..., **facts: Any) -> Any:
     return Declared(text, default, (), shown | facts, is_argument=True)
 
 
-@dataclass_transform(frozen_default=True, kw_only_default=True)
+_UNITS: Final = {"s": "s", "min": "min", "mm": "mm", "um": "µm", "ul": "µL", "mm_s": "mm/s"}
+_BOUNDS: Final = {"ge": "min", "le": "max"}
+
+
+def of(model: Any, key: str, *names: str, **facts: Any) -> Any:
+    """Declare an option that stands for a field of a model, by what the model says of it.
+
+    Parameters
+    ----------
+    model : type
+        A pydantic model, or made by `settings`.
+    key : str
+        The field's; its unit is told where an option's name doesn't.
+    **facts
+        As of `opt`; a ``default`` in place of the model's, which the help then names.
+    """
+    if is_dataclass(model):
+        return model.__dataclass_fields__[key].metadata["declared"]
+    info = model.model_fields[key]
+    text, usual = info.description or "", info.get_default(call_default_factory=True)
+    text = re.sub(
+        r"\w+_\w+",
+        lambda word: f"--{word[0].replace('_', '-')}" if word[0] in model.model_fields else word[0],
+        text,
+    ).rstrip(".")
+    unit = next((end for end in ("mm_s", key.rpartition("_")[2]) if key.endswith(f"_{end}")), "")
+    if names and not names[0].endswith(unit.replace("_", "-")) and unit in _UNITS:
+        text += f" ({_UNITS[unit]})"
+    default = facts.pop("default", usual)
+    if default is None and usual is not None:
+        text += f"; else {usual:g}" if isinstance(usual, float) else f"; else {usual}"
+    return opt(f"{text}.", default, *names, **(_bounds(info) | facts))
+
+
+def _bounds(info: Any) -> dict[str, Any]:
+    """Bounds of a field, its optional value's included."""
+    inner = (one for arg in get_args(info.annotation) for one in getattr(arg, "__metadata__", ()))
+    said = [*info.metadata, *(rule for one in inner for rule in getattr(one, "metadata", ()))]
+    return {
+        name: getattr(rule, bound)
+        for rule in said
+        for bound, name in _BOUNDS.items()
+        if hasattr(rule, bound)
+    }
+
+
+@dataclass_transform(frozen_default=True)
 def settings(group: type[T]) -> type[T]:
     """Make a frozen dataclass of a class whose fields may be declared by `opt`."""
     for name, value in list(vars(group).items()):
         if isinstance(value, Declared):
             default = {} if value.default is ... else {"default": value.default}
             setattr(group, name, field(**default, metadata={"declared": value}))
-    return dataclass(frozen=True, kw_only=True)(group)
+    return dataclass(frozen=True)(group)

@@ -45,7 +45,6 @@ from printctl.calibration.widths import (
 from printctl.calibration.writing import MeasuredValue
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.checks.set_up import ProfileNames, set_up
-from printctl.cli import options as mounting
 from printctl.cli.calibrate_options import (
     CameraFile,
     Write,
@@ -56,7 +55,7 @@ from printctl.cli.calibrate_options import (
 from printctl.cli.declare import command
 from printctl.cli.options import JsonFlag, SyringeOption, messages, print_lines, three_numbers
 from printctl.errors import UsageError
-from printctl.settings import arg, opt
+from printctl.settings import arg, of, opt
 from registration.devices.lens import read_lens
 from sim.gcode.dry_run.run import dry_run
 
@@ -88,10 +87,10 @@ def pattern(
     ),
     syringe: SyringeOption = "hamilton_1ml",
     ink: str = opt("Ink profile.", "collagen_fresh"),
-    bath: mounting.BathOption = None,
-    dish: mounting.DishOption = None,
-    dish_centre: mounting.DishCentreOption = None,
-    bath_depth: mounting.BathDepthOption = None,
+    bath: str | None = of(ProfileNames, "bath"),
+    dish: str | None = of(ProfileNames, "dish"),
+    dish_centre: str | None = of(ProfileNames, "dish_centre"),
+    bath_depth: float | None = of(ProfileNames, "bath_depth"),
     at: str = opt(
         "Middle of the pattern and height of its lines, mm.", "100,100,5", metavar="X,Y,Z"
     ),

@@ -73,15 +73,6 @@ ProgressFileOption = Annotated[
 PrinterOption = Annotated[str, opt("Printer profile: a shipped name or a .yaml file.")]
 SyringeOption = Annotated[str, opt("Syringe profile: a shipped name or a .yaml file.")]
 InkOption = Annotated[str, opt("Ink profile.")]
-NeedleOption = Annotated[
-    str | None, opt("Needle profile; force and walls need it. Of several heads: left,right.")
-]
-BathOption = Annotated[str | None, opt("Bath profile; chemistry and warmth need it.")]
-DishOption = Annotated[str | None, opt("Dish profile; walls need it.")]
-DishCentreOption = Annotated[
-    str | None, opt("Printer's frame; below --start if not.", metavar="X,Y")
-]
-BathDepthOption = Annotated[float | None, opt("How high the dish is filled, mm.", min=0.1)]
 StartOption = Annotated[
     str | None,
     opt(
@@ -90,16 +81,6 @@ StartOption = Annotated[
         metavar="X,Y,Z",
     ),
 ]
-ThinnestBoreOption = Annotated[
-    float,
-    opt(
-        "Narrowest line, over the needle's bore (0.8 of 0.2 mm are 0.16 mm); try it on the ink "
-        "first.",
-        min=0.05,
-        max=2.0,
-    ),
-]
-
 # A vessel network.
 SourceArg = Annotated[Path, arg("A run folder, or a network: .csv, .vtp, .swc, .json, .npz, .txt.")]
 UnitOption = Annotated[

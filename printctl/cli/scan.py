@@ -9,9 +9,8 @@ from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
-    print_json,
-    print_lines,
     print_note,
+    print_result,
     three_numbers,
     two_numbers,
 )
@@ -20,48 +19,40 @@ from printctl.errors import UsageError
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import PrintEntry, entry_of
 from printctl.machine.link.record import JOURNAL
-from printctl.settings import arg, opt, settings
+from printctl.recipe.making import FileScan, SimulatedScan
+from printctl.settings import arg, of, opt, settings
 from registration.files import readers
 
 if TYPE_CHECKING:
     from registration.files.readers import ScanOverrides
 
 
-# Command-line options of a scan: metadata that its file lacks, calibrations, filled lumens.
-#
-# Commands take them all as `ScanOptions` (`printctl.cli.section_options`).
-
 ScanFile = Annotated[Path, arg("A scan of any known format, or a mosaic's YAML (docs/scans.md).")]
+HeldOption = Annotated[
+    str | None, opt("Profile, or one of each head with commas between; as printed by default.")
+]
 
 
 @settings
 class ScanOptions:
-    """What the command line says of a scan and of its calibrations, as typer reads it."""
+    """What the command line says of a scan and of its calibrations: a recipe's `FileScan`."""
 
-    voxel_um: str | None = opt("Where the scan's file doesn't say.", metavar="X,Y,Z")
-    refractive_index: float | None = opt("Group index of gel and liquid.")
-    optical_depth: bool | None = opt(
-        "What the depth voxel counts.", None, "--optical-depth/--geometric-depth"
-    )
-    modality: Literal["oct", "microct", "confocal"] | None = opt("What measured.")
-    scale: Literal["linear", "db"] | None = opt("Of the intensity.")
-    axes: str | None = opt("Order of the file's axes, slowest first.", metavar="ZYX")
-    depth_down: bool | None = opt(
-        "Which way growing depth index goes.", None, "--depth-down/--depth-up"
-    )
-    mirrored: bool | None = opt(
-        "The file's x, y, z are left-handed.", None, "--mirrored/--not-mirrored"
-    )
-    db_range: str | None = opt("dB of the lowest and highest count.", metavar="LOW,HIGH")
-    count_range: str | None = opt(
-        "Counts that mean --db-range; else the type's.", metavar="LOW,HIGH"
-    )
-    counts_per_db: float | None = opt("In place of --db-range.")
-    db_at_zero: float | None = opt("dB of count 0, with --counts-per-db.")
+    voxel_um: str | None = of(FileScan, "voxel_um", metavar="X,Y,Z")
+    refractive_index: float | None = of(FileScan, "refractive_index")
+    optical_depth: bool | None = of(FileScan, "optical_depth", "--optical-depth/--geometric-depth")
+    modality: Literal["oct", "microct", "confocal"] | None = of(FileScan, "modality")
+    scale: Literal["linear", "db"] | None = of(FileScan, "scale")
+    axes: str | None = of(FileScan, "axes", metavar="ZYX")
+    depth_down: bool | None = of(FileScan, "depth_down", "--depth-down/--depth-up")
+    mirrored: bool | None = of(FileScan, "mirrored", "--mirrored/--not-mirrored")
+    db_range: str | None = of(FileScan, "db_range", metavar="LOW,HIGH")
+    count_range: str | None = of(FileScan, "count_range", metavar="LOW,HIGH")
+    counts_per_db: float | None = of(FileScan, "counts_per_db")
+    db_at_zero: float | None = of(FileScan, "db_at_zero")
     oct_calibration: Path | None = opt("File of `printctl calibrate oct`.")
-    air_above: bool = opt("Air lies above the sample: undo refraction at its surface.", False)
-    walls: Path | None = opt("Old name for a file of walls; give it as --oct-calibration.")
-    filled: bool = opt("Lumens are brighter than the gel: filled with contrast agent.", False)
+    air_above: bool = of(FileScan, "air_above")
+    walls: Path | None = of(FileScan, "walls")
+    filled: bool = of(FileScan, "filled")
 
     def overrides(self) -> ScanOverrides:
         """What the scan's file doesn't say; raises `UsageError` for numbers that aren't."""
@@ -90,11 +81,6 @@ def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
     return (z * 1e-3, y * 1e-3, x * 1e-3)
 
 
-HeldOption = Annotated[
-    str | None, opt("Profile, or one of each head with commas between; as printed by default.")
-]
-
-
 @command
 def scan(
     printed: str = arg(
@@ -107,9 +93,9 @@ def scan(
         "What scans; if not given, oct for layers that light gets through, else microct."
     ),
     voxel_um: str | None = opt("25,25,15 of oct, 80,80,80 of microct by default.", metavar="X,Y,Z"),
-    shrink_percent: float = opt("By how much the part shrank.", 1.0, min=-10, max=20),
+    shrink_percent: float = of(SimulatedScan, "shrink_percent"),
     seed: int = opt("Of noise and pose.", 1, min=0),
-    large: bool = opt("Allow more than 1 GB.", False),
+    large: bool = of(SimulatedScan, "large"),
     syringe: HeldOption = None,
     ink: HeldOption = None,
     needle: HeldOption = None,
@@ -136,10 +122,7 @@ def scan(
     }
     stated = StatedPrint(syringe, ink, needle, faults, record)
     facts = scan_print(find_print(printed), stated, wanted, out, print_note)
-    if as_json:
-        print_json(facts)
-    else:
-        print_lines(facts["scan"], facts["sidecar"], facts["truth"])
+    print_result(as_json, facts, (facts[name] for name in ("scan", "sidecar", "truth")))
 
 
 def find_print(text: str) -> PrintEntry:

@@ -23,8 +23,8 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.analysis.networks import Drive, Source, load_source
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.checks.gcode_view.outline import PartOutlines
+from printctl.checks.lumens_in_gcode import read_part
 from printctl.cli.declare import command
-from printctl.cli.lumens import read_part
 from printctl.cli.options import (
     InletFlowOption,
     JsonFlag,
@@ -35,6 +35,7 @@ from printctl.cli.options import (
     messages,
     print_json,
     print_lines,
+    print_note,
     read_gcode_file,
     three_numbers,
 )
@@ -151,7 +152,7 @@ def _check_model(settings: GcodeViewOptions, png: Path | None) -> None:
 
 
 def _outlines(job: GcodeJob, settings: GcodeViewOptions) -> PartOutlines | None:
-    part = read_part(settings.model, None, settings.unit)
+    part = read_part(settings.model, None, settings.unit, print_note)
     if part is None:
         return None
     if job.layers.passes:

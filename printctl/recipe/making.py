@@ -232,7 +232,7 @@ class Fresh(FillingPart):
     compensate: CompensationPart = CompensationPart()
     compensation: CompensationName = None
     prime: PrimePart | None = Field(default=None, description="Before the part; nothing without.")
-    write_speed_mm_s: Speed = 20.0
+    write_speed_mm_s: Speed = Field(default=20.0, description="Of writing.")
     travel_speed_mm_s: Speed = 40.0
 
     @model_validator(mode="after")
@@ -398,7 +398,9 @@ class SimulatedScan(Part):
 
     simulated: Literal["oct", "microct"]
     voxel_um: Annotated[tuple[float, float, float], Field(description="x, y, z")] = (25, 25, 15)
-    shrink_percent: Annotated[float, Field(ge=-10, le=20)] = 1.0
+    shrink_percent: Annotated[float, Field(ge=-10, le=20)] = Field(
+        default=1.0, description="By how much the part shrank."
+    )
     format: Literal["tif", "oct"] = Field(
         default="tif", description="Of the file: TIFF, or Thorlabs' for an OCT."
     )
@@ -432,11 +434,15 @@ class FileScan(Part):
     voxel_um: tuple[float, float, float] | None = Field(
         default=None, description="x, y, z; where the file doesn't say."
     )
-    refractive_index: Annotated[float, Field(ge=1, le=2)] | None = None
+    refractive_index: Annotated[float, Field(ge=1, le=2)] | None = Field(
+        default=None, description="Group index of gel and liquid."
+    )
     optical_depth: bool | None = Field(
         default=None, description="Whether the depth voxel counts optical path."
     )
-    modality: Literal["oct", "microct", "confocal"] | None = None
+    modality: Literal["oct", "microct", "confocal"] | None = Field(
+        default=None, description="What measured."
+    )
     scale: Literal["linear", "db"] | None = Field(default=None, description="Of the intensity.")
     db_range: tuple[float, float] | None = Field(
         default=None, description="dB of the lowest and the highest count of an integer scan."
