@@ -18,14 +18,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
-import typer
-
 from kernels import cache_dir
-from printctl.cli.declare import command
-from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.machine.link.history import data_folder
 from printctl.machine.link.ports import PortInfo, list_ports
-from printctl.settings import opt
 
 DEVELOPMENT: Final = {"test", "release", "docs"}
 """Extras for those who work on printctl."""

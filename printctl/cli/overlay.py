@@ -7,7 +7,12 @@ from pathlib import Path
 from typing import Literal
 
 from printctl.cli.declare import command
-from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
+from printctl.cli.options import (
+    JsonFlag,
+    OutFolder,
+    messages,
+    print_result,
+)
 from printctl.cli.scan import ScanFile, ScanOptions
 from printctl.pipeline.overlaying import (
     HTML,
@@ -30,7 +35,7 @@ def overlay(
     *,
     scan: ScanFile,
     model: Path = opt("Run folder of a print in layers.", ...),
-    out: Path = opt("Folder for the files.", ..., callback=folder_to_write),
+    out: OutFolder,
     pose: Path | None = opt(
         "registration.json of a scan in the same place; then nothing is aligned."
     ),
@@ -71,7 +76,5 @@ def overlay(
             facts = {"schema": 1, "scan": str(scan), "model": str(model)}
             facts |= {"walls": None if measured.walls is None else asdict(measured.walls)}
             data = write_overlay(out, laid, chosen, facts, report)
-    if as_json:
-        print_json(data)
-    else:
-        print_lines(known.said, *known.notes, *summary_lines(data), str(out / HTML))
+    lines = [known.said, *known.notes, *summary_lines(data), str(out / HTML)]
+    print_result(as_json, data, lines)

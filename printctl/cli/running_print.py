@@ -18,18 +18,19 @@ from printctl.cli.options import (
     print_result,
     refuse_input_as_output,
 )
-from printctl.errors import PrintctlError, SafetyError, UsageError
-from printctl.machine.link.client import PrintClient, attach
+from printctl.errors import SafetyError, UsageError
+from printctl.machine.link.client import attach
 from printctl.machine.link.errors import LinkError
 from printctl.machine.link.find_link import alive
 from printctl.machine.link.history_entry import this_user
 from printctl.machine.link.kill import UNCONFIRMED
 from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.record import JOURNAL, RECORD, load_record
+from printctl.machine.link.record import JOURNAL, load_record
 from printctl.machine.link.states import LinkState, PrintOutcome, Status
 from printctl.machine.link.syringe_change import CHANGE
 from printctl.machine.print_state.actions import Possible, PrintAction
 from printctl.machine.print_state.give_up import give_up as give_up_print
+from printctl.machine.print_state.print_folder import print_folder, running_print
 from printctl.machine.print_state.state import PrintTruth, read_print
 from printctl.machine.printing.journal_facts import read_journal_facts
 from printctl.machine.printing.print_words import alarm_words
@@ -50,35 +51,6 @@ from printctl.observe.records import (
 )
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 from printctl.settings import arg, opt
-
-
-def print_folder(run: Path) -> Path:
-    """Folder of the print's journal; where one should be when none is found."""
-    beside = Path(f"{run}.print") if run.is_file() else run
-    folders = (place for place in (run, run / "print", beside) if (place / RECORD).is_file())
-    return next(folders, beside)
-
-
-def running_print(run: Path) -> PrintClient:
-    """A client of a print that is going on.
-
-    Raises
-    ------
-    PrintctlError
-        When it has ended.
-    LinkError
-        When no print was ever started there.
-    """
-    client = attach(print_folder(run))
-    status = client.status
-    if status.ended:
-        still = status.position_known or status.state is LinkState.KILLED
-        halts = "" if still else "; if anything moves, `printctl kill` halts it"
-        raise PrintctlError(
-            f"the print in {client.folder} has ended ({status.state.value}: {status.message})"
-            f"{halts}"
-        )
-    return client
 
 
 def _looks(folder: Path) -> list[LookRecord]:

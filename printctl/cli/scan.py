@@ -14,11 +14,11 @@ from printctl.cli.options import (
     three_numbers,
     two_numbers,
 )
-from printctl.cli.running_print import print_folder
 from printctl.errors import UsageError
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import PrintEntry, entry_of
 from printctl.machine.link.record import JOURNAL
+from printctl.machine.print_state.print_folder import print_folder
 from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.settings import arg, of, opt, settings
 from registration.files import readers
