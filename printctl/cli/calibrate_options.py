@@ -16,9 +16,6 @@ from printctl.settings import arg, opt
 Csv = Annotated[Path | None, arg("Readings to fit, a CSV file.")]
 Gcode = Annotated[Path | None, opt("Write the test's G-code here, and a CSV to fill in beside it.")]
 At = Annotated[str, opt("Where the tip stands, printer's frame, mm.", metavar="X,Y,Z")]
-CameraFile = Annotated[
-    Path | None, opt("File of `printctl calibrate camera`: scale and distortion.")
-]
 Write = Annotated[Path | None, opt("Write a profile with the result to this file.")]
 
 

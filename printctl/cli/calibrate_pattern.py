@@ -46,14 +46,20 @@ from printctl.calibration.writing import MeasuredValue
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.checks.set_up import ProfileNames, set_up
 from printctl.cli.calibrate_options import (
-    CameraFile,
     Write,
     numbers_of,
     print_estimates,
     write_measured,
 )
 from printctl.cli.declare import command
-from printctl.cli.options import JsonFlag, SyringeOption, messages, print_lines, three_numbers
+from printctl.cli.options import (
+    CameraFile,
+    JsonFlag,
+    SyringeOption,
+    messages,
+    print_lines,
+    three_numbers,
+)
 from printctl.errors import UsageError
 from printctl.settings import arg, of, opt
 from registration.devices.lens import read_lens

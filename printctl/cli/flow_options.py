@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
+from printctl.analysis.flow.typed_over import section_over
 from printctl.cli.section_options import (
     SectionOptions,
     needs_another,
@@ -61,8 +62,6 @@ class FlowOutput:
     files: list[Path] = field(default_factory=list)
 
 
-# Parse the fluid's file, stenoses and number lists of `printctl flow`.
-
 _FLUID: Final[TypeAdapter[Any]] = TypeAdapter(FluidPart)
 _GIVE: Final = "write model: carreau, power_law or pries_1994, and its numbers"
 
@@ -98,13 +97,7 @@ def fluid_section(path: Path | None) -> dict[str, Any]:
 
 
 def stenoses(texts: list[str]) -> list[dict[str, Any]]:
-    """Return stenoses VESSEL,SHARE,MM as a flow section says them.
-
-    Raises
-    ------
-    UsageError
-        For what isn't three numbers, or out of bounds.
-    """
+    """Return stenoses VESSEL,SHARE,MM as a flow section says them."""
     found = []
     for text in texts:
         vessel, share, length = numbers(text, "--stenosis", "VESSEL,SHARE,MM", 3)
@@ -120,13 +113,7 @@ def stenoses(texts: list[str]) -> list[dict[str, Any]]:
 
 
 def numbers(text: str, name: str, form: str, count: int) -> tuple[float, ...]:
-    """Return so many numbers with commas between.
-
-    Raises
-    ------
-    UsageError
-        For anything else.
-    """
+    """Return so many numbers with commas between."""
     try:
         found = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -135,8 +122,6 @@ def numbers(text: str, name: str, form: str, count: int) -> tuple[float, ...]:
         raise UsageError(f"{name} {text!r} isn't {form}; write numbers with commas between")
     return found
 
-
-# A recipe's `flow` section as options of `printctl flow`, and made from what was typed.
 
 _STEADY: Final = "Fluid, inlets and outlets"
 PULSE: Final = SectionOptions(
@@ -171,25 +156,6 @@ DRIVING: Final = (
 """What flows, and what drives it."""
 SECTIONS: Final = (*DRIVING, ONE_D, THREE_D, COMPARE)
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
-_SOLVED: Final = ("one_d", "three_d", "compare")
-_EVERY_OUTLET: Final = "outlet."
-_ALTERNATIVES: Final = (
-    {"inlet_flow_ml_min", "inlet_pressure_mmhg"},
-    {"viscosity_mpa_s", "viscosity"},
-    {_EVERY_OUTLET, "outlets"},
-    {f"pulse.{PULSE.fields()[name]}" for name in _WAVES},
-)
-"""Keys of which a section has one: what is typed takes the recipe's place."""
-_PRINT_POWER: Final = {
-    "inlet_flow_ml_min": 3,
-    "pulse.amplitude_ml_min": 3,
-    "pulse.wall_thickness_mm": 1,
-    "outlet.resistance_mmhg_min_ml": -3,
-    "outlet.proximal_mmhg_min_ml": -3,
-    "outlet.compliance_ml_mmhg": 3,
-}
-"""By which power of print_scale a print's value is above its design's."""
-_UNSCALED: Final = ("outlets", "pulse.table", "losses.stenoses")
 _HAS_NONE: Final = ", and the recipe has none"
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
 _IN_SPACE: Final = ("three_d", "match_split", "ranks", "svmultiphysics")
@@ -238,92 +204,15 @@ def part_of(
         section.setdefault("losses", {})["stenoses"] = stenoses(asked["stenosis"])
     typed: list[str] = []
     if base is not None:
-        section, typed = _over(base, section, print_scale)
+        section, typed = section_over(base, section, print_scale)
     try:
         return FlowPart(**section), typed
     except ValidationError as exc:
         raise wrong_option(exc, SECTIONS, "pulsatile flow" if waves else "flow") from exc
 
 
-def _over(
-    base: FlowPart, typed: dict[str, Any], print_scale: float
-) -> tuple[dict[str, Any], list[str]]:
-    """A run's section with what was typed in its place, and what that is.
-
-    Raises
-    ------
-    UsageError
-        For a typed table or stenosis of a print that isn't of its design's size.
-    """
-    known = base.model_dump(exclude_none=True)
-    if base.every_outlet is not None:
-        known["outlet"] = known.get("pulse", {}).pop("outlet", None) or known["outlet"]
-    known.get("compare", {}).pop("lattice", None)
-    section: dict[str, Any] = {
-        key: known.pop(key, {}) | typed.pop(key) for key in _SOLVED if key in typed
-    }
-    held = _flat({key: value for key, value in known.items() if key not in _SOLVED})
-    said = []
-    for key, value in _flat(typed).items():
-        rivals = [other for other in held if other == key or _alternatives(key, other)]
-        old = ", ".join(f"{other} {_shown(held.pop(other))}" for other in rivals)
-        said.append(f"{key} {_shown(value)}" + (f" in place of {old}" if old else ""))
-        if print_scale != 1.0 and key in _UNSCALED:
-            raise UsageError(
-                f"{key} is of the design's size, and this run is printed {print_scale:g} times as "
-                "large; say it in the recipe"
-            )
-        power = _PRINT_POWER.get(key, 0)
-        held[key] = value / print_scale**power if power else value
-    for key, value in held.items():
-        part, _, name = key.rpartition(".")
-        (section.setdefault(part, {}) if part else section)[name] = value
-    return section, said
-
-
-def _flat(section: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by key, those of sections as ``pulse.period_s``; a fluid is one value."""
-    made: dict[str, Any] = {}
-    for key, value in section.items():
-        if isinstance(value, dict) and key != "viscosity":
-            made |= {f"{key}.{name}": one for name, one in value.items()}
-        else:
-            made[key] = value
-    return made
-
-
-def _alternatives(key: str, other: str) -> bool:
-    """Whether a section has one of two keys; those of ``outlet`` go together."""
-    pair = {_EVERY_OUTLET if one.startswith(_EVERY_OUTLET) else one for one in (key, other)}
-    return len(pair) > 1 and any(pair <= group for group in _ALTERNATIVES)
-
-
-def conditions_said(part: FlowPart, typed: list[str], print_scale: float) -> str:
-    """Sentence on a run's conditions: what holds, and what was typed in the recipe's place."""
-    inlet = "inlet_flow_ml_min" if part.inlet_pressure_mmhg is None else "inlet_pressure_mmhg"
-    main = {inlet: getattr(part, inlet)}
-    if part.viscosity is None:
-        main["viscosity_mpa_s"] = part.viscosity_mpa_s
-    own = _flat(part.model_dump(exclude_defaults=True, exclude={*_SOLVED, "exports"}))
-    held = ", ".join(f"{key} {_shown(value)}" for key, value in (main | own).items())
-    size = "" if print_scale == 1.0 else f", of the design's size (print_scale {print_scale:g})"
-    if not typed:
-        return f"the recipe's{size}: {held}"
-    return f"the recipe's with what was typed{size}: {held}; typed: {'; '.join(typed)}"
-
-
-def _shown(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
 def space_of(asked: Mapping[str, Any]) -> ThreeDPart:
-    """What was typed of lumens in space, for those that don't solve as --three-d does.
-
-    Raises
-    ------
-    UsageError
-        For a value out of bounds.
-    """
+    """What was typed of lumens in space, for those that don't solve as --three-d does."""
     try:
         return ThreeDPart(**_OTHERS.typed(asked))
     except ValidationError as exc:
@@ -331,13 +220,7 @@ def space_of(asked: Mapping[str, Any]) -> ThreeDPart:
 
 
 def _with_own_space(asked: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The options without those of --three-d that are given for another who solves in space.
-
-    Raises
-    ------
-    UsageError
-        For an option of --three-d that the others don't take.
-    """
+    """The options without those of --three-d that are given for another who solves in space."""
     solving = [name for name in _IN_SPACE if asked[name]]
     if asked["three_d"] or not solving:
         return asked
@@ -384,13 +267,7 @@ def _refuse_without_wave(asked: Mapping[str, Any], waves: bool, why: str) -> Non
 
 
 def shear_band(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """The range of wall shear that is wanted, as the section says it; empty where none is.
-
-    Raises
-    ------
-    UsageError
-        For what isn't two numbers.
-    """
+    """The range of wall shear that is wanted, as the section says it; empty where none is."""
     text = asked["shear_band_dyn_cm2"]
     if text is None:
         return {}

@@ -69,6 +69,10 @@ ProgressFileOption = Annotated[
     Path | None, opt("Append progress to this file, a line of JSON a step.")
 ]
 
+CameraFile = Annotated[
+    Path | None, opt("File of `printctl calibrate camera`: scale and distortion.")
+]
+
 # A print's set-up.
 PrinterOption = Annotated[str, opt("Printer profile: a shipped name or a .yaml file.")]
 SyringeOption = Annotated[str, opt("Syringe profile: a shipped name or a .yaml file.")]
