@@ -197,7 +197,7 @@ COMMANDS: dict[str, str] = {
     "measure": "measure:measure",
     "search": "search:search",
     "flow": "flow:flow",
-    "oxygen": "oxygen:oxygen",
+    "oxygen": "measure:oxygen",
     "lumens": "lumens:lumens",
     "ports": "station:ports",
     "profiles": "profiles:profiles",

@@ -14,14 +14,14 @@ from printctl.cli.options import (
     JsonFlag,
     SourceArg,
     UnitOption,
-    messages,
-    print_json,
-    print_lines,
+    print_dim,
+    print_result,
     refuse_input_as_output,
 )
 from printctl.errors import UsageError
 from printctl.pipeline.solid_build import WRITERS
-from printctl.settings import arg, opt
+from printctl.recipe.solid import SolidPart
+from printctl.settings import arg, of, opt
 
 
 @command
@@ -29,9 +29,7 @@ def solid(
     source: SourceArg,
     out: Path = opt("A .stl, .3mf, .step, .ply, .obj or .vtp file.", ...),
     unit: UnitOption = None,
-    fillet_ratio: float | None = opt(
-        "Of junctions, over their thinnest vessel; 0, or the run's own.", min=0, max=1
-    ),
+    fillet_ratio: float | None = of(SolidPart, "fillet_ratio", default=None),
     wall_mm: float | None = opt("Tubes of this wall, not the lumens.", min=1e-3, max=50),
     as_json: JsonFlag = False,
 ) -> None:
@@ -47,8 +45,7 @@ def solid(
     refuse_input_as_output(out, source)
     read = load_source(source, unit, None)
     network = read.network
-    for note in read.notes:
-        messages().print(note, style="dim", markup=False)
+    print_dim(read.notes)
     if fillet_ratio is None:
         own = source.is_dir() and kind != "step"
         fillet_ratio = recipe_of(source, "solid of a run").solid.fillet_ratio if own else 0.0
@@ -65,15 +62,10 @@ def solid(
             check = validate_file(out)
             check.require_valid()
             facts = asdict(check)
-    if as_json:
-        print_json(facts)
-        return
-    shown = f"{out}: {facts['volume']:.6g} mm³, {facts['faces']} faces"
     crossing = facts.get("crossing_faces", 0)
-    print_lines(shown + (f", {crossing} of which cross others" if crossing else ""))
-
-
-# `printctl convert`: convert a vessel network between file formats.
+    shown = f"{out}: {facts['volume']:.6g} mm³, {facts['faces']} faces"
+    shown += f", {crossing} of which cross others" if crossing else ""
+    print_result(as_json, facts, [shown])
 
 
 @command
@@ -98,12 +90,8 @@ def convert(
     network, notes = read_noted(source, unit, ends)
     write_network(target, network)
     loss = LOSSES.get(target.suffix.lower())
-    if as_json:
-        facts = {"file": str(target), "vessels": network.vessel_count, "loses": loss}
-        print_json(facts | {"notes": list(notes)})
-        return
-    for note in notes:
-        messages().print(note, style="dim", markup=False)
-    if loss:
-        messages().print(f"[dim]{loss}[/]")
-    print_lines(f"{target}: {network.vessel_count} vessels, {len(network.points)} points")
+    facts = {"file": str(target), "vessels": network.vessel_count, "loses": loss}
+    if not as_json:
+        print_dim([*notes, loss] if loss else notes)
+    made = f"{target}: {network.vessel_count} vessels, {len(network.points)} points"
+    print_result(as_json, facts | {"notes": list(notes)}, [made])
