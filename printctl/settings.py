@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass
 from typing import Any, Final, NamedTuple, TypeVar, dataclass_transform, get_args
+
+from printctl.errors import UsageError
 
 T = TypeVar("T")
 
@@ -95,3 +98,40 @@ def settings(group: type[T]) -> type[T]:
             default = {} if value.default is ... else {"default": value.default}
             setattr(group, name, field(**default, metadata={"declared": value}))
     return dataclass(frozen=True)(group)
+
+
+def three_numbers(text: str, option: str) -> tuple[float, float, float]:
+    """Read ``X,Y,Z``.
+
+    Raises
+    ------
+    UsageError
+        When the text isn't three finite numbers.
+    """
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as exc:
+        unit = "µm" if option.endswith("-um") else "mm"
+        raise UsageError(
+            f"{option} {text!r} isn't X,Y,Z in {unit}; write it like 100,100,10"
+        ) from exc
+    if not all(map(math.isfinite, (x, y, z))):
+        raise UsageError(f"{option} {text!r} has a number that isn't finite")
+    return x, y, z
+
+
+def two_numbers(text: str, option: str) -> tuple[float, float]:
+    """Read ``LOW,HIGH``.
+
+    Raises
+    ------
+    UsageError
+        When the text isn't two finite numbers, the lower one first.
+    """
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError as exc:
+        raise UsageError(f"{option} {text!r} isn't LOW,HIGH; write it like -40,20") from exc
+    if not -math.inf < low < high < math.inf:
+        raise UsageError(f"{option} {text!r} must be two finite numbers, the lower one first")
+    return low, high

@@ -56,9 +56,9 @@ from printctl.cli.calibrate_options import (
     write_test,
 )
 from printctl.cli.declare import command
-from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
+from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption
 from printctl.errors import UsageError
-from printctl.settings import opt
+from printctl.settings import opt, three_numbers
 
 
 @dataclass(frozen=True)

@@ -58,10 +58,9 @@ from printctl.cli.options import (
     SyringeOption,
     messages,
     print_lines,
-    three_numbers,
 )
 from printctl.errors import UsageError
-from printctl.settings import arg, of, opt
+from printctl.settings import arg, of, opt, three_numbers
 from registration.devices.lens import read_lens
 from sim.gcode.dry_run.run import dry_run
 

@@ -191,7 +191,7 @@ COMMANDS: dict[str, str] = {
     "compare": "compare:compare_prints",
     "compensate": "compensate:compensate",
     "view": "view:view",
-    "film": "film:film",
+    "film": "view:film",
     "convert": "solid:convert",
     "solid": "solid:solid",
     "measure": "measure:measure",

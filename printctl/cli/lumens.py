@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from printctl.checks.lumens.words import lumen_lines
-from printctl.checks.lumens_in_gcode import LumenQuestion, check_lumens
 from printctl.cli.declare import command
 from printctl.cli.options import (
     GcodeArg,
@@ -12,11 +11,11 @@ from printctl.cli.options import (
     print_notes,
     print_result,
     read_gcode_file,
-    three_numbers,
 )
 from printctl.errors import SafetyError
 from printctl.failures import error_facts
-from printctl.settings import opt
+from printctl.pipeline.lumens_in_gcode import LumenQuestion, check_lumens
+from printctl.settings import opt, three_numbers
 
 
 @command

@@ -23,11 +23,10 @@ from printctl.cli.options import (
     print_json,
     print_note,
     print_result,
-    three_numbers,
 )
 from printctl.cli.running_print import answer, looks
 from printctl.errors import UsageError
-from printctl.settings import arg, opt
+from printctl.settings import arg, opt, three_numbers
 from registration.devices.camera_frame import (
     Bath,
     CameraFrame,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -153,43 +152,6 @@ def is_typed(context: typer.Context, name: str) -> bool:
     """Whether an option stands on the command line, by its parameter's name."""
     source = context.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"
-
-
-def three_numbers(text: str, option: str) -> tuple[float, float, float]:
-    """Read ``X,Y,Z``.
-
-    Raises
-    ------
-    UsageError
-        When the text isn't three finite numbers.
-    """
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError as exc:
-        unit = "µm" if option.endswith("-um") else "mm"
-        raise UsageError(
-            f"{option} {text!r} isn't X,Y,Z in {unit}; write it like 100,100,10"
-        ) from exc
-    if not all(map(math.isfinite, (x, y, z))):
-        raise UsageError(f"{option} {text!r} has a number that isn't finite")
-    return x, y, z
-
-
-def two_numbers(text: str, option: str) -> tuple[float, float]:
-    """Read ``LOW,HIGH``.
-
-    Raises
-    ------
-    UsageError
-        When the text isn't two finite numbers, the lower one first.
-    """
-    try:
-        low, high = (float(part) for part in text.split(","))
-    except ValueError as exc:
-        raise UsageError(f"{option} {text!r} isn't LOW,HIGH; write it like -40,20") from exc
-    if not -math.inf < low < high < math.inf:
-        raise UsageError(f"{option} {text!r} must be two finite numbers, the lower one first")
-    return low, high
 
 
 def refuse_input_as_output(out: Path | None, *inputs: Path) -> None:

@@ -11,8 +11,6 @@ from printctl.cli.options import (
     JsonFlag,
     print_note,
     print_result,
-    three_numbers,
-    two_numbers,
 )
 from printctl.errors import UsageError
 from printctl.machine.link.history import PrintHistory
@@ -20,7 +18,7 @@ from printctl.machine.link.history_entry import PrintEntry, entry_of
 from printctl.machine.link.record import JOURNAL
 from printctl.machine.print_state.print_folder import print_folder
 from printctl.recipe.making import FileScan, SimulatedScan
-from printctl.settings import arg, of, opt, settings
+from printctl.settings import arg, of, opt, settings, three_numbers, two_numbers
 from registration.files import readers
 
 if TYPE_CHECKING:

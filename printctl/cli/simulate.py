@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, load
-from printctl.checks.bead_choices import BeadChoices, BeadOptions
 from printctl.checks.preflight import file_checks, placed_failures, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, refusal_of, set_up
@@ -26,7 +25,6 @@ from printctl.cli.options import (
     print_notes,
     print_result,
     read_gcode_file,
-    three_numbers,
 )
 from printctl.errors import UsageError
 from printctl.failures import error_facts
@@ -34,7 +32,8 @@ from printctl.machine.link.errors import LinkError
 from printctl.machine.link.job import parse_job
 from printctl.machine.link.job_start import declared_start
 from printctl.machine.link.start_checks import ASIDE_MM
-from printctl.settings import opt
+from printctl.pipeline.bead_choices import BeadChoices, BeadOptions
+from printctl.settings import opt, three_numbers
 from sim.gcode.dry_run.run import dry_run
 
 Place = tuple[float, float, float]
@@ -114,7 +113,7 @@ def simulate(
     found: list[dict[str, Any]] | None = None
     if choices.asks:
         # What measures and draws the bead takes seconds to load; the dry run needs none of it.
-        from printctl.checks.predicted_ink import write_predictions
+        from printctl.pipeline.predicted_ink import write_predictions
 
         failures = placed_failures(checks)
         found = write_predictions(file, gcode, run, mounted, choices, failures, print_note)

@@ -17,7 +17,6 @@ from printctl.cli.options import (
     messages,
     print_lines,
     print_result,
-    three_numbers,
 )
 from printctl.errors import PrintctlError, UsageError
 from printctl.machine.link.port_detection import AUTO, locate, matches, read_baud
@@ -25,7 +24,7 @@ from printctl.machine.link.ports import PortInfo, list_ports
 from printctl.machine.station import Station, StationStatus, attach
 from printctl.machine.station import connect as open_station
 from printctl.machine.station.record import usual_folder
-from printctl.settings import arg, opt
+from printctl.settings import arg, opt, three_numbers
 from printctl.sources import python_command
 
 FolderOption = Annotated[

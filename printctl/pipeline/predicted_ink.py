@@ -21,11 +21,11 @@ from printctl.checks.bead import (
     write_prediction,
     written_filaments,
 )
-from printctl.checks.bead_choices import BeadChoices
 from printctl.checks.gcode_view import read_line_map
-from printctl.checks.lumens_in_gcode import place_of_filaments, read_designed
 from printctl.checks.set_up import SetUp
 from printctl.errors import UsageError
+from printctl.pipeline.bead_choices import BeadChoices
+from printctl.pipeline.lumens_in_gcode import place_of_filaments, read_designed
 from sim.gcode.bead import swell
 from sim.gcode.dry_run.run import DryRun
 
