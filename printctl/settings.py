@@ -135,3 +135,17 @@ def two_numbers(text: str, option: str) -> tuple[float, float]:
     if not -math.inf < low < high < math.inf:
         raise UsageError(f"{option} {text!r} must be two finite numbers, the lower one first")
     return low, high
+
+
+def numbers_of(text: str, option: str) -> list[float]:
+    """Read ``1,2,3``.
+
+    Raises
+    ------
+    UsageError
+        When one isn't a number.
+    """
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError as exc:
+        raise UsageError(f"{option} {text!r} isn't a list of numbers; write it like 2,4,6") from exc
