@@ -189,7 +189,7 @@ COMMANDS: dict[str, str] = {
     "dye": "dye:dye",
     "overlay": "overlay:overlay",
     "compare": "compare:compare_prints",
-    "compensate": "compensate:compensate",
+    "compensate": "compare:compensate",
     "view": "view:view",
     "film": "view:film",
     "convert": "solid:convert",

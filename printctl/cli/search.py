@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import typer
 
 from printctl.cli.declare import command
-from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
-from printctl.search import SearchResult, load_search, run_search
-from printctl.search.results import count_lines, table_lines, write_results
+from printctl.cli.options import (
+    JsonFlag,
+    folder_to_write,
+    messages,
+    print_result,
+)
+from printctl.search import load_search, run_search
+from printctl.search.results import count_lines, result_dict, table_lines, write_results
 from printctl.search.workers import WAIT_MIN, Workers
 from printctl.settings import arg, opt
 
@@ -37,27 +41,7 @@ def search(
     asked, who = load_search(search_file), Workers(workers, scheduler, wait_min)
     result = run_search(asked, search_file.resolve().parent, out, messages(), who, limit)
     written = [str(path) for path in write_results(result, out)]
-    if as_json:
-        print_json(as_dict(result) | {"written": written})
-    else:
-        print_lines(*table_lines(result), *count_lines(result), *written)
+    lines = [*table_lines(result), *count_lines(result), *written]
+    print_result(as_json, result_dict(result) | {"written": written}, lines)
     if result.broken or (result.best is None and not result.left):
         raise typer.Exit(1)
-
-
-def as_dict(result: SearchResult) -> dict[str, Any]:
-    """The ranked candidates as plain values."""
-    rows = [
-        {
-            "rank": row.rank,
-            "candidate": row.candidate.number,
-            "state": row.state,
-            "score": row.score,
-            "front": row.front,
-            "values": dict(row.candidate.values),
-            "numbers": dict(row.numbers),
-            "said": row.said,
-        }
-        for row in result.rows
-    ]
-    return {"candidates": rows, "left": result.left, "broken": dict(result.broken)}

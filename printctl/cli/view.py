@@ -33,6 +33,7 @@ from printctl.cli.options import (
     print_dim,
     print_note,
     print_result,
+    read_gcode_file,
 )
 from printctl.errors import UsageError
 from printctl.pipeline.viewing import (
@@ -79,7 +80,8 @@ def view(
     _check_options(context, source)
     page = out if out is not None or png is not None else _default_page(source)
     if is_gcode(source):
-        written, notes = view_gcode(source, page, png, look, gcode, print_note)
+        data = read_gcode_file(source)
+        written, notes = view_gcode(source, data, page, png, look, gcode, print_note)
     else:
         written, notes = view_network(source, page, png, look, network, print_note)
     sizes = {kind: path.stat().st_size for kind, path in written.items()}

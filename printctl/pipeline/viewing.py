@@ -26,7 +26,6 @@ from registration.report.gcode import GcodeJob, GcodePage, draw_layer, write_gco
 from registration.report.gcode.colouring import PLAIN, Colouring, colourings
 from registration.report.network_view import MAX_PIECES
 from registration.report.picture import PictureOptions, Quantity, View, draw_picture, quantities
-from sim.user_files import read_gcode_path
 
 Say = Callable[[str], None]
 Shown = Literal[
@@ -121,6 +120,7 @@ def is_gcode(source: Path) -> bool:
 
 def view_gcode(
     source: Path,
+    data: bytes,
     page: Path | None,
     png: Path | None,
     look: ViewOptions,
@@ -141,7 +141,7 @@ def view_gcode(
         When the file can't be shown, or not as asked.
     """
     _check_model(look, settings, png)
-    job = _read(source, settings, say)
+    job = _read(source, data, settings, say)
     outlines = _outlines(job, settings, look.unit, say)
     there = colourings(job)
     colouring = _chosen(there, look.colour or there[0].key, source)
@@ -185,9 +185,8 @@ def _outlines(
     return PartOutlines(job, part, place)
 
 
-def _read(source: Path, settings: GcodeView, say: Say) -> GcodeJob:
+def _read(source: Path, data: bytes, settings: GcodeView, say: Say) -> GcodeJob:
     pushing = _pushing(settings)
-    data = read_gcode_path(source)
     if not data.strip():
         raise UsageError(f"{source} is empty; give a G-code file with moves")
     say(f"reading {source.name} ...")
