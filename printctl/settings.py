@@ -58,7 +58,8 @@ def of(model: Any, key: str, *names: str, **facts: Any) -> Any:
     key : str
         The field's; its unit is told where an option's name doesn't.
     **facts
-        As of `opt`; a ``default`` in place of the model's, which the help then names.
+        As of `opt`; a ``default`` in place of the model's, which the help then names, or
+        ``otherwise`` in its place.
     """
     if is_dataclass(model):
         return model.__dataclass_fields__[key].metadata["declared"]
@@ -70,11 +71,13 @@ def of(model: Any, key: str, *names: str, **facts: Any) -> Any:
         text,
     ).rstrip(".")
     unit = next((end for end in ("mm_s", key.rpartition("_")[2]) if key.endswith(f"_{end}")), "")
-    if names and not names[0].endswith(unit.replace("_", "-")) and unit in _UNITS:
-        text += f" ({_UNITS[unit]})"
+    sign = _UNITS.get(unit, "") if names else ""
+    if sign and not names[0].endswith(unit) and not re.search(rf"\b{sign}\b", text):
+        text += f" ({sign})"
     default = facts.pop("default", usual)
+    shown = f"{usual:g}" if isinstance(usual, float) else usual
     if default is None and usual is not None:
-        text += f"; else {usual:g}" if isinstance(usual, float) else f"; else {usual}"
+        text += f"; else {facts.pop('otherwise', shown)}"
     return opt(f"{text}.", default, *names, **(_bounds(info) | facts))
 
 

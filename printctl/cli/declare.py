@@ -66,7 +66,7 @@ def command(function: F) -> F:
     made: list[inspect.Parameter] = []
     for one in inspect.signature(function, eval_str=True).parameters.values():
         group: Any = one.default if hasattr(one.default, "parameters") else None
-        if is_dataclass(one.annotation):
+        if isinstance(one.annotation, type) and is_dataclass(one.annotation):
             group = _Fields(one.annotation)
         members = [one] if group is None else group.parameters()
         made += map(_plain, members)

@@ -26,7 +26,7 @@ from printctl.cli.section_options import Sections
 from printctl.errors import UsageError
 from printctl.settings import opt
 
-_TYPED: Final = Sections(SECTIONS, dict)
+_TYPED: Final[Any] = Sections(SECTIONS, dict)
 
 
 @command

@@ -76,8 +76,8 @@ class Sorted(Which):
 
     def query(self) -> HistoryQuery:
         """See `Which.query`."""
-        order = {"sort": self.sort, "descending": not self.reverse, "limit": self.limit}
-        return replace(super().query(), **order)
+        plain = super().query()
+        return replace(plain, sort=self.sort, descending=not self.reverse, limit=self.limit)
 
 
 def show(print_id: IdArg, as_json: JsonFlag = False) -> None:

@@ -117,7 +117,7 @@ def _part(typed: dict[str, Any]) -> OxygenPart:
         raise wrong_option(exc, [_SECTION], "oxygen") from exc
 
 
-_PART: Final = Sections([_SECTION], _part)
+_PART: Final[Any] = Sections([_SECTION], _part)
 
 
 @command

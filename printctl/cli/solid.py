@@ -29,7 +29,9 @@ def solid(
     source: SourceArg,
     out: Path = opt("A .stl, .3mf, .step, .ply, .obj or .vtp file.", ...),
     unit: UnitOption = None,
-    fillet_ratio: float | None = of(SolidPart, "fillet_ratio", default=None),
+    fillet_ratio: float | None = of(
+        SolidPart, "fillet_ratio", default=None, otherwise="0, or the run's own"
+    ),
     wall_mm: float | None = opt("Tubes of this wall, not the lumens.", min=1e-3, max=50),
     as_json: JsonFlag = False,
 ) -> None:

@@ -127,9 +127,9 @@ def mount(
     Another needle or dish must be touched off anew.
     """
     centre = None if dish_centre is None else read_dish_centre(dish_centre)
-    given = {"needle": needle, "syringe": syringe, "ink": ink, "dish": dish, "bath": bath}
-    given |= {"dish_centre_mm": centre, "bath_level_mm": bath_level, "plunger_mm": plunger}
-    named: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    names = {"needle": needle, "syringe": syringe, "ink": ink, "dish": dish, "bath": bath}
+    numbers = {"dish_centre_mm": centre, "bath_level_mm": bath_level, "plunger_mm": plunger}
+    named = {key: value for key, value in {**names, **numbers}.items() if value is not None}
     if not named:
         raise UsageError("nothing is named; give --needle, --dish or the like")
     print_status(the_station(folder).mount(**named), as_json)

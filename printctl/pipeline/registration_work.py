@@ -83,8 +83,9 @@ class Measuring:
 
     def register(self, measured: Scan, design: DesignRead) -> RegisteredScan:
         """Register what was read."""
-        light = "bright" if self.filled else "dark"
-        options = RegistrationOptions(lumens=light, datums=self.datums)
+        options = RegistrationOptions(
+            lumens="bright" if self.filled else "dark", datums=self.datums
+        )
         found = register_scan(measured, design.surface, design.vessels, options)
         return RegisteredScan(**vars(design), source=self.scan, scan=measured, found=found)
 

@@ -129,7 +129,7 @@ class CarePart(Part):
     )
     deadman_min: Annotated[float, Field(ge=0, le=1440)] = Field(
         default=0.0,
-        description="Pause unless somebody confirms within this time (printctl alive); 0 for an "
+        description="Pause unless somebody confirms within so many min (printctl alive); 0 for an "
         "attended print.",
     )
     deadman_stops: bool = Field(default=False, description="Stop then, instead of pausing.")
@@ -432,7 +432,7 @@ class FileScan(Part):
         min_length=1, description="Path, relative to the recipe.", json_schema_extra=FILE
     )
     voxel_um: tuple[float, float, float] | None = Field(
-        default=None, description="x, y, z; where the file doesn't say."
+        default=None, description="Size of a voxel, x, y, z, where the file doesn't say."
     )
     refractive_index: Annotated[float, Field(ge=1, le=2)] | None = Field(
         default=None, description="Group index of gel and liquid."
@@ -506,7 +506,9 @@ class RegistrationPart(Part):
         default=100.0, description="RMS deviation, scaled fit, above which the verdict is fail."
     )
     diameter_tolerance_percent: Sides = Field(
-        default=10.0, description="Error of a diameter, in any section, beyond which it fails."
+        default=10.0,
+        description="Error of a diameter, in any section, beyond which it fails, like 10 or "
+        "+10/-5.",
     )
     decision_rule: Literal["guarded", "conformance", "shared_risk"] = Field(
         default="conformance",
