@@ -56,7 +56,7 @@ def of(model: Any, key: str, *names: str, **facts: Any) -> Any:
     model : type
         A pydantic model, or made by `settings`.
     key : str
-        The field's; its unit is told where an option's name doesn't.
+        The field's; its unit is given where an option's name lacks it.
     **facts
         As of `opt`; a ``default`` in place of the model's, which the help then names, or
         ``otherwise`` in its place.
@@ -84,10 +84,10 @@ def of(model: Any, key: str, *names: str, **facts: Any) -> Any:
 def _bounds(info: Any) -> dict[str, Any]:
     """Bounds of a field, its optional value's included."""
     inner = (one for arg in get_args(info.annotation) for one in getattr(arg, "__metadata__", ()))
-    said = [*info.metadata, *(rule for one in inner for rule in getattr(one, "metadata", ()))]
+    stated = [*info.metadata, *(rule for one in inner for rule in getattr(one, "metadata", ()))]
     return {
         name: getattr(rule, bound)
-        for rule in said
+        for rule in stated
         for bound, name in _BOUNDS.items()
         if hasattr(rule, bound)
     }

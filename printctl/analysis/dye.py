@@ -195,7 +195,7 @@ class FrontOptions:
 
 
 def predict_front(
-    model: Path, out: Path, flow_ml_min: float | None, asked: FrontOptions
+    model: Path, out: Path, flow_ml_min: float | None, requested: FrontOptions
 ) -> dict[str, Any]:
     """Predict the front of dye that runs into a network; write it, and return its figures.
 
@@ -215,9 +215,9 @@ def predict_front(
     FlowError
         When the network has no flow from inlet to outlet.
     """
-    lumens = lumens_of(model, asked.unit, asked.as_printed)
+    lumens = lumens_of(model, requested.unit, requested.as_printed)
     network = lumens.network
-    places = tuple(_place(text, network) for text in asked.at or ())
+    places = tuple(_place(text, network) for text in requested.at or ())
     flow = (
         solve_without_closed(network, None, lumens.closed)
         if lumens.closed
@@ -229,9 +229,9 @@ def predict_front(
             "way from inlet to outlet, so no dye runs"
         )
     rate = flow_ml_min or lumens.flow_ml_min or _USUAL_ML_MIN
-    front = dye_front(network, flow, rate * UL_S_PER_ML_MIN, asked.diffusivity_mm2_s)
+    front = dye_front(network, flow, rate * UL_S_PER_ML_MIN, requested.diffusivity_mm2_s)
     out.mkdir(parents=True, exist_ok=True)
-    return write_front(out, network, flow, front, places, 1.0 / asked.frames_per_s)
+    return write_front(out, network, flow, front, places, 1.0 / requested.frames_per_s)
 
 
 def _place(text: str, network: VesselNetwork) -> VesselPlace:

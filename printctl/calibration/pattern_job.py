@@ -93,10 +93,10 @@ def _gaps(text: str | None, width: float) -> list[float]:
     return [round(width * part, 3) for part in (0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0)]
 
 
-def _across(said: float | None, dish: str | None, needle: str) -> float:
+def _across(stated: float | None, dish: str | None, needle: str) -> float:
     """Diameter of the squares' circle, mm."""
-    if said is not None:
-        return said
+    if stated is not None:
+        return stated
     if dish is None:
         return _ACROSS_MM
     inside = load(Dish, dish)

@@ -220,20 +220,21 @@ def board(
     """
     if out.suffix.lower() != ".png":
         raise UsageError(f"{out}: a board is written as .png")
-    asked = _board(squares, square_mm, marker_mm, markers)
-    longest = (max(asked.columns, asked.rows) + 2) * square_mm * dpi / 25.4
+    requested = _board(squares, square_mm, marker_mm, markers)
+    longest = (max(requested.columns, requested.rows) + 2) * square_mm * dpi / 25.4
     if longest > _MOST_PX:
         raise UsageError(
             f"the board would be {longest:.0f} px long ({_MOST_PX} at most); lower --dpi"
         )
-    if asked.marker_mm / 7 * dpi / 25.4 < 4:
+    cell_dots = requested.marker_mm / 7 * dpi / 25.4
+    if cell_dots < 4:
         raise UsageError(
-            f"a marker's cells would be {asked.marker_mm / 7 * dpi / 25.4:.1f} dots of the printer "
-            "wide (4 wanted); raise --dpi or --square-mm"
+            f"a marker's cells would be {cell_dots:.1f} dots of the printer wide (4 wanted); raise "
+            "--dpi or --square-mm"
         )
-    picture = board_picture(asked, dpi)
+    picture = board_picture(requested, dpi)
     # A square is a whole number of dots, so the file's dots differ a little from the printer's.
-    true_dpi = 25.4 * picture.shape[1] / ((asked.columns + 2) * square_mm)
+    true_dpi = 25.4 * picture.shape[1] / ((requested.columns + 2) * square_mm)
     with atomic_replacement(out) as draft:
         Image.fromarray(picture).save(draft, "PNG", dpi=(true_dpi, true_dpi))
     print_note(f"wrote {out}: print it at 100 %")
@@ -255,8 +256,8 @@ def camera(
     One picture will do where the camera looks down on a plane: fill it with the board. Focus,
     zoom and distance stay as they are from then on.
     """
-    asked = _board(squares, square_mm, marker_mm, markers)
-    views = [find_board(path, asked) for path in pictures]
+    requested = _board(squares, square_mm, marker_mm, markers)
+    views = [find_board(path, requested) for path in pictures]
     lens = fit_lens(views)
     low, high = lens.um_per_px_95
     wide = math.prod(lens.size_px)

@@ -86,9 +86,9 @@ def print_estimates(lines: Mapping[str, Estimate], notes: Sequence[str], as_json
         name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
         for name, e in lines.items()
     }
-    told = [f"{name:<40} {estimate.text()}" for name, estimate in lines.items()]
+    reported = [f"{name:<40} {estimate.text()}" for name, estimate in lines.items()]
     facts = {"estimates": values, "level": 0.95, "notes": notes}
-    print_result(as_json, facts, [*told, "(95 % intervals)", *notes])
+    print_result(as_json, facts, [*reported, "(95 % intervals)", *notes])
 
 
 def write_test(
@@ -333,8 +333,8 @@ def _of_head(
     heads[number]["offset_mm"] = {
         axis: round(one.value, 4) for axis, one in zip("xyz", estimates, strict=True)
     }
-    told = ", ".join(f"{axis} {one.text()}" for axis, one in zip("xyz", estimates, strict=True))
-    measured = MeasuredValue(heads, f"{told}, 95 %")
+    reported = ", ".join(f"{axis} {one.text()}" for axis, one in zip("xyz", estimates, strict=True))
+    measured = MeasuredValue(heads, f"{reported}, 95 %")
     write_measured(write, printer, {f"heads.{number}.offset_mm": measured})
 
 
@@ -437,8 +437,8 @@ def _weigh_flow(
         dispenser = head.model_copy(update={"measured": measured})
         values = dispenser.model_dump(mode="json", exclude_unset=True)
         values["measured"] = measured.model_dump(mode="json")
-        said = MeasuredValue(values, f"{flow.text()}, 95 %")
-        write_measured(write, machine, {"dispenser": said})
+        stated = MeasuredValue(values, f"{flow.text()}, 95 %")
+        write_measured(write, machine, {"dispenser": stated})
 
 
 @command

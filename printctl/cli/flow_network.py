@@ -53,26 +53,26 @@ def run_network(
     FlowError, SolidError, OSError
         As the solvers.
     """
-    asked, output = context.params, FlowOutput()
-    if asked["as_printed"]:
+    requested, output = context.params, FlowOutput()
+    if requested["as_printed"]:
         _as_printed(context, network, out, output)
         return output
-    if asked["scanned"]:
+    if requested["scanned"]:
         raise UsageError("--scanned is for --as-printed --three-d; add these, or leave it out")
-    source = load_source(network, asked["unit"], None)
+    source = load_source(network, requested["unit"], None)
     # Options are a recipe's section under the same names: `part_of` takes them by name.
     if network.is_dir():
         driven, fillet, output.summary["conditions"] = driven_of(context, network, "flow of a run")
     else:
-        driven = Driven(part_of(asked)[0])
-        fillet = FILLET if asked["fillet_ratio"] is None else asked["fillet_ratio"]
-    tables = NpzTables(out / NPZ) if asked["results"] == "npz" else CsvTables(out)
-    made = _NetworkFlow(source.network, driven, space_of(asked), out, fillet, output)
+        driven = Driven(part_of(requested)[0])
+        fillet = FILLET if requested["fillet_ratio"] is None else requested["fillet_ratio"]
+    tables = NpzTables(out / NPZ) if requested["results"] == "npz" else CsvTables(out)
+    made = _NetworkFlow(source.network, driven, space_of(requested), out, fillet, output)
     made.lumped_and_waves(tables)
     if source.notes:
         output.summary["notes"] = [*source.notes, *output.summary.get("notes", ())]
     output.files = list(tables.files)
-    paths = {name: asked[name] for name in EXPORTS if asked[name] is not None}
+    paths = {name: requested[name] for name in EXPORTS if requested[name] is not None}
     output.files += write_exports(paths, source.network, driven, made.space, fillet)
     made.in_space()
     if others.ranks is not None:
@@ -186,28 +186,28 @@ _ELSEWHERE: Final = (
 
 def _as_printed(context: typer.Context, folder: Path, out: Path, output: FlowOutput) -> None:
     """Solve by the recipe's conditions and what was typed in their place."""
-    asked = context.params
+    requested = context.params
     for key in _ELSEWHERE:
-        if asked[key] not in (None, False):
+        if requested[key] not in (None, False):
             name = key.replace("_", "-")
             raise UsageError(f"--{name} doesn't go with --as-printed; leave one of them out")
-    if asked["unit"] not in (None, "mm"):
-        raise UsageError(f"a run folder's files are in mm, not {asked['unit']}; drop --unit")
-    if asked["scanned"] and not asked["three_d"]:
+    if requested["unit"] not in (None, "mm"):
+        raise UsageError(f"a run folder's files are in mm, not {requested['unit']}; drop --unit")
+    if requested["scanned"] and not requested["three_d"]:
         raise UsageError("--scanned is for --three-d; add that, or leave it out")
-    driven, fillet, said = driven_of(context, folder, "--as-printed")
-    case = PrintedCase(folder, driven, fillet, asked["scanned"])
+    driven, fillet, stated = driven_of(context, folder, "--as-printed")
+    case = PrintedCase(folder, driven, fillet, requested["scanned"])
     with messages().status("flow as printed") as status:
         summary, files = solve_as_printed(case, out, status.update)
-    output.summary |= {"conditions": said} | summary
+    output.summary |= {"conditions": stated} | summary
     output.files += files
 
 
 def driven_of(context: typer.Context, folder: Path, what: str) -> tuple[Driven, float, str]:
     """A run's conditions with what was typed in their place, its fillets, a sentence on it."""
-    asked, recipe = context.params, recipe_of(folder, what)
-    part, typed = part_of(asked, recipe.flow, recipe.print_scale)
-    ratio = asked["fillet_ratio"]
+    requested, recipe = context.params, recipe_of(folder, what)
+    part, typed = part_of(requested, recipe.flow, recipe.print_scale)
+    ratio = requested["fillet_ratio"]
     fillet = recipe.solid.fillet_ratio if ratio is None else ratio
     driven = driven_by_run(folder, part, recipe.print_scale)
     return driven, fillet, conditions_said(part, typed, recipe.print_scale)

@@ -174,7 +174,7 @@ _TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def part_of(
-    asked: Mapping[str, Any], base: FlowPart | None = None, print_scale: float = 1.0
+    requested: Mapping[str, Any], base: FlowPart | None = None, print_scale: float = 1.0
 ) -> tuple[FlowPart, list[str]]:
     """The section that options, by their names, stand for, and what they say in a run's place.
 
@@ -191,17 +191,17 @@ def part_of(
     UsageError
         For options that don't go together, a value out of bounds, a fluid that can't be read.
     """
-    waves = any(asked[key] is not None for key in _WAVES)
+    waves = any(requested[key] is not None for key in _WAVES)
     own_pulse = base is not None and base.pulse is not None
-    _refuse_without_wave(asked, waves or own_pulse, "" if base is None else _HAS_NONE)
-    refuse_idle_options(asked)
+    _refuse_without_wave(requested, waves or own_pulse, "" if base is None else _HAS_NONE)
+    refuse_idle_options(requested)
     section = (
-        section_values(SECTIONS, _with_own_space(asked))
-        | fluid_section(asked["fluid"])
-        | shear_band(asked)
+        section_values(SECTIONS, _with_own_space(requested))
+        | fluid_section(requested["fluid"])
+        | shear_band(requested)
     )
-    if asked["stenosis"]:
-        section.setdefault("losses", {})["stenoses"] = stenoses(asked["stenosis"])
+    if requested["stenosis"]:
+        section.setdefault("losses", {})["stenoses"] = stenoses(requested["stenosis"])
     typed: list[str] = []
     if base is not None:
         section, typed = section_over(base, section, print_scale)
@@ -211,33 +211,33 @@ def part_of(
         raise wrong_option(exc, SECTIONS, "pulsatile flow" if waves else "flow") from exc
 
 
-def space_of(asked: Mapping[str, Any]) -> ThreeDPart:
+def space_of(requested: Mapping[str, Any]) -> ThreeDPart:
     """What was typed of lumens in space, for those that don't solve as --three-d does."""
     try:
-        return ThreeDPart(**_OTHERS.typed(asked))
+        return ThreeDPart(**_OTHERS.typed(requested))
     except ValidationError as exc:
         raise wrong_option(exc, [_OTHERS], "3D flow") from exc
 
 
-def _with_own_space(asked: Mapping[str, Any]) -> Mapping[str, Any]:
+def _with_own_space(requested: Mapping[str, Any]) -> Mapping[str, Any]:
     """The options without those of --three-d that are given for another who solves in space."""
-    solving = [name for name in _IN_SPACE if asked[name]]
-    if asked["three_d"] or not solving:
-        return asked
+    solving = [name for name in _IN_SPACE if requested[name]]
+    if requested["three_d"] or not solving:
+        return requested
     takes = [name for name, by in _TAKEN.items() if set(solving) & set(by)]
-    typed = [name for name in THREE_D.fields() if asked[name] is not None]
+    typed = [name for name in THREE_D.fields() if requested[name] is not None]
     for name in typed:
         if name not in takes:
-            word = f"no_{name}" if asked[name] is False else name
+            word = f"no_{name}" if requested[name] is False else name
             raise UsageError(
                 f"{option(word)} is for --three-d; {option(solving[0])} takes "
                 f"{' and '.join(map(option, takes))} alone. Add --three-d to solve here, too, or "
                 "leave it out"
             )
-    return {**asked, **dict.fromkeys(typed)}
+    return {**requested, **dict.fromkeys(typed)}
 
 
-def refuse_idle_options(asked: Mapping[str, Any]) -> None:
+def refuse_idle_options(requested: Mapping[str, Any]) -> None:
     """Refuse an option that does nothing without another one.
 
     Raises
@@ -246,29 +246,29 @@ def refuse_idle_options(asked: Mapping[str, Any]) -> None:
     """
     for key, other in _NEED.items():
         # An option that may be given again is an empty list where it isn't given.
-        if asked[key] not in (None, [], ()) and not asked[other]:
+        if requested[key] not in (None, [], ()) and not requested[other]:
             raise needs_another(key, other)
-    if asked["fillet_ratio"] is not None and not any(asked[key] for key in _IN_SPACE):
+    if requested["fillet_ratio"] is not None and not any(requested[key] for key in _IN_SPACE):
         raise UsageError(
             "--fillet-ratio rounds the lumens that 3D flow is solved in; give --three-d, "
             "--match-split, --ranks or --svmultiphysics, or leave it out"
         )
 
 
-def _refuse_without_wave(asked: Mapping[str, Any], waves: bool, why: str) -> None:
+def _refuse_without_wave(requested: Mapping[str, Any], waves: bool, why: str) -> None:
     if waves:
         return
-    idle = next((name for name in PULSE.fields() if asked[name] is not None), None)
+    idle = next((name for name in PULSE.fields() if requested[name] is not None), None)
     if idle is not None:
         raise UsageError(f"{option(idle)} is for pulsatile flow{why}; {_GIVE_WAVE}")
     for key, does in (("svoned", "writes a pulsatile problem"), ("one_d", "follows a pulse")):
-        if asked[key]:
+        if requested[key]:
             raise UsageError(f"{option(key)} {does}{why}; {_GIVE_WAVE}")
 
 
-def shear_band(asked: Mapping[str, Any]) -> dict[str, Any]:
+def shear_band(requested: Mapping[str, Any]) -> dict[str, Any]:
     """The range of wall shear that is wanted, as the section says it; empty where none is."""
-    text = asked["shear_band_dyn_cm2"]
+    text = requested["shear_band_dyn_cm2"]
     if text is None:
         return {}
     return {"shear_band_dyn_cm2": numbers(text, "--shear-band-dyn-cm2", "LOW,HIGH", 2)}

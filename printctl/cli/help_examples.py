@@ -95,9 +95,9 @@ class NameTable(Table):
 def _joined(cells: list[Any]) -> Text:
     """Names below each other, after the mark of what must be given."""
     texts = [cell if isinstance(cell, Text) else Text(str(cell)) for cell in cells]
-    said = [text for text in texts if text.plain]
-    mark = said.pop(0) if said and said[0].plain == _REQUIRED else None
-    names = Text("\n").join(said)
+    stated = [text for text in texts if text.plain]
+    mark = stated.pop(0) if stated and stated[0].plain == _REQUIRED else None
+    names = Text("\n").join(stated)
     return names if mark is None else Text(" ").join([mark, names])
 
 

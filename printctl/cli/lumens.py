@@ -22,7 +22,7 @@ from printctl.settings import opt, three_numbers
 def lumens(
     *,
     file: GcodeArg,
-    asked: LumenQuestion,
+    requested: LumenQuestion,
     place: str | None = opt("The part's origin in the printer's frame, mm.", metavar="X,Y,Z"),
     every: bool = opt("A row for every lumen.", False, "--all"),
     as_json: JsonFlag = False,
@@ -33,7 +33,7 @@ def lumens(
     exit code 3 when a lumen is closed or leaks.
     """
     at = None if place is None else three_numbers(place, "--place")
-    check, found = check_lumens(file, read_gcode_file(file), asked, at, print_note)
+    check, found = check_lumens(file, read_gcode_file(file), requested, at, print_note)
     facts = {"file": str(file), "place_mm": found.tolist(), **check.as_dict()}
     refusal = None if check.refusal is None else SafetyError(check.refusal)
     failed = error_facts(refusal, str(refusal), 3) if refusal else {}

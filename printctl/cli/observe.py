@@ -285,15 +285,17 @@ def _height_note(found: CameraFrame, ties: Ties) -> list[str]:
     ]
 
 
-def _measured(drawn: Insert, said: str | None) -> Insert:
-    if said is None:
+def _measured(drawn: Insert, stated: str | None) -> Insert:
+    if stated is None:
         return drawn
     try:
-        length, *more = (float(word) for word in said.split(","))
+        length, *more = (float(word) for word in stated.split(","))
     except ValueError as exc:
-        raise UsageError(f"--measured {said!r} isn't MM or MM,U; write it like 66.61,0.03") from exc
+        raise UsageError(
+            f"--measured {stated!r} isn't MM or MM,U; write it like 66.61,0.03"
+        ) from exc
     if len(more) > 1 or length <= 0 or any(u <= 0 for u in more):
-        raise UsageError(f"--measured {said!r} isn't MM or MM,U; write it like 66.61,0.03")
+        raise UsageError(f"--measured {stated!r} isn't MM or MM,U; write it like 66.61,0.03")
     return drawn.measured("left", length, more[0] if more else 0.03)
 
 
@@ -393,8 +395,8 @@ def tip(
     frames = [files[path] for path in (frame if len(frame) > 1 else frame * len(pictures))]
     places = np.array([three_numbers(word, "--at") for word in at])
     views, missed = _views(pictures, frames, places, rod, reach_mm, ground)
-    for said in missed:
-        print_note(said)
+    for stated in missed:
+        print_note(stated)
     if not views:
         raise PictureError("the tip is not found in any picture")
     first = None if known_z_mm is None else np.array([5.0, 5.0, known_z_mm])

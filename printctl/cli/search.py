@@ -38,8 +38,8 @@ def search(
     Killed or interrupted, it goes on where it was. Exit code 1 when a candidate broke, or none
     keeps the limits though all are known.
     """
-    asked, who = load_search(search_file), Workers(workers, scheduler, wait_min)
-    result = run_search(asked, search_file.resolve().parent, out, messages(), who, limit)
+    requested, who = load_search(search_file), Workers(workers, scheduler, wait_min)
+    result = run_search(requested, search_file.resolve().parent, out, messages(), who, limit)
     written = [str(path) for path in write_results(result, out)]
     lines = [*table_lines(result), *count_lines(result), *written]
     print_result(as_json, result_dict(result) | {"written": written}, lines)

@@ -55,7 +55,7 @@ class SectionOptions:
             if _kind(info) is not None
         }
 
-    def typed(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+    def typed(self, requested: Mapping[str, Any]) -> dict[str, Any]:
         """Values of the fields whose options were given, by field.
 
         Raises
@@ -63,8 +63,8 @@ class SectionOptions:
         UsageError
             For a file that isn't there, or an option without the section's flag.
         """
-        given = {name: asked[name] for name in self.fields() if asked[name] is not None}
-        if given and self.flag and not asked[self.at[-1]]:
+        given = {name: requested[name] for name in self.fields() if requested[name] is not None}
+        if given and self.flag and not requested[self.at[-1]]:
             first = next(iter(given))
             word = f"no_{first}" if given[first] is False else first
             raise needs_another(word, self.at[-1])
@@ -100,8 +100,10 @@ def parameters(groups: Sequence[SectionOptions]) -> list[inspect.Parameter]:
     made = []
     for group in groups:
         if group.flag:
-            said = typer.Option(option(group.at[-1]), help=group.flag, rich_help_panel=group.panel)
-            made.append(keyword(group.at[-1], Annotated[bool, said], False))
+            stated = typer.Option(
+                option(group.at[-1]), help=group.flag, rich_help_panel=group.panel
+            )
+            made.append(keyword(group.at[-1], Annotated[bool, stated], False))
         made += [
             _parameter(name, group.model.model_fields[key], group.panel, names)
             for name, key in group.fields().items()
@@ -109,7 +111,9 @@ def parameters(groups: Sequence[SectionOptions]) -> list[inspect.Parameter]:
     return made
 
 
-def section_values(groups: Sequence[SectionOptions], asked: Mapping[str, Any]) -> dict[str, Any]:
+def section_values(
+    groups: Sequence[SectionOptions], requested: Mapping[str, Any]
+) -> dict[str, Any]:
     """What was typed, as a recipe's section would say it.
 
     Raises
@@ -119,8 +123,8 @@ def section_values(groups: Sequence[SectionOptions], asked: Mapping[str, Any]) -
     """
     section: dict[str, Any] = {}
     for group in groups:
-        typed, place = group.typed(asked), section
-        begun = typed or (group.flag and asked[group.at[-1]])
+        typed, place = group.typed(requested), section
+        begun = typed or (group.flag and requested[group.at[-1]])
         for key in group.at if begun else ():
             place = place.setdefault(key, {})
         place |= typed
@@ -141,8 +145,8 @@ def wrong_option(exc: ValidationError, groups: Sequence[SectionOptions], what: s
         (*group.at, key): option(name) for group in groups for name, key in group.fields().items()
     }
     if place not in options:
-        said = _with_options(wording(first), _plain_names(groups))
-        return UsageError(f"{'.'.join(place) or what}: {said}")
+        stated = _with_options(wording(first), _plain_names(groups))
+        return UsageError(f"{'.'.join(place) or what}: {stated}")
     if first["type"] == "missing":
         return UsageError(f"{options[place]} {wording(first)}; give it")
     return UsageError(f"{options[place]}: {wording(first)} (is {first['input']!r})")
@@ -167,13 +171,13 @@ def _parameter(
         typed = f"{typed}/--no-{typed[2:]}"
     hidden = info.is_required() or default is None or kind is bool
     shown = "" if hidden else _shown(default)
-    said = typer.Option(
+    stated = typer.Option(
         typed,
         help=_with_options(info.description or "", names),
         show_default=shown or False,
         rich_help_panel=panel or None,
     )
-    return keyword(name, Annotated[kind | None, said], None)
+    return keyword(name, Annotated[kind | None, stated], None)
 
 
 def _plain_names(groups: Sequence[SectionOptions]) -> dict[str, str]:

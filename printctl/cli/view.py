@@ -185,19 +185,21 @@ def film(
     print_result(as_json, facts, [f"{path} ({count} frames, {count / fps:.1f} s)"])
 
 
-def _frames(asked: dict[str, Any], loaded: Source, scene: FilmScene) -> Iterator[Frame]:
+def _frames(requested: dict[str, Any], loaded: Source, scene: FilmScene) -> Iterator[Frame]:
     """Frames of growth or of a pulse, by the options' names."""
-    colour, source = asked["colour"], asked["source"]
-    if asked["show"] == "growth":
+    colour, source = requested["colour"], requested["source"]
+    if requested["show"] == "growth":
         quantity = _coloured(loaded, colour)
-        how = GrowthFilm(asked["by"], asked["steps"], murray_exponent=_murray(source))
+        how = GrowthFilm(requested["by"], requested["steps"], murray_exponent=_murray(source))
         return growth_frames(scene, quantity, how)
     if colour not in (None, "pressure", "flow"):
         raise UsageError(f"--colour {colour}: a pulse is shown by pressure or flow")
     if not source.is_dir():
         raise UsageError(f"{source} is no run folder, and a pulse is its recipe's; give one")
-    film_of = PulseFilm(colour or "pressure", asked["solver"], asked["frames"], asked["cycles"])
-    return pulse_frames(scene, recipe_of(source, "a pulse"), asked["tables"], film_of)
+    film_of = PulseFilm(
+        colour or "pressure", requested["solver"], requested["frames"], requested["cycles"]
+    )
+    return pulse_frames(scene, recipe_of(source, "a pulse"), requested["tables"], film_of)
 
 
 def _coloured(loaded: Source, colour: str | None) -> Quantity:

@@ -72,7 +72,7 @@ class LumenQuestion:
 
 
 def check_lumens(
-    file: Path, gcode: bytes, asked: LumenQuestion, place: Place | None, say: Say
+    file: Path, gcode: bytes, requested: LumenQuestion, place: Place | None, say: Say
 ) -> Found:
     """Check what the file's layers or filaments leave open.
 
@@ -97,13 +97,15 @@ def check_lumens(
     UsageError
         When a question is open, or answered twice.
     """
-    writing = writing_of(asked)
-    designed = None if asked.network is None else read_designed(asked.network, asked.unit, say)
-    part = read_part(asked.model, asked.network, asked.unit, say)
+    writing = writing_of(requested)
+    designed = (
+        None if requested.network is None else read_designed(requested.network, requested.unit, say)
+    )
+    part = read_part(requested.model, requested.network, requested.unit, say)
     if designed is None and part is None:
         raise UsageError("nothing says where lumens should be; give --network or --model")
-    leak_mm = asked.leak_um * 1e-3
-    if asked.embedded or (designed is not None and is_embedded(file, gcode, writing)):
+    leak_mm = requested.leak_um * 1e-3
+    if requested.embedded or (designed is not None and is_embedded(file, gcode, writing)):
         return _filaments(gcode, writing, designed, place, leak_mm)
     return _layers(gcode, writing, designed, part, place, leak_mm)
 

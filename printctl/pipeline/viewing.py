@@ -227,15 +227,15 @@ def _pushing(settings: GcodeView) -> Pushing:
     )
 
 
-def _layer(job: GcodeJob, asked: int | None, source: Path) -> int:
+def _layer(job: GcodeJob, requested: int | None, source: Path) -> int:
     """Layer from 0: the middle one of layers, the last of passes, unless the user says."""
     count = len(job.layers)
-    if asked is None:
+    if requested is None:
         return count - 1 if job.layers.passes else (count - 1) // 2
-    if asked > count:
+    if requested > count:
         noun = "passes" if job.layers.passes else "layers"
-        raise UsageError(f"--layer {asked}: {source} has {count} {noun}")
-    return asked - 1
+        raise UsageError(f"--layer {requested}: {source} has {count} {noun}")
+    return requested - 1
 
 
 _Shown = TypeVar("_Shown", Colouring, Quantity)

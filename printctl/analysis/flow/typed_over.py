@@ -49,11 +49,11 @@ def section_over(
         key: known.pop(key, {}) | typed.pop(key) for key in _SOLVED if key in typed
     }
     held = _flat({key: value for key, value in known.items() if key not in _SOLVED})
-    said = []
+    stated = []
     for key, value in _flat(typed).items():
         rivals = [other for other in held if other == key or _alternatives(key, other)]
         old = ", ".join(f"{other} {_shown(held.pop(other))}" for other in rivals)
-        said.append(f"{key} {_shown(value)}" + (f" in place of {old}" if old else ""))
+        stated.append(f"{key} {_shown(value)}" + (f" in place of {old}" if old else ""))
         if print_scale != 1.0 and key in _UNSCALED:
             raise UsageError(
                 f"{key} is of the design's size, and this run is printed {print_scale:g} times as "
@@ -64,7 +64,7 @@ def section_over(
     for key, value in held.items():
         part, _, name = key.rpartition(".")
         (section.setdefault(part, {}) if part else section)[name] = value
-    return section, said
+    return section, stated
 
 
 def _flat(section: Mapping[str, Any]) -> dict[str, Any]:
