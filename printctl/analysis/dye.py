@@ -14,15 +14,28 @@ import numpy as np
 
 from design.files import write_bytes
 from design.geometry.polyline import arc_lengths
-from design.hemodynamics.dye import CarryingFlow, DyeFront, check_frames, dye_curves, front_table
+from design.hemodynamics.dye import (
+    DYE_DIFFUSIVITY,
+    CarryingFlow,
+    DyeFront,
+    check_frames,
+    dye_curves,
+    dye_front,
+    front_table,
+)
 from design.network import VesselNetwork
 from design.units import UL_S_PER_ML_MIN, LengthUnit
 from kernels.arrays import FloatArray
 from printctl.analysis.flow.as_printed import printed_lumens, read_print
 from printctl.analysis.flow.tables import write_columns
 from printctl.analysis.networks import Drive, load_source
+from printctl.errors import UsageError
+from printctl.settings import opt, settings
+from registration.dye.flow import carrying_flow, solve_without_closed
 from registration.measuring.gauging import with_printed_lengths
 from registration.report.figures import network_figure
+
+_USUAL_ML_MIN: Final = 0.25
 
 # Load a network's lumens for a dye prediction: as designed, or as measured on a print.
 
@@ -168,3 +181,68 @@ def volume_share(network: VesselNetwork, places: Sequence[VesselPlace]) -> Float
         volume = np.concatenate([[0.0], np.cumsum((area[1:] + area[:-1]) / 2 * np.diff(fine))])
         shares.append(np.interp(place.share * arc[-1], fine, volume) / volume[-1])
     return np.array(shares)
+
+
+@settings
+class FrontOptions:
+    """What is asked of a dye front that is predicted."""
+
+    frames_per_s: float = opt("Of the film to come (--predict).", 25.0, min=1e-3)
+    as_printed: bool = opt("Lumens as registration found them (--predict).", False)
+    at: list[str] | None = opt("Places of curves (--predict).", metavar="VESSEL:SHARE")
+    unit: LengthUnit | None = opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc).")
+    diffusivity_mm2_s: float = opt("Of the dye (--predict).", DYE_DIFFUSIVITY, min=0.0)
+
+
+def predict_front(
+    model: Path, out: Path, flow_ml_min: float | None, requested: FrontOptions
+) -> dict[str, Any]:
+    """Predict the front of dye that runs into a network; write it, and return its figures.
+
+    Parameters
+    ----------
+    model : Path
+        A run folder or a network's file.
+    out : Path
+        Folder for the files, made where it isn't.
+    flow_ml_min : float or None, mL/min
+        Into the part; the run's own or 0.25 where not given.
+
+    Raises
+    ------
+    UsageError
+        For a place off the network, or where closed vessels leave no way through.
+    FlowError
+        When the network has no flow from inlet to outlet.
+    """
+    lumens = lumens_of(model, requested.unit, requested.as_printed)
+    network = lumens.network
+    places = tuple(_place(text, network) for text in requested.at or ())
+    flow = (
+        solve_without_closed(network, None, lumens.closed)
+        if lumens.closed
+        else carrying_flow(network, None)
+    )
+    if flow is None:
+        raise UsageError(
+            f"the printed vessels that are closed ({', '.join(map(str, lumens.closed))}) leave no "
+            "way from inlet to outlet, so no dye runs"
+        )
+    rate = flow_ml_min or lumens.flow_ml_min or _USUAL_ML_MIN
+    front = dye_front(network, flow, rate * UL_S_PER_ML_MIN, requested.diffusivity_mm2_s)
+    out.mkdir(parents=True, exist_ok=True)
+    return write_front(out, network, flow, front, places, 1.0 / requested.frames_per_s)
+
+
+def _place(text: str, network: VesselNetwork) -> VesselPlace:
+    vessel, _, share = text.partition(":")
+    try:
+        place = VesselPlace(int(vessel), float(share or 1.0))
+    except ValueError:
+        place = VesselPlace(-1, np.nan)
+    if not (0 <= place.vessel < network.vessel_count and 0.0 <= place.share <= 1.0):
+        raise UsageError(
+            f"--at {text} isn't a place; give VESSEL:SHARE with a vessel from 0 to "
+            f"{network.vessel_count - 1} and a share of its length from 0 to 1, as in 5:0.5"
+        )
+    return place

@@ -8,8 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from design.files import write_bytes
-from design.hemodynamics import FlowSolution
+from design.hemodynamics import FlowSolution, vessel_resistance
 from design.hemodynamics.oxygen import (
     OxygenConditions,
     grid_of_tissue,
@@ -21,7 +23,9 @@ from design.hemodynamics.oxygen import (
 )
 from design.network import VesselNetwork
 from design.tissue import Tissue
+from design.units import PA_PER_MMHG
 from printctl.analysis.flow.tables import write_columns
+from printctl.analysis.networks import Source
 from printctl.progress import Report
 from printctl.recipe.parts import OxygenPart
 from printctl.run_folder.artefacts import OXYGEN
@@ -129,3 +133,25 @@ def hypoxia(summary: dict[str, Any], part: OxygenPart) -> str:
         f"{summary['threshold_millimolar']:g} mM; the least is "
         f"{summary['least_millimolar']:.3g} mM,{word}at ({x:g}, {y:g}, {z:g}) mm{rests}"
     )
+
+
+def known_flow(source: Source) -> FlowSolution | None:
+    """The flow that a run found; None where nothing is known."""
+    known, network = source.known.flow, source.network
+    if "flow_ul_s" not in known:
+        return None
+    flow, radius = known["flow_ul_s"], network.mean_radius()
+    return FlowSolution(
+        pressure=_node_pressure(network, known["pressure_in_mmhg"], known["pressure_out_mmhg"]),
+        flow=flow,
+        velocity=flow / (np.pi * radius**2),
+        wall_shear=known["wall_shear_pa"],
+        resistance=vessel_resistance(network, 1e-3),
+    )
+
+
+def _node_pressure(network: VesselNetwork, enter: Any, leave: Any) -> Any:
+    pressure = np.zeros(len(network.nodes))
+    pressure[network.vessel_nodes[:, 0]] = enter * PA_PER_MMHG
+    pressure[network.vessel_nodes[:, 1]] = leave * PA_PER_MMHG
+    return pressure

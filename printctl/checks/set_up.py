@@ -16,6 +16,7 @@ from typing import Any, Final, Literal
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
 from firmware_profiles.tools import THINNEST_BORE
 from printctl.errors import SafetyError, UsageError
+from printctl.settings import opt, settings
 
 # Record of a preflight check (limit, value, passed); raise an exception for failed ones.
 
@@ -273,27 +274,24 @@ class SetUp:
 # Load a print set-up (printer, needle, ink, dish, bath) from the names of its profiles.
 
 
-@dataclass(frozen=True)
+@settings
 class ProfileNames:
-    """Names of what is mounted; None for what wasn't given.
+    """Names of what is mounted; None for what wasn't given."""
 
-    Attributes
-    ----------
-    needle, bath, dish : str or None
-        Profiles.
-    dish_centre : str or None
-        Two numbers, mm.
-    bath_depth : float or None, mm
-    thinnest_bore : float
-        As of `SetUp`.
-    """
-
-    needle: str | None
-    bath: str | None
-    dish: str | None
-    dish_centre: str | None
-    bath_depth: float | None
-    thinnest_bore: float = THINNEST_BORE
+    needle: str | None = opt(
+        "Needle profile; force and walls need it. Of several heads: left,right."
+    )
+    bath: str | None = opt("Bath profile; chemistry and warmth need it.")
+    dish: str | None = opt("Dish profile; walls need it.")
+    dish_centre: str | None = opt("Printer's frame; below --start if not.", metavar="X,Y")
+    bath_depth: float | None = opt("How high the dish is filled, mm.", min=0.1)
+    thinnest_bore: float = opt(
+        "Narrowest line, over the needle's bore (0.8 of 0.2 mm are 0.16 mm); try it on the ink "
+        "first.",
+        THINNEST_BORE,
+        min=0.05,
+        max=2.0,
+    )
 
 
 def set_up(

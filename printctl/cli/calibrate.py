@@ -1,53 +1,298 @@
-"""`printctl calibrate`: group of subcommands that measure constants of printer, ink and scanner.
-
-A subcommand with a test has two ways: ``--gcode FILE`` writes the G-code and, beside it, a CSV file
-to fill in; with that file as argument it fits. No profile is written but with ``--write``.
-"""
+"""`printctl calibrate`: measure the constants of printer, ink, camera and scanner."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
 
+import cv2
 import typer
+from PIL import Image
 
-from printctl.calibration.results import level_result
-from printctl.cli.calibrate_camera import board, camera
-from printctl.cli.calibrate_measured import backlash, lag, offset, weigh
-from printctl.cli.calibrate_oct import oct_device, walls
-from printctl.cli.calibrate_options import Csv, numbers_of, print_estimates, read_csv_argument
+from design.files import atomic_replacement
+from printctl.calibration import Estimate
+from printctl.cli.calibrate_measured import backlash, lag, level, offset, print_estimates, weigh
 from printctl.cli.calibrate_pattern import pattern, widths
-from printctl.cli.options import JsonFlag
+from printctl.cli.declare import command, group
+from printctl.cli.options import JsonFlag, print_note, print_notes
+from printctl.cli.scan import voxel_mm
+from printctl.errors import UsageError
+from printctl.settings import arg, numbers_of, opt
+from registration import Scan, ScanOverrides, read_scan
+from registration.devices.lens import Board, board_picture, find_board, fit_lens, write_lens
+from registration.devices.optics import (
+    GridFit,
+    OctCalibration,
+    Step,
+    find_grid,
+    fit_grid,
+    measure_step,
+    read_calibration,
+    with_step,
+    write_calibration,
+)
+from registration.wall_reference import WallCalibration, measured_walls, read_reference
+
+_MEANING = {
+    "scale_x": ("scale along x", ""), "shear": ("shear of y along x", ""),
+    "scale_y": ("scale along y", ""), "bow_xx": ("bow along x", "1/mm"),
+    "bow_xy": ("bow, mixed", "1/mm"), "bow_yy": ("bow along y", "1/mm"),
+    "fan_x": ("fan along x", "1/mm"), "fan_y": ("fan along y", "1/mm"),
+    "depth_scale": ("scale of depth in air", ""),
+    "refractive_index": ("group index of the medium", ""),
+}  # fmt: skip
 
 
-def level(
-    readings: Csv = None,
-    part: Annotated[
-        str, typer.Option("--part", metavar="X,Y", help="Size of the part, mm.")
-    ] = "20,20",
+@command
+def oct_device(
+    grid: list[Path] | None = opt("Scan of a flat dot grid in air; again at another height."),
+    pitch_um: float | None = opt("Of the grid's dots.", min=10),
+    pitch_u_um: float = opt("U (k = 2) of the pitch by the grid's certificate.", 0.0, min=0.0),
+    step: Path | None = opt("Scan of a step of known height."),
+    height_um: float | None = opt("Of the step.", min=10),
+    height_u_um: float = opt("U (k = 2) of the height by the step's certificate.", 0.0, min=0.0),
+    reference: list[Path] | None = opt(
+        "Report folder of a part whose model is what it truly is; again of other scans."
+    ),
+    reference_u_um: float = opt("U (k = 2) of its diameters by its certificate.", 0.0, min=0.0),
+    immersed: bool = opt("The step lay in the medium of the prints.", False, "--immersed/--in-air"),
+    voxel_um: str | None = opt("Where the files don't say; Z as optical path.", metavar="X,Y,Z"),
+    axes: str | None = opt("Order of axes, slowest first.", metavar="ZYX"),
+    scale: Literal["linear", "db"] | None = opt("Of the intensity, where the files don't say."),
+    write: Path | None = opt(
+        "YAML file for `register --oct-calibration`; what it says of other targets stays."
+    ),
     as_json: JsonFlag = False,
 ) -> None:
-    """Level of bed and bath: CSV with surface (bed or bath), x_mm, y_mm and z_mm of touches.
+    """Fan, bow, scales and walls of a device: from a dot grid, a step, a part of known channels.
 
-    Three places of each at least, not in a row; more tell how sure the tilt is.
+    Scan the grid in air at two heights at least 0.5 mm apart: one height can't show the fan.
+    The step in air gives the scale of depth; under the medium (--immersed) its group index.
+    The part's diameters give the offset of walls: register it with the model that it truly is.
     """
-    data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("surface",))
-    size = numbers_of(part, "--part")
-    result = level_result(data, size[0], size[-1])
-    print_estimates(result.lines, list(result.notes), as_json)
+    overrides = ScanOverrides(
+        voxel_mm=voxel_mm(voxel_um), refractive_index=1.0, scale=scale, modality="oct", axes=axes
+    )
+    if overrides.voxel_mm is not None:
+        overrides = ScanOverrides(**{**overrides.__dict__, "optical_depth": True})
+    if not grid and step is None and not reference:
+        raise UsageError(
+            "give scans of a grid (--grid), of a step (--step) or reports of a part of known "
+            "diameters (--reference)"
+        )
+    kept = write is not None and write.exists()
+    calibration = read_calibration(write) if write and kept else OctCalibration()
+    notes = [f"with what {write} said of other targets"] if kept else []
+    if step is not None:
+        heights = height_um, height_u_um
+        measured, calibration = _step(read_scan(step, overrides), heights, calibration, immersed)
+        notes.append(_told_step(measured, immersed, height_u_um))
+    if grid:
+        fit = _grid(
+            [read_scan(path, overrides) for path in grid], (pitch_um, pitch_u_um), calibration
+        )
+        calibration = fit.calibration
+        notes.append(_told_grid(fit))
+    if reference:
+        walls = measured_walls([read_reference(path) for path in reference], reference_u_um)
+        calibration = replace(calibration, walls=walls)
+        notes += _told_reference(walls, reference_u_um)
+    if (grid or step) and not calibration.depth_standard:
+        notes.append(
+            "no step in the medium: depth has no standard, so an error of the index and shrinkage "
+            "along depth look the same"
+        )
+    print_estimates(_estimates(calibration), notes, as_json)
+    if write is not None:
+        write_calibration(write, calibration)
+        print_note(f"wrote {write}")
 
 
-calibrate = typer.Typer(
-    help="Measure a machine's and an ink's constants, each with its uncertainty.",
-    no_args_is_help=True,
+def _step(
+    scan: Scan, heights: tuple[float | None, float], base: OctCalibration, immersed: bool
+) -> tuple[Step, OctCalibration]:
+    height_um, u_um = heights
+    if height_um is None:
+        raise UsageError("--step needs the step's height: give --height-um")
+    measured = measure_step(scan)
+    return measured, with_step(
+        base, measured, height_um * 1e-3, immersed=immersed, height_u_mm=u_um * 1e-3
+    )
+
+
+def _grid(scans: list[Scan], pitches: tuple[float | None, float], base: OctCalibration) -> GridFit:
+    pitch_um, u_um = pitches
+    if pitch_um is None:
+        raise UsageError("--grid needs the distance of its dots: give --pitch-um")
+    views = [find_grid(scan, pitch_um * 1e-3) for scan in scans]
+    return fit_grid(views, pitch_um * 1e-3, base, u_um * 1e-3)
+
+
+def _estimates(calibration: OctCalibration) -> dict[str, Estimate]:
+    (scale_x, shear), (_, scale_y) = calibration.lateral
+    bow, fan = calibration.bow_per_mm, calibration.fan_per_mm
+    values = {
+        "scale_x": scale_x, "shear": shear, "scale_y": scale_y,
+        "bow_xx": bow[0], "bow_xy": bow[1], "bow_yy": bow[2], "fan_x": fan[0], "fan_y": fan[1],
+        "depth_scale": calibration.depth_scale, "refractive_index": calibration.refractive_index,
+    }  # fmt: skip
+    lines = {}
+    for name, (low, high) in calibration.intervals.items():
+        value = values[name]
+        if value is not None:
+            meaning, unit = _MEANING[name]
+            lines[meaning] = Estimate(value, low, high, unit)
+    if calibration.walls is not None:
+        value, half = calibration.walls.offset_um, calibration.walls.interval_um
+        lines["walls lie further into the gel by"] = Estimate(
+            value, value - half, value + half, "µm"
+        )
+    return lines
+
+
+def _told_step(step: Step, immersed: bool, u_um: float) -> str:
+    where = "in the medium" if immersed else "in air"
+    return (
+        f"step {where}: {1e3 * step.path_mm:.1f} µm of path, columns scatter by "
+        f"{1e3 * step.scatter_mm:.1f} µm, tilted by {step.tilt_deg:.1f}°; its height is "
+        + (f"known to ± {u_um:g} µm by its certificate" if u_um else "taken as exact")
+    )
+
+
+def _told_grid(fit: GridFit) -> str:
+    fan = "" if fit.fan_known else "; one height, so the fan is unknown and taken as 0"
+    return (
+        f"grid: {fit.dots} dots, {fit.before_um:.1f} µm off as the device says, "
+        f"{fit.lateral_um:.1f} µm in the plane and {fit.depth_um:.1f} µm in depth after it{fan}"
+    )
+
+
+def _told_reference(walls: WallCalibration, u_um: float) -> list[str]:
+    notes = [
+        f"reference: {walls.scans} scan(s), lumens of {walls.from_um:.0f} to {walls.to_um:.0f} µm, "
+        + (f"known to ± {u_um:g} µm by their certificate" if u_um else "taken as exact")
+        + "; holds for this device, voxel size and material alone"
+    ]
+    if walls.scans == 1:
+        notes.append("one scan: its interval doesn't hold what differs from scan to scan")
+    return notes
+
+
+@command
+def walls(
+    phantoms: list[Path] = arg("Report folders of a reference, as --reference takes them."),
+    write: Path | None = opt("YAML file for `register --oct-calibration`."),
+    as_json: JsonFlag = False,
+) -> None:
+    """Old name of `calibrate oct --reference`, for one more release.
+
+    The file that it writes is the device's, for `register --oct-calibration`.
+    """
+    print_notes(["the new name is printctl calibrate oct --reference"])
+    oct_device(reference=phantoms, write=write, as_json=as_json)
+
+
+_MARKER = 0.75
+"""Side of a marker, of its square's."""
+_MOST_PX = 30_000
+
+Squares = Annotated[str, opt("Squares of the board.", metavar="COLUMNS,ROWS")]
+Square = Annotated[float, opt("Side of a square.")]
+Marker = Annotated[float | None, opt("Side of a marker; 0.75 of a square's if not.")]
+Markers = Annotated[str, opt("OpenCV's name of the markers' set.")]
+
+
+@command
+def board(
+    *,
+    out: Path = arg("PNG to be written."),
+    square_mm: Square,
+    squares: Squares = "11,8",
+    marker_mm: Marker = None,
+    markers: Markers = "5X5_100",
+    dpi: int = opt("Of the printer.", 1200, min=72, max=25400),
+) -> None:
+    """A ChArUco board to print at 100 % and glue onto something flat.
+
+    Measure over ten squares what was printed: `calibrate camera` takes that.
+    """
+    if out.suffix.lower() != ".png":
+        raise UsageError(f"{out}: a board is written as .png")
+    requested = _board(squares, square_mm, marker_mm, markers)
+    longest = (max(requested.columns, requested.rows) + 2) * square_mm * dpi / 25.4
+    if longest > _MOST_PX:
+        raise UsageError(
+            f"the board would be {longest:.0f} px long ({_MOST_PX} at most); lower --dpi"
+        )
+    cell_dots = requested.marker_mm / 7 * dpi / 25.4
+    if cell_dots < 4:
+        raise UsageError(
+            f"a marker's cells would be {cell_dots:.1f} dots of the printer wide (4 wanted); raise "
+            "--dpi or --square-mm"
+        )
+    picture = board_picture(requested, dpi)
+    # A square is a whole number of dots, so the file's dots differ a little from the printer's.
+    true_dpi = 25.4 * picture.shape[1] / ((requested.columns + 2) * square_mm)
+    with atomic_replacement(out) as draft:
+        Image.fromarray(picture).save(draft, "PNG", dpi=(true_dpi, true_dpi))
+    print_note(f"wrote {out}: print it at 100 %")
+
+
+@command
+def camera(
+    *,
+    pictures: list[Path] = arg("Pictures of the board; in the first it lies where prints will."),
+    square_mm: Square,
+    squares: Squares = "11,8",
+    marker_mm: Marker = None,
+    markers: Markers = "5X5_100",
+    write: Path | None = opt("YAML file for --camera of widths and dye."),
+    as_json: JsonFlag = False,
+) -> None:
+    """Scale and distortion of a camera or microscope, from pictures of a ChArUco board.
+
+    One picture will do where the camera looks down on a plane: fill it with the board. Focus,
+    zoom and distance stay as they are from then on.
+    """
+    requested = _board(squares, square_mm, marker_mm, markers)
+    views = [find_board(path, requested) for path in pictures]
+    lens = fit_lens(views)
+    low, high = lens.um_per_px_95
+    wide = math.prod(lens.size_px)
+    covered = cv2.contourArea(cv2.convexHull(views[0].pixels.astype("float32"))) / wide
+    notes = [
+        f"{sum(len(view.pixels) for view in views)} corners in {len(views)} pictures, off by "
+        f"{lens.off_px:.2g} px; the lens moves a place at the border by {lens.bends_px:.1f} px",
+        "the scale is as right as --square-mm: measure over ten squares",
+    ]
+    if covered < 0.5:
+        notes.append(
+            f"the board fills {covered:.0%} of the first picture: distortion beyond it is a guess; "
+            "fill half of it or more"
+        )
+    print_estimates({"scale in the picture's middle": Estimate(lens.um_per_px, low, high, "µm/px")},
+         notes, as_json)  # fmt: skip
+    if write is not None:
+        write_lens(write, lens)
+        print_note(f"wrote {write}")
+
+
+def _board(squares: str, square_mm: float, marker_mm: float | None, markers: str) -> Board:
+    sides = numbers_of(squares, "--squares")
+    if len(sides) != 2 or any(side != int(side) for side in sides):
+        raise UsageError(f"--squares {squares!r} isn't columns,rows; write it like 11,8")
+    marker = _MARKER * square_mm if marker_mm is None else marker_mm
+    return Board(int(sides[0]), int(sides[1]), square_mm, marker, markers)
+
+
+calibrate = group(
+    typer.Typer(
+        help="Measure a machine's and an ink's constants, each with its uncertainty.",
+        no_args_is_help=True,
+    ),
+    *(weigh, offset, level, backlash, lag, pattern, widths, board, camera),
+    oct=oct_device,
+    walls=walls,
 )
-calibrate.command("weigh")(weigh)
-calibrate.command("offset")(offset)
-calibrate.command("level")(level)
-calibrate.command("backlash")(backlash)
-calibrate.command("lag")(lag)
-calibrate.command("pattern")(pattern)
-calibrate.command("widths")(widths)
-calibrate.command("board")(board)
-calibrate.command("camera")(camera)
-calibrate.command("oct")(oct_device)
-calibrate.command("walls")(walls)

@@ -1,16 +1,20 @@
-"""`printctl calibrate`: what readings of a person or a balance tell."""
+"""`printctl calibrate` by what a person or a balance reads: weigh, offset, level, backlash, lag.
+
+A command with a test has two ways: ``--gcode FILE`` writes the G-code and, beside it, a CSV file
+to fill in; with that file as argument it fits. No profile is written but with ``--write``.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 
 from firmware_profiles import (
+    Facts,
     Ink,
     MeasuredFlow,
     MeasuredLag,
@@ -23,7 +27,6 @@ from firmware_profiles import (
 )
 from printctl.calibration import (
     Estimate,
-    FlowWeighing,
     Lag,
     LagPattern,
     Readings,
@@ -32,103 +35,96 @@ from printctl.calibration import (
     fit_lag,
     fit_offset,
     lag_path,
+    read_readings,
     weighing_path,
 )
 from printctl.calibration.paths import Axis
 from printctl.calibration.results import (
     backlash_result,
+    level_result,
     offset_result,
     split_touches,
     weighing_of,
     weighing_result,
 )
-from printctl.calibration.writing import Job, MeasuredValue
-from printctl.cli.calibrate_options import (
-    At,
-    Csv,
-    Gcode,
-    Write,
-    numbers_of,
-    print_estimates,
-    read_csv_argument,
-    write_changed,
-    write_measured,
-    write_mended,
-    write_test,
+from printctl.calibration.writing import Job, MeasuredValue, make_test, measured_key, save_measured
+from printctl.cli.declare import command
+from printctl.cli.options import (
+    InkOption,
+    JsonFlag,
+    PrinterOption,
+    SyringeOption,
+    print_lines,
+    print_note,
+    print_notes,
+    print_result,
 )
-from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
 from printctl.errors import UsageError
+from printctl.settings import arg, numbers_of, opt, three_numbers
+
+Csv = Annotated[Path | None, arg("Readings to fit, a CSV file.")]
+Gcode = Annotated[Path | None, opt("Write the test's G-code here, and a CSV to fill in beside it.")]
+At = Annotated[str, opt("Where the tip stands, printer's frame, mm.", metavar="X,Y,Z")]
+Write = Annotated[Path | None, opt("Write a profile with the result to this file.")]
 
 
-@dataclass(frozen=True)
-class WeighingOptions:
-    """What was weighed, out of what."""
-
-    printer: Printer
-    head: Pneumatic
-    ink: Ink
-    needle: Needle
-
-
-def timed_dose_rows(head: Pneumatic, doses_ul: list[float], flow: float) -> list[list[str]]:
-    """Rows of the sheet: seconds from the opening command to the closing one, and a blank."""
-    wait_s = np.ceil(head.opening_delay_s * 1e3) / 1e3
-    return [[f"{round(dose / flow, 3) + wait_s:.3f}", ""] for dose in doses_ul]
-
-
-def weigh_flow(
-    what: WeighingOptions,
-    data: Readings,
-    density: tuple[float, float],
-    write: Path | None,
-    as_json: bool,
-) -> None:
-    """Fit, tell, and write the flow into a printer's profile if asked."""
-    weighing = fit_flow(
-        data.numbers["open_s"], data.numbers["mass_mg"], *density, data.last_digit["mass_mg"]
-    )
-    lines = {f"flow at {what.head.pressure_kpa:g} kPa": weighing.flow_ul_s}
-    if weighing.lost_s is not None:
-        lines["missing from each opening"] = weighing.lost_s
-    print_estimates(lines, _notes(weighing, what), as_json)
-    if write is not None:
-        measured = MeasuredFlow(
-            flow_ul_s=weighing.flow_ul_s.value,
-            pressure_kpa=what.head.pressure_kpa,
-            ink=what.ink.name,
-            needle=what.needle.name,
+def read_csv_argument(
+    path: Path | None, numbers: tuple[str, ...], words: tuple[str, ...] = ()
+) -> Readings:
+    """Read the file that must be there when no test is to be written."""
+    if path is None:
+        raise UsageError(
+            f"give a CSV file with the columns {', '.join((*words, *numbers))}; where there is a "
+            "test, --gcode FILE writes it and the file to fill in"
         )
-        dispenser = what.head.model_copy(update={"measured": measured})
-        values = dispenser.model_dump(mode="json", exclude_unset=True)
-        values["measured"] = measured.model_dump(mode="json")
-        write_changed(write, what.printer, "dispenser", values, weighing.flow_ul_s)
+    return read_readings(path, numbers, words)
 
 
-def _notes(weighing: FlowWeighing, what: WeighingOptions) -> list[str]:
-    foreseen = flow_ul_s(what.ink, what.needle, what.head.pressure_kpa * 1e3) * what.ink.flow_factor
-    agrees = weighing.flow_ul_s.holds(foreseen)
-    return [
-        f"one dose scatters by {weighing.scatter_ul:.3g} µL",
-        f"the viscosity of {what.ink.name} foresees {foreseen:.4g} µL/s through "
-        f"{what.needle.name}, which {'agrees' if agrees else 'does not agree'}",
-        "good for this ink, needle and pressure alone, and for this warmth",
-    ]
+def print_estimates(lines: Mapping[str, Estimate], notes: Sequence[str], as_json: bool) -> None:
+    """Numbers with their 95 % intervals, then what they mean."""
+    values = {
+        name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
+        for name, e in lines.items()
+    }
+    reported = [f"{name:<40} {estimate.text()}" for name, estimate in lines.items()]
+    facts = {"estimates": values, "level": 0.95, "notes": notes}
+    print_result(as_json, facts, [*reported, "(95 % intervals)", *notes])
 
 
-# `printctl calibrate backlash`: write an axis test, or fit backlash and scale from readings.
+def write_test(
+    job: Job, columns: tuple[str, ...], rows: list[list[str]], facts: dict[str, float]
+) -> None:
+    """Write the G-code and the CSV file beside it; say what to do with them (`make_test`)."""
+    made = make_test(job, columns, rows, facts)
+    print_notes(made.notes)
+    start = ",".join(f"{value:g}" for value in job.at_mm)
+    print_lines(
+        f"{job.path}: {made.lines} lines, {made.duration_s:.0f} s; put the tip to {start} "
+        f"and print it with --start {start}",
+        f"{job.sheet}: fill in the last column ({columns[-1]}), then give it to the same command",
+    )
 
 
+def write_mended(path: Path, facts: Facts, key: str, estimate: Estimate) -> None:
+    """Write a copy of a profile with one key measured; its source says so."""
+    write_measured(path, facts, measured_key(facts, key, estimate))
+
+
+def write_measured(path: Path, facts: Facts, measured: Mapping[str, MeasuredValue]) -> None:
+    """Write a copy of a profile with keys changed for what was measured; its source says so."""
+    print_note(f"wrote {path}: {save_measured(path, facts, measured)}")
+
+
+@command
 def backlash(
     readings: Csv = None,
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
-    axis: Annotated[str, typer.Option("--axis", help="x, y, z or e.")] = "x",
-    targets: Annotated[str, typer.Option("--targets", help="From the tip's place, mm.")] = (
-        "2,4,6,8,10"
-    ),
-    overshoot: Annotated[float, typer.Option("--overshoot", help="mm", min=0.01)] = 1.0,
-    speed: Annotated[float, typer.Option("--speed", help="mm/s", min=0.01)] = 2.0,
-    wait: Annotated[float, typer.Option("--wait", help="To read the dial, s.", min=0)] = 8.0,
+    axis: str = opt("x, y, z or e.", "x"),
+    targets: str = opt("From the tip's place, mm.", "2,4,6,8,10"),
+    overshoot: float = opt("mm", 1.0, min=0.01),
+    speed: float = opt("mm/s", 2.0, min=0.01),
+    wait: float = opt("To read the dial, s.", 8.0, min=0),
     at: At = "100,100,50",
     gcode: Gcode = None,
     as_json: JsonFlag = False,
@@ -153,7 +149,7 @@ def backlash(
         return
     data = read_csv_argument(readings, ("target_mm", "approach", "measured_mm"))
     result = backlash_result(data)
-    print_estimates(result.lines, list(result.notes), as_json)
+    print_estimates(result.lines, result.notes, as_json)
 
 
 def _axis(text: str) -> Axis:
@@ -163,27 +159,20 @@ def _axis(text: str) -> Axis:
     raise UsageError(f"--axis {text!r} is none of x, y, z, e")
 
 
-# `printctl calibrate lag`: write a test, or fit pressure lag and flow factor to line widths.
-
-
+@command
 def lag(
     readings: Csv = None,
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
-    ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
-    needle: Annotated[
-        str | None,
-        typer.Option("--needle", help="The one mounted: a lag is written for it alone."),
-    ] = None,
-    slow: Annotated[float, typer.Option("--slow", help="mm/s", min=0.01)] = 4.0,
-    fast: Annotated[float, typer.Option("--fast", help="mm/s", min=0.01)] = 16.0,
-    length: Annotated[float, typer.Option("--length", help="Of each stretch, mm.", min=1)] = 40.0,
-    width: Annotated[float, typer.Option("--width", help="Of the line, mm.", min=0.01)] = 0.4,
-    layer: Annotated[float, typer.Option("--layer", help="mm", min=0.01)] = 0.2,
-    round_bead: Annotated[
-        bool, typer.Option("--round/--flat", help="A filament in a bath, or a bead on a plate.")
-    ] = False,
-    lines: Annotated[int, typer.Option("--lines", help="Of the test.", min=1)] = 3,
+    ink: InkOption = "collagen_fresh",
+    needle: str | None = opt("The one mounted: a lag is written for it alone."),
+    slow: float = opt("mm/s", 4.0, min=0.01),
+    fast: float = opt("mm/s", 16.0, min=0.01),
+    length: float = opt("Of each stretch, mm.", 40.0, min=1),
+    width: float = opt("Of the line, mm.", 0.4, min=0.01),
+    layer: float = opt("mm", 0.2, min=0.01),
+    round_bead: bool = opt("A filament in a bath, or a bead on a plate.", False, "--round/--flat"),
+    lines: int = opt("Of the test.", 3, min=1),
     at: At = "40,100,1",
     gcode: Gcode = None,
     write: Write = None,
@@ -291,18 +280,11 @@ def _places(length: float) -> list[float]:
     ]
 
 
-# `printctl calibrate offset`: fit the offset between two needle tips to touch-off readings.
-
-
+@command
 def offset(
     readings: Csv = None,
-    printer: Annotated[
-        str | None,
-        typer.Option("--printer", help="Profile of a printer with several heads, all lowered."),
-    ] = None,
-    head: Annotated[
-        int, typer.Option("--head", help="Whose needle is the second of the two.", min=1)
-    ] = 1,
+    printer: str | None = opt("Profile of a printer with several heads, all lowered."),
+    head: int = opt("Whose needle is the second of the two.", 1, min=1),
     write: Write = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -323,7 +305,7 @@ def offset(
         )
         return
     result = offset_result(data)
-    print_estimates(result.lines, list(result.notes), as_json)
+    print_estimates(result.lines, result.notes, as_json)
 
 
 def _of_head(
@@ -351,33 +333,25 @@ def _of_head(
     heads[number]["offset_mm"] = {
         axis: round(one.value, 4) for axis, one in zip("xyz", estimates, strict=True)
     }
-    told = ", ".join(f"{axis} {one.text()}" for axis, one in zip("xyz", estimates, strict=True))
-    measured = MeasuredValue(heads, f"{told}, 95 %")
+    reported = ", ".join(f"{axis} {one.text()}" for axis, one in zip("xyz", estimates, strict=True))
+    measured = MeasuredValue(heads, f"{reported}, 95 %")
     write_measured(write, printer, {f"heads.{number}.offset_mm": measured})
 
 
-# `printctl calibrate weigh`: write a dosing test, or fit steps per µL to weighed doses.
-
-
+@command
 def weigh(
     readings: Csv = None,
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
-    density: Annotated[float, typer.Option("--density", help="Of what is weighed, g/cm³.")] = 0.998,
-    density_error: Annotated[
-        float, typer.Option("--density-error", help="Half of its 95 % interval, g/cm³.", min=0)
-    ] = 0.001,
-    mend: Annotated[
-        str, typer.Option("--mend", help="What --write changes: bore (syringe) or steps (printer).")
-    ] = "steps",
-    doses: Annotated[str, typer.Option("--doses", help="Of the test, µL.")] = "20,40,60",
-    repeats: Annotated[int, typer.Option("--repeats", help="Of each dose.", min=1)] = 4,
-    flow: Annotated[float, typer.Option("--flow", help="Of the test, µL/s.", min=0.001)] = 2.0,
-    wait: Annotated[float, typer.Option("--wait", help="To change vials, s.", min=0)] = 30.0,
-    ink: Annotated[
-        str, typer.Option("--ink", help="What a pneumatic head is weighed with.")
-    ] = "collagen_fresh",
-    needle: Annotated[str, typer.Option("--needle", help="The same, its needle.")] = "30g",
+    density: float = opt("Of what is weighed, g/cm³.", 0.998),
+    density_error: float = opt("Half of its 95 % interval, g/cm³.", 0.001, min=0),
+    mend: str = opt("What --write changes: bore (syringe) or steps (printer).", "steps"),
+    doses: str = opt("Of the test, µL.", "20,40,60"),
+    repeats: int = opt("Of each dose.", 4, min=1),
+    flow: float = opt("Of the test, µL/s.", 2.0, min=0.001),
+    wait: float = opt("To change vials, s.", 30.0, min=0),
+    ink: str = opt("What a pneumatic head is weighed with.", "collagen_fresh"),
+    needle: str = opt("The same, its needle.", "30g"),
     at: At = "100,100,50",
     gcode: Gcode = None,
     write: Write = None,
@@ -390,30 +364,94 @@ def weigh(
     """
     machine, filled = load(Printer, printer), load(Syringe, syringe)
     volumes = numbers_of(doses, "--doses") * repeats
-    if machine.pneumatic is not None:
-        what = WeighingOptions(machine, machine.pneumatic, load(Ink, ink), load(Needle, needle))
-        if gcode is not None:
-            path = weighing_path(volumes, flow, wait)
-            job = Job(gcode, path, machine, filled, three_numbers(at, "--at"), doses=True)
-            write_test(job, ("open_s", "mass_mg"), timed_dose_rows(what.head, volumes, flow), {})
-            return
-        data = read_csv_argument(readings, ("open_s", "mass_mg"))
-        weigh_flow(what, data, (density, density_error), write, as_json)
+    path = None if gcode is None else weighing_path(volumes, flow, wait)
+    head = machine.pneumatic
+    columns = ("travel_mm" if head is None else "open_s", "mass_mg")
+    if gcode is not None and path is not None:
+        place = three_numbers(at, "--at")
+        job = Job(gcode, path, machine, filled, place, doses=head is not None)
+        write_test(job, columns, _dose_rows(head, filled, volumes, flow), {})
         return
-    if gcode is not None:
-        per_ul = 4 / (math.pi * filled.inner_mm**2)
-        rows = [[f"{volume * per_ul:.5f}", ""] for volume in volumes]
-        path = weighing_path(volumes, flow, wait)
-        job = Job(gcode, path, machine, filled, three_numbers(at, "--at"))
-        write_test(job, ("travel_mm", "mass_mg"), rows, {})
+    if head is not None:
+        data = read_csv_argument(readings, columns)
+        used = (load(Ink, ink), load(Needle, needle))
+        _weigh_flow(data, machine, head, used, (density, density_error), write, as_json)
         return
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
-    data = read_csv_argument(readings, ("travel_mm", "mass_mg"))
+    data = read_csv_argument(readings, columns)
     weighing = weighing_of(data, density, density_error)
     result = weighing_result(weighing, machine, filled)
-    print_estimates(result.lines, list(result.notes), as_json)
+    print_estimates(result.lines, result.notes, as_json)
     if write is not None and mend == "bore":
         write_mended(write, filled, "inner_mm", weighing.bore_mm())
     elif write is not None:
         write_mended(write, machine, "steps_per_mm.e", weighing.steps_per_mm(machine, filled))
+
+
+def _dose_rows(
+    head: Pneumatic | None, filled: Syringe, doses_ul: list[float], flow: float
+) -> list[list[str]]:
+    """Rows of the sheet: travel, or seconds from the opening command to the closing one; blanks."""
+    if head is None:
+        per_ul = 4 / (math.pi * filled.inner_mm**2)
+        return [[f"{dose * per_ul:.5f}", ""] for dose in doses_ul]
+    wait_s = np.ceil(head.opening_delay_s * 1e3) / 1e3
+    return [[f"{round(dose / flow, 3) + wait_s:.3f}", ""] for dose in doses_ul]
+
+
+def _weigh_flow(
+    data: Readings,
+    machine: Printer,
+    head: Pneumatic,
+    used: tuple[Ink, Needle],
+    density: tuple[float, float],
+    write: Path | None,
+    as_json: bool,
+) -> None:
+    """Fit, tell, and write the flow of a pneumatic head into a printer's profile if asked."""
+    ink, needle = used
+    weighing = fit_flow(
+        data.numbers["open_s"], data.numbers["mass_mg"], *density, data.last_digit["mass_mg"]
+    )
+    flow = weighing.flow_ul_s
+    lines = {f"flow at {head.pressure_kpa:g} kPa": flow}
+    if weighing.lost_s is not None:
+        lines["missing from each opening"] = weighing.lost_s
+    foreseen = flow_ul_s(ink, needle, head.pressure_kpa * 1e3) * ink.flow_factor
+    agrees = "agrees" if flow.holds(foreseen) else "does not agree"
+    notes = [
+        f"one dose scatters by {weighing.scatter_ul:.3g} µL",
+        f"the viscosity of {ink.name} foresees {foreseen:.4g} µL/s through {needle.name}, which "
+        f"{agrees}",
+        "good for this ink, needle and pressure alone, and for this warmth",
+    ]
+    print_estimates(lines, notes, as_json)
+    if write is not None:
+        measured = MeasuredFlow(
+            flow_ul_s=flow.value,
+            pressure_kpa=head.pressure_kpa,
+            ink=ink.name,
+            needle=needle.name,
+        )
+        dispenser = head.model_copy(update={"measured": measured})
+        values = dispenser.model_dump(mode="json", exclude_unset=True)
+        values["measured"] = measured.model_dump(mode="json")
+        stated = MeasuredValue(values, f"{flow.text()}, 95 %")
+        write_measured(write, machine, {"dispenser": stated})
+
+
+@command
+def level(
+    readings: Csv = None,
+    part: str = opt("Size of the part, mm.", "20,20", metavar="X,Y"),
+    as_json: JsonFlag = False,
+) -> None:
+    """Level of bed and bath: CSV with surface (bed or bath), x_mm, y_mm and z_mm of touches.
+
+    Three places of each at least, not in a row; more tell how sure the tilt is.
+    """
+    data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("surface",))
+    size = numbers_of(part, "--part")
+    result = level_result(data, size[0], size[-1])
+    print_estimates(result.lines, result.notes, as_json)

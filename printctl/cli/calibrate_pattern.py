@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
 import typer
 
 from design.files import write_bytes, write_text
-from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
-from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from printctl.calibration.pattern_job import (
+    BESIDE,
+    PatternJob,
+    PatternOptions,
+    pattern_of,
+    write_pattern_job,
+)
 from printctl.calibration.patterns import (
     COLUMNS,
     Bead,
-    LineSeries,
-    Pattern,
     PatternSetUp,
     WrittenPattern,
-    bridge_pattern,
-    comb_pattern,
-    joint_pattern,
-    lines_pattern,
-    pattern_path,
     read_pattern,
-    sheet_svg,
-    sheet_text,
-    spiral_pattern,
-    squares_pattern,
 )
 from printctl.calibration.widths import (
     Answer,
@@ -43,22 +37,27 @@ from printctl.calibration.widths import (
     typed_widths,
 )
 from printctl.calibration.writing import MeasuredValue
-from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.checks.set_up import ProfileNames, set_up
-from printctl.cli import options as mounting
-from printctl.cli.calibrate_options import (
-    CameraFile,
+from printctl.cli.calibrate_measured import (
     Write,
-    numbers_of,
     print_estimates,
     write_measured,
 )
-from printctl.cli.options import JsonFlag, SyringeOption, messages, print_lines, three_numbers
+from printctl.cli.declare import command
+from printctl.cli.options import (
+    CameraFile,
+    InkOption,
+    JsonFlag,
+    SyringeOption,
+    is_typed,
+    print_lines,
+    print_note,
+    print_notes,
+)
 from printctl.errors import UsageError
+from printctl.settings import arg, numbers_of, of, opt, three_numbers
 from registration.devices.lens import read_lens
-from sim.gcode.dry_run.run import dry_run
 
-_BESIDE = (".svg", ".csv", ".json")
 _OWN = {
     "lines": {"speeds", "flow_factors", "length", "repeats", "steps"},
     "spiral": {"speed", "turns", "pitch"},
@@ -68,40 +67,35 @@ _OWN = {
     "squares": {"speed", "across"},
 }
 """Options of each pattern alone."""
-_ACROSS_MM: Final = 50.0
-_CLEAR_MM: Final = 1.5
-"""Between needle and dish."""
 
 
+@command
 def pattern(
+    *,
     context: typer.Context,
-    name: Name,
-    output: Output,
-    needle: NeedleName,
-    printer: PrinterName = "generic_marlin",
+    name: Literal["lines", "spiral", "joint", "bridge", "comb", "squares"] = arg(
+        "lines, spiral, joint, bridge, comb or squares."
+    ),
+    output: Path = opt("The G-code; .csv, .json, .svg stand beside it.", ..., "--output", "-o"),
+    needle: str = opt("Needle profile.", ...),
+    printer: str = opt(
+        "Printer profile, shipped or a .yaml.", "generic_marlin", "--printer", "--profile"
+    ),
     syringe: SyringeOption = "hamilton_1ml",
-    ink: InkName = "collagen_fresh",
-    bath: mounting.BathOption = None,
-    dish: mounting.DishOption = None,
-    dish_centre: mounting.DishCentreOption = None,
-    bath_depth: mounting.BathDepthOption = None,
-    at: At = "100,100,5",
-    width: Width = None,
-    layer: Layer = None,
-    round_bead: RoundBead = None,
-    speeds: Speeds = "2,5,8",
-    flow_factors: FlowFactors = "0.8,1,1.2",
-    length: Length = 24.0,
-    repeats: Repeats = 1,
-    steps: Steps = 2,
-    speed: Speed = 5.0,
-    turns: Turns = 5.0,
-    pitch: Pitch = None,
-    gaps: Gaps = None,
-    overlaps: Overlaps = "-1.5,-1,-0.5,0,0.5,1",
-    spans: Spans = "1,2,3,4,6",
-    height: Height = 2.0,
-    across: Across = None,
+    ink: InkOption = "collagen_fresh",
+    bath: str | None = of(ProfileNames, "bath"),
+    dish: str | None = of(ProfileNames, "dish"),
+    dish_centre: str | None = of(ProfileNames, "dish_centre"),
+    bath_depth: float | None = of(ProfileNames, "bath_depth"),
+    at: str = opt(
+        "Middle of the pattern and height of its lines, mm.", "100,100,5", metavar="X,Y,Z"
+    ),
+    width: float | None = opt("Of the line, mm; the needle's bore if not."),
+    layer: float | None = opt("Height of a line, mm; half its width if not."),
+    round_bead: bool | None = opt(
+        "A filament, if a bath is named; or on a plate.", None, "--round/--flat"
+    ),
+    own: PatternOptions,
 ) -> None:
     """Write a calibration print: G-code, a drawing, a sheet to type widths into.
 
@@ -113,74 +107,25 @@ def pattern(
     _refuse_beside(output)
     wide = load(Needle, needle).inner_mm if width is None else width
     bead = _bead(wide, layer, bath is not None if round_bead is None else round_bead, ink)
-    own = _Own(speeds, flow_factors, length, repeats, steps, speed, turns, pitch, gaps, overlaps,
-               spans, height, _across(across, dish, needle))  # fmt: skip
     machine, material = load(Printer, printer), load(Ink, ink)
     _refuse_air(machine)
     named = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
     set_for = set_up(machine, syringe, ink, place, named)
     used = PatternSetUp(printer, syringe, ink, needle, material.flow_factor, material.swell_factor)
-    _write(
-        _Job(
-            output,
-            WrittenPattern(_made(name, bead, own), used, place),
-            set_for,
-            place,
-            load(Syringe, syringe),
-        )
+    made = pattern_of(name, bead, own, dish, needle)
+    job = PatternJob(
+        output, WrittenPattern(made, used, place), set_for, place, load(Syringe, syringe)
     )
-
-
-@dataclass(frozen=True)
-class _Own:
-    """Options of single patterns, as they were said (`_OWN`)."""
-
-    speeds: str
-    flow_factors: str
-    length: float
-    repeats: int
-    steps: int
-    speed: float
-    turns: float
-    pitch: float | None
-    gaps: str | None
-    overlaps: str
-    spans: str
-    height: float
-    across: float
-
-
-def _made(name: str, bead: Bead, own: _Own) -> Pattern:
-    """Return the pattern of a name, by its options as they were said."""
-    if name == "lines":
-        return lines_pattern(bead, _asked(own))
-    if name == "spiral":
-        pitch = 5 * bead.width_mm if own.pitch is None else own.pitch
-        return spiral_pattern(bead, own.speed, own.turns, pitch)
-    if name == "joint":
-        return joint_pattern(bead, numbers_of(own.overlaps, "--overlaps"), own.speed)
-    if name == "bridge":
-        return bridge_pattern(bead, numbers_of(own.spans, "--spans"), own.height, own.speed)
-    if name == "squares":
-        return squares_pattern(bead, own.across, own.speed)
-    return comb_pattern(bead, _gaps(own.gaps, bead.width_mm), own.speed)
-
-
-def _asked(own: _Own) -> LineSeries:
-    return LineSeries(
-        numbers_of(own.speeds, "--speeds"),
-        numbers_of(own.flow_factors, "--flow-factors"),
-        own.length,
-        own.repeats,
-        own.steps,
-    )
+    lines, seconds, notes = write_pattern_job(job)
+    print_notes(notes)
+    _tell(job, lines, seconds)
 
 
 def _refuse_beside(output: Path) -> None:
     """Refuse a name that a file beside the G-code gets."""
-    if output.suffix.lower() in _BESIDE:
+    if output.suffix.lower() in BESIDE:
         raise UsageError(
-            f"-o {output}: that is to be the G-code, and {', '.join(_BESIDE)} are written beside "
+            f"-o {output}: that is to be the G-code, and {', '.join(BESIDE)} are written beside "
             "it; end it in .gcode"
         )
 
@@ -199,30 +144,12 @@ def _refuse_others(context: typer.Context, name: str) -> None:
     """Refuse what belongs to another pattern: it would do nothing."""
     others = sorted(set().union(*_OWN.values()) - _OWN[name])
     for option in others:
-        source = context.get_parameter_source(option)
-        if source is not None and source.name == "COMMANDLINE":
+        if is_typed(context, option):
             own = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
             raise UsageError(
                 f"--{option.replace('_', '-')} changes nothing about the pattern {name}, which "
                 f"has {own}; leave it out, or write another pattern"
             )
-
-
-@dataclass(frozen=True)
-class _Job:
-    """What is to be written, where."""
-
-    path: Path
-    written: WrittenPattern
-    set_up: SetUp
-    at_mm: tuple[float, float, float]
-    syringe: Syringe
-
-
-def _gaps(text: str | None, width: float) -> list[float]:
-    if text is not None:
-        return numbers_of(text, "--gaps")
-    return [round(width * part, 3) for part in (0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0)]
 
 
 def _refuse_air(machine: Printer) -> None:
@@ -233,42 +160,14 @@ def _refuse_air(machine: Printer) -> None:
         )
 
 
-def _write(job: _Job) -> None:
-    """Check the job as a print is, then write its files."""
-    setup, made, ink = job.set_up, job.written.pattern, job.set_up.ink
-    middle = np.array([*made.size_mm, 0.0]) / 2
-    options = GcodeOptions(
-        start_mm=job.at_mm,
-        relieve_ul=0.0,
-        plunger_ul_s=ink.plunger_ul_s,
-        flow_factor=ink.flow_factor,
-    )
-    place = np.array(job.at_mm) - middle
-    gcode = write_gcode(pattern_path(made, ink), setup.printer, job.syringe, place, options)
-    run = dry_run(gcode.data, setup.printer, job.at_mm)
-    checks = file_checks(run, setup)
-    refuse_failed(checks)
-    for text in warnings(checks):
-        messages().print(f"note: {text}", markup=False)
-    base = job.path
-    save_gcode(base, base.with_suffix(".map.npz"), [gcode])
-    write_text(base.with_suffix(".json"), job.written.as_text())
-    if made.name in COLUMNS:
-        write_text(base.with_suffix(".csv"), sheet_text(job.written))
-    write_text(base.with_suffix(".svg"), sheet_svg(job.written))
-    _tell(job, made, gcode.line_count, run.duration_s)
-
-
-def _tell(job: _Job, made: Pattern, lines: int, seconds: float) -> None:
-    start = ",".join(f"{value:g}" for value in job.at_mm)
+def _tell(job: PatternJob, lines: int, seconds: float) -> None:
+    start, made = ",".join(f"{value:g}" for value in job.at_mm), job.written.pattern
     x, y = made.size_mm
     if not made.bead.round_bead:
-        messages().print(
-            f"note: lines {made.bead.layer_mm:g} mm high on a plate: --at's Z must be that much "
-            "above it (--bath or --round for filaments in a bath)",
-            markup=False,
-        )
-    ends = _BESIDE if made.name in COLUMNS else (".svg", ".json")
+        print_notes([
+            f"lines {made.bead.layer_mm:g} mm high on a plate: --at's Z must be that much above it "
+            "(--bath or --round for filaments in a bath)"
+        ])  # fmt: skip
     reads = (
         "the sheet to fill in, and what `printctl calibrate widths` needs to read them or a picture"
         if made.name in COLUMNS
@@ -277,116 +176,26 @@ def _tell(job: _Job, made: Pattern, lines: int, seconds: float) -> None:
     print_lines(
         f"{job.path}: {lines} lines, {seconds:.0f} s, {x:.1f} x {y:.1f} mm; put the tip to {start} "
         f"and print it with --start {start}",
-        f"{', '.join(str(job.path.with_suffix(end)) for end in ends)}: what is where, {reads}",
+        f"{', '.join(map(str, job.beside))}: what is where, {reads}",
     )
 
-
-def _across(said: float | None, dish: str | None, needle: str) -> float:
-    """Diameter of the squares' circle, mm."""
-    if said is not None:
-        return said
-    if dish is None:
-        return _ACROSS_MM
-    inside = load(Dish, dish)
-    clear = load(Needle, needle).outer_mm + 2 * _CLEAR_MM
-    return min(inside.inner_x_mm, inside.inner_y_mm) - clear
-
-
-# Typer options of `printctl calibrate pattern`: profiles, line size, speeds, gaps, spans.
-
-Name = Annotated[
-    Literal["lines", "spiral", "joint", "bridge", "comb", "squares"],
-    typer.Argument(help="lines, spiral, joint, bridge, comb or squares.", show_default=False),
-]
-Output = Annotated[
-    Path,
-    typer.Option("--output", "-o", help="The G-code; .csv, .json, .svg stand beside it."),
-]
-NeedleName = Annotated[str, typer.Option("--needle", help="Needle profile.", show_default=False)]
-PrinterName = Annotated[
-    str, typer.Option("--printer", "--profile", help="Printer profile, shipped or a .yaml.")
-]
-InkName = Annotated[str, typer.Option("--ink", help="Ink profile.")]
-At = Annotated[
-    str,
-    typer.Option(
-        "--at", metavar="X,Y,Z", help="Middle of the pattern and height of its lines, mm."
-    ),
-]
-Width = Annotated[
-    float | None, typer.Option("--width", help="Of the line, mm; the needle's bore if not.")
-]
-Layer = Annotated[
-    float | None, typer.Option("--layer", help="Height of a line, mm; half its width if not.")
-]
-RoundBead = Annotated[
-    bool | None,
-    typer.Option("--round/--flat", help="A filament, if a bath is named; or on a plate."),
-]
-Speeds = Annotated[str, typer.Option("--speeds", help="Of lines, mm/s.")]
-FlowFactors = Annotated[
-    str, typer.Option("--flow-factors", help="Of lines: multiples of the cross-section.")
-]
-Length = Annotated[float, typer.Option("--length", help="Of a line, mm.", min=1)]
-Repeats = Annotated[int, typer.Option("--repeats", help="Of each line.", min=1)]
-Steps = Annotated[
-    int, typer.Option("--steps", help="Lines written slow, fast, slow, for the lag.", min=0)
-]
-Speed = Annotated[float, typer.Option("--speed", help="Of all but lines, mm/s.", min=0.01)]
-Turns = Annotated[float, typer.Option("--turns", help="Of the spiral.", min=1, max=50)]
-Pitch = Annotated[float | None, typer.Option("--pitch", help="Of the spiral, mm; 5 widths if not.")]
-Gaps = Annotated[
-    str | None, typer.Option("--gaps", help="Of the comb, mm; 0.2 to 2 widths if not.")
-]
-Overlaps = Annotated[
-    str, typer.Option("--overlaps", help="Of joints, radii beyond the trunk's surface.")
-]
-Spans = Annotated[str, typer.Option("--spans", help="Of bridges, mm.")]
-Across = Annotated[
-    float | None,
-    typer.Option(
-        "--across", help="Of the squares' circle, mm; --dish less the needle and 3 mm, 50 if not."
-    ),
-]
-Height = Annotated[float, typer.Option("--height", help="Of the bridges' pillars, mm.", min=0.1)]
-
-
-# `printctl calibrate widths`: ink constants from a calibration print's widths or picture.
 
 _CORNERS = 4
 
 
+@command
 def widths(
-    file: Annotated[
-        Path, typer.Argument(help="The sheet, filled in (.csv), or a picture.", show_default=False)
-    ],
-    pattern: Annotated[
-        Path | None,
-        typer.Option("--pattern", help="The pattern's .json; FILE's name with .json if not."),
-    ] = None,
-    um_per_px: Annotated[
-        float | None,
-        typer.Option(
-            "--um-per-px", min=0.01, max=1000, help="By a stage micrometer, not the frame."
-        ),
-    ] = None,
-    marks: Annotated[
-        str | None,
-        typer.Option(
-            "--marks",
-            metavar="U,V,…",
-            help="Pixels of the frame's corners where it isn't found: lower left, lower right, "
-            "upper right, upper left, as on the drawing.",
-        ),
-    ] = None,
+    file: Path = arg("The sheet, filled in (.csv), or a picture."),
+    pattern: Path | None = opt("The pattern's .json; FILE's name with .json if not."),
+    um_per_px: float | None = opt("By a stage micrometer, not the frame.", min=0.01, max=1000),
+    marks: str | None = opt(
+        "Pixels of the frame's corners where it isn't found: lower left, lower right, upper "
+        "right, upper left, as on the drawing.",
+        metavar="U,V,…",
+    ),
     camera: CameraFile = None,
-    flow_factor: Annotated[
-        float | None,
-        typer.Option("--flow-factor", min=0.2, max=5, help="Weighed; the swelling is told then."),
-    ] = None,
-    ink: Annotated[
-        str | None, typer.Option("--ink", help="For --write; the one it was printed with if not.")
-    ] = None,
+    flow_factor: float | None = opt("Weighed; the swelling is told then.", min=0.2, max=5),
+    ink: str | None = opt("For --write; the one it was printed with if not."),
     write: Write = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -478,7 +287,7 @@ def _keep(file: Path, seen: MeasuredPicture) -> None:
     _, data = cv2.imencode(".png", seen.picture)
     write_bytes(drawn, data.tobytes())
     write_text(table, seen.table)
-    messages().print(f"wrote {drawn} (judge by it) and {table}", markup=False)
+    print_note(f"wrote {drawn} (judge by it) and {table}")
 
 
 def _write_widths(path: Path, answer: Answer, ink: Ink) -> None:

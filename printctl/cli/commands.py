@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from printctl.cli.declare import declared
 from printctl.cli.help_examples import with_manual
 from printctl.errors import PrintctlError, UsageError
 
@@ -159,8 +160,8 @@ def summary(module: str, attribute: str) -> str:
 
 
 def _help_of(call: ast.Call) -> str:
-    for keyword in call.keywords:
-        if keyword.arg == "help":
+    for keyword in ast.walk(call):
+        if isinstance(keyword, ast.keyword) and keyword.arg == "help":
             return inspect.cleandoc(str(ast.literal_eval(keyword.value)))
     return ""
 
@@ -182,31 +183,31 @@ COMMANDS: dict[str, str] = {
     "alive": "running_print:confirm_presence",
     "recover": "running_print:recover",
     "give-up": "running_print:give_up",
-    "sim-printer": "sim_printer:sim_printer",
+    "sim-printer": "station:sim_printer",
     "scan": "scan:scan",
     "register": "register:register",
     "dye": "dye:dye",
     "overlay": "overlay:overlay",
     "compare": "compare:compare_prints",
-    "compensate": "compensate:compensate",
+    "compensate": "compare:compensate",
     "view": "view:view",
-    "film": "film:film",
+    "film": "view:film",
     "convert": "solid:convert",
     "solid": "solid:solid",
     "measure": "measure:measure",
     "search": "search:search",
     "flow": "flow:flow",
-    "oxygen": "oxygen:oxygen",
+    "oxygen": "measure:oxygen",
     "lumens": "lumens:lumens",
-    "ports": "ports:ports",
+    "ports": "station:ports",
     "profiles": "profiles:profiles",
     "history": "history:history",
     "calibrate": "calibrate:calibrate",
     "observe": "observe:observe",
     "serve": "serve:serve",
     "doctor": "doctor:doctor",
-    "init": "recipe:init",
-    "recipe": "recipe:recipe",
+    "init": "run:init",
+    "recipe": "run:recipe",
 }
 """Name to module of `printctl.cli` and what stands in it: a function, or a group of commands."""
 CALLED_WITH: dict[str, dict[str, Any]] = {
@@ -255,7 +256,7 @@ class LazyGroup(TyperGroup):
             command: Any = typer.main.get_group(loaded)
         else:
             alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
-            alone.command(cmd_name, context_settings=CALLED_WITH.get(cmd_name))(loaded)
+            alone.command(cmd_name, context_settings=CALLED_WITH.get(cmd_name))(declared(loaded))
             command = typer.main.get_command(alone)
         command.name = cmd_name
         return with_common_behaviour(with_profiles(with_manual(command, cmd_name)))

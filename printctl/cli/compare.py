@@ -1,20 +1,34 @@
-"""`printctl compare`: shared deviations, spread, drift and gauge study of one design's prints."""
+"""`printctl compare`, `compensate`: several prints of one design; what the next one corrects."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Final
 
-import typer
+from pydantic import ValidationError
 
 from design.files import write_text
-from printctl.cli.options import JsonFlag, PdfFlag, folder_to_write, print_json, print_lines
+from printctl.cli.declare import command
+from printctl.cli.options import (
+    JsonFlag,
+    OutFolder,
+    PdfFlag,
+    print_notes,
+    print_result,
+)
+from printctl.corrections.compensation import (
+    CompensationFile,
+    GainPart,
+    changes_line,
+    check_suffix,
+    save_compensation,
+)
+from printctl.corrections.feedback import Choices, Mean, estimate, read_print
 from printctl.errors import UsageError
 from printctl.history.comparing import NewLimits, PrintNames, read_folders
+from printctl.settings import arg, of, opt
 from registration.comparison import (
-    Comparison,
     compare,
     comparison_csv,
     comparison_dict,
@@ -31,65 +45,33 @@ HTML: Final = "compare.html"
 PDF: Final = "compare.pdf"
 
 
+@command
 def compare_prints(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RUN...",
-            help="Run folders, or folders that `printctl register` wrote; two or more.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
-        ),
-    ],
-    prints: Annotated[
-        str | None,
-        typer.Option(
-            "--prints",
-            metavar="A,A,B,...",
-            help="Which print each folder's scan is of, by any names; else by its journal.",
-        ),
-    ] = None,
-    repeatability: Annotated[
-        bool,
-        typer.Option(
-            "--repeatability",
-            help="Gauge R&R: the folders are operators x parts x repeats (ANOVA, AIAG MSA).",
-        ),
-    ] = False,
-    operators: Annotated[
-        str | None,
-        typer.Option(
-            "--operators",
-            metavar="A,A,B,...",
-            help="With --repeatability: who made each folder's scan; else as its record says.",
-        ),
-    ] = None,
-    parts: Annotated[
-        str | None,
-        typer.Option(
-            "--parts",
-            metavar="1,2,1,...",
-            help="With --repeatability: the part each folder's scan is of; else as its record or "
-            "journal says.",
-        ),
-    ] = None,
-    tolerance_um: Annotated[
-        float | None,
-        typer.Option("--tolerance-um", min=0.1, help="Judge all prints anew by this RMS limit."),
-    ] = None,
-    diameter_tolerance_percent: Annotated[
-        float | None,
-        typer.Option(
-            "--diameter-tolerance-percent",
-            min=0.1,
-            help="Judge all prints anew by this limit, and tell the capability (Cp, Cpk).",
-        ),
-    ] = None,
+    *,
+    folders: list[Path] = arg(
+        "Run folders, or folders that `printctl register` wrote; two or more.", metavar="RUN..."
+    ),
+    out: OutFolder,
+    prints: str | None = opt(
+        "Which print each folder's scan is of, by any names; else by its journal.",
+        metavar="A,A,B,...",
+    ),
+    repeatability: bool = opt(
+        "Gauge R&R: the folders are operators x parts x repeats (ANOVA, AIAG MSA).", False
+    ),
+    operators: str | None = opt(
+        "With --repeatability: who made each folder's scan; else as its record says.",
+        metavar="A,A,B,...",
+    ),
+    parts: str | None = opt(
+        "With --repeatability: the part each folder's scan is of; else as its record or journal "
+        "says.",
+        metavar="1,2,1,...",
+    ),
+    tolerance_um: float | None = opt("Judge all prints anew by this RMS limit.", min=0.1),
+    diameter_tolerance_percent: float | None = opt(
+        "Judge all prints anew by this limit, and tell the capability (Cp, Cpk).", min=0.1
+    ),
     pdf: PdfFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -97,57 +79,29 @@ def compare_prints(
 
     Exit code 0 whatever the verdicts are; 1 when the registrations can't be compared.
     """
-    named = _named(len(folders), repeatability, prints, operators, parts)
-    anew = _judged(tolerance_um, diameter_tolerance_percent)
-    scans = read_folders(folders, named, anew)
-    comparison = compare(scans, diameter_tolerance_percent, repeatability)
-    files = _Files(out, comparison, _title(folders), _judged_note(anew))
-    data = files.write(pdf)
-    if as_json:
-        print_json(data)
-    else:
-        print_lines(*verdict(comparison)["reasons"], *data["notes"], *files.pages(pdf))
-
-
-@dataclass(frozen=True)
-class _Files:
-    """Files of a comparison: their folder, what they show, their title and notes."""
-
-    out: Path
-    found: Comparison
-    title: str
-    notes: list[str]
-
-    def write(self, pdf: bool) -> dict[str, Any]:
-        """Write all files; return the numbers."""
-        data = comparison_dict(self.found)
-        data["notes"] = [*self.notes, *data["notes"]]
-        self.out.mkdir(parents=True, exist_ok=True)
-        write_text(self.out / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
-        write_text(self.out / CSV, comparison_csv(self.found))
-        if self.found.gauge is not None:
-            write_text(self.out / GAUGE_CSV, gauge_csv(self.found.gauge))
-        self._draw(pdf)
-        return data
-
-    def _draw(self, pdf: bool) -> None:
-        drawn = comparison_figures(self.found)
-        write_comparison_html(self.out / HTML, self.found, self.title, self.notes, drawn)
-        if pdf:
-            print_page(self.out / HTML, self.out / PDF)
-
-    def pages(self, pdf: bool) -> list[str]:
-        """Return the paths of the pages."""
-        return [str(self.out / name) for name in (HTML, *([PDF] if pdf else []))]
-
-
-def _named(
-    count: int, repeatability: bool, prints: str | None, operators: str | None, parts: str | None
-) -> PrintNames:
     if not repeatability and (operators or parts):
         raise UsageError("--operators and --parts describe a gauge study; add --repeatability")
     given = ((prints, "--prints"), (operators, "--operators"), (parts, "--parts"))
-    return PrintNames(*(_names(text, option, count) for text, option in given))
+    named = PrintNames(*(_names(text, option, len(folders)) for text, option in given))
+    anew = None
+    if tolerance_um is not None or diameter_tolerance_percent is not None:
+        anew = NewLimits(tolerance_um or 100.0, diameter_tolerance_percent or 10.0)
+    scans = read_folders(folders, named, anew)
+    found = compare(scans, diameter_tolerance_percent, repeatability)
+    data = comparison_dict(found)
+    notes = _judged_note(anew)
+    data["notes"] = [*notes, *data["notes"]]
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_text(out / CSV, comparison_csv(found))
+    if found.gauge is not None:
+        write_text(out / GAUGE_CSV, gauge_csv(found.gauge))
+    title = " to ".join(folders[end].resolve().name for end in (0, -1))
+    write_comparison_html(out / HTML, found, title, notes, comparison_figures(found))
+    if pdf:
+        print_page(out / HTML, out / PDF)
+    pages = [str(out / name) for name in (HTML, *([PDF] if pdf else []))]
+    print_result(as_json, data, [*verdict(found)["reasons"], *data["notes"], *pages])
 
 
 def _names(text: str | None, option: str, count: int) -> list[str] | None:
@@ -162,12 +116,6 @@ def _names(text: str | None, option: str, count: int) -> list[str] | None:
     return names
 
 
-def _judged(tolerance_um: float | None, percent: float | None) -> NewLimits | None:
-    if tolerance_um is None and percent is None:
-        return None
-    return NewLimits(tolerance_um or 100.0, percent or 10.0)
-
-
 def _judged_note(judged: NewLimits | None) -> list[str]:
     if judged is None:
         return []
@@ -177,6 +125,91 @@ def _judged_note(judged: NewLimits | None) -> list[str]:
     ]
 
 
-def _title(folders: list[Path]) -> str:
-    names = [folder.resolve().name for folder in folders]
-    return f"{names[0]} to {names[-1]}"
+@command
+def compensate(
+    prints: list[Path] = arg(
+        "Finished runs of one design, or folders of `register --model RUN --out`.", metavar="RUN..."
+    ),
+    out: Path = opt("The file, .yaml or .json.", ...),
+    depth_standard: str | None = opt(
+        "What known height stands behind the scans' depth, where they don't say; without one "
+        "depth isn't corrected.",
+        metavar="TEXT",
+    ),
+    diameter_bias_um: str | None = opt(
+        "Of this scanner on a phantom: measured less true, and its 95 % half width.",
+        metavar="BIAS,INTERVAL",
+    ),
+    gain: float = of(GainPart, "whole", "--gain", max=None),
+    local_gain: float = of(GainPart, "local", "--local-gain", max=None),
+    without_vessel: list[int] | None = opt("A vessel to leave out; may be repeated."),
+    whole_only: bool = opt("Nothing for single vessels and nodes.", False),
+    as_json: JsonFlag = False,
+) -> None:
+    """Make a compensation from registered prints, for a recipe's `toolpath.compensation`.
+
+    What isn't told from chance isn't corrected. Beyond 10 % of size, 20 % or 150 µm of a diameter,
+    or 150 µm of place nothing is.
+    """
+    check_suffix(out)
+    if depth_standard is not None and not depth_standard.strip():
+        raise UsageError("--depth-standard is empty; say what it is, e.g. 'step of 1.00 mm in gel'")
+    choices = Choices(
+        gain=_gain(gain, local_gain),
+        depth_standard=depth_standard,
+        bias=_bias(diameter_bias_um),
+        without=frozenset(without_vessel or ()),
+        local=not whole_only,
+    )
+    read = [read_print(folder) for folder in prints]
+    count = read[0].network.vessel_count
+    if wrong := sorted(vessel for vessel in choices.without if not 0 <= vessel < count):
+        raise UsageError(f"--without-vessel {wrong[0]}: the network has vessels 0 to {count - 1}")
+    made = estimate(read, choices)
+    save_compensation(out, made)
+    print_notes(made.notes)
+    facts = made.model_dump(mode="json", by_alias=True)
+    lines = [*_measured(made), f"written instead: {changes_line(made)}", str(out)]
+    print_result(as_json, facts, lines)
+
+
+def _measured(made: CompensationFile) -> list[str]:
+    """What was found, each with its interval."""
+    scale, diameter = made.evidence["scale"], made.evidence["diameter"]
+    sizes = ", ".join(
+        f"{axis} {100 * (one['size'] - 1):+.2f} ± {100 * one['interval_95']:.2f} %"
+        for axis, one in scale.items()
+    )
+    count = len(made.prints)
+    return [
+        f"{count} print{'' if count == 1 else 's'}: size {sizes}",
+        f"diameters {diameter['excess_um']:+.1f} ± {diameter['interval_95_um']:.1f} µm "
+        f"once size is corrected ({'corrected' if diameter['corrected'] else 'not corrected'})",
+    ]
+
+
+def _gain(whole: float, local: float) -> GainPart:
+    try:
+        return GainPart(whole=whole, local=local)
+    except ValidationError as exc:
+        raise UsageError(
+            f"--gain {whole:g} and --local-gain {local:g} must lie above 0 and be at most 1: more "
+            "than what was measured is never corrected"
+        ) from exc
+
+
+def _bias(text: str | None) -> Mean | None:
+    if text is None:
+        return None
+    try:
+        value, half = (float(part) * 1e-3 for part in text.split(","))
+    except ValueError as exc:
+        raise UsageError(
+            f"--diameter-bias-um {text!r} isn't BIAS,INTERVAL in um; write it like -12,3"
+        ) from exc
+    if not (abs(value) < 1 and 0 <= half < 1):
+        raise UsageError(
+            f"--diameter-bias-um {text}: a bias within 1000 um and an interval of 0 to 1000 um are "
+            "needed"
+        )
+    return Mean(value, half)

@@ -3,94 +3,50 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from design.files import write_text
-from design.hemodynamics.dye import DYE_DIFFUSIVITY
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from design.units import UL_S_PER_ML_MIN
-from printctl.cli.calibrate_options import CameraFile
-from printctl.cli.dye_predict import FrontOptions, predict_front
+from printctl.analysis.dye import CURVES, FRONT, PICTURE, FrontOptions, predict_front
+from printctl.cli.declare import command
 from printctl.cli.options import (
+    CameraFile,
     JsonFlag,
-    UnitOption,
-    folder_to_write,
-    messages,
-    print_json,
-    print_lines,
+    OutFolder,
+    print_notes,
+    print_result,
+    print_warning,
 )
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK
+from printctl.settings import arg, opt
 from registration.devices.lens import read_lens
-from registration.dye import (
-    DyeOptions,
-    DyeReport,
-    dye_dict,
-    measure_dye,
-    place_rows,
-    read_marks,
-)
+from registration.dye import DyeOptions, dye_dict, measure_dye, place_rows, read_marks
 from registration.files.exports import as_csv
 from registration.report.dye_page import write_dye_html
 
 NUMBERS, PLACES, PAGE = "dye.json", "dye.csv", "dye.html"
 
 
+@command
 def dye(
-    model: Annotated[
-        Path,
-        typer.Option("--model", help="A run folder, or its network.csv in mm.", show_default=False),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
-        ),
-    ],
-    video: Annotated[
-        Path | None,
-        typer.Argument(help="Film of dye run through the part (docs/dye.md).", show_default=False),
-    ] = None,
-    marks: Annotated[
-        Path | None,
-        typer.Option("--marks", help="YAML: known points and their pixels.", show_default=False),
-    ] = None,
-    flow_ml_min: Annotated[
-        float | None,
-        typer.Option("--flow-ml-min", min=1e-6, help="Into the part; else fitted."),
-    ] = None,
-    start_s: Annotated[
-        float | None,
-        typer.Option("--start-s", help="When dye passes the inlet, film's clock; else fitted."),
-    ] = None,
-    tolerance_percent: Annotated[
-        float,
-        typer.Option("--tolerance-percent", min=0.1, help="Of the predicted way from the inlet."),
-    ] = 40.0,
+    *,
+    model: Path = opt("A run folder, or its network.csv in mm.", ...),
+    out: OutFolder,
+    video: Path | None = arg("Film of dye run through the part (docs/dye.md).", None),
+    marks: Path | None = opt("YAML: known points and their pixels."),
+    flow_ml_min: float | None = opt("Into the part; else fitted.", min=1e-6),
+    start_s: float | None = opt("When dye passes the inlet, film's clock; else fitted."),
+    tolerance_percent: float = opt("Of the predicted way from the inlet.", 40.0, min=0.1),
     camera: CameraFile = None,
-    predict: Annotated[
-        bool, typer.Option("--predict", help="No film yet: when dye will come to each vessel.")
-    ] = False,
-    frames_per_s: Annotated[
-        float, typer.Option("--frames-per-s", min=1e-3, help="Of the film to come (--predict).")
-    ] = 25.0,
-    as_printed: Annotated[
-        bool,
-        typer.Option("--as-printed", help="Lumens as registration found them (--predict)."),
-    ] = False,
-    at: Annotated[
-        list[str] | None,
-        typer.Option("--at", metavar="VESSEL:SHARE", help="Places of curves (--predict)."),
-    ] = None,
-    unit: UnitOption = None,
-    diffusivity_mm2_s: Annotated[
-        float, typer.Option("--diffusivity-mm2-s", min=0.0, help="Of the dye (--predict).")
-    ] = DYE_DIFFUSIVITY,
+    predict: bool = opt("No film yet: when dye will come to each vessel.", False),
+    front: FrontOptions,
     as_json: JsonFlag = False,
 ) -> None:
     """Arrival of dye along the vessels against the prediction, and which vessels are open.
@@ -101,13 +57,12 @@ def dye(
     if predict:
         if video is not None or marks is not None:
             raise UsageError("--predict takes no film and no marks; leave them out, or --predict")
-        asked = FrontOptions(model, unit, out, flow_ml_min, frames_per_s, as_printed,
-                         tuple(at or ()), diffusivity_mm2_s)  # fmt: skip
-        predict_front(asked, as_json)
+        _tell_front(predict_front(model, out, flow_ml_min, front), out, as_json)
         return
-    idle = {"--as-printed": as_printed, "--at": at, "--unit": unit not in (None, "mm")}
+    idle = {"as-printed": front.as_printed, "at": front.at, "unit": front.unit not in (None, "mm")}
     if any(idle.values()):
-        raise UsageError(f"{next(k for k in idle if idle[k])} is for --predict; leave it out")
+        name = next(name for name in idle if idle[name])
+        raise UsageError(f"--{name} is for --predict; leave it out")
     if video is None or marks is None:
         raise UsageError(
             "give a film and its --marks (docs/dye.md), or --predict to foresee the front"
@@ -119,32 +74,32 @@ def dye(
         lens=None if camera is None else read_lens(camera),
     )
     report = measure_dye(video, read_marks(marks), network, options)
-    _tell(report, dye_dict(report, tolerance_percent), _Film(video, network, out), as_json)
-
-
-@dataclass(frozen=True)
-class _Film:
-    """A film, its part, and the folder of what is found."""
-
-    video: Path
-    network: VesselNetwork
-    out: Path
-
-
-def _tell(report: DyeReport, data: dict[str, Any], film: _Film, as_json: bool) -> None:
-    """Write files and words; exit code 1 unless the part passes."""
-    out = film.out
-    for note in report.notes:
-        messages().print(f"note: {note}", markup=False)
+    data = dye_dict(report, tolerance_percent)
+    print_notes(report.notes)
     write_text(out / NUMBERS, json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_text(out / PLACES, as_csv(place_rows(report)))
-    write_dye_html(out / PAGE, film.video.name, data, report, film.network)
-    if as_json:
-        print_json(data)
-    else:
-        print_lines(data["verdict"]["outcome"], *data["verdict"]["reasons"], str(out / PAGE))
-    if not data["verdict"]["passed"]:
+    write_dye_html(out / PAGE, video.name, data, report, network)
+    verdict = data["verdict"]
+    print_result(as_json, data, [verdict["outcome"], *verdict["reasons"], str(out / PAGE)])
+    if not verdict["passed"]:
         raise typer.Exit(1)
+
+
+def _tell_front(summary: dict[str, Any], out: Path, as_json: bool) -> None:
+    if summary["warning"]:
+        print_warning(f"warning: {summary['warning']}")
+    if unsure := summary["vessels_between"] + summary["vessels_dispersed"]:
+        print_notes([
+            f"in {unsure} vessels dye diffuses across the lumen while it runs (fourier above "
+            "0.01), so that its tip comes later and its front is steeper than foreseen, between "
+            "tip and mean"
+        ])  # fmt: skip
+    print_result(as_json, summary, lambda: _front_lines(summary, out))
+
+
+def _front_lines(summary: dict[str, Any], out: Path) -> Iterator[str]:
+    yield from (f"{key}: {value:.4g}" for key, value in summary.items() if key != "warning")
+    yield from (str(out / name) for name in (FRONT, CURVES, PICTURE))
 
 
 def _network(model: Path) -> VesselNetwork:

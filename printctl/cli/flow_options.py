@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final
 
-import typer
 import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
-from printctl.cli.options import folder_to_write
+from printctl.analysis.flow.typed_over import section_over
 from printctl.cli.section_options import (
     SectionOptions,
     needs_another,
@@ -33,94 +32,26 @@ from printctl.recipe.parts import (
     StenosisPart,
     ThreeDPart,
 )
-
-OutOption = Annotated[
-    Path,
-    typer.Option(
-        "--out", callback=folder_to_write, help="Folder for the tables; made where it isn't."
-    ),
-]
-FluidOption = Annotated[
-    Path | None,
-    typer.Option("--fluid", help="YAML with a recipe's flow.viscosity: model: carreau and so on."),
-]
-StenosisOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--stenosis",
-        metavar="VESSEL,SHARE,MM",
-        help="Vessel, diameter left (0.1 to 1), length; may be given again.",
-    ),
-]
-ShearBandOption = Annotated[
-    str | None,
-    typer.Option("--shear-band-dyn-cm2", metavar="LOW,HIGH", help="Wall shear that is wanted."),
-]
-SvzerodOption = Annotated[
-    Path | None,
-    typer.Option("--svzerod", help="Write the problem for svZeroDSolver, too."),
-]
-SvonedOption = Annotated[
-    Path | None,
-    typer.Option("--svoned", help="Write the pulsatile problem for svOneDSolver, too."),
-]
-FilletOption = Annotated[
-    float | None,
-    typer.Option("--fillet-ratio", help="Of 3D: fillet over the thinnest vessel's radius."),
-]
-AsPrintedFlag = Annotated[
-    bool,
-    typer.Option(
-        "--as-printed", help="Of a run: as designed against the lumens that registration found."
-    ),
-]
-ScannedFlag = Annotated[
-    bool, typer.Option("--scanned", help="3D as printed in the scan's own surface.")
-]
-ResultsOption = Annotated[
-    Literal["csv", "npz"] | None,
-    typer.Option("--results", help="Tables as csv, or as arrays of one npz (NumPy, fast)."),
-]
+from printctl.settings import opt, settings
 
 
-@dataclass(frozen=True)
+@settings
 class OtherSolvers:
     """Options that have 3D flow solved by, or written for, other programs."""
 
-    ranks: Annotated[
-        int | None, typer.Option("--ranks", help="Solve 3D on so many MPI processes, by FEniCSx.")
-    ] = None
-    ranks_python: Annotated[
-        Path | None, typer.Option("--ranks-python", help="Interpreter with dolfinx, for --ranks.")
-    ] = None
-    svmultiphysics: Annotated[
-        Path | None,
-        typer.Option("--svmultiphysics", help="Write the 3D case for svMultiPhysics here."),
-    ] = None
+    ranks: int | None = opt("Solve 3D on so many MPI processes, by FEniCSx.")
+    ranks_python: Path | None = opt("Interpreter with dolfinx, for --ranks.")
+    svmultiphysics: Path | None = opt("Write the 3D case for svMultiPhysics here.")
 
 
-@dataclass(frozen=True)
+@settings
 class Match:
     """Options that adjust radii until 3D flow divides as wanted."""
 
-    match_split: Annotated[
-        bool,
-        typer.Option("--match-split", help="Adjust radii until 3D divides as 0D, or --want."),
-    ] = False
-    want: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--want", metavar="NODE,ML_MIN", help="Flow wanted at an outlet; again for more."
-        ),
-    ] = None
-    match_percent: Annotated[
-        float | None,
-        typer.Option("--match-percent", help="Largest deviation, of the inlet's flow; 0.5."),
-    ] = None
-    least_lumen_mm: Annotated[
-        float | None,
-        typer.Option("--least-lumen-mm", min=0.0, help="Smallest diameter that can be printed."),
-    ] = None
+    match_split: bool = opt("Adjust radii until 3D divides as 0D, or --want.", False)
+    want: list[str] | None = opt("Flow wanted at an outlet; again for more.", metavar="NODE,ML_MIN")
+    match_percent: float | None = opt("Largest deviation, of the inlet's flow; 0.5.")
+    least_lumen_mm: float | None = opt("Smallest diameter that can be printed.", min=0.0)
 
 
 @dataclass
@@ -130,8 +61,6 @@ class FlowOutput:
     summary: dict[str, Any] = field(default_factory=dict)
     files: list[Path] = field(default_factory=list)
 
-
-# Parse the fluid's file, stenoses and number lists of `printctl flow`.
 
 _FLUID: Final[TypeAdapter[Any]] = TypeAdapter(FluidPart)
 _GIVE: Final = "write model: carreau, power_law or pries_1994, and its numbers"
@@ -168,13 +97,7 @@ def fluid_section(path: Path | None) -> dict[str, Any]:
 
 
 def stenoses(texts: list[str]) -> list[dict[str, Any]]:
-    """Return stenoses VESSEL,SHARE,MM as a flow section says them.
-
-    Raises
-    ------
-    UsageError
-        For what isn't three numbers, or out of bounds.
-    """
+    """Return stenoses VESSEL,SHARE,MM as a flow section says them."""
     found = []
     for text in texts:
         vessel, share, length = numbers(text, "--stenosis", "VESSEL,SHARE,MM", 3)
@@ -190,13 +113,7 @@ def stenoses(texts: list[str]) -> list[dict[str, Any]]:
 
 
 def numbers(text: str, name: str, form: str, count: int) -> tuple[float, ...]:
-    """Return so many numbers with commas between.
-
-    Raises
-    ------
-    UsageError
-        For anything else.
-    """
+    """Return so many numbers with commas between."""
     try:
         found = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -205,8 +122,6 @@ def numbers(text: str, name: str, form: str, count: int) -> tuple[float, ...]:
         raise UsageError(f"{name} {text!r} isn't {form}; write numbers with commas between")
     return found
 
-
-# A recipe's `flow` section as options of `printctl flow`, and made from what was typed.
 
 _STEADY: Final = "Fluid, inlets and outlets"
 PULSE: Final = SectionOptions(
@@ -241,25 +156,6 @@ DRIVING: Final = (
 """What flows, and what drives it."""
 SECTIONS: Final = (*DRIVING, ONE_D, THREE_D, COMPARE)
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
-_SOLVED: Final = ("one_d", "three_d", "compare")
-_EVERY_OUTLET: Final = "outlet."
-_ALTERNATIVES: Final = (
-    {"inlet_flow_ml_min", "inlet_pressure_mmhg"},
-    {"viscosity_mpa_s", "viscosity"},
-    {_EVERY_OUTLET, "outlets"},
-    {f"pulse.{PULSE.fields()[name]}" for name in _WAVES},
-)
-"""Keys of which a section has one: what is typed takes the recipe's place."""
-_PRINT_POWER: Final = {
-    "inlet_flow_ml_min": 3,
-    "pulse.amplitude_ml_min": 3,
-    "pulse.wall_thickness_mm": 1,
-    "outlet.resistance_mmhg_min_ml": -3,
-    "outlet.proximal_mmhg_min_ml": -3,
-    "outlet.compliance_ml_mmhg": 3,
-}
-"""By which power of print_scale a print's value is above its design's."""
-_UNSCALED: Final = ("outlets", "pulse.table", "losses.stenoses")
 _HAS_NONE: Final = ", and the recipe has none"
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
 _IN_SPACE: Final = ("three_d", "match_split", "ranks", "svmultiphysics")
@@ -278,7 +174,7 @@ _TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def part_of(
-    asked: Mapping[str, Any], base: FlowPart | None = None, print_scale: float = 1.0
+    requested: Mapping[str, Any], base: FlowPart | None = None, print_scale: float = 1.0
 ) -> tuple[FlowPart, list[str]]:
     """The section that options, by their names, stand for, and what they say in a run's place.
 
@@ -295,136 +191,53 @@ def part_of(
     UsageError
         For options that don't go together, a value out of bounds, a fluid that can't be read.
     """
-    waves = any(asked[key] is not None for key in _WAVES)
+    waves = any(requested[key] is not None for key in _WAVES)
     own_pulse = base is not None and base.pulse is not None
-    _refuse_without_wave(asked, waves or own_pulse, "" if base is None else _HAS_NONE)
-    refuse_idle_options(asked)
+    _refuse_without_wave(requested, waves or own_pulse, "" if base is None else _HAS_NONE)
+    refuse_idle_options(requested)
     section = (
-        section_values(SECTIONS, _with_own_space(asked))
-        | fluid_section(asked["fluid"])
-        | shear_band(asked)
+        section_values(SECTIONS, _with_own_space(requested))
+        | fluid_section(requested["fluid"])
+        | shear_band(requested)
     )
-    if asked["stenosis"]:
-        section.setdefault("losses", {})["stenoses"] = stenoses(asked["stenosis"])
+    if requested["stenosis"]:
+        section.setdefault("losses", {})["stenoses"] = stenoses(requested["stenosis"])
     typed: list[str] = []
     if base is not None:
-        section, typed = _over(base, section, print_scale)
+        section, typed = section_over(base, section, print_scale)
     try:
         return FlowPart(**section), typed
     except ValidationError as exc:
         raise wrong_option(exc, SECTIONS, "pulsatile flow" if waves else "flow") from exc
 
 
-def _over(
-    base: FlowPart, typed: dict[str, Any], print_scale: float
-) -> tuple[dict[str, Any], list[str]]:
-    """A run's section with what was typed in its place, and what that is.
-
-    Raises
-    ------
-    UsageError
-        For a typed table or stenosis of a print that isn't of its design's size.
-    """
-    known = base.model_dump(exclude_none=True)
-    if base.every_outlet is not None:
-        known["outlet"] = known.get("pulse", {}).pop("outlet", None) or known["outlet"]
-    known.get("compare", {}).pop("lattice", None)
-    section: dict[str, Any] = {
-        key: known.pop(key, {}) | typed.pop(key) for key in _SOLVED if key in typed
-    }
-    held = _flat({key: value for key, value in known.items() if key not in _SOLVED})
-    said = []
-    for key, value in _flat(typed).items():
-        rivals = [other for other in held if other == key or _alternatives(key, other)]
-        old = ", ".join(f"{other} {_shown(held.pop(other))}" for other in rivals)
-        said.append(f"{key} {_shown(value)}" + (f" in place of {old}" if old else ""))
-        if print_scale != 1.0 and key in _UNSCALED:
-            raise UsageError(
-                f"{key} is of the design's size, and this run is printed {print_scale:g} times as "
-                "large; say it in the recipe"
-            )
-        power = _PRINT_POWER.get(key, 0)
-        held[key] = value / print_scale**power if power else value
-    for key, value in held.items():
-        part, _, name = key.rpartition(".")
-        (section.setdefault(part, {}) if part else section)[name] = value
-    return section, said
-
-
-def _flat(section: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by key, those of sections as ``pulse.period_s``; a fluid is one value."""
-    made: dict[str, Any] = {}
-    for key, value in section.items():
-        if isinstance(value, dict) and key != "viscosity":
-            made |= {f"{key}.{name}": one for name, one in value.items()}
-        else:
-            made[key] = value
-    return made
-
-
-def _alternatives(key: str, other: str) -> bool:
-    """Whether a section has one of two keys; those of ``outlet`` go together."""
-    pair = {_EVERY_OUTLET if one.startswith(_EVERY_OUTLET) else one for one in (key, other)}
-    return len(pair) > 1 and any(pair <= group for group in _ALTERNATIVES)
-
-
-def conditions_said(part: FlowPart, typed: list[str], print_scale: float) -> str:
-    """Sentence on a run's conditions: what holds, and what was typed in the recipe's place."""
-    inlet = "inlet_flow_ml_min" if part.inlet_pressure_mmhg is None else "inlet_pressure_mmhg"
-    main = {inlet: getattr(part, inlet)}
-    if part.viscosity is None:
-        main["viscosity_mpa_s"] = part.viscosity_mpa_s
-    own = _flat(part.model_dump(exclude_defaults=True, exclude={*_SOLVED, "exports"}))
-    held = ", ".join(f"{key} {_shown(value)}" for key, value in (main | own).items())
-    size = "" if print_scale == 1.0 else f", of the design's size (print_scale {print_scale:g})"
-    if not typed:
-        return f"the recipe's{size}: {held}"
-    return f"the recipe's with what was typed{size}: {held}; typed: {'; '.join(typed)}"
-
-
-def _shown(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def space_of(asked: Mapping[str, Any]) -> ThreeDPart:
-    """What was typed of lumens in space, for those that don't solve as --three-d does.
-
-    Raises
-    ------
-    UsageError
-        For a value out of bounds.
-    """
+def space_of(requested: Mapping[str, Any]) -> ThreeDPart:
+    """What was typed of lumens in space, for those that don't solve as --three-d does."""
     try:
-        return ThreeDPart(**_OTHERS.typed(asked))
+        return ThreeDPart(**_OTHERS.typed(requested))
     except ValidationError as exc:
         raise wrong_option(exc, [_OTHERS], "3D flow") from exc
 
 
-def _with_own_space(asked: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The options without those of --three-d that are given for another who solves in space.
-
-    Raises
-    ------
-    UsageError
-        For an option of --three-d that the others don't take.
-    """
-    solving = [name for name in _IN_SPACE if asked[name]]
-    if asked["three_d"] or not solving:
-        return asked
+def _with_own_space(requested: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The options without those of --three-d that are given for another who solves in space."""
+    solving = [name for name in _IN_SPACE if requested[name]]
+    if requested["three_d"] or not solving:
+        return requested
     takes = [name for name, by in _TAKEN.items() if set(solving) & set(by)]
-    typed = [name for name in THREE_D.fields() if asked[name] is not None]
+    typed = [name for name in THREE_D.fields() if requested[name] is not None]
     for name in typed:
         if name not in takes:
-            word = f"no_{name}" if asked[name] is False else name
+            word = f"no_{name}" if requested[name] is False else name
             raise UsageError(
                 f"{option(word)} is for --three-d; {option(solving[0])} takes "
                 f"{' and '.join(map(option, takes))} alone. Add --three-d to solve here, too, or "
                 "leave it out"
             )
-    return {**asked, **dict.fromkeys(typed)}
+    return {**requested, **dict.fromkeys(typed)}
 
 
-def refuse_idle_options(asked: Mapping[str, Any]) -> None:
+def refuse_idle_options(requested: Mapping[str, Any]) -> None:
     """Refuse an option that does nothing without another one.
 
     Raises
@@ -433,35 +246,29 @@ def refuse_idle_options(asked: Mapping[str, Any]) -> None:
     """
     for key, other in _NEED.items():
         # An option that may be given again is an empty list where it isn't given.
-        if asked[key] not in (None, [], ()) and not asked[other]:
+        if requested[key] not in (None, [], ()) and not requested[other]:
             raise needs_another(key, other)
-    if asked["fillet_ratio"] is not None and not any(asked[key] for key in _IN_SPACE):
+    if requested["fillet_ratio"] is not None and not any(requested[key] for key in _IN_SPACE):
         raise UsageError(
             "--fillet-ratio rounds the lumens that 3D flow is solved in; give --three-d, "
             "--match-split, --ranks or --svmultiphysics, or leave it out"
         )
 
 
-def _refuse_without_wave(asked: Mapping[str, Any], waves: bool, why: str) -> None:
+def _refuse_without_wave(requested: Mapping[str, Any], waves: bool, why: str) -> None:
     if waves:
         return
-    idle = next((name for name in PULSE.fields() if asked[name] is not None), None)
+    idle = next((name for name in PULSE.fields() if requested[name] is not None), None)
     if idle is not None:
         raise UsageError(f"{option(idle)} is for pulsatile flow{why}; {_GIVE_WAVE}")
     for key, does in (("svoned", "writes a pulsatile problem"), ("one_d", "follows a pulse")):
-        if asked[key]:
+        if requested[key]:
             raise UsageError(f"{option(key)} {does}{why}; {_GIVE_WAVE}")
 
 
-def shear_band(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """The range of wall shear that is wanted, as the section says it; empty where none is.
-
-    Raises
-    ------
-    UsageError
-        For what isn't two numbers.
-    """
-    text = asked["shear_band_dyn_cm2"]
+def shear_band(requested: Mapping[str, Any]) -> dict[str, Any]:
+    """The range of wall shear that is wanted, as the section says it; empty where none is."""
+    text = requested["shear_band_dyn_cm2"]
     if text is None:
         return {}
     return {"shear_band_dyn_cm2": numbers(text, "--shear-band-dyn-cm2", "LOW,HIGH", 2)}

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from design.files import write_bytes
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.declare import command, group
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines, print_result
 from printctl.errors import UsageError
 from printctl.history.bundle import filed, write_bundle
 from printctl.history.repeat import RepeatPlan, entry_of_bundle, make_job, plan_repeat
@@ -25,77 +26,58 @@ from printctl.machine.link.history_query import HistoryQuery, SortBy
 from printctl.machine.link.record import JOURNAL
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.evidence import evidence
-
-# Options of `printctl history` that filter, sort and limit prints, and the query made of them.
+from printctl.settings import arg, opt, settings
 
 STATES = (*sorted(state.value for state in ENDED), INTERRUPTED)
-SearchOption = Annotated[
-    str,
-    typer.Option("--search", help="Words that must all occur: file, hash, profile, alarm ..."),
-]
-StateOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--state",
-        help=f"How it ended, any of those given: {', '.join(STATES)}.",
-        show_default=False,
-    ),
-]
-ProfileOption = Annotated[str, typer.Option("--profile", help="The printer's profile.")]
-WhoOption = Annotated[str, typer.Option("--who", help="The operator.")]
-SinceOption = Annotated[str, typer.Option("--since", metavar="DAY", help="First day: 2026-11-01.")]
-UntilOption = Annotated[str, typer.Option("--until", metavar="DAY", help="Last day: 2026-11-30.")]
-SortOption = Annotated[SortBy, typer.Option("--sort", help="The latest or last name first.")]
-ReverseFlag = Annotated[bool, typer.Option("--reverse", help="The other way round.")]
-LimitOption = Annotated[
-    int | None, typer.Option("--limit", min=1, help="At most so many.", show_default=False)
-]
-
-
-def query_of(
-    search: str = "",
-    state: list[str] | None = None,
-    profile: str = "",
-    who: str = "",
-    since: str = "",
-    until: str = "",
-    sort: SortBy = SortBy.STARTED,
-    reverse: bool = False,
-    limit: int | None = None,
-) -> HistoryQuery:
-    """Convert the options to a query of the history.
-
-    Raises
-    ------
-    UsageError
-        For a state or a day that there isn't.
-    """
-    for one in state or ():
-        if one not in STATES:
-            raise UsageError(f"--state {one!r} isn't one of {', '.join(STATES)}")
-    return HistoryQuery(
-        words=search,
-        states=tuple(state or ()),
-        profile=profile,
-        who=who,
-        since=day_begins(since, "--since"),
-        until=day_ends(until, "--until"),
-        sort=sort,
-        descending=not reverse,
-        limit=limit,
-    )
-
-
-# Commands of `printctl history` about one print: show, bundle, verify, key, repeat.
-
+SearchOption = Annotated[str, opt("Words that must all occur: file, hash, profile, alarm ...")]
+CsvFlag = Annotated[bool, opt("Every column as CSV.", False, "--csv")]
 IdArg = Annotated[
     str,
-    typer.Argument(
+    arg(
+        "The print, as `printctl history` names it in brackets; its beginning will do.",
         metavar="ID",
-        help="The print, as `printctl history` names it in brackets; its beginning will do.",
-        show_default=False,
     ),
 ]
+
+
+@settings
+class Which:
+    """Which prints are meant."""
+
+    search: SearchOption = ""
+    state: list[str] | None = opt(f"How it ended, any of those given: {', '.join(STATES)}.")
+    profile: str = opt("The printer's profile.", "")
+    who: str = opt("The operator.", "")
+    since: str = opt("First day: 2026-11-01.", "", metavar="DAY")
+    until: str = opt("Last day: 2026-11-30.", "", metavar="DAY")
+
+    def query(self) -> HistoryQuery:
+        """As the history takes it; raises `UsageError` for a state or a day that there isn't."""
+        for one in self.state or ():
+            if one not in STATES:
+                raise UsageError(f"--state {one!r} isn't one of {', '.join(STATES)}")
+        return HistoryQuery(
+            words=self.search,
+            states=tuple(self.state or ()),
+            profile=self.profile,
+            who=self.who,
+            since=day_begins(self.since, "--since"),
+            until=day_ends(self.until, "--until"),
+        )
+
+
+@settings
+class Sorted(Which):
+    """The same, in which order and how many."""
+
+    sort: SortBy = opt("The latest or last name first.", SortBy.STARTED)
+    reverse: bool = opt("The other way round.", False)
+    limit: int | None = opt("At most so many.", min=1)
+
+    def query(self) -> HistoryQuery:
+        """See `Which.query`."""
+        plain = super().query()
+        return replace(plain, sort=self.sort, descending=not self.reverse, limit=self.limit)
 
 
 def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
@@ -109,20 +91,18 @@ def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
         line = time_line(entry.journal)
     except OSError:
         line = None
-    if as_json:
-        print_json({
-            "print": filed(entry).model_dump(mode="json"),
-            "journal": str(entry.journal),
-            "gcode": str(record.gcode) if record.gcode else None,
-            "run": str(record.run) if record.run else None,
-            "report": {name: str(path) for name, path in record.report.items()},
-            "verdict": record.verdict,
-            "note": record.note(),
-            "missing": list(record.missing),
-            "events": [asdict(event) for event in line.events] if line else [],
-        })  # fmt: skip
-        return
-    print_lines(
+    facts = {
+        "print": filed(entry).model_dump(mode="json"),
+        "journal": str(entry.journal),
+        "gcode": str(record.gcode) if record.gcode else None,
+        "run": str(record.run) if record.run else None,
+        "report": {name: str(path) for name, path in record.report.items()},
+        "verdict": record.verdict,
+        "note": record.note(),
+        "missing": list(record.missing),
+        "events": [asdict(event) for event in line.events] if line else [],
+    }
+    print_result(as_json, facts, [
         f"{entry.file}, {entry.state}: {entry.message}",
         f"id       {entry.id}",
         f"sha256   {entry.sha256}",
@@ -136,15 +116,14 @@ def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
         *(f"missing  {text}" for text in record.missing),
         "",
         *(f"{e.after_s:9.1f} s  {e.kind:<10} {e.text}" for e in (line.events if line else ())),
-    )
+    ])  # fmt: skip
 
 
+@command
 def bundle(
     print_id: IdArg,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="The zip; print_ID.zip by default.")
-    ] = None,
-    unsigned: Annotated[bool, typer.Option("--unsigned", help="Without a signature.")] = False,
+    out: Path | None = opt("The zip; print_ID.zip by default."),
+    unsigned: bool = opt("Without a signature.", False),
     as_json: JsonFlag = False,
 ) -> None:
     """Pack a print's journal, G-code, recipe, profiles and report into one signed zip.
@@ -157,24 +136,26 @@ def bundle(
     entry = PrintHistory().one(print_id)
     path = out or Path(f"print_{entry.id}.zip")
     manifest = write_bundle(path, entry, None if unsigned else lab_key())
-    if as_json:
-        print_json({"bundle": str(path), "manifest": manifest.model_dump(mode="json")})
-        return
     signed = f"signed by key {manifest.signed_by}" if manifest.signed_by else "unsigned"
-    print_lines(f"{path}: {len(manifest.files)} files, {signed}")
-    print_lines(*(f"  not in it: {text}" for text in manifest.missing or ("nothing is missing",)))
+    missing_lines = manifest.missing or ("nothing is missing",)
+    print_result(
+        as_json,
+        {"bundle": str(path), "manifest": manifest.model_dump(mode="json")},
+        [
+            f"{path}: {len(manifest.files)} files, {signed}",
+            *(f"  not in it: {text}" for text in missing_lines),
+        ],
+    )
 
 
+@command
 def verify(
-    file: Annotated[Path, typer.Argument(help="The bundle.", show_default=False)],
-    keys: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--key",
-            help="A public key (PEM) that you know to be the lab's; this machine's own by default.",
-            show_default=False,
-        ),
-    ] = None,
+    file: Path = arg("The bundle."),
+    keys: list[Path] | None = opt(
+        "A public key (PEM) that you know to be the lab's; this machine's own by default.",
+        None,
+        "--key",
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Tell whether a bundle is as it was filed, and who signed it; nothing is unpacked.
@@ -186,27 +167,25 @@ def verify(
     own = known_lab_key() if not keys else None
     trusted = [read_public_file(path) for path in keys or ()] + ([own] if own else [])
     result = verify_bundle(file, trusted)
-    if as_json:
-        print_json({
-            "whole": result.whole,
-            "signature": result.signature.value,
-            "fingerprint": result.fingerprint,
-            "changed": list(result.changed),
-            "print": result.manifest.print.model_dump(mode="json") if result.manifest else None,
-        })  # fmt: skip
-    else:
-        print_lines(*result.lines())
-        if result.whole and result.manifest:
-            entry = result.manifest.print
-            print_lines(f"  {entry.file}, {entry.state}, {local_time(entry.started)}, {entry.who}")
+    entry = result.manifest.print if result.manifest else None
+    facts = {
+        "whole": result.whole,
+        "signature": result.signature.value,
+        "fingerprint": result.fingerprint,
+        "changed": list(result.changed),
+        "print": entry.model_dump(mode="json") if entry else None,
+    }
+    lines = [*result.lines()]
+    if result.whole and entry:
+        lines.append(f"  {entry.file}, {entry.state}, {local_time(entry.started)}, {entry.who}")
+    print_result(as_json, facts, lines)
     if not result.good:
         raise typer.Exit(1)
 
 
+@command
 def key(
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Write the public key here (PEM).")
-    ] = None,
+    out: Path | None = opt("Write the public key here (PEM)."),
 ) -> None:
     """Show the lab's key, made at the first call; give the public one to whoever verifies.
 
@@ -221,20 +200,12 @@ def key(
     )
 
 
+@command
 def repeat(
-    print_id: Annotated[
-        str, typer.Argument(metavar="[ID]", help="The print; not needed with --bundle.")
-    ] = "",
-    out: Annotated[
-        Path, typer.Option("--to", help="Folder for the job; of a page's workspace, its jobs.")
-    ] = Path("jobs"),
-    bundle: Annotated[
-        Path | None,
-        typer.Option("--bundle", help="Take the G-code from this bundle.", show_default=False),
-    ] = None,
-    check_only: Annotated[
-        bool, typer.Option("--check", help="Only tell what differs from then.")
-    ] = False,
+    print_id: str = arg("The print; not needed with --bundle.", "", metavar="[ID]"),
+    out: Path = opt("Folder for the job; of a page's workspace, its jobs.", Path("jobs"), "--to"),
+    bundle: Path | None = opt("Take the G-code from this bundle."),
+    check_only: bool = opt("Only tell what differs from then.", False, "--check"),
     as_json: JsonFlag = False,
 ) -> None:
     """Make a job of the same bytes again, and tell what isn't as it was then; nothing is started.
@@ -246,15 +217,13 @@ def repeat(
     entry = PrintHistory().one(print_id) if print_id else entry_of_bundle(bundle or Path())
     plan = plan_repeat(entry, bundle)
     made = None if check_only else make_job(plan, out)
-    if as_json:
-        print_json({
-            "job": str(made) if made else None,
-            "differences": [asdict(one) for one in plan.differences],
-            "unknown": list(plan.unknown),
-            "set_up": plan.set_up,
-        })  # fmt: skip
-        return
-    print_lines(*_plan_lines(plan, made))
+    facts = {
+        "job": str(made) if made else None,
+        "differences": [asdict(one) for one in plan.differences],
+        "unknown": list(plan.unknown),
+        "set_up": plan.set_up,
+    }
+    print_result(as_json, facts, _plan_lines(plan, made))
 
 
 def _plan_lines(plan: RepeatPlan, made: Path | None) -> list[str]:
@@ -264,85 +233,39 @@ def _plan_lines(plan: RepeatPlan, made: Path | None) -> list[str]:
     return [*lines, *([f"job: {made}; nothing was started"] if made else [])]
 
 
-history = typer.Typer(
-    help="Past prints: list and search, show one, file its record, print it again.",
-    invoke_without_command=True,
-    rich_markup_mode="markdown",
-)
-
-
-history.command("show")(show)
-
-
-history.command("bundle")(bundle)
-
-
-history.command("verify")(verify)
-
-
-history.command("key")(key)
-
-
-history.command("repeat")(repeat)
-
-
-@history.callback()
+@command
 def overview(
     context: typer.Context,
     search: SearchOption = "",
-    as_csv: Annotated[bool, typer.Option("--csv", help="Every column as CSV.")] = False,
+    as_csv: CsvFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
     """List past prints, the latest first; `list --help` has more ways to narrow."""
     if context.invoked_subcommand is None:
-        _show(query_of(search), as_csv, as_json)
+        _show(Which(search=search).query(), as_csv, as_json)
 
 
-@history.command("list")
-def list_prints(
-    search: SearchOption = "",
-    state: StateOption = None,
-    profile: ProfileOption = "",
-    who: WhoOption = "",
-    since: SinceOption = "",
-    until: UntilOption = "",
-    sort: SortOption = SortBy.STARTED,
-    reverse: ReverseFlag = False,
-    limit: LimitOption = None,
-    as_csv: Annotated[bool, typer.Option("--csv", help="Every column as CSV.")] = False,
-    as_json: JsonFlag = False,
-) -> None:
+@command
+def list_prints(which: Sorted, as_csv: CsvFlag = False, as_json: JsonFlag = False) -> None:
     """List past prints that fit.
 
     Example: `printctl history list --state killed --state failed --since 2026-11-01`
     """
-    _show(
-        query_of(search, state, profile, who, since, until, sort, reverse, limit), as_csv, as_json
-    )
+    _show(which.query(), as_csv, as_json)
 
 
-@history.command("csv")
-def as_table(
-    search: SearchOption = "",
-    state: StateOption = None,
-    profile: ProfileOption = "",
-    who: WhoOption = "",
-    since: SinceOption = "",
-    until: UntilOption = "",
-) -> None:
+@command
+def as_table(which: Which) -> None:
     """Write every column as CSV to stdout, safe to open in a spreadsheet.
 
     Example: `printctl history csv --since 2026-11-01 > november.csv`
     """
-    _show(query_of(search, state, profile, who, since, until), as_csv=True, as_json=False)
+    _show(which.query(), as_csv=True, as_json=False)
 
 
-@history.command("rebuild")
+@command
 def rebuild(
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(help="Search these too, with all folders below.", show_default=False),
-    ] = None,
+    folders: list[Path] | None = arg("Search these too, with all folders below.", None),
     as_json: JsonFlag = False,
 ) -> None:
     """Make the list again from the journals, which are the truth.
@@ -354,10 +277,8 @@ def rebuild(
             raise UsageError(f"{folder} is no folder; give one that holds prints")
     kept = PrintHistory()
     count = kept.rebuild(folders or ())
-    if as_json:
-        print_json({"prints": count, "index": str(kept.path)})
-        return
-    print_lines(f"{count} prints in {kept.path}")
+    facts = {"prints": count, "index": str(kept.path)}
+    print_result(as_json, facts, [f"{count} prints in {kept.path}"])
 
 
 def _show(query: HistoryQuery, as_csv: bool, as_json: bool) -> None:
@@ -393,3 +314,17 @@ def _lines(entry: PrintEntry) -> list[str]:
     head = f"{when}  {entry.state:<16} {entry.file}  {known}  {entry.profile}  {entry.by}"
     message = [f"    {entry.message}"] if entry.message and entry.state != "done" else []
     return [f"{head}  [{entry.id}]", *message, *(f"    ! {alarm.text}" for alarm in entry.alarms)]
+
+
+history = group(
+    typer.Typer(
+        help="Past prints: list and search, show one, file its record, print it again.",
+        invoke_without_command=True,
+        rich_markup_mode="markdown",
+    ),
+    *(show, bundle, verify, key, repeat),
+    list=list_prints,
+    csv=as_table,
+    rebuild=rebuild,
+)
+history.callback()(overview)

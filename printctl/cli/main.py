@@ -86,7 +86,7 @@ def _fail(message: str, code: int) -> None:
 
 def _report(exc: BaseException | None, message: str, code: int) -> None:
     """Print a failure as one JSON object where ``--json`` was given and none was printed."""
-    asked = "--json" in takewhile(lambda word: word != "--", sys.argv[1:])
-    if asked and not JSON_PRINTED.get():
+    requested = "--json" in takewhile(lambda word: word != "--", sys.argv[1:])
+    if requested and not JSON_PRINTED.get():
         with contextlib.suppress(OSError):  # nobody reads stdout any more
             print(json.dumps(error_facts(exc, message, code), indent=1), flush=True)

@@ -1,20 +1,23 @@
-"""`printctl measure`: distances, densities, branching, flow and oxygen of a network in tissue."""
+"""`printctl measure`, `oxygen`: a network in its tissue: distances, branching, flow, oxygen."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
-import typer
+from pydantic import ValidationError
 
 from design.files import write_text
+from design.hemodynamics import solve_flow
 from design.measures import MeasureOptions, compare_orders, measure_network, measures_dict
 from design.network_files.by_suffix import READ
 from design.tissue import SizeLimits, Tissue, load_tissue
 from design.units import LengthUnit
+from printctl.analysis.measure_words import measure_lines
 from printctl.analysis.networks import Drive, load_source
+from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, known_flow, solve_and_write
+from printctl.cli.declare import command
 from printctl.cli.options import (
     InletFlowOption,
     JsonFlag,
@@ -23,221 +26,41 @@ from printctl.cli.options import (
     TissueUnitOption,
     UnitOption,
     ViscosityOption,
+    folder_to_write,
     messages,
-    print_json,
-    print_lines,
+    print_dim,
+    print_result,
     refuse_input_as_output,
 )
+from printctl.cli.section_options import (
+    SectionOptions,
+    Sections,
+    section_values,
+    wrong_option,
+)
 from printctl.errors import UsageError
+from printctl.recipe.parts import OxygenPart
 from printctl.run_folder.artefacts import SURFACE
-
-# Format a network's measures, beside published values, as lines for the terminal.
-
-Numbers = dict[str, Any]
-_NAME, _VALUE = 46, 12
-_FORKS: Final = {
-    "between_deg": "angle of children, degrees",
-    "wider_deg": "wider child's turn",
-    "narrower_deg": "narrower child's turn",
-    "diameter_ratio": "narrower over wider diameter",
-    "area_ratio": "children's area over parent's",
-}
-
-
-def measure_lines(numbers: Numbers) -> list[str]:
-    """`design.measures.measures_dict` for a terminal, a line a measure, by sections."""
-    lines = [*_size(numbers)]
-    for title, key in (("Supply by all lumens", "supply"), (_printable(numbers), "printable")):
-        if numbers[key] is not None:
-            lines += ["", title, *_supply(numbers[key])]
-    if numbers["options"]["printable_diameter_mm"] is not None and numbers["printable"] is None:
-        lines += ["", _printable(numbers), "  none is as wide"]
-    lines += [*_branching(numbers), *_flow(numbers)]
-    for kind, tables in numbers["morphometry"].items():
-        for name in ("strahler", "diameter_defined"):
-            lines += ["", *_orders(kind, name, tables[name])]
-    if "against" in numbers:
-        lines += ["", *_against(numbers["against"])]
-    return lines
-
-
-def _against(numbers: Numbers) -> Iterator[str]:
-    """A published table beside the network's, a line an order."""
-    yield f"Arteries against {numbers['table']} ({numbers['source']})"
-    if numbers["orders"]:
-        heads = ("diameter, mm", "length, mm", "length/diameter")
-        yield "  order  elements  " + "".join(f"{one:<30}" for one in heads).rstrip()
-    for row in numbers["orders"]:
-        cells = (_beside(row[key]) for key in ("diameter_mm", "length_mm", "length_over_diameter"))
-        yield f"  {row['order']:>5}{row['elements']:>10}  " + "".join(f"{one:<30}" for one in cells)
-    for name, value in numbers["ratios"].items():
-        yield f"  {name.replace('_', ' '):<17}  {_beside(value)}"
-    yield from _forks(numbers["forks"])
-    yield "  Not compared: " + "; ".join(numbers["left_out"])
-
-
-def _forks(rows: list[Numbers]) -> Iterator[str]:
-    """Angles and asymmetry at forks beside published ones, a line each."""
-    yield f"  {'forks':<43}{'ours':<18}published"
-    for row in rows:
-        which = _FORKS[row["measure"]] + (" (first forks)" if row["at"] == "first" else "")
-        ours = "–" if row["ours"] is None else f"{row['ours']:.3g} ± {row['ours_sd']:.2g}"
-        if row["mean"] is None:
-            yield f"  {which:<43}{ours:<18}no published figure"
-            continue
-        says = {True: "inside", False: "OUTSIDE", None: ""}[row["inside"]]
-        yield f"  {which:<43}{ours:<18}{row['mean']:.3g} ± {row['sd']:.2g} {says}".rstrip()
-        yield f"    {row['source']}" + (f"; {row['note']}" if row["note"] else "")
-
-
-def _beside(value: Numbers) -> str:
-    """Ours, the published mean ± sd, and whether it is inside."""
-    if value["ours"] is None:
-        return "–"
-    mean = "–" if value["mean"] is None else f"{value['mean']:.3g}"
-    spread = "–" if value["sd"] is None else f"{value['sd']:.2g}"
-    says = {True: "inside", False: "OUTSIDE", None: ""}[value["inside"]]
-    return f"{value['ours']:.3g} ({mean} ± {spread}) {says}"
-
-
-def _row(name: str, value: float | None, unit: str = "") -> str:
-    text = "–" if value is None else str(value)
-    if isinstance(value, float):
-        # No powers of ten for what has only grown long.
-        text = f"{value:.0f}" if 1e4 <= abs(value) < 1e9 else f"{value:.4g}"
-    return f"  {name:<{_NAME}}{text:>{_VALUE}} {unit}".rstrip()
-
-
-def _printable(numbers: Numbers) -> str:
-    width = numbers["options"]["printable_diameter_mm"]
-    return f"Supply by lumens of {width:g} mm and more" if width else ""
-
-
-def _size(numbers: Numbers) -> Iterator[str]:
-    yield "Network"
-    yield _row("vessels", numbers["vessels"])
-    yield _row("inlets", numbers["inlets"])
-    yield _row("outlets", numbers["outlets"])
-    yield _row("length", numbers["length_mm"], "mm")
-    yield _row("volume of the lumens", numbers["volume_mm3"], "mm³")
-    yield _row("surface of the lumens", numbers["surface_mm2"], "mm²")
-    yield _row("thinnest diameter", numbers["diameter_least_mm"], "mm")
-    yield _row("widest diameter", numbers["diameter_greatest_mm"], "mm")
-    yield _row("volume of the tissue", numbers["tissue_mm3"], "mm³")
-
-
-def _supply(supply: Numbers) -> Iterator[str]:
-    oxygen = supply["oxygen"]
-    yield _row("tissue to the nearest lumen, mean", 1e3 * supply["distance_mean_mm"], "µm")
-    yield _row(
-        "tissue to the nearest lumen, 95th percentile", 1e3 * supply["distance_p95_mm"], "µm"
-    )
-    yield _row("tissue to the nearest lumen, farthest", 1e3 * supply["distance_max_mm"], "µm")
-    for limit, share in supply["beyond"].items():
-        yield _row(f"tissue beyond {limit.removesuffix('_um')} µm", 100.0 * share, "%")
-    yield _row("share of the volume that is lumen", 100.0 * supply["lumen_fraction"], "%")
-    yield _row("vessels per section", supply["vessels_per_mm2"], "1/mm²")
-    for axis, count in zip("xyz", supply["sections_per_mm2"], strict=True):
-        yield _row(f"  of sections across {axis}", count, "1/mm²")
-    yield _row("Krogh's cylinder, radius", 1e3 * oxygen["cylinder_mm"], "µm")
-    yield _row("oxygen (estimate), mean", oxygen["mean_millimolar"], "mM")
-    yield _row("oxygen (estimate), 5th percentile", oxygen["p5_millimolar"], "mM")
-    yield _row("tissue without oxygen (estimate)", 100.0 * oxygen["anoxic"], "%")
-
-
-def _branching(numbers: Numbers) -> Iterator[str]:
-    murray, ways = numbers["murray"], numbers["ways"]
-    if murray is not None:
-        yield from (
-            "",
-            f"Murray's law, exponent {murray['exponent']:g}: Σ r_child^γ / r_parent^γ - 1",
-        )
-        yield _row("forks", murray["forks"])
-        yield _row("residual, mean", murray["mean"])
-        yield _row("residual, 95th percentile of its size", murray["p95"])
-        yield _row("residual, least", murray["least"])
-        yield _row("residual, greatest", murray["greatest"])
-    if ways is not None:
-        yield from ("", "Ways from inlet to outlet")
-        yield _row("vessels on the way, mean", ways["depth_mean"])
-        yield _row("vessels on the way, most", ways["depth_max"])
-        yield _row("way over straight distance, mean", ways["tortuosity_mean"])
-        yield _row("way over straight distance, 95th percentile", ways["tortuosity_p95"])
-        yield _row("way over straight distance, most", ways["tortuosity_max"])
-        yield _row("the same of single vessels, mean", ways["vessel_tortuosity_mean"])
-        yield _row("the same of single vessels, most", ways["vessel_tortuosity_max"])
-
-
-def _flow(numbers: Numbers) -> Iterator[str]:
-    flow = numbers["terminal_flow"]
-    if flow is None:
-        return
-    yield from ("", "Flow of the terminals")
-    yield _row("terminals", flow["terminals"])
-    yield _row("mean", 0.06 * flow["mean_ul_s"], "mL/min")
-    yield _row("spread, (greatest - least) / mean", flow["spread"])
-    yield _row("coefficient of variation", flow["cv"])
-
-
-def _orders(kind: str, name: str, table: Numbers) -> Iterator[str]:
-    """The published form: by order, from 1 for the smallest, and the ratios between orders."""
-    how = {"strahler": "Strahler's orders", "diameter_defined": "diameter-defined orders"}[name]
-    yield f"{kind.capitalize()}, {how}"
-    yield (
-        f"  {'order':>5}{'segments':>10}{'elements':>10}{'diameter / µm':>20}"
-        f"{'element length / mm':>24}"
-    )
-    for n, segments in enumerate(table["segments"]):
-        wide = f"{1e3 * table['diameter_mean_mm'][n]:.4g} ± {1e3 * table['diameter_sd_mm'][n]:.3g}"
-        long = f"{table['element_length_mean_mm'][n]:.3g} ± {table['element_length_sd_mm'][n]:.2g}"
-        yield f"  {n + 1:>5}{segments:>10}{table['elements'][n]:>10}{wide:>20}{long:>24}"
-    ratios = [
-        f"{label} {table[key]:.3g}"
-        for label, key in (
-            ("branching", "branching_ratio"),
-            ("diameter", "diameter_ratio"),
-            ("length", "length_ratio"),
-        )
-        if table[key] is not None
-    ]
-    if ratios:
-        yield f"  ratio from order to order: {', '.join(ratios)}"
-    if len(table["segments"]) > 1:
-        yield "  connectivity (elements of order row that spring from one of order column):"
-        count = len(table["segments"])
-        yield "  " + " " * 5 + "".join(f"{n + 1:>9}" for n in range(count))
-        for n, row in enumerate(table["connectivity"]):
-            yield f"  {n + 1:>5}" + "".join(f"{value:>9.3g}" for value in row)
-
+from printctl.settings import opt
 
 _ANY_SIZE = SizeLimits(0.5, 2000.0)
 """The network says where the tissue is, so that a wrong unit shows in the measures."""
 
 
+@command
 def measure(
     network: SourceArg,
     tissue: TissueOption = None,
     tissue_unit: TissueUnitOption = None,
     unit: UnitOption = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Write the JSON into a file.")] = None,
-    printable_mm: Annotated[
-        float | None,
-        typer.Option("--printable-mm", help="Measure again for lumens at least as wide."),
-    ] = None,
-    murray_exponent: Annotated[
-        float,
-        typer.Option(
-            "--murray-exponent", help="That radii at junctions are held against.", min=1, max=5
-        ),
-    ] = 3.0,
-    samples: Annotated[
-        int, typer.Option("--samples", min=100, max=50_000_000, help="Points in the tissue.")
-    ] = 200_000,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the points.")] = 1,
-    against: Annotated[
-        Literal["coronary", "kidney", "lung", "liver"] | None,
-        typer.Option("--against", help="Compare orders and forks with published real vessels."),
-    ] = None,
+    out: Path | None = opt("Write the JSON into a file."),
+    printable_mm: float | None = opt("Measure again for lumens at least as wide."),
+    murray_exponent: float = opt("That radii at junctions are held against.", 3.0, min=1, max=5),
+    samples: int = opt("Points in the tissue.", 200_000, min=100, max=50_000_000),
+    seed: int = opt("Of the points.", 1, min=0),
+    against: Literal["coronary", "kidney", "lung", "liver"] | None = opt(
+        "Compare orders and forks with published real vessels."
+    ),
     inlet_flow_ml_min: InletFlowOption = None,
     viscosity_mpa_s: ViscosityOption = None,
     as_json: JsonFlag = False,
@@ -260,15 +83,12 @@ def measure(
     )
     if against is not None:
         measures["against"] = compare_orders(source.network, against)
-    text = json.dumps(measures, indent=1, allow_nan=False) + "\n"
     if out is not None:
-        write_text(out, text)
-    if as_json:
-        print_json(measures)
-        return
-    for note in source.notes:
-        messages().print(note, style="dim", markup=False)
-    print_lines(*measure_lines(measures), *([str(out)] if out is not None else []))
+        write_text(out, json.dumps(measures, indent=1, allow_nan=False) + "\n")
+    if not as_json:
+        print_dim(source.notes)
+    written = [] if out is None else [str(out)]
+    print_result(as_json, measures, lambda: [*measure_lines(measures), *written])
 
 
 def tissue_around(path: Path, unit: LengthUnit | None) -> Tissue:
@@ -283,3 +103,69 @@ def tissue_around(path: Path, unit: LengthUnit | None) -> Tissue:
         raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
     messages().print("preparing the tissue ...")
     return load_tissue(path, unit, limits=_ANY_SIZE)
+
+
+NUMBERS = "oxygen.json"
+_SECTION: Final = SectionOptions(OxygenPart)
+
+
+def _part(typed: dict[str, Any]) -> OxygenPart:
+    """The options as a recipe's section, checked as it would be."""
+    try:
+        return OxygenPart(**section_values([_SECTION], typed))
+    except ValidationError as exc:
+        raise wrong_option(exc, [_SECTION], "oxygen") from exc
+
+
+_PART: Final[Any] = Sections([_SECTION], _part)
+
+
+@command
+def oxygen(
+    *,
+    network: SourceArg,
+    tissue: TissueOption = None,
+    tissue_unit: TissueUnitOption = None,
+    unit: UnitOption = None,
+    out: Path = opt(
+        "Folder for the files; made where it isn't.", Path("oxygen"), callback=folder_to_write
+    ),
+    inlet_flow_ml_min: InletFlowOption = None,
+    viscosity_mpa_s: ViscosityOption = None,
+    part: OxygenPart = _PART,
+    as_json: JsonFlag = False,
+) -> None:
+    """Oxygen in vessels and tissue: what is hypoxic, what is left at the outlets.
+
+    What isn't given is assumed, and the assumptions stand in the result: cells and their uptake
+    decide it, so give your own.
+    """
+    drive = Drive(inlet_flow_ml_min, viscosity_mpa_s)
+    source = load_source(network, unit, drive)
+    flow = known_flow(source)
+    if flow is None:
+        flow = solve_flow(source.network, drive.conditions())
+    around = tissue_around(tissue if tissue is not None else network, tissue_unit)
+    out.mkdir(parents=True, exist_ok=True)
+    numbers = solve_and_write(out, source.network, flow, around, part, _report_progress)
+    write_text(out / NUMBERS, json.dumps(numbers, indent=1, allow_nan=False) + "\n")
+    if not as_json:
+        print_dim(source.notes)
+    files = [str(out / name) for name in (NUMBERS, TABLE, FIELD, SLICE)]
+    print_result(
+        as_json, numbers, lambda: [hypoxia(numbers, part), *_oxygen_lines(numbers), *files]
+    )
+
+
+def _report_progress(fraction: float, note: str = "") -> None:
+    messages().print(f"solving at {note} ...")
+
+
+def _oxygen_lines(numbers: dict[str, Any]) -> list[str]:
+    """The main numbers, a line each."""
+    keys = (
+        "hypoxic_percent", "hypoxic_coarser_percent", "mean_millimolar", "least_millimolar",
+        "outlet_millimolar", "extraction_percent", "demand_met_percent", "cells",
+        "cells_fed_at_most", "imbalance", "spacing_um",
+    )  # fmt: skip
+    return [f"{key}: {numbers[key]:.4g}" for key in keys if key in numbers]

@@ -4,23 +4,50 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Final, cast, get_args
+from typing import Annotated, Any, Final, cast, get_args
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from design.solids.write import write_stl
-from firmware_profiles import load
+from firmware_profiles import Needle, load
 from firmware_profiles.plates import Dish
-from printctl.cli.observe_frame import frame, tip
-from printctl.cli.observe_looks import FrameFile, LimitOption, answer, looks
-from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
+from printctl.calibration.patterns import read_pattern
+from printctl.cli.declare import command, group
+from printctl.cli.options import (
+    JsonFlag,
+    folder_to_write,
+    print_json,
+    print_note,
+    print_result,
+)
+from printctl.cli.running_print import answer, looks
 from printctl.errors import UsageError
+from printctl.settings import arg, opt, three_numbers
 from registration.devices.camera_frame import (
+    Bath,
+    CameraFrame,
+    Insert,
+    PrintedLine,
+    SeenMarks,
+    Ties,
+    TipView,
+    Touch,
     check_frame,
     design_insert,
+    find_crossings,
+    find_marks,
+    find_tip,
+    fit_frame,
+    grounds,
     insert_solids,
+    locate_tip,
+    merged,
     read_frame,
+    read_insert,
     write_dots,
     write_insert,
     write_svg,
@@ -28,37 +55,32 @@ from registration.devices.camera_frame import (
 from registration.devices.camera_frame.check import LIMIT_UM
 from registration.devices.camera_frame.insert import Process
 from registration.devices.laser_sweep import fit_laser, trace
+from registration.devices.lens import Lens, read_lens
 from registration.devices.lens.board import decoded
 from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 
-# `printctl observe insert`: write a dish insert with marks, to print, plot or engrave.
-
 _SOLID: Final = ("fdm", "resin")
 _DPI: Final = 1200
+_T95: Final = 1.96
+_MISFIT_PX: Final = 1.0
+_SURE_MM: Final = 0.02
+_U_Z_MM: Final = 0.2
+_U_Z_OF_PRINT_MM: Final = 5.0
+"""How far the marks may lie above or below a print whose --at wasn't given."""
+FrameFile = Annotated[Path, opt("File of `printctl observe frame`.")]
 
 
+@command
 def insert(
-    dish: Annotated[str, typer.Option("--dish", help="Dish profile: shipped name or .yaml file.")],
-    out: Annotated[
-        Path, typer.Option("--out", callback=folder_to_write, help="Folder to write to.")
-    ],
-    made: Annotated[
-        str, typer.Option("--made", help="How it is made: fdm, resin, paper or engraved.")
-    ] = "fdm",
-    mark_mm: Annotated[float, typer.Option("--mark-mm", help="Side of a mark.")] = 8.0,
-    thickness_mm: Annotated[
-        float | None,
-        typer.Option("--thickness-mm", help="Of the plate; 3 mm if not, of paper on a card 1 mm."),
-    ] = None,
-    hole_mm: Annotated[
-        float | None,
-        typer.Option(
-            "--hole-mm",
-            help="Hole along x: the dish outside and 0.5 mm; 4 mm more than "
-            "the dish inside if not.",
-        ),
-    ] = None,
+    dish: str = opt("Dish profile: shipped name or .yaml file.", ...),
+    out: Path = opt("Folder to write to.", ..., callback=folder_to_write),
+    made: str = opt("How it is made: fdm, resin, paper or engraved.", "fdm"),
+    mark_mm: float = opt("Side of a mark.", 8.0),
+    thickness_mm: float | None = opt("Of the plate; 3 mm if not, of paper on a card 1 mm."),
+    hole_mm: float | None = opt(
+        "Hole along x: the dish outside and 0.5 mm; 4 mm more than the dish inside if not."
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Write a plate with ArUco marks that lies around the dish: drawings at true size, and bodies.
@@ -84,39 +106,32 @@ def insert(
         write_stl(out / "insert_white.stl", solids[0])
         write_stl(out / "insert_black.stl", solids[1])
     left, right = (c for c in drawn.crosses if c.name in ("left", "right"))
+    apart = right.x_mm - left.x_mm
     if as_json:
         print_json({
             "folder": str(out), "marks": len(drawn.marks), "plate_mm": drawn.plate_mm,
-            "hole_mm": drawn.hole_mm, "left_to_right_mm": right.x_mm - left.x_mm,
+            "hole_mm": drawn.hole_mm, "left_to_right_mm": apart,
         })  # fmt: skip
         return
-    messages().print(
+    print_note(
         f"wrote {out}: {len(drawn.marks)} marks of {mark_mm:g} mm on {drawn.plate_mm[0]:.4g} x "
         f"{drawn.plate_mm[1]:.4g} mm, hole {drawn.hole_mm[0]:g} x {drawn.hole_mm[1]:g} mm. Make it "
-        f"at 100 %, then measure from the left to the right cross ({right.x_mm - left.x_mm:.2f} mm "
-        "as drawn)",
-        markup=False,
+        f"at 100 %, then measure from the left to the right cross ({apart:.2f} mm as drawn)"
     )
 
 
-# `printctl observe sweep`: fit a laser line that a calibrated camera sees, by a flat face.
-
-_T95: Final = 1.96
-
-
+@command
 def sweep(
-    pictures: Annotated[
-        Path,
-        typer.Argument(help="Folder of pictures, TIFF of pages or video: the laser's line swept "
-                       "over a flat face in the dish.", show_default=False),
-    ],
+    *,
+    pictures: Path = arg(
+        "Folder of pictures, TIFF of pages or video: the laser's line swept over a flat face in "
+        "the dish."
+    ),
     frame: FrameFile,
-    floor_z: Annotated[
-        float,
-        typer.Option("--floor-z", help="Height of that face, printer's frame, mm: touch it with "
-                     "the needle.", show_default=False),
-    ],
-    out: Annotated[Path, typer.Option("-o", "--out", help="YAML file to write.")],
+    floor_z: float = opt(
+        "Height of that face, printer's frame, mm: touch it with the needle.", ...
+    ),
+    out: Path = opt("YAML file to write.", ..., "-o", "--out"),
     as_json: JsonFlag = False,
 ) -> None:  # fmt: skip
     """Fit how a laser line sweeps under a camera, so that pictures of its line become heights.
@@ -132,26 +147,25 @@ def sweep(
     laser = fitted.laser
     write_model(out, laser)
     at, above = (_T95 * one for one in laser.u_um)
-    if as_json:
-        print_json({
-            "pictures": fitted.pictures, "of": traced.pictures, "off_um": laser.off_um,
-            "height_95_um": at, "height_95_above_um": above, "point": laser.point,
-        })  # fmt: skip
-    else:
-        print_lines(
-            f"pictures            {fitted.pictures} of {traced.pictures} used",
-            f"flat face           told {laser.off_um:.0f} µm off its height, per picture (RMS)",
-            f"heights             ± {at:.0f} µm at z {floor_z:g} mm, ± {above:.0f} µm 5 mm above "
-            "(95 %, of one picture's line)",
-        )
-    messages().print(f"wrote {out}", markup=False)
+    facts = {
+        "pictures": fitted.pictures, "of": traced.pictures, "off_um": laser.off_um,
+        "height_95_um": at, "height_95_above_um": above, "point": laser.point,
+    }  # fmt: skip
+    print_result(as_json, facts, [
+        f"pictures            {fitted.pictures} of {traced.pictures} used",
+        f"flat face           told {laser.off_um:.0f} µm off its height, per picture (RMS)",
+        f"heights             ± {at:.0f} µm at z {floor_z:g} mm, ± {above:.0f} µm 5 mm above "
+        "(95 %, of one picture's line)",
+    ])  # fmt: skip
+    print_note(f"wrote {out}")
 
 
-# `printctl observe check`: detect a moved camera or insert from the marks in one picture.
+@command
 def check(
-    picture: Annotated[Path, typer.Argument(help="Picture of the insert.", show_default=False)],
+    *,
+    picture: Path = arg("Picture of the insert."),
     frame: FrameFile,
-    limit_um: LimitOption = LIMIT_UM,
+    limit_um: float = opt("Shift at the dish up to which a frame holds.", LIMIT_UM, min=1),
     as_json: JsonFlag = False,
 ) -> None:
     """Compare a picture's marks with the frame's: a bumped camera, a moved insert, another focus.
@@ -161,51 +175,294 @@ def check(
     held = read_frame(frame)
     answer = check_frame(decoded(picture), held, picture, limit_um)
     age = held.age_days(datetime.now(UTC))
-    if as_json:
-        number = {"moved_um": answer.moved_um, "u_um": answer.u_um}
-        print_json({
-            "holds": answer.holds, "marks": answer.marks, "why": answer.why,
-            "notes": answer.notes, "age_days": age,
-            **{name: one if math.isfinite(one) else None for name, one in number.items()},
-        })  # fmt: skip
-    else:
-        moved = (
-            "" if math.isnan(answer.moved_um)
-            else f": moved {answer.moved_um:.0f} µm at the dish (± {2 * answer.u_um:.0f} µm), "
-            f"{answer.marks} marks"
-        )  # fmt: skip
-        verdict = "holds" if answer.holds else "does not hold"
-        print_lines(
-            f"the frame of {age:.1f} days ago {verdict}{moved}",
-            *answer.why,
-            *answer.notes,
-        )
+    number = {"moved_um": answer.moved_um, "u_um": answer.u_um}
+    facts = {
+        "holds": answer.holds, "marks": answer.marks, "why": answer.why,
+        "notes": answer.notes, "age_days": age,
+        **{name: one if math.isfinite(one) else None for name, one in number.items()},
+    }  # fmt: skip
+    moved = (
+        "" if math.isnan(answer.moved_um)
+        else f": moved {answer.moved_um:.0f} µm at the dish (± {2 * answer.u_um:.0f} µm), "
+        f"{answer.marks} marks"
+    )  # fmt: skip
+    verdict = "holds" if answer.holds else "does not hold"
+    lines = [f"the frame of {age:.1f} days ago {verdict}{moved}", *answer.why, *answer.notes]
+    print_result(as_json, facts, lines)
     if not answer.holds:
         raise typer.Exit(3)
 
 
-observe = typer.Typer(
-    help="A camera over the dish: tie it to the printer, check it; what it saw of a print.",
-    no_args_is_help=True,
+@command
+def frame(
+    pictures: list[Path] = arg("Pictures of the insert, nothing moved between them."),
+    lens: Path = opt("File of `printctl calibrate camera`.", ...),
+    insert: Path = opt("File of `printctl observe insert`.", ...),
+    out: Path = opt("YAML file to write.", ..., "-o", "--out"),
+    touched: list[str] | None = opt(
+        "Printer's position with the tip on a cross (left, right, front, back); two or more, with "
+        "Z where the tip touches the plate.",
+        metavar="CROSS=X,Y[,Z]"
+    ),
+    u_touch_mm: float = opt("Standard uncertainty of a touched place.", 0.05, min=0),
+    printed: Path | None = opt(
+        "A print in the dish instead: the .json of `calibrate pattern squares`; its lines are "
+        "looked for."
+    ),
+    at: str | None = opt(
+        "Insert's middle and its marks' height, printer's frame, about; touched crosses tell it "
+        "better. If not given, where the print lies, or 0,0,0.",
+        metavar="X,Y,Z"
+    ),
+    u_z_mm: float | None = opt("Standard uncertainty of --at's Z; 0.2 if not given.", min=0.001),
+    measured: str | None = opt(
+        "Measured from the left to the right cross, and its standard uncertainty (0.03 mm).",
+        metavar="MM[,U]"
+    ),
+    bath_surface_z_mm: float | None = opt(
+        "Surface of a clear bath above the ink, printer's frame: refraction is taken into account."
+    ),
+    index: float = opt("Refractive index of the bath.", 1.333, min=1, max=2),
+    as_json: JsonFlag = False,
+) -> None:  # fmt: skip
+    """Fit a camera's place over the printer to pictures of a dish insert.
+
+    Without touched crosses and without a print the frame is the insert's own, moved to --at.
+    """
+    if touched and printed is not None:
+        raise UsageError("give crosses (--touched) or a print (--printed), not both")
+    optics, drawn = read_lens(lens), _measured(read_insert(insert), measured)
+    images = [decoded(path) for path in pictures]
+    marks = merged(
+        [
+            find_marks(image, drawn, optics, path)
+            for image, path in zip(images, pictures, strict=True)
+        ]
+    )
+    lines = [] if printed is None else _lines(printed)
+    (x, y, z), u_z = _about(at, u_z_mm, lines)
+    bath = None if bath_surface_z_mm is None else Bath(surface_z_mm=bath_surface_z_mm, index=index)
+    ties = Ties(
+        touches=[_touch(word, u_touch_mm) for word in touched or []],
+        z_mm=z, u_z_mm=u_z, at_mm=(x, y), bath=bath,
+    )  # fmt: skip
+    now = datetime.now(UTC)
+    if lines:
+        first = fit_frame(marks, drawn, optics, ties, now)
+        crossings = find_crossings(images[0], first.view, lines)
+        ties = Ties(printed=crossings, z_mm=z, u_z_mm=u_z, at_mm=(x, y), bath=bath)
+    found = fit_frame(marks, drawn, optics, ties, now)
+    write_model(out, found)
+    _tell(found, marks, optics, drawn, as_json, _height_note(found, ties))
+    print_note(f"wrote {out}")
+
+
+def _about(
+    at: str | None, u_z_mm: float | None, lines: list[PrintedLine]
+) -> tuple[tuple[float, float, float], float]:
+    """Insert's middle with its marks' height, and that height's standard uncertainty, mm.
+
+    A print without --at lies in the insert's middle, and a camera that looks from aside tells how
+    much higher the marks are.
+    """
+    if at is not None:
+        x, y, z = three_numbers(at, "--at")
+        return (x, y, z), u_z_mm or _U_Z_MM
+    if not lines:
+        return (0.0, 0.0, 0.0), u_z_mm or _U_Z_MM
+    ends = np.array([end for line in lines for end in (line.begin, line.end)])
+    x, y, z = (ends.min(axis=0) + ends.max(axis=0)).tolist()
+    return (x / 2, y / 2, z / 2), u_z_mm or _U_Z_OF_PRINT_MM
+
+
+def _height_note(found: CameraFrame, ties: Ties) -> list[str]:
+    off = found.middle_mm[2] - ties.z_mm
+    if found.tied != "printed" or abs(off) < 3 * ties.u_z_mm:
+        return []
+    return [
+        f"the marks seem to lie {off:+.1f} mm from --at's Z ({ties.z_mm:g} ± {ties.u_z_mm:g} mm), "
+        "and the frame is a compromise of both: leave --at out, or give the marks' height"
+    ]
+
+
+def _measured(drawn: Insert, stated: str | None) -> Insert:
+    if stated is None:
+        return drawn
+    try:
+        length, *more = (float(word) for word in stated.split(","))
+    except ValueError as exc:
+        raise UsageError(
+            f"--measured {stated!r} isn't MM or MM,U; write it like 66.61,0.03"
+        ) from exc
+    if len(more) > 1 or length <= 0 or any(u <= 0 for u in more):
+        raise UsageError(f"--measured {stated!r} isn't MM or MM,U; write it like 66.61,0.03")
+    return drawn.measured("left", length, more[0] if more else 0.03)
+
+
+def _touch(word: str, u_mm: float) -> Touch:
+    name, _, numbers = word.partition("=")
+    try:
+        x, y, *z = (float(part) for part in numbers.split(","))
+    except ValueError as exc:
+        raise UsageError(
+            f"--touched {word!r} isn't CROSS=X,Y or CROSS=X,Y,Z; write it like left=66.7,100.1,4.2"
+        ) from exc
+    if len(z) > 1:
+        raise UsageError(f"--touched {word!r} has more than X, Y and Z")
+    return Touch(name, x, y, z[0] if z else None, max(u_mm, 1e-4))
+
+
+def _lines(path: Path) -> list[PrintedLine]:
+    """The straight lines of a calibration pattern's squares or frame, printer's frame."""
+    written = read_pattern(path)
+    pattern, at = written.pattern, written.at_mm
+    if at is None:
+        raise UsageError(
+            f"{path} doesn't say where it was printed: a former printctl wrote it; write and print "
+            "the pattern again (printctl calibrate pattern squares)"
+        )
+    corner = np.array([at[0] - pattern.size_mm[0] / 2, at[1] - pattern.size_mm[1] / 2, at[2]])
+    found = []
+    for stroke in pattern.of_role("side", "frame"):
+        ends = (stroke.points + corner).tolist()
+        found += [PrintedLine(tuple(a), tuple(b), pattern.bead.width_mm) for a, b in pairwise(ends)]
+    return found
+
+
+def _tell(
+    found: CameraFrame, marks: SeenMarks, lens: Lens, drawn: Insert, as_json: bool, notes: list[str]
+) -> None:
+    if lens.covariance is None:
+        notes.append(
+            "the lens file doesn't say how well its numbers are known; fit it to five pictures of "
+            "a board, tilted by 20 to 40 degrees to different sides (printctl calibrate camera)"
+        )
+    if found.tied == "insert":
+        notes.append("places are the insert's, moved to --at: nothing ties them to the printer")
+    if found.off_px > _MISFIT_PX:
+        notes.append(f"marks are off by {found.off_px:.1f} pixels: is the insert flat?")
+    scale = found.insert_scale / drawn.scale - 1
+    if abs(scale) > 3 * drawn.u_scale:
+        notes.append(f"the insert is {100 * scale:+.2f} % larger than it should be; measure it")
+    facts = {
+        "um_per_px": found.um_per_px, "u_um": 1e3 * found.u_mm, "marks": len(marks.index),
+        "off_px": found.off_px, "insert_scale": found.insert_scale, "tied": found.tied,
+        "eye_mm": found.eye_mm, "notes": notes,
+    }  # fmt: skip
+    print_result(as_json, facts, [
+        f"camera to printer   ± {1e3 * _T95 * found.u_mm:.0f} µm (95 %, along the worst axis, in "
+        "the dish)",
+        f"scale               {found.um_per_px:.1f} µm a pixel in the dish's middle",
+        f"marks               {len(marks.index)} of {len(drawn.marks)}, off by "
+        f"{found.off_px:.2f} pixels",
+        f"insert              {100 * (found.insert_scale - 1):+.2f} % against its drawing",
+        *notes,
+    ])  # fmt: skip
+
+
+@command
+def tip(
+    pictures: list[Path] = arg("Pictures of the needle."),
+    frame: list[Path] = opt(
+        "File of `observe frame`; one for all pictures, or one for each (several cameras).", ...
+    ),
+    at: list[str] = opt(
+        "The printer's position in each picture, in their order.", ..., metavar="X,Y,Z"
+    ),
+    needle: str = opt("Needle profile.", ...),
+    reach_mm: float = opt("How far the tip may be off.", 2.0, min=0.1, max=20),
+    ground: Path | None = opt(
+        "The same scene without the needle (of one camera); other pictures serve as such, if not "
+        "given."
+    ),
+    known_z_mm: float | None = opt(
+        "Standard uncertainty of Z, where the needle was touched off; one picture will do then.",
+        min=0.001
+    ),
+    as_json: JsonFlag = False,
+) -> None:  # fmt: skip
+    """Find where the needle's tip is: its offset from the printer's position, its width, its wear.
+
+    Take four pictures with the needle at places some 20 mm apart around the dish's middle, well
+    above the bath; or two of two cameras.
+    """
+    if len(at) != len(pictures):
+        raise UsageError(f"{len(pictures)} pictures and {len(at)} places; give one --at for each")
+    if len(frame) not in (1, len(pictures)):
+        raise UsageError(f"{len(frame)} frames; give one, or one for each of {len(pictures)}")
+    rod = load(Needle, needle)
+    files = {path: read_frame(path) for path in frame}
+    frames = [files[path] for path in (frame if len(frame) > 1 else frame * len(pictures))]
+    places = np.array([three_numbers(word, "--at") for word in at])
+    views, missed = _views(pictures, frames, places, rod, reach_mm, ground)
+    for stated in missed:
+        print_note(stated)
+    if not views:
+        raise PictureError("the tip is not found in any picture")
+    first = None if known_z_mm is None else np.array([5.0, 5.0, known_z_mm])
+    found = locate_tip(views, rod.outer_mm, u_first_mm=first)
+    u_mm, offset = found.u_mm, found.offset_mm
+    notes = list(found.worn)
+    if u_mm.max() > _SURE_MM:
+        axis = "xyz"[int(u_mm.argmax())]
+        notes.append(
+            f"{axis} is known to {_T95 * 1e3 * u_mm.max():.0f} µm only: give more pictures with "
+            "the needle farther apart, or one from another side"
+        )
+    facts = {
+        "offset_mm": offset.tolist(), "u_mm": u_mm.tolist(), "outer_mm": found.outer_mm,
+        "u_outer_mm": found.u_outer_mm, "worn": found.worn, "views": found.views,
+        "misfit": found.misfit if np.isfinite(found.misfit) else None,
+        "not_found": missed, "notes": notes,
+    }  # fmt: skip
+    print_result(as_json, facts, [
+        *(
+            f"tip {name}   {o:+.3f} ± {_T95 * u:.3f} mm from the printer's position"
+            for name, o, u in zip("xyz", offset, u_mm, strict=True)
+        ),
+        f"outer   {found.outer_mm:.3f} ± {_T95 * found.u_outer_mm:.3f} mm ({rod.outer_mm:g} by the "
+        "profile)",
+        f"(95 %, {found.views} of {len(pictures)} pictures)",
+        *notes,
+    ])  # fmt: skip
+
+
+def _views(
+    pictures: list[Path],
+    frames: list[CameraFrame],
+    places: NDArray[np.float64],
+    rod: Needle,
+    reach_mm: float,
+    ground: Path | None,
+) -> tuple[list[TipView], list[str]]:
+    """Pictures in which the tip is found, and what is said of the others."""
+    images = [decoded(path) for path in pictures]
+    scene = None if ground is None else decoded(ground)
+    behind: list[NDArray[Any] | None] = [scene] * len(images)
+    if ground is None:
+        for one in {id(each): each for each in frames}.values():
+            own = [n for n, each in enumerate(frames) if each is one]
+            picked = grounds([images[n] for n in own], one, places[own], rod.outer_mm, reach_mm)
+            for n, other in zip(own, picked, strict=True):
+                behind[n] = other
+    views, missed = [], []
+    for n, path in enumerate(pictures):
+        try:
+            seen = find_tip(
+                images[n], frames[n], places[n], rod.outer_mm, reach_mm=reach_mm,
+                length_mm=rod.length_mm, ground=behind[n], source=str(path),
+            )  # fmt: skip
+        except PictureError as exc:
+            missed.append(f"{path}: not found: {exc}")
+            continue
+        views.append(TipView(frames[n], seen, places[n]))
+    return views, missed
+
+
+observe = group(
+    typer.Typer(
+        help="A camera over the dish: tie it to the printer, check it; what it saw of a print.",
+        no_args_is_help=True,
+    ),
+    *(insert, frame, check, tip, sweep, looks, answer),
 )
-
-
-observe.command("insert")(insert)
-
-
-observe.command("frame")(frame)
-
-
-observe.command("check")(check)
-
-
-observe.command("tip")(tip)
-
-
-observe.command("sweep")(sweep)
-
-
-observe.command("looks")(looks)
-
-
-observe.command("answer")(answer)

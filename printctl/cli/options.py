@@ -1,11 +1,10 @@
-"""Options and output that several subcommands share."""
+"""Options, inputs and output that several subcommands share."""
 
 from __future__ import annotations
 
 import json
-import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,88 +18,8 @@ from printctl.errors import UsageError
 from printctl.failures import JSON_PRINTED, message_and_code
 from printctl.pipeline.lock import run_lock
 from printctl.progress_file import ProgressFile
+from printctl.settings import arg, opt
 from sim.user_files import read_gcode_path
-
-RecipeArg = Annotated[Path, typer.Argument(help="The recipe, a YAML file.", show_default=False)]
-JsonFlag = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
-]
-YesFlag = Annotated[
-    bool, typer.Option("--yes", help="Start a print on a real printer without asking first.")
-]
-PrinterOption = Annotated[
-    str, typer.Option("--printer", help="Printer profile: a shipped name or a .yaml file.")
-]
-SyringeOption = Annotated[
-    str, typer.Option("--syringe", help="Syringe profile: a shipped name or a .yaml file.")
-]
-StartOption = Annotated[
-    str | None,
-    typer.Option(
-        "--start",
-        metavar="X,Y,Z",
-        help="Where the needle's tip stands before the first line, printer's frame, mm; where the "
-        "file's first lines tell it (G92), else 0,0,0, if not given.",
-    ),
-]
-
-
-def messages() -> Console:
-    """Console for messages: stderr, so that stdout holds results only."""
-    return Console(stderr=True, highlight=False, soft_wrap=True)
-
-
-def print_note(note: str) -> None:
-    """Say one line to people, whatever brackets stand in it."""
-    messages().print(note, markup=False)
-
-
-def print_json(value: Any) -> None:
-    """Print one JSON object on stdout."""
-    JSON_PRINTED.set(True)
-    sys.stdout.write(json.dumps(value, indent=1, allow_nan=False, default=float) + "\n")
-
-
-def print_lines(*lines: str) -> None:
-    """Print results for people on stdout."""
-    sys.stdout.write("\n".join(lines) + "\n")
-
-
-def three_numbers(text: str, option: str) -> tuple[float, float, float]:
-    """Read ``X,Y,Z``.
-
-    Raises
-    ------
-    UsageError
-        When the text isn't three finite numbers.
-    """
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError as exc:
-        unit = "µm" if option.endswith("-um") else "mm"
-        raise UsageError(
-            f"{option} {text!r} isn't X,Y,Z in {unit}; write it like 100,100,10"
-        ) from exc
-    if not all(map(math.isfinite, (x, y, z))):
-        raise UsageError(f"{option} {text!r} has a number that isn't finite")
-    return x, y, z
-
-
-def two_numbers(text: str, option: str) -> tuple[float, float]:
-    """Read ``LOW,HIGH``.
-
-    Raises
-    ------
-    UsageError
-        When the text isn't two finite numbers, the lower one first.
-    """
-    try:
-        low, high = (float(part) for part in text.split(","))
-    except ValueError as exc:
-        raise UsageError(f"{option} {text!r} isn't LOW,HIGH; write it like -40,20") from exc
-    if not -math.inf < low < high < math.inf:
-        raise UsageError(f"{option} {text!r} must be two finite numbers, the lower one first")
-    return low, high
 
 
 def folder_to_write(folder: Path | None) -> Path | None:
@@ -117,19 +36,148 @@ def folder_to_write(folder: Path | None) -> Path | None:
     return folder
 
 
+def _checked(wanted: bool) -> bool:
+    """Refuse --pdf before the work starts where no browser is installed."""
+    if wanted:
+        from registration.report.print_page import browser_missing  # Only wanted here.
+
+        missing = browser_missing()
+        if missing is not None:
+            raise UsageError(f"--pdf: {missing}")
+    return wanted
+
+
+RecipeArg = Annotated[Path, arg("The recipe, a YAML file.")]
+GcodeArg = Annotated[Path, arg("The G-code file.")]
+RunArg = Annotated[
+    Path,
+    arg("The print: its folder, its recipe's run folder, or its G-code file.", metavar="RUN"),
+]
+JsonFlag = Annotated[
+    bool, opt("Print one JSON object on stdout and nothing else there.", False, "--json")
+]
+YesFlag = Annotated[bool, opt("Start a print on a real printer without asking first.")]
+OutFolder = Annotated[Path, opt("Folder for the files.", callback=folder_to_write)]
+PdfFlag = Annotated[
+    bool,
+    opt(
+        "Print the page to a PDF too, by an installed Chromium, Chrome or Edge.", callback=_checked
+    ),
+]
+ProgressFileOption = Annotated[
+    Path | None, opt("Append progress to this file, a line of JSON a step.")
+]
+
+CameraFile = Annotated[
+    Path | None, opt("File of `printctl calibrate camera`: scale and distortion.")
+]
+
+# A print's set-up.
+PrinterOption = Annotated[str, opt("Printer profile: a shipped name or a .yaml file.")]
+SyringeOption = Annotated[str, opt("Syringe profile: a shipped name or a .yaml file.")]
+InkOption = Annotated[str, opt("Ink profile.")]
+StartOption = Annotated[
+    str | None,
+    opt(
+        "Where the needle's tip stands before the first line, printer's frame, mm; where the "
+        "file's first lines tell it (G92), else 0,0,0, if not given.",
+        metavar="X,Y,Z",
+    ),
+]
+# A vessel network.
+SourceArg = Annotated[Path, arg("A run folder, or a network: .csv, .vtp, .swc, .json, .npz, .txt.")]
+UnitOption = Annotated[
+    LengthUnit | None, opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc).")
+]
+TissueOption = Annotated[Path | None, opt("A closed mesh, or a run folder; a run has its own.")]
+TissueUnitOption = Annotated[LengthUnit | None, opt("Of the tissue's mesh.")]
+InletFlowOption = Annotated[
+    float | None, opt("In place of a run's own; of a file 0.25 without it.", min=1e-9)
+]
+ViscosityOption = Annotated[
+    float | None,
+    opt(f"In place of a run's own; of a file {BLOOD_MPA_S:g}, blood's, without it.", min=1e-6),
+]
+
+
+def messages() -> Console:
+    """Console for messages: stderr, so that stdout holds results only."""
+    return Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def print_note(note: str) -> None:
+    """Say one line to people, whatever brackets stand in it."""
+    messages().print(note, markup=False)
+
+
+def print_notes(notes: Iterable[str]) -> None:
+    """Say what a user should know beside the result, a line each."""
+    for note in notes:
+        print_note(f"note: {note}")
+
+
+def print_dim(notes: Iterable[str]) -> None:
+    """Say what was read and how, a line each."""
+    for note in notes:
+        messages().print(note, style="dim", markup=False)
+
+
+def print_warning(text: str) -> None:
+    """Say what spoils a result."""
+    messages().print(text, style="yellow", markup=False)
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON object on stdout."""
+    JSON_PRINTED.set(True)
+    sys.stdout.write(json.dumps(value, indent=1, allow_nan=False, default=float) + "\n")
+
+
+def print_lines(*lines: str) -> None:
+    """Print results for people on stdout."""
+    sys.stdout.write("\n".join(lines) + "\n")
+
+
+def print_result(
+    as_json: bool, facts: Any, lines: Iterable[str] | Callable[[], Iterable[str]]
+) -> None:
+    """Print a result: one JSON object, or ``lines``, which are read or made only then."""
+    if as_json:
+        print_json(facts)
+    else:
+        print_lines(*(lines() if callable(lines) else lines))
+
+
+def is_typed(context: typer.Context, name: str) -> bool:
+    """Whether an option stands on the command line, by its parameter's name."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
 def refuse_input_as_output(out: Path | None, *inputs: Path) -> None:
-    """Refuse to write over a file that the command reads.
+    """Refuse to write over a file that the command reads, by whatever name.
 
     Raises
     ------
     UsageError
-        Where ``out`` is one of ``inputs``, by whatever name.
     """
     if out is None or not out.exists():
         return
     for one in inputs:
         if one.exists() and out.samefile(one):
             raise UsageError(f"{out} is what this command reads; give another name to write to")
+
+
+def gcode_to_write(out: Path, *inputs: Path) -> None:
+    """Refuse a folder, or a file that the command reads, as the G-code's name.
+
+    Raises
+    ------
+    UsageError
+    """
+    if out.is_dir():
+        raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
+    refuse_input_as_output(out, *inputs)
 
 
 def read_gcode_file(path: Path) -> bytes:
@@ -146,70 +194,6 @@ def read_gcode_file(path: Path) -> bytes:
         raise UsageError(f"{path} can't be read: {exc.strerror}; check the path") from exc
 
 
-# Options shared by commands on vessel networks: file, unit, tissue mesh, inlet flow, viscosity.
-
-SourceArg = Annotated[
-    Path,
-    typer.Argument(
-        help="A run folder, or a network: .csv, .vtp, .swc, .json, .npz, .txt.", show_default=False
-    ),
-]
-UnitOption = Annotated[
-    LengthUnit | None,
-    typer.Option("--unit", help="Of the file, where it doesn't say (.csv, .vtp, .stl, .swc)."),
-]
-TissueOption = Annotated[
-    Path | None,
-    typer.Option("--tissue", help="A closed mesh, or a run folder; a run has its own."),
-]
-TissueUnitOption = Annotated[
-    LengthUnit | None, typer.Option("--tissue-unit", help="Of the tissue's mesh.")
-]
-InletFlowOption = Annotated[
-    float | None,
-    typer.Option(
-        "--inlet-flow-ml-min", min=1e-9, help="In place of a run's own; of a file 0.25 without it."
-    ),
-]
-ViscosityOption = Annotated[
-    float | None,
-    typer.Option(
-        "--viscosity-mpa-s",
-        min=1e-6,
-        help=f"In place of a run's own; of a file {BLOOD_MPA_S:g}, blood's, without it.",
-    ),
-]
-
-
-def _checked(wanted: bool) -> bool:
-    if wanted:
-        from registration.report.print_page import browser_missing  # Only wanted here.
-
-        missing = browser_missing()
-        if missing is not None:
-            raise UsageError(f"--pdf: {missing}")
-    return wanted
-
-
-PdfFlag = Annotated[
-    bool,
-    typer.Option(
-        "--pdf",
-        help="Print the page to a PDF too, by an installed Chromium, Chrome or Edge.",
-        # Before the work starts.
-        callback=_checked,
-    ),
-]
-
-
-# `--progress-file` option: write a command's progress to a file for other programs to read.
-
-ProgressFileOption = Annotated[
-    Path | None,
-    typer.Option("--progress-file", help="Append progress to this file, a line of JSON a step."),
-]
-
-
 def message_of(exc: Exception) -> str | None:
     """Return the user's message for a failure; None for an internal error."""
     known = message_and_code(exc)
@@ -223,6 +207,7 @@ class Steps:
     Attributes
     ----------
     path : Path or None
+        Of --progress-file.
     folder : Path
         Which the command works in; locked meanwhile where progress is asked for.
     names : sequence of str
@@ -257,42 +242,3 @@ class Steps:
             self._told.done(self._at[-1], "")
         self._at.append(name)
         self._told.stage(name, 0.0)
-
-
-# Command-line options of a print's set-up: needle, bath, dish, shaft crossings to accept.
-
-NeedleOption = Annotated[
-    str | None,
-    typer.Option(
-        "--needle", help="Needle profile; force and walls need it. Of several heads: left,right."
-    ),
-]
-ThinnestBoreOption = Annotated[
-    float,
-    typer.Option(
-        "--thinnest-bore",
-        min=0.05,
-        max=2.0,
-        help="Narrowest line, over the needle's bore (0.8 of 0.2 mm are 0.16 mm); try it on the "
-        "ink first.",
-    ),
-]
-BathOption = Annotated[
-    str | None, typer.Option("--bath", help="Bath profile; chemistry and warmth need it.")
-]
-AcceptCrossingsFlag = Annotated[
-    bool,
-    typer.Option(
-        "--accept-crossings",
-        help="Print although the needle's shaft passes through written vessels; the journal keeps "
-        "it.",
-    ),
-]
-DishOption = Annotated[str | None, typer.Option("--dish", help="Dish profile; walls need it.")]
-DishCentreOption = Annotated[
-    str | None,
-    typer.Option("--dish-centre", metavar="X,Y", help="Printer's frame; below --start if not."),
-]
-BathDepthOption = Annotated[
-    float | None, typer.Option("--bath-depth", help="How high the dish is filled, mm.", min=0.1)
-]

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-import typer
-
-from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
+from printctl.cli.declare import command
+from printctl.cli.options import (
+    JsonFlag,
+    OutFolder,
+    messages,
+    print_result,
+)
 from printctl.cli.scan import ScanFile, ScanOptions
-from printctl.cli.section_options import with_options_of
 from printctl.pipeline.overlaying import (
     HTML,
     chosen_layers,
@@ -20,41 +23,26 @@ from printctl.pipeline.overlaying import (
 )
 from printctl.pipeline.written_layers import read_written
 from printctl.progress import StageBars
+from printctl.settings import opt
 from registration.corrected import corrected_scan
 from registration.options import RegistrationOptions, segmentation_options
 from registration.overlay import align_pose, read_pose
 from registration.segmentation import segment
 
 
-@with_options_of(ScanOptions, "scan_said")
+@command
 def overlay(
     *,
     scan: ScanFile,
-    model: Annotated[
-        Path,
-        typer.Option("--model", help="Run folder of a print in layers.", show_default=False),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
-        ),
-    ],
-    pose: Annotated[
-        Path | None,
-        typer.Option(
-            "--pose",
-            help="registration.json of a scan in the same place; then nothing is aligned.",
-        ),
-    ] = None,
-    fit: Annotated[
-        Literal["scaled", "rigid"],
-        typer.Option("--fit", help="Whether the pose may stretch the scan to the design's size."),
-    ] = "scaled",
-    layer: Annotated[
-        list[int] | None,
-        typer.Option("--layer", min=1, help="Only this one, from 1; may be given more than once."),
-    ] = None,
+    model: Path = opt("Run folder of a print in layers.", ...),
+    out: OutFolder,
+    pose: Path | None = opt(
+        "registration.json of a scan in the same place; then nothing is aligned."
+    ),
+    fit: Literal["scaled", "rigid"] = opt(
+        "Whether the pose may stretch the scan to the design's size.", "scaled"
+    ),
+    layer: list[int] | None = opt("Only this one, from 1; may be given more than once.", min=1),
     scan_said: ScanOptions,
     as_json: JsonFlag = False,
 ) -> None:
@@ -88,7 +76,5 @@ def overlay(
             facts = {"schema": 1, "scan": str(scan), "model": str(model)}
             facts |= {"walls": None if measured.walls is None else asdict(measured.walls)}
             data = write_overlay(out, laid, chosen, facts, report)
-    if as_json:
-        print_json(data)
-    else:
-        print_lines(known.said, *known.notes, *summary_lines(data), str(out / HTML))
+    lines = [known.said, *known.notes, *summary_lines(data), str(out / HTML)]
+    print_result(as_json, data, lines)

@@ -6,34 +6,29 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from firmware_profiles import Printer, load
-from firmware_profiles.tools import THINNEST_BORE
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
+from printctl.cli.declare import command
 from printctl.cli.options import (
-    AcceptCrossingsFlag,
-    BathDepthOption,
-    BathOption,
-    DishCentreOption,
-    DishOption,
+    GcodeArg,
+    InkOption,
     JsonFlag,
-    NeedleOption,
     PrinterOption,
     StartOption,
     SyringeOption,
-    ThinnestBoreOption,
     YesFlag,
     messages,
-    print_json,
-    print_lines,
+    print_note,
+    print_notes,
+    print_result,
     read_gcode_file,
 )
-from printctl.cli.start_position import read_start_position
+from printctl.cli.simulate import read_start_position
 from printctl.machine.link.care import Care
 from printctl.machine.link.families import refuse_unsent
 from printctl.machine.link.job import load_job
@@ -54,127 +49,74 @@ from printctl.machine.printing import (
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.progress import StageBars
+from printctl.recipe.making import CarePart
+from printctl.settings import of, opt, settings
 from sim.gcode.dry_run.run import dry_run
 
 # Command-line options for supervising a print: checkpoints, dead-man's time, syringes, log.
 
-CheckpointOption = Annotated[
-    float,
-    typer.Option(
-        "--checkpoint-every",
+
+@settings
+class CareOptions:
+    """How a print is supervised, as the command line says it."""
+
+    checkpoint_every: float = opt(
+        "Verify the position where a layer or pass ends, at most so often, s; 0 for each end, inf "
+        "for none.",
+        30.0,
         metavar="SECONDS",
         min=0.0,
-        help="Verify the position where a layer or pass ends, at most so often, s; 0 for each end, "
-        "inf for none.",
-    ),
-]
-DeadmanOption = Annotated[
-    float,
-    typer.Option(
-        "--deadman",
-        metavar="MINUTES",
-        min=0.0,
-        help="Pause unless somebody confirms within so many min (`printctl alive`).",
-    ),
-]
-DeadmanStopsFlag = Annotated[bool, typer.Option("--deadman-stops", help="Stop instead of pausing.")]
-PrimeOption = Annotated[
-    float, typer.Option("--prime-ul", min=0.0, help="Ink to push in addition after a pause, µL.")
-]
-ReloadFlag = Annotated[
-    bool, typer.Option("--reload", help="Pause for a new syringe where one doesn't last.")
-]
-SilentLimitOption = Annotated[
-    float | None,
-    typer.Option(
-        "--silent-limit",
-        metavar="SECONDS",
-        min=10.0,
-        max=86_400.0,
-        help="End the print when the printer gives no usable answer for so long, s; 60, or 1800 "
-        "for one line of Klipper and RepRapFirmware, which may be busy with it.",
-    ),
-]
-NoiseLimitOption = Annotated[
-    int,
-    typer.Option(
-        "--noise-limit",
-        metavar="LINES",
-        min=1,
-        help="Pause when more lines than this among 500 had to be sent again.",
-    ),
-]
-WireLogOption = Annotated[
-    str,
-    typer.Option(
-        "--wire-log",
-        metavar="PATH",
-        help="Write all traffic to this file or folder; else the last of it is kept on an alarm.",
-    ),
-]
-
-
-def care_for(
-    syringes: Sequence[str],
-    capacity_mm: Sequence[float],
-    checkpoint_every: float,
-    deadman: float,
-    stops: bool,
-) -> Care:
-    """From the options' seconds and minutes; of several heads, what is in each."""
-    several = len(syringes) > 1
-    return Care(
-        checkpoint_s=None if math.isinf(checkpoint_every) else checkpoint_every,
-        deadman_s=60.0 * deadman,
-        deadman_stops=stops,
-        syringe=syringes[0],
-        capacity_mm=capacity_mm[0],
-        head_syringes=tuple(syringes) if several else (),
-        head_capacity_mm=tuple(capacity_mm) if several else (),
     )
+    silent_limit: float | None = of(CarePart, "silent_limit_s", "--silent-limit", metavar="SECONDS")
+    noise_limit: int = of(CarePart, "noise_limit", metavar="LINES")
+    wire_log: str = opt(
+        "Write all traffic to this file or folder; else the last of it is kept on an alarm.",
+        "",
+        metavar="PATH",
+    )
+    deadman: float = of(CarePart, "deadman_min", "--deadman", metavar="MINUTES")
+    deadman_stops: bool = of(CarePart, "deadman_stops")
+
+    def care(self, syringes: Sequence[str], capacity_mm: Sequence[float]) -> Care:
+        """As the link takes it; of several heads, what is in each."""
+        several = len(syringes) > 1
+        every = self.checkpoint_every
+        return Care(
+            checkpoint_s=None if math.isinf(every) else every,
+            deadman_s=60.0 * self.deadman,
+            deadman_stops=self.deadman_stops,
+            syringe=syringes[0],
+            capacity_mm=capacity_mm[0],
+            head_syringes=tuple(syringes) if several else (),
+            head_capacity_mm=tuple(capacity_mm) if several else (),
+            silent_limit_s=self.silent_limit,
+            noise_limit=self.noise_limit,
+            wire_log=str(Path(self.wire_log).absolute()) if self.wire_log else "",
+        )
 
 
+@command
 def print_job(
-    file: Annotated[Path, typer.Argument(help="The G-code file.", show_default=False)],
+    *,
+    file: GcodeArg,
     printer: PrinterOption,
-    port: Annotated[
-        str,
-        typer.Option(
-            "--port",
-            help="Serial port, tcp:HOST:PORT, simulated, or auto: the one with the profile's USB "
-            "id.",
-            show_default=False,
-        ),
-    ],
+    port: str = opt(
+        "Serial port, tcp:HOST:PORT, simulated, or auto: the one with the profile's USB id.", ...
+    ),
     syringe: SyringeOption = "hamilton_1ml",
-    ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
-    needle: NeedleOption = None,
-    thinnest_bore: ThinnestBoreOption = THINNEST_BORE,
-    bath: BathOption = None,
-    dish: DishOption = None,
-    dish_centre: DishCentreOption = None,
-    bath_depth: BathDepthOption = None,
+    ink: InkOption = "collagen_fresh",
+    mounted: ProfileNames,
     start: StartOption = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option("--folder", help="For the journal; FILE.print by default."),
-    ] = None,
-    baud: Annotated[
-        str | None,
-        typer.Option("--baud", help="In place of the profile's; auto tries the profile's list."),
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with an interrupted print of this file.")
-    ] = False,
-    checkpoint_every: CheckpointOption = 30.0,
-    silent_limit: SilentLimitOption = None,
-    noise_limit: NoiseLimitOption = 30,
-    wire_log: WireLogOption = "",
-    deadman: DeadmanOption = 0.0,
-    deadman_stops: DeadmanStopsFlag = False,
-    prime_ul: PrimeOption = 0.0,
-    reload: ReloadFlag = False,
-    accept_crossings: AcceptCrossingsFlag = False,
+    folder: Path | None = opt("For the journal; FILE.print by default."),
+    baud: str | None = opt("In place of the profile's; auto tries the profile's list."),
+    resume: bool = opt("Go on with an interrupted print of this file.", False),
+    how: CareOptions,
+    prime_ul: float = of(CarePart, "prime_ul"),
+    reload: bool = of(CarePart, "reload"),
+    accept_crossings: bool = opt(
+        "Print although the needle's shaft passes through written vessels; the journal keeps it.",
+        False,
+    ),
     yes: YesFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -190,27 +132,22 @@ def print_job(
     refuse_unsent(profile, str(file))
     place = folder if folder is not None else file.with_name(file.name + ".print")
     tip = read_start_position(file, profile, start)
-    loads = loads_of(profile, syringe, ink, needle)
+    loads = loads_of(profile, syringe, ink, mounted.needle)
     usable = [usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
-    names = of_each(profile, syringe, "--syringe")
-    care = replace(
-        care_for(names, usable, checkpoint_every, deadman, deadman_stops),
-        silent_limit_s=silent_limit,
-        noise_limit=noise_limit,
-        wire_log=str(Path(wire_log).absolute()) if wire_log else "",
-    )
+    care = how.care(of_each(profile, syringe, "--syringe"), usable)
     retreat, *others = (retreat_for(one.syringe, one.ink, 20.0, prime_ul) for one in loads)
     retreat = replace(retreat, others=tuple(others))
     order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))
     if running(order) is None:
-        mounted = ProfileNames(needle, bath, dish, dish_centre, bath_depth, thinnest_bore)
         set_for = set_up(profile, syringe, ink, tip, mounted)
         care = _check(file, set_for, tip, AcceptedRisks(care, usable, reload, accept_crossings))
         order = replace(order, care=care)
         _tell_unobserved(file, order)
-    outcome = _print(order, profile, tip, yes)
-    _tell(outcome, place, as_json)
-    if not outcome.proved:
+    done = _print(order, profile, tip, yes)
+    facts = {"state": done.state.value, "proved": done.proved, "lines": done.lines_done}
+    facts |= {"message": done.message, "folder": str(place)}
+    print_result(as_json, facts, [f"{done.state.value}: {done.message}", str(place)])
+    if not done.proved:
         raise typer.Exit(1)
 
 
@@ -245,8 +182,7 @@ def _check(
     checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
     checks, at, heads = with_reloads_of(checks, job, chosen.usable, wanted=chosen.reload)
     refuse_failed(checks)
-    for text in warnings(checks):
-        messages().print(f"note: {text}", markup=False)
+    print_notes(warnings(checks))
     return replace(
         chosen.care, reload_at=at, reload_heads=heads, accepted=shaft.accepted, start_mm=tip
     )
@@ -255,11 +191,10 @@ def _check(
 def _tell_unobserved(file: Path, order: Order) -> None:
     """Say so where a run's recipe has its print observed: only a run and the page observe."""
     if (file.parent / ORDER).is_file() and not order.resume:
-        messages().print(
+        print_note(
             f"note: nobody looks at this print, although {file.parent / ORDER} says how it is "
             "observed: `printctl print` starts no observer; `printctl run RECIPE` and the page "
-            "(`printctl serve`) do for the run's whole part, nobody for the rest of one",
-            markup=False,
+            "(`printctl serve`) do for the run's whole part, nobody for the rest of one"
         )
 
 
@@ -288,12 +223,3 @@ def _print(
             end_idle_observer(order.folder)
             raise
         return follow(client, report, bars)
-
-
-def _tell(outcome: PrintOutcome, folder: Path, as_json: bool) -> None:
-    if as_json:
-        state, lines, message = outcome.state.value, outcome.lines_done, outcome.message
-        facts = {"state": state, "proved": outcome.proved, "lines": lines, "message": message}
-        print_json({**facts, "folder": str(folder)})
-    else:
-        print_lines(f"{outcome.state.value}: {outcome.message}", str(folder))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 import yaml
@@ -28,12 +29,17 @@ from firmware_profiles import (
     shipped,
     shipped_text,
 )
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.declare import command, group
+from printctl.cli.options import (
+    JsonFlag,
+    messages,
+    print_note,
+    print_result,
+)
 from printctl.errors import UsageError
 from printctl.machine.link.families import link_facts
 from printctl.machine.probing import Row, compare, corrected_profile, query_settings
-
-# `printctl profiles show`: list the known profiles, or print one.
+from printctl.settings import arg, opt
 
 KINDS: dict[str, type[Facts]] = {
     "printer": Printer,
@@ -56,14 +62,10 @@ class ProfileGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
 
+@command
 def show(
-    name: Annotated[
-        str | None, typer.Argument(help="Show one profile whole: its shipped name or a .yaml file.")
-    ] = None,
-    write: Annotated[
-        Path | None,
-        typer.Option("--write", help="Copy the shipped profile to this new file, to correct it."),
-    ] = None,
+    name: str | None = arg("Show one profile whole: its shipped name or a .yaml file.", None),
+    write: Path | None = opt("Copy the shipped profile to this new file, to correct it."),
     as_json: JsonFlag = False,
 ) -> None:
     """List the shipped profiles, or show one with its source.
@@ -73,14 +75,15 @@ def show(
     if write is not None:
         _copy(name, write)
     profiles = _all() if name is None else _one(name)
-    if as_json:
-        print_json(profiles)
-        return
+    print_result(as_json, profiles, _profile_lines(profiles, whole=name is not None))
+
+
+def _profile_lines(profiles: dict[str, dict[str, Any]], whole: bool) -> Iterator[str]:
     for kind, entries in profiles.items():
         for entry, facts in entries.items():
-            print_lines(f"{kind:<8} {entry:<18} {facts['name']}{_sizes(kind, facts)}")
-            if name is not None:
-                print_lines(*(f"  {key}: {value}" for key, value in facts.items()))
+            yield f"{kind:<8} {entry:<18} {facts['name']}{_sizes(kind, facts)}"
+            if whole:
+                yield from (f"  {key}: {value}" for key, value in facts.items())
 
 
 def _copy(name: str | None, to: Path) -> None:
@@ -99,7 +102,7 @@ def _copy(name: str | None, to: Path) -> None:
         raise UsageError("--write copies a shipped profile: name one of `printctl profiles`")
     kind, _ = find_profile(name)
     write_text(to, shipped_text(KINDS[kind], name))
-    messages().print(f"wrote {to}: give it in place of {name}", markup=False)
+    print_note(f"wrote {to}: give it in place of {name}")
 
 
 def _sizes(kind: str, facts: dict[str, Any]) -> str:
@@ -162,22 +165,12 @@ def _one(name: str) -> dict[str, dict[str, Any]]:
     return {kind: {name: facts.model_dump(mode="json")}}
 
 
-# `printctl profiles probe`: compare a printer's own settings with its profile.
-
-
+@command
 def probe(
-    port: Annotated[
-        str, typer.Option("--port", help="Serial port or tcp:HOST:PORT.", show_default=False)
-    ],
-    profile: Annotated[
-        str,
-        typer.Option("--profile", help="A shipped name or a .yaml file.", show_default=False),
-    ],
-    baud: Annotated[int | None, typer.Option("--baud", help="In place of the profile's.")] = None,
-    write: Annotated[
-        Path | None,
-        typer.Option("--write", help="Write the profile with the printer's values to this file."),
-    ] = None,
+    port: str = opt("Serial port or tcp:HOST:PORT.", ...),
+    profile: str = opt("A shipped name or a .yaml file.", ...),
+    baud: int | None = opt("In place of the profile's."),
+    write: Path | None = opt("Write the profile with the printer's values to this file."),
     as_json: JsonFlag = False,
 ) -> None:
     """Read a printer's settings and show where they differ from a profile.
@@ -190,23 +183,25 @@ def probe(
     rows = compare(settings, printer)
     kin = link_facts(printer).says in settings.firmware.lower()
     differs = [row for row in rows if not row.same]
-    if as_json:
-        print_json(
-            {
-                "profile": printer.name,
-                "firmware": settings.firmware,
-                "family_agrees": kin,
-                "rows": [asdict(row) for row in rows],
-                "notes": list(settings.notes),
-                "same": kin and not differs,
-            }
-        )
-    else:
-        print_lines(f"{settings.firmware or 'a firmware that says no name'} on {port}")
-        if not kin:
-            print_lines(f"DIFFERS firmware: the profile says {printer.firmware}")
-        notes = [f"note    {note}" for note in (*settings.notes, *_untold(printer, rows))]
-        print_lines(*(_line(row) for row in rows), *notes)
+    facts = {
+        "profile": printer.name,
+        "firmware": settings.firmware,
+        "family_agrees": kin,
+        "rows": [asdict(row) for row in rows],
+        "notes": list(settings.notes),
+        "same": kin and not differs,
+    }
+    other = [] if kin else [f"DIFFERS firmware: the profile says {printer.firmware}"]
+    print_result(
+        as_json,
+        facts,
+        [
+            f"{settings.firmware or 'a firmware that says no name'} on {port}",
+            *other,
+            *map(_line, rows),
+            *(f"note    {note}" for note in (*settings.notes, *_untold(printer, rows))),
+        ],
+    )
     if write is not None:
         text = yaml.safe_dump(
             corrected_profile(printer, rows, port, date.today().isoformat()),
@@ -233,11 +228,9 @@ def _untold(printer: Printer, rows: list[Row]) -> list[str]:
     return [f"not told by the printer, measure: {', '.join(left)}"] if left else []
 
 
-# `printctl profiles check`: check a profile for invalid keys and contradictory values.
+@command
 def check(
-    file: Annotated[
-        str, typer.Argument(help="A .yaml file, or a shipped name.", show_default=False)
-    ],
+    file: str = arg("A .yaml file, or a shipped name."),
     as_json: JsonFlag = False,
 ) -> None:
     """Check a profile: keys, bounds, and keys against each other.
@@ -247,34 +240,17 @@ def check(
     kind, facts = find_profile(file)
     doubts = profile_doubts(facts, [load(Syringe, name) for name in shipped(Syringe)])
     grave = [doubt for doubt in doubts if doubt.grave]
-    if as_json:
-        print_json(
-            {
-                "file": file,
-                "sort": kind,
-                "passed": not grave,
-                "doubts": [asdict(doubt) for doubt in doubts],
-            }
-        )
-    else:
-        rows = [("FAIL" if doubt.grave else "note", doubt) for doubt in doubts]
-        print_lines(
-            f"{kind} {facts.name}: {'not to be used so' if grave else 'sound'}",
-            *(f"{mark} {doubt.key}: {doubt.text}" for mark, doubt in rows),
-        )
+    found = {"file": file, "sort": kind, "passed": not grave, "doubts": list(map(asdict, doubts))}
+    lines = [f"{kind} {facts.name}: {'not to be used so' if grave else 'sound'}"]
+    lines += [f"{'FAIL' if one.grave else 'note'} {one.key}: {one.text}" for one in doubts]
+    print_result(as_json, found, lines)
     if grave:
         raise typer.Exit(1)
 
 
-profiles = typer.Typer(
-    cls=ProfileGroup, help="Known printers and materials: list, show, check, ask a printer."
+profiles = group(
+    typer.Typer(
+        cls=ProfileGroup, help="Known printers and materials: list, show, check, ask a printer."
+    ),
+    *(show, check, probe),
 )
-
-
-profiles.command("show")(show)
-
-
-profiles.command("check")(check)
-
-
-profiles.command("probe")(probe)

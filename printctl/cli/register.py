@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeVar
+from typing import Final, TypeVar
 
 import typer
 from pydantic import BaseModel, ValidationError
 
 from design.units import LengthUnit
+from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
+    OutFolder,
     PdfFlag,
     ProgressFileOption,
     Steps,
-    folder_to_write,
-    print_json,
-    print_lines,
     print_note,
+    print_notes,
+    print_result,
 )
 from printctl.cli.scan import ScanFile, ScanOptions
-from printctl.cli.section_options import with_options_of
 from printctl.errors import UsageError
 from printctl.garbage_collection import collected_rarely
 from printctl.recipe.making import RegistrationPart
@@ -30,112 +30,16 @@ from printctl.recipe.record import RecordPart
 from printctl.recipe.tolerances import TolerancesPart
 from printctl.run_folder.artefacts import HTML, PDF
 from printctl.second_process import SecondProcess
+from printctl.settings import of, opt
 from registration.measuring.judging.tolerance import DecisionRule, Tolerances
-
-# Typer options of `printctl register`: design, output folder, datums, tolerances, record.
-
-ModelOption = Annotated[
-    Path, typer.Option("--model", help="A run folder, or the design's STL.", show_default=False)
-]
-OutOption = Annotated[
-    Path,
-    typer.Option(
-        "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
-    ),
-]
-NetworkOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--network",
-        help="network.csv in mm; else the one beside the model, or the lumens found in an STL.",
-    ),
-]
-LumensFlag = Annotated[
-    bool | None,
-    typer.Option(
-        "--lumens/--whole",
-        help="With a run folder: only its lumens were scanned, or the whole part. If not given, "
-        "the lumens of an embedded print, the whole part of FRESH layers. With an STL and no "
-        "network: the STL is the lumens.",
-        show_default=False,
-    ),
-]
-ModelUnit = Annotated[LengthUnit, typer.Option("--unit", help="Unit of an STL model.")]
-PrintOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--print", help="The print that was scanned: its folder or file; else the run's own."
-    ),
-]
-RecordOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--record",
-        help="YAML file of the measurement record: instrument, certificate, operator, "
-        "temperature (docs/registration.md).",
-    ),
-]
-ToleranceOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--tolerance", help="YAML file of limits by vessel and feature (docs/registration.md)."
-    ),
-]
-DatumsOption = Annotated[
-    str | None,
-    typer.Option(
-        "--datums",
-        help="Datum features, primary first, like 'face -z, face -x, axis 3'; also 'inlet 0', "
-        "'outlet 3', 'ports'; else best fit.",
-    ),
-]
-RmsOption = Annotated[
-    float | None,
-    typer.Option(
-        "--tolerance-um",
-        help="RMS deviation of the scaled fit above which the print doesn't pass; else 100.",
-        min=0.1,
-    ),
-]
-RuleOption = Annotated[
-    DecisionRule | None,
-    typer.Option(
-        "--decision-rule",
-        help="How limits count uncertainty: conformance (probability that the vessel conforms), "
-        "guarded (ISO 14253-1), shared_risk (the value alone); else conformance.",
-    ),
-]
-ConformanceOption = Annotated[
-    float | None,
-    typer.Option(
-        "--conformance-percent",
-        help="Probability from which on a vessel passes by the rule conformance; else 95.",
-    ),
-]
-DiameterOption = Annotated[
-    str | None,
-    typer.Option(
-        "--diameter-tolerance-percent",
-        help="Error of any section's diameter beyond which it doesn't, like 10 or +10/-5; else 10.",
-    ),
-]
-
-
-# Read and validate a YAML file with one section of a recipe, such as a measurement record.
 
 PartT = TypeVar("PartT", bound=BaseModel)
 
 
 def read_part(path: Path, part: type[PartT], what: str, remedy: str) -> PartT:
-    """Read and check a file.
+    """Read and check a YAML file of one section of a recipe.
 
-    Parameters
-    ----------
-    path : Path
-    part : type
-        The part's model.
-    what, remedy : str
-        What the file holds and how to write one, for messages.
+    ``what`` and ``remedy`` say what the file holds and how to write one, for messages.
 
     Raises
     ------
@@ -158,8 +62,6 @@ def read_record(path: Path) -> RecordPart:
     """Read a measurement record; see `read_part`."""
     return read_part(path, RecordPart, "record", "one line does: `operator: A. Smith`")
 
-
-# Read a print's acceptance limits from command-line options: a tolerance file or single limits.
 
 _REMEDY: Final = "one line does: `diameter_percent: 10`"
 
@@ -209,24 +111,44 @@ PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""
 
 
-@with_options_of(ScanOptions, "scan_said")
+@command
 def register(
     *,
     scan: ScanFile,
-    model: ModelOption,
-    out: OutOption,
-    network: NetworkOption = None,
-    lumens: LumensFlag = None,
-    unit: ModelUnit = "mm",
+    model: Path = opt("A run folder, or the design's STL.", ...),
+    out: OutFolder,
+    network: Path | None = opt(
+        "network.csv in mm; else the one beside the model, or the lumens found in an STL."
+    ),
+    lumens: bool | None = opt(
+        "With a run folder: only its lumens were scanned, or the whole part. If not given, the "
+        "lumens of an embedded print, the whole part of FRESH layers. With an STL and no network: "
+        "the STL is the lumens.",
+        None,
+        "--lumens/--whole",
+    ),
+    unit: LengthUnit = opt("Unit of an STL model.", "mm"),
     scan_said: ScanOptions,
-    datums: DatumsOption = None,
-    printed_in: PrintOption = None,
-    record: RecordOption = None,
-    tolerance: ToleranceOption = None,
-    tolerance_um: RmsOption = None,
-    diameter_tolerance_percent: DiameterOption = None,
-    decision_rule: RuleOption = None,
-    conformance_percent: ConformanceOption = None,
+    datums: str | None = opt(
+        "Datum features, primary first, like 'face -z, face -x, axis 3'; also 'inlet 0', "
+        "'outlet 3', 'ports'; else best fit."
+    ),
+    printed_in: Path | None = opt(
+        "The print that was scanned: its folder or file; else the run's own.", None, "--print"
+    ),
+    record: Path | None = opt(
+        "YAML file of the measurement record: instrument, certificate, operator, temperature "
+        "(docs/registration.md)."
+    ),
+    tolerance: Path | None = opt(
+        "YAML file of limits by vessel and feature (docs/registration.md)."
+    ),
+    tolerance_um: float | None = of(RegistrationPart, "tolerance_um", default=None, min=0.1),
+    diameter_tolerance_percent: str | None = of(
+        RegistrationPart, "diameter_tolerance_percent", default=None
+    ),
+    decision_rule: DecisionRule | None = of(RegistrationPart, "decision_rule", default=None),
+    conformance_percent: float | None = of(RegistrationPart, "conformance_percent", default=None),
     progress_file: ProgressFileOption = None,
     pdf: PdfFlag = False,
     as_json: JsonFlag = False,
@@ -242,20 +164,11 @@ def register(
     have_kernels("register")
     with collected_rarely(), SecondProcess(PAGES) as second, steps.whole():
         steps.begin("reading")
-        from printctl.cli.register_work import read_design  # help waits for no mesh library
+        # Help waits for no mesh library; the second process loads beside this one.
+        from printctl.pipeline import registration_work as work
 
-        design = read_design(model, network, lumens, unit, printed_in, out, print_note)
+        design = work.read_design(model, network, lumens, unit, printed_in, out, print_note)
         drawn = second.call(PAGES, "network_drawing", design.vessels)
-        # Loaded only now, beside what the second process loads.
-        from printctl.cli.register_work import (
-            Measuring,
-            datums_of,
-            judge_registration,
-            note,
-            read_and_register,
-        )
-        from printctl.recipe.record import RecordPart
-
         stated = RecordPart() if record is None else read_record(record)
         limits = tolerances_of(
             tolerance,
@@ -265,28 +178,23 @@ def register(
             conformance_percent,
         )
         limits.check_network(design.vessels)
-        laid_on = datums_of(datums, design.vessels)
-        how = Measuring(
+        how = work.Measuring(
             scan,
             scan_said.overrides(),
             scan_said.oct_calibration,
             scan_said.walls,
             scan_said.air_above,
             scan_said.filled,
-            laid_on,
+            work.datums_of(datums, design.vessels),
         )
-        made = read_and_register(how, design, steps)
-        data = judge_registration(made, how, limits, stated)
+        measured = how.read()
+        print_notes(measured.notes)
+        steps.begin("registration")
+        made = how.register(measured, design)
+        data = work.judge_registration(made, how, limits, stated)
         steps.begin("writing")
-        note(made.write(out, data, pdf, second, drawn))
-    _tell(data, out, pdf, as_json)
+        print_notes(made.write(out, data, pdf, second, drawn))
+    files = [str(out / HTML), *([str(out / PDF)] if pdf else [])]
+    print_result(as_json, data, [*data["verdict"]["reasons"], *files])
     if not data["verdict"]["passed"]:
         raise typer.Exit(1)
-
-
-def _tell(data: dict[str, Any], out: Path, pdf: bool, as_json: bool) -> None:
-    if as_json:
-        print_json(data)
-        return
-    files = [str(out / HTML), *([str(out / PDF)] if pdf else [])]
-    print_lines(*data["verdict"]["reasons"], *files)

@@ -1,4 +1,4 @@
-"""`printctl run`, `design` and `toolpath`: work off a recipe, whole or in part."""
+"""`printctl run`, `design`, `toolpath`: work off a recipe; `init`, `recipe`: write, migrate."""
 
 from __future__ import annotations
 
@@ -7,36 +7,42 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-from design.files import atomic_replacement
+from design.files import atomic_replacement, write_text
+from firmware_profiles.yaml_file import read_yaml
 from printctl.checks import preflight
+from printctl.cli.declare import command, group
 from printctl.cli.kernels_ready import have_kernels, kernels_for_a_run
-from printctl.cli.observe_looks import looks_lines
 from printctl.cli.options import (
     JsonFlag,
+    OutFolder,
     PdfFlag,
     ProgressFileOption,
     RecipeArg,
     YesFlag,
     folder_to_write,
+    gcode_to_write,
     message_of,
     messages,
     print_json,
     print_lines,
     print_note,
-    refuse_input_as_output,
+    print_result,
 )
+from printctl.cli.running_print import looks_lines
 from printctl.errors import UsageError
 from printctl.history.table import outcome
 from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
 from printctl.pipeline.run_options import DESIGN_NAMES, names_until
 from printctl.progress_file import ProgressFile
-from printctl.recipe import Recipe, load_recipe
+from printctl.recipe import SCHEMA, Recipe, load_recipe, parse_recipe
 from printctl.recipe.growth import Growth
+from printctl.recipe.load import STARTER, migrated_text, read_mapping, steps_from
 from printctl.run_folder.artefacts import GCODE, HTML, LINE_MAP, PDF, PLATE_PICTURE, PLATE_TABLE
+from printctl.settings import arg, opt
 
 
 def process_lines(dry_run: Mapping[str, Any]) -> list[str]:
@@ -66,47 +72,23 @@ def _ink(facts: Mapping[str, Any]) -> str:
     )
 
 
-OutOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        callback=folder_to_write,
-        help="Run folder; runs/NAME by default.",
-        show_default=False,
-    ),
-]
-UntilOption = Annotated[
-    str | None,
-    typer.Option(
-        "--until",
-        metavar="STAGE",
-        help="Last stage: tissue, vasculature, flow, fidelities, measures, oxygen, solid, "
-        "toolpath, dry-run, lumens, print, scan or registration. Nothing is printed before print.",
-    ),
-]
-PrintedFlag = Annotated[
-    bool,
-    typer.Option(
-        "--printed", help="Take the print that is done in the run folder; nothing is printed."
-    ),
-]
-RehearseOption = Annotated[
-    float | None,
-    typer.Option(
-        "--rehearse",
-        metavar="SPEED",
-        help="Print on the simulated printer, whatever the recipe names, at so many times real "
-        "time; 0 for as fast as it can.",
-    ),
-]
-
-
+@command
 def run(
     recipe: RecipeArg,
-    out: OutOption = None,
-    until: UntilOption = None,
-    printed: PrintedFlag = False,
-    rehearse: RehearseOption = None,
+    out: Path | None = opt("Run folder; runs/NAME by default.", callback=folder_to_write),
+    until: str | None = opt(
+        "Last stage: tissue, vasculature, flow, fidelities, measures, oxygen, solid, toolpath, "
+        "dry-run, lumens, print, scan or registration. Nothing is printed before print.",
+        metavar="STAGE",
+    ),
+    printed: bool = opt(
+        "Take the print that is done in the run folder; nothing is printed.", False
+    ),
+    rehearse: float | None = opt(
+        "Print on the simulated printer, whatever the recipe names, at so many times real time; 0 "
+        "for as fast as it can.",
+        metavar="SPEED",
+    ),
     progress_file: ProgressFileOption = None,
     yes: YesFlag = False,
     pdf: PdfFlag = False,
@@ -125,10 +107,7 @@ def run(
                          rehearse=rehearse)  # fmt: skip
         with kernels_for_a_run(*_works(loaded, until), listener=progress):
             data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
-    if as_json:
-        print_json(data)
-    else:
-        print_lines(*_ended(data, folder, until, pdf))
+    print_result(as_json, data, lambda: _ended(data, folder, until, pdf))
     if until is None and not data["verdict"]["passed"]:
         raise typer.Exit(1)
 
@@ -168,27 +147,14 @@ def pdfs(data: dict[str, Any], folder: Path) -> list[str]:
     return [str((folder / row["report"]).parent / PDF) for row in data["scanned"]]
 
 
-# `printctl design`: make network, flow table and solid files of a recipe, without printing.
-
-UntilDesignOption = Annotated[
-    str | None,
-    typer.Option(
-        "--until",
-        metavar="STAGE",
-        help=f"Last stage: {', '.join(DESIGN_NAMES[:-1])} or {DESIGN_NAMES[-1]} (default).",
-    ),
-]
-
-
+@command
 def design(
     recipe: RecipeArg,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
-        ),
-    ],
-    until: UntilDesignOption = None,
+    out: OutFolder,
+    until: str | None = opt(
+        f"Last stage: {', '.join(DESIGN_NAMES[:-1])} or {DESIGN_NAMES[-1]} (default).",
+        metavar="STAGE",
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Design only: network.csv, network.vtp, lumen.stl, solid.stl, solid.3mf and flow.csv.
@@ -200,10 +166,8 @@ def design(
     loaded = load_recipe(recipe, print_note)
     have_kernels("design")
     data = design_recipe(loaded, recipe.resolve().parent, out, messages(), last)
-    if as_json:
-        print_json(data)
-    else:
-        print_lines(*_made(data), *([f"done as far as {last}"] if until else []), str(out))
+    reached = [f"done as far as {last}"] if until else []
+    print_result(as_json, data, lambda: [*_made(data), *reached, str(out)])
 
 
 def _last_stage(until: str | None) -> str:
@@ -241,10 +205,6 @@ def _made(data: dict[str, Any]) -> list[str]:
     return lines
 
 
-# `printctl toolpath`: write a recipe's checked G-code, and a map of lines to vessels or layers.
-
-
-# Terminal text on vessels left unwritten and joints left open by an embedded toolpath.
 def plan_lines(plan: Mapping[str, Any]) -> Iterator[str]:
     """Name every vessel that isn't written and every open joint, from ``summary.plan``."""
     left, cut = plan.get("left_out", ()), plan.get("cut_off", ())
@@ -287,18 +247,17 @@ def _place(one: Mapping[str, Any]) -> str:
     return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
 
 
+@command
 def toolpath(
     recipe: RecipeArg,
-    out: Annotated[Path, typer.Option("--out", help="G-code file to write.", show_default=False)],
+    out: Path = opt("G-code file to write.", ...),
     as_json: JsonFlag = False,
 ) -> None:
     """Write a recipe's G-code after its dry run, with FILE.map.npz (line to vessel or layer).
 
     Of a plate with FILE.wells.csv and a picture, FILE.svg.
     """
-    if out.is_dir():
-        raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
-    refuse_input_as_output(out, recipe)
+    gcode_to_write(out, recipe)
     loaded = load_recipe(recipe, print_note)
     with tempfile.TemporaryDirectory() as scratch:
         data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())
@@ -311,13 +270,86 @@ def toolpath(
         for name, place in beside:
             with atomic_replacement(place) as draft:
                 shutil.copyfile(Path(scratch) / name, draft)
-    if as_json:
-        print_json(data)
-        return
-    print_lines(
-        f"{data['toolpath']['lines']} lines, {data['toolpath']['written_ul']:.4g} µL, "
-        f"{data['dry_run']['duration_s'] / 60:.1f} min",
-        *process_lines(data["dry_run"]),
-        *plan_lines(data["toolpath"].get("plan", {})),
-        str(out),
+    made = data["toolpath"]
+    print_result(
+        as_json,
+        data,
+        lambda: [
+            f"{made['lines']} lines, {made['written_ul']:.4g} µL, "
+            f"{data['dry_run']['duration_s'] / 60:.1f} min",
+            *process_lines(data["dry_run"]),
+            *plan_lines(made.get("plan", {})),
+            str(out),
+        ],
     )
+
+
+# `printctl recipe` and `init`: write, check and migrate recipes.
+
+
+def schema() -> None:
+    """Print the recipe's JSON Schema: every key with its type, bounds, default and meaning.
+
+    An editor that knows YAML completes and checks a recipe by it, when the recipe's first line is
+    `# yaml-language-server: $schema=recipe.schema.json`.
+    """
+    print_json(Recipe.model_json_schema(by_alias=True))
+
+
+@command
+def migrate(
+    file: RecipeArg,
+    out: Path | None = opt("Where to write; the recipe's own file by default."),
+) -> None:
+    """Bring a recipe to today's schema; comments and order stay, the old file is kept beside it.
+
+    Nothing is written unless the result is a recipe that can be used.
+    """
+    data = read_mapping(file, "recipe", "`printctl init` writes a starter")
+    steps = steps_from(data, str(file))
+    if not steps:
+        parse_recipe(data, str(file))
+        print_lines(f"{file} is of schema {SCHEMA}, today's; nothing to do")
+        return
+    text = file.read_text(encoding="utf-8")
+    made = migrated_text(text, steps)
+    parse_recipe(read_yaml(made), f"{file}, once migrated,")
+    if out is None:
+        kept = _backup(file, data["schema"])
+        write_text(kept, text)
+        print_note(f"the recipe as it was: {kept}")
+    elif out.exists():
+        raise UsageError(f"{out} exists and isn't overwritten; give another name")
+    write_text(out or file, made)
+    print_lines(
+        *(f"schema {one.old} to {one.old + 1}: {one.why}" for one in steps), str(out or file)
+    )
+
+
+def _backup(file: Path, schema: int) -> Path:
+    """Where the old text is kept; never over a file that is there."""
+    kept = file.with_name(f"{file.stem}.schema{schema}{file.suffix}")
+    if kept.exists():
+        raise UsageError(
+            f"{kept}, where the old recipe is kept, exists; move it away, or use --out"
+        )
+    return kept
+
+
+recipe = group(
+    typer.Typer(help="The recipe's schema, and recipes of an older one."), schema, migrate
+)
+
+
+@command
+def init(
+    path: Path = arg("Where to write the recipe.", Path("recipe.yaml")),
+) -> None:
+    """Write a commented starter recipe that runs as it stands.
+
+    It prints on the simulated printer. A file that is there isn't overwritten.
+    """
+    if path.exists():
+        raise UsageError(f"{path} exists and isn't overwritten; give another name")
+    write_text(path, STARTER.read_text(encoding="utf-8"))
+    print_lines(f"{path}", f"next: printctl run {path}")

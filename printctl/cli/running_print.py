@@ -1,18 +1,23 @@
-"""Commands to a print that runs or has ended: status, stop, pause, resume, recover and so on."""
+"""Commands to a print that runs or has ended: status, stop, pause, resume, its looks and so on."""
 
 from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
-import typer
-
-from printctl.cli.observe_looks import asking_lines
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines, refuse_input_as_output
-from printctl.cli.run_folder import RunArg, print_folder, running_print
+from printctl.cli.declare import command
+from printctl.cli.options import (
+    JsonFlag,
+    RunArg,
+    messages,
+    print_lines,
+    print_result,
+    refuse_input_as_output,
+)
 from printctl.errors import SafetyError, UsageError
 from printctl.machine.link.client import attach
 from printctl.machine.link.errors import LinkError
@@ -20,16 +25,38 @@ from printctl.machine.link.find_link import alive
 from printctl.machine.link.history_entry import this_user
 from printctl.machine.link.kill import UNCONFIRMED
 from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.record import load_record
+from printctl.machine.link.record import JOURNAL, load_record
 from printctl.machine.link.states import LinkState, PrintOutcome, Status
 from printctl.machine.link.syringe_change import CHANGE
 from printctl.machine.print_state.actions import Possible, PrintAction
 from printctl.machine.print_state.give_up import give_up as give_up_print
+from printctl.machine.print_state.print_folder import print_folder, running_print
 from printctl.machine.print_state.state import PrintTruth, read_print
+from printctl.machine.printing.journal_facts import read_journal_facts
 from printctl.machine.printing.print_words import alarm_words
 from printctl.machine.printing.recovery import planned, write_rest
 from printctl.observe.continue_print import continue_print
-from printctl.observe.records import OBSERVER_LOCK
+from printctl.observe.look_words import proposal_words, seen_words, total_words
+from printctl.observe.records import (
+    OBSERVER_LOCK,
+    ORDER,
+    LookRecord,
+    answer_look,
+    answer_of,
+    asking_look,
+    held_for,
+    look_folder,
+    read_looks,
+    refuse_unheard,
+)
+from printctl.run_folder.artefacts import JOURNAL_FOLDER
+from printctl.settings import arg, opt
+
+
+def _looks(folder: Path) -> list[LookRecord]:
+    """What was seen of the print whose journal is in a folder."""
+    return read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+
 
 _COMMANDS = {
     PrintAction.GO_ON: "go on: printctl resume {run}",
@@ -45,10 +72,11 @@ def status(run: RunArg, as_json: JsonFlag = False) -> None:
     """
     folder = print_folder(run)
     state = read_print(folder)
-    if as_json:
-        print_json(state.to_dict())
-        return
-    print_lines(*status_lines(state, str(run)), *asking_lines(folder, state.status))
+    print_result(
+        as_json,
+        state.to_dict(),
+        lambda: [*status_lines(state, str(run)), *asking_lines(folder, state.status)],
+    )
 
 
 def status_lines(truth: PrintTruth, run: str) -> list[str]:
@@ -94,8 +122,6 @@ def _offered(one: Possible, run: str) -> str:
         return f"recover: {one.reason} (printctl recover --help)"
     return f"{command} --from-line {one.from_line} ({one.reason})"
 
-
-# `printctl stop` and `printctl kill`: end a print by a controlled stop, or halt it by M112.
 
 STOP_S: Final = 20.0
 """Longest wait for the end of a controlled stop; the line in flight may take longer."""
@@ -153,9 +179,6 @@ def kill(run: RunArg) -> None:
     print_lines(f"{before}{outcome.state.value}: {outcome.message}")
 
 
-# `printctl pause`: pause a print now, or after the present layer or vessel.
-
-
 class PauseAfter(StrEnum):
     """What is to be finished first."""
 
@@ -163,15 +186,11 @@ class PauseAfter(StrEnum):
     VESSEL = "vessel"
 
 
+@command
 def pause(
     run: RunArg,
-    after: Annotated[
-        PauseAfter | None,
-        typer.Option("--after", help="Finish the current layer or vessel first."),
-    ] = None,
-    now: Annotated[
-        bool, typer.Option("--now", help="After the line in flight; the default.")
-    ] = False,
+    after: PauseAfter | None = opt("Finish the current layer or vessel first."),
+    now: bool = opt("After the line in flight; the default.", False),
 ) -> None:
     """Hold a print: relieve the plunger, lift the needle straight up, keep the temperatures.
 
@@ -189,36 +208,18 @@ def pause(
         print_lines(f"will pause {where}; `printctl status {run}` tells when")
 
 
-# `printctl resume`: resume a print that is paused, or whose link process died.
-
-
+@command
 def resume(
     run: RunArg,
-    syringe: Annotated[
-        str | None,
-        typer.Option("--syringe", help="Profile of the syringe that was put in."),
-    ] = None,
-    plunger_mm: Annotated[
-        float | None,
-        typer.Option(
-            "--plunger-mm",
-            min=0.0,
-            help="Travel that its plunger has used up already; 0 for a full one.",
-        ),
-    ] = None,
-    unchanged: Annotated[
-        bool, typer.Option("--unchanged", help="The syringe wasn't changed after all.")
-    ] = False,
-    port: Annotated[
-        str | None, typer.Option("--port", help="When the printer's port has another name now.")
-    ] = None,
-    unobserved: Annotated[
-        bool,
-        typer.Option(
-            "--unobserved",
-            help="Start no observer for a print with looks: each look pauses it after its limit.",
-        ),
-    ] = False,
+    syringe: str | None = opt("Profile of the syringe that was put in."),
+    plunger_mm: float | None = opt(
+        "Travel that its plunger has used up already; 0 for a full one.", min=0.0
+    ),
+    unchanged: bool = opt("The syringe wasn't changed after all.", False),
+    port: str | None = opt("When the printer's port has another name now."),
+    unobserved: bool = opt(
+        "Start no observer for a print with looks: each look pauses it after its limit.", False
+    ),
 ) -> None:
     """Go on: come down where the print was left, prime, verify the position, print.
 
@@ -250,11 +251,10 @@ def resume(
     print_lines(f"going on; {where}")
 
 
+@command
 def reload(
     run: RunArg,
-    head: Annotated[
-        int | None, typer.Option("--head", help="Of several, whose; the one in use if not.", min=0)
-    ] = None,
+    head: int | None = opt("Of several, whose; the one in use if not.", min=0),
 ) -> None:
     """Hold a print at its next reload point, with room above the needle to change the syringe.
 
@@ -281,22 +281,14 @@ def confirm_presence(run: RunArg) -> None:
         print_lines(f"heard; confirm again within {left / 60:.1f} min")
 
 
-# `printctl recover`: write G-code for the rest of a print whose printer has lost its position.
-
-
+@command
 def recover(
     run: RunArg,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", help="File for the rest of the job; FILE.rest.gcode by default."),
-    ] = None,
-    from_line: Annotated[
-        int | None,
-        typer.Option(
-            "--from-line", min=1, help="Line of the job to go on with, in place of the checkpoint."
-        ),
-    ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Write the file without asking.")] = False,
+    out: Path | None = opt("File for the rest of the job; FILE.rest.gcode by default."),
+    from_line: int | None = opt(
+        "Line of the job to go on with, in place of the checkpoint.", min=1
+    ),
+    yes: bool = opt("Write the file without asking.", False),
     as_json: JsonFlag = False,
 ) -> None:
     """Plan how to go on after a power cut or a reset, from the last checkpoint.
@@ -314,10 +306,8 @@ def recover(
     )
     _confirm(file, yes)
     written = write_rest(folder, plan, file)
-    if as_json:
-        print_json(written)
-        return
-    print_lines(str(file), f"when all that is done: {written['command']}")
+    lines = [str(file), f"when all that is done: {written['command']}"]
+    print_result(as_json, written, lines)
 
 
 def _confirm(file: Path, assume_yes: bool) -> None:
@@ -339,3 +329,109 @@ def give_up(run: RunArg) -> None:
     """
     status = give_up_print(print_folder(run), this_user()["who"] or "the user")
     print_lines(f"{status.state.value}: {status.message}")
+
+
+# Looks at an observed print: `printctl observe looks` and `answer`.
+
+
+def looks(run: RunArg, as_json: JsonFlag = False) -> None:
+    """List the looks at a print: what was found, decided and asked.
+
+    Pictures, with what was expected and found drawn in, are in the print's folder, under looks.
+    """
+    folder = print_folder(run)
+    found = _looks(folder)
+    if not (found or as_json):
+        none_yet = unlooked_lines(folder) or ["observe is a recipe's part"]
+        raise UsageError(f"nobody has looked at the print in {folder}; {none_yet[0]}")
+    print_result(
+        as_json,
+        [asdict(one) for one in found],
+        lambda: [
+            *(_words(one, answer_of(folder, one.number)) for one in found),
+            *asking_lines(folder, read_print(folder).status),
+        ],
+    )
+
+
+def asking_lines(folder: Path, status: Status) -> list[str]:
+    """What the look that the print waits at proposes, and how to answer it; none for no such."""
+    looks = _looks(folder)
+    last = asking_look(looks, status)
+    if last is None or answer_of(folder, last.number) is not None:
+        return []
+    if not alive(folder, OBSERVER_LOCK):
+        return [
+            f"look {last.number} asks to {proposal_words(last)}, but its observer is gone: "
+            "`printctl resume RUN` starts another one, which asks again"
+        ]
+    return [
+        f"look {last.number} asks to {proposal_words(last)}: see "
+        f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve --look "
+        f"{last.number}` (or go_on, stop)"
+    ]
+
+
+def looks_lines(run: Path) -> list[str]:
+    """What came of the looks at a run's print, in a line; none for a print that isn't observed."""
+    folder = run / JOURNAL_FOLDER
+    if not (folder / JOURNAL).is_file():
+        return []
+    found = _looks(folder)
+    if found:
+        return [f"{total_words(found)}; `printctl observe looks {run}`"]
+    return [f"nobody looked at the print: {words}" for words in unlooked_lines(run)]
+
+
+def unlooked_lines(folder: Path) -> list[str]:
+    """Why an observed print of a folder has no look; none of a print that isn't observed."""
+    if not (folder / ORDER).is_file():
+        return []
+    return [
+        "observe.every asked for no look before its end (a simulated printer is quicker than the "
+        "clock, a part may be lower than a height gained: say `60 s written` or `layer`)"
+    ]
+
+
+@command
+def answer(
+    run: RunArg,
+    word: str = arg("approve: do what is proposed. go_on: without it. stop: end the print."),
+    look: int | None = opt(
+        "The look that is meant: refused if another one asks by now.",
+        min=1,
+        show_default="the last one",
+    ),
+) -> None:
+    """Answer the last look of a print that waits for the operator's word.
+
+    A look asks where something is to be written (observe.mend: ask), or where no ink came: clear
+    the needle first. `printctl observe looks` says what is proposed.
+    """
+    folder = print_folder(run)
+    found = _looks(folder)
+    try:
+        if not found:
+            raise ValueError(f"nobody has looked at the print in {folder}")
+        if look not in (None, found[-1].number):
+            raise ValueError(
+                f"look {look} isn't the last, which is look {found[-1].number}; nothing was done"
+            )
+        status = read_print(folder).status
+        if not held_for(status, found[-1].number):
+            raise ValueError(
+                f"the print doesn't wait for a word on look {found[-1].number} (it is "
+                f"{status.state.value}); nothing was done"
+            )
+        refuse_unheard(folder)
+        answer_look(folder, found[-1].number, word)
+    except ValueError as exc:
+        raise UsageError(str(exc)) from exc
+    print_lines(f"look {found[-1].number}: {word}; `printctl status` tells what the print does")
+
+
+def _words(look: LookRecord, word: str | None) -> str:
+    seen = seen_words(look)
+    share = f", {seen}" if seen else ""
+    answered = f"; answered: {word}" if look.asked and word else ""
+    return f"look {look.number} ({look.mark}){share}: {look.decision}: {look.why}{answered}"

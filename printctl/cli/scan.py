@@ -2,122 +2,55 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
+from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
-    print_json,
-    print_lines,
     print_note,
-    three_numbers,
-    two_numbers,
+    print_result,
 )
-from printctl.cli.run_folder import print_folder
 from printctl.errors import UsageError
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import PrintEntry, entry_of
 from printctl.machine.link.record import JOURNAL
+from printctl.machine.print_state.print_folder import print_folder
+from printctl.recipe.making import FileScan, SimulatedScan
+from printctl.settings import arg, of, opt, settings, three_numbers, two_numbers
 from registration.files import readers
 
 if TYPE_CHECKING:
     from registration.files.readers import ScanOverrides
 
 
-# Command-line options of a scan: metadata that its file lacks, calibrations, filled lumens.
-#
-# Commands take them all as `ScanOptions` (`printctl.cli.section_options`).
-
-ScanFile = Annotated[
-    Path,
-    typer.Argument(
-        help="A scan of any known format, or a mosaic's YAML (docs/scans.md).", show_default=False
-    ),
-]
-VoxelUm = Annotated[
-    str | None,
-    typer.Option("--voxel-um", metavar="X,Y,Z", help="Where the scan's file doesn't say."),
-]
-RefractiveIndex = Annotated[
-    float | None, typer.Option("--refractive-index", help="Group index of gel and liquid.")
-]
-OpticalDepth = Annotated[
-    bool | None,
-    typer.Option("--optical-depth/--geometric-depth", help="What the depth voxel counts."),
-]
-Modality = Annotated[
-    Literal["oct", "microct", "confocal"] | None, typer.Option("--modality", help="What measured.")
-]
-Scale = Annotated[Literal["linear", "db"] | None, typer.Option("--scale", help="Of the intensity.")]
-Axes = Annotated[
-    str | None,
-    typer.Option("--axes", metavar="ZYX", help="Order of the file's axes, slowest first."),
-]
-DepthDown = Annotated[
-    bool | None,
-    typer.Option("--depth-down/--depth-up", help="Which way growing depth index goes."),
-]
-Mirrored = Annotated[
-    bool | None,
-    typer.Option("--mirrored/--not-mirrored", help="The file's x, y, z are left-handed."),
-]
-DbRange = Annotated[
-    str | None,
-    typer.Option("--db-range", metavar="LOW,HIGH", help="dB of the lowest and highest count."),
-]
-CountRange = Annotated[
-    str | None,
-    typer.Option(
-        "--count-range", metavar="LOW,HIGH", help="Counts that mean --db-range; else the type's."
-    ),
-]
-CountsPerDb = Annotated[
-    float | None, typer.Option("--counts-per-db", help="In place of --db-range.")
-]
-DbAtZero = Annotated[
-    float | None, typer.Option("--db-at-zero", help="dB of count 0, with --counts-per-db.")
-]
-OctCalibrationFile = Annotated[
-    Path | None, typer.Option("--oct-calibration", help="File of `printctl calibrate oct`.")
-]
-AirAbove = Annotated[
-    bool,
-    typer.Option("--air-above", help="Air lies above the sample: undo refraction at its surface."),
-]
-WallsFile = Annotated[
-    Path | None,
-    typer.Option("--walls", help="Old name for a file of walls; give it as --oct-calibration."),
-]
-Filled = Annotated[
-    bool,
-    typer.Option("--filled", help="Lumens are brighter than the gel: filled with contrast agent."),
+ScanFile = Annotated[Path, arg("A scan of any known format, or a mosaic's YAML (docs/scans.md).")]
+HeldOption = Annotated[
+    str | None, opt("Profile, or one of each head with commas between; as printed by default.")
 ]
 
 
-@dataclass(frozen=True)
+@settings
 class ScanOptions:
-    """What the command line says of a scan and of its calibrations, as typer reads it."""
+    """What the command line says of a scan and of its calibrations: a recipe's `FileScan`."""
 
-    voxel_um: VoxelUm = None
-    refractive_index: RefractiveIndex = None
-    optical_depth: OpticalDepth = None
-    modality: Modality = None
-    scale: Scale = None
-    axes: Axes = None
-    depth_down: DepthDown = None
-    mirrored: Mirrored = None
-    db_range: DbRange = None
-    count_range: CountRange = None
-    counts_per_db: CountsPerDb = None
-    db_at_zero: DbAtZero = None
-    oct_calibration: OctCalibrationFile = None
-    air_above: AirAbove = False
-    walls: WallsFile = None
-    filled: Filled = False
+    voxel_um: str | None = of(FileScan, "voxel_um", metavar="X,Y,Z")
+    refractive_index: float | None = of(FileScan, "refractive_index")
+    optical_depth: bool | None = of(FileScan, "optical_depth", "--optical-depth/--geometric-depth")
+    modality: Literal["oct", "microct", "confocal"] | None = of(FileScan, "modality")
+    scale: Literal["linear", "db"] | None = of(FileScan, "scale")
+    axes: str | None = of(FileScan, "axes", metavar="ZYX")
+    depth_down: bool | None = of(FileScan, "depth_down", "--depth-down/--depth-up")
+    mirrored: bool | None = of(FileScan, "mirrored", "--mirrored/--not-mirrored")
+    db_range: str | None = of(FileScan, "db_range", metavar="LOW,HIGH")
+    count_range: str | None = of(FileScan, "count_range", metavar="LOW,HIGH")
+    counts_per_db: float | None = of(FileScan, "counts_per_db")
+    db_at_zero: float | None = of(FileScan, "db_at_zero")
+    oct_calibration: Path | None = opt("File of `printctl calibrate oct`.")
+    air_above: bool = of(FileScan, "air_above")
+    walls: Path | None = of(FileScan, "walls")
+    filled: bool = of(FileScan, "filled")
 
     def overrides(self) -> ScanOverrides:
         """What the scan's file doesn't say; raises `UsageError` for numbers that aren't."""
@@ -146,63 +79,28 @@ def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
     return (z * 1e-3, y * 1e-3, x * 1e-3)
 
 
-PrintArg = Annotated[
-    str,
-    typer.Argument(
-        metavar="PRINT",
-        help="The print: its folder, its run folder, its G-code file, its journal, or its id "
-        "(`printctl history`).",
-        show_default=False,
-    ),
-]
-OutOption = Annotated[
-    Path | None,
-    typer.Option("--out", help="Scan file, .tif or .oct; scan.tif in the print's folder if not "
-                 "given.", show_default=False),
-]  # fmt: skip
-DeviceOption = Annotated[
-    Literal["oct", "microct"] | None,
-    typer.Option(
-        "--device",
-        help="What scans; if not given, oct for layers that light gets through, else microct.",
-        show_default=False,
-    ),
-]
-VoxelOption = Annotated[
-    str | None,
-    typer.Option(
-        "--voxel-um", metavar="X,Y,Z", help="25,25,15 of oct, 80,80,80 of microct by default."
-    ),
-]
-HeldOption = Annotated[
-    str | None,
-    typer.Option(help="Profile, or one of each head with commas between; as printed by default."),
-]
-
-
+@command
 def scan(
-    printed: PrintArg,
-    out: OutOption = None,
-    device: DeviceOption = None,
-    voxel_um: VoxelOption = None,
-    shrink_percent: Annotated[
-        float,
-        typer.Option("--shrink-percent", help="By how much the part shrank.", min=-10, max=20),
-    ] = 1.0,
-    seed: Annotated[int, typer.Option("--seed", help="Of noise and pose.", min=0)] = 1,
-    large: Annotated[bool, typer.Option("--large", help="Allow more than 1 GB.")] = False,
+    printed: str = arg(
+        "The print: its folder, its run folder, its G-code file, its journal, or its id "
+        "(`printctl history`).",
+        metavar="PRINT",
+    ),
+    out: Path | None = opt("Scan file, .tif or .oct; scan.tif in the print's folder if not given."),
+    device: Literal["oct", "microct"] | None = opt(
+        "What scans; if not given, oct for layers that light gets through, else microct."
+    ),
+    voxel_um: str | None = opt("25,25,15 of oct, 80,80,80 of microct by default.", metavar="X,Y,Z"),
+    shrink_percent: float = of(SimulatedScan, "shrink_percent"),
+    seed: int = opt("Of noise and pose.", 1, min=0),
+    large: bool = of(SimulatedScan, "large"),
     syringe: HeldOption = None,
     ink: HeldOption = None,
     needle: HeldOption = None,
-    faults: Annotated[
-        Path | None, typer.Option("--faults", help="Fault file that the print was made with.")
-    ] = None,
-    record: Annotated[
-        Path | None,
-        typer.Option(
-            "--record", help="What the motors did, where `printctl sim-printer --record` wrote it."
-        ),
-    ] = None,
+    faults: Path | None = opt("Fault file that the print was made with."),
+    record: Path | None = opt(
+        "What the motors did, where `printctl sim-printer --record` wrote it."
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Simulate an OCT or micro-CT scan of any print made on the simulated printer.
@@ -222,10 +120,7 @@ def scan(
     }
     stated = StatedPrint(syringe, ink, needle, faults, record)
     facts = scan_print(find_print(printed), stated, wanted, out, print_note)
-    if as_json:
-        print_json(facts)
-    else:
-        print_lines(facts["scan"], facts["sidecar"], facts["truth"])
+    print_result(as_json, facts, (facts[name] for name in ("scan", "sidecar", "truth")))
 
 
 def find_print(text: str) -> PrintEntry:

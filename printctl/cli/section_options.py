@@ -6,16 +6,16 @@ import inspect
 import re
 import types
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from functools import wraps
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import typer
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from firmware_profiles.errors import wording
+from printctl.cli.declare import keyword
 from printctl.errors import UsageError
 from printctl.recipe.parts import FILE
 
@@ -55,7 +55,7 @@ class SectionOptions:
             if _kind(info) is not None
         }
 
-    def typed(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+    def typed(self, requested: Mapping[str, Any]) -> dict[str, Any]:
         """Values of the fields whose options were given, by field.
 
         Raises
@@ -63,12 +63,35 @@ class SectionOptions:
         UsageError
             For a file that isn't there, or an option without the section's flag.
         """
-        given = {name: asked[name] for name in self.fields() if asked[name] is not None}
-        if given and self.flag and not asked[self.at[-1]]:
+        given = {name: requested[name] for name in self.fields() if requested[name] is not None}
+        if given and self.flag and not requested[self.at[-1]]:
             first = next(iter(given))
             word = f"no_{first}" if given[first] is False else first
             raise needs_another(word, self.at[-1])
         return {self.fields()[name]: _value(name, value) for name, value in given.items()}
+
+
+@dataclass(frozen=True)
+class Sections:
+    """Options of several sections, as the default of a command's parameter (`declare.command`).
+
+    Attributes
+    ----------
+    groups : sequence of SectionOptions
+    make : callable
+        Takes what was typed, by the options' names; returns what the parameter gets.
+    """
+
+    groups: Sequence[SectionOptions]
+    make: Callable[[dict[str, Any]], Any]
+
+    def parameters(self) -> list[inspect.Parameter]:
+        """See `parameters`."""
+        return parameters(self.groups)
+
+    def value(self, typed: dict[str, Any]) -> Any:
+        """What the parameter gets."""
+        return self.make(typed)
 
 
 def parameters(groups: Sequence[SectionOptions]) -> list[inspect.Parameter]:
@@ -77,8 +100,10 @@ def parameters(groups: Sequence[SectionOptions]) -> list[inspect.Parameter]:
     made = []
     for group in groups:
         if group.flag:
-            said = typer.Option(option(group.at[-1]), help=group.flag, rich_help_panel=group.panel)
-            made.append(_keyword(group.at[-1], Annotated[bool, said], False))
+            stated = typer.Option(
+                option(group.at[-1]), help=group.flag, rich_help_panel=group.panel
+            )
+            made.append(keyword(group.at[-1], Annotated[bool, stated], False))
         made += [
             _parameter(name, group.model.model_fields[key], group.panel, names)
             for name, key in group.fields().items()
@@ -86,7 +111,9 @@ def parameters(groups: Sequence[SectionOptions]) -> list[inspect.Parameter]:
     return made
 
 
-def section_values(groups: Sequence[SectionOptions], asked: Mapping[str, Any]) -> dict[str, Any]:
+def section_values(
+    groups: Sequence[SectionOptions], requested: Mapping[str, Any]
+) -> dict[str, Any]:
     """What was typed, as a recipe's section would say it.
 
     Raises
@@ -96,8 +123,8 @@ def section_values(groups: Sequence[SectionOptions], asked: Mapping[str, Any]) -
     """
     section: dict[str, Any] = {}
     for group in groups:
-        typed, place = group.typed(asked), section
-        begun = typed or (group.flag and asked[group.at[-1]])
+        typed, place = group.typed(requested), section
+        begun = typed or (group.flag and requested[group.at[-1]])
         for key in group.at if begun else ():
             place = place.setdefault(key, {})
         place |= typed
@@ -118,8 +145,8 @@ def wrong_option(exc: ValidationError, groups: Sequence[SectionOptions], what: s
         (*group.at, key): option(name) for group in groups for name, key in group.fields().items()
     }
     if place not in options:
-        said = _with_options(wording(first), _plain_names(groups))
-        return UsageError(f"{'.'.join(place) or what}: {said}")
+        stated = _with_options(wording(first), _plain_names(groups))
+        return UsageError(f"{'.'.join(place) or what}: {stated}")
     if first["type"] == "missing":
         return UsageError(f"{options[place]} {wording(first)}; give it")
     return UsageError(f"{options[place]}: {wording(first)} (is {first['input']!r})")
@@ -144,19 +171,13 @@ def _parameter(
         typed = f"{typed}/--no-{typed[2:]}"
     hidden = info.is_required() or default is None or kind is bool
     shown = "" if hidden else _shown(default)
-    said = typer.Option(
+    stated = typer.Option(
         typed,
         help=_with_options(info.description or "", names),
         show_default=shown or False,
         rich_help_panel=panel or None,
     )
-    return _keyword(name, Annotated[kind | None, said], None)
-
-
-def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
-    return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
-    )
+    return keyword(name, Annotated[kind | None, stated], None)
 
 
 def _plain_names(groups: Sequence[SectionOptions]) -> dict[str, str]:
@@ -199,60 +220,3 @@ def _value(name: str, value: Any) -> Any:
     if not value.is_file():
         raise UsageError(f"{option(name)} {value} isn't there, or no file; check the path")
     return str(value.resolve())
-
-
-# Add options to a command that several commands share, or that a recipe's section declares.
-
-_KEYWORD = inspect.Parameter.KEYWORD_ONLY
-
-
-def with_options_of(group: type[Any], name: str) -> Callable[[Callable[..., None]], Any]:
-    """Give a command the fields of ``group`` as options, and its parameter ``name`` their values.
-
-    Parameters
-    ----------
-    group : dataclass
-        Each field's type is what typer takes of a parameter; each has a default.
-    name : str
-        A parameter of the command, of type ``group``: its options stand in the help where it does.
-    """
-    hints = get_type_hints(group, include_extras=True)
-    options = [
-        inspect.Parameter(one.name, _KEYWORD, default=one.default, annotation=hints[one.name])
-        for one in fields(group)
-    ]
-    return with_options(options, name, lambda typed: group(**typed))
-
-
-def with_options(
-    options: Sequence[inspect.Parameter], name: str, value: Callable[[dict[str, Any]], Any]
-) -> Callable[[Callable[..., None]], Any]:
-    """Give a command ``options`` where its parameter ``name`` stands, which gets what they say.
-
-    Parameters
-    ----------
-    value : callable
-        Takes what was typed, by the options' names; returns what the parameter gets.
-    """
-
-    def grouped(command: Callable[..., None]) -> Callable[..., None]:
-        @wraps(command)
-        def called(**given: Any) -> None:
-            typed = {one.name: given.pop(one.name) for one in options}
-            command(**given, **{name: value(typed)})
-
-        called.__signature__ = _replaced(command, name, options)  # type: ignore[attr-defined]
-        return called
-
-    return grouped
-
-
-def _replaced(
-    command: Callable[..., None], name: str, options: Sequence[inspect.Parameter]
-) -> inspect.Signature:
-    """The command's signature with ``options`` in the place of one parameter."""
-    plain = inspect.signature(command, eval_str=True)
-    parameters: list[inspect.Parameter] = []
-    for one in plain.parameters.values():
-        parameters += options if one.name == name else [one.replace(kind=_KEYWORD)]
-    return plain.replace(parameters=parameters)

@@ -7,62 +7,45 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 import typer
 
+from printctl.cli.declare import command
 from printctl.cli.options import messages
 from printctl.errors import UsageError
+from printctl.settings import arg, opt
 
 NEEDED = ("fastapi", "uvicorn", "wsproto")
 _AT_MOST_PORT = 65535
 
 
+@command
 def serve(
-    workspace: Annotated[
-        Path, typer.Argument(help="Folder of recipes, runs, jobs, scans and prints.")
-    ] = Path("workspace"),
-    host: Annotated[
-        str, typer.Option(help="Address to listen at; 0.0.0.0 for every one of this machine.")
-    ] = "127.0.0.1",
-    port: Annotated[
-        int, typer.Option(min=0, max=_AT_MOST_PORT, help="Port; 0 for any that is free.")
-    ] = 8080,
-    password: Annotated[
-        bool, typer.Option("--password", help="Ask now for a password that the page asks for.")
-    ] = False,
-    password_file: Annotated[
-        Path | None, typer.Option(help="Read that password from a file's first line.")
-    ] = None,
-    token: Annotated[
-        bool, typer.Option("--token", help="Let browsers in by a link with a token, shown here.")
-    ] = False,
-    tls_cert: Annotated[
-        Path | None, typer.Option(help="Certificate (PEM): serve by HTTPS.")
-    ] = None,
-    tls_key: Annotated[Path | None, typer.Option(help="The certificate's key (PEM).")] = None,
-    name: Annotated[
-        list[str] | None,
-        typer.Option(help="A further name of this machine that browsers may use; repeatable."),
-    ] = None,
-    open_page: Annotated[
-        bool | None,
-        typer.Option("--open/--no-open", help="Open the page in a browser; else where one is."),
-    ] = None,
-    sim_speed: Annotated[
-        float,
-        typer.Option(min=0.0, help="Simulated printer's speed, times real time; 0: all it can."),
-    ] = 1.0,
-    upload_mb: Annotated[float, typer.Option(min=1.0, help="Largest upload, MB.")] = 4000.0,
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            help="Show a camera on the Job page: its number, /dev/video0, an address, or a film "
-            "or pictures (frames_%03d.png)."
-        ),
-    ] = None,
-    verbose: Annotated[bool, typer.Option("--verbose", help="Write down each request.")] = False,
+    workspace: Path = arg("Folder of recipes, runs, jobs, scans and prints.", Path("workspace")),
+    host: str = opt("Address to listen at; 0.0.0.0 for every one of this machine.", "127.0.0.1"),
+    port: int = opt("Port; 0 for any that is free.", 8080, min=0, max=_AT_MOST_PORT),
+    password: bool = opt("Ask now for a password that the page asks for.", False),
+    password_file: Path | None = opt("Read that password from a file's first line."),
+    token: bool = opt("Let browsers in by a link with a token, shown here.", False),
+    tls_cert: Path | None = opt("Certificate (PEM): serve by HTTPS."),
+    tls_key: Path | None = opt("The certificate's key (PEM)."),
+    name: list[str] | None = opt(
+        "A further name of this machine that browsers may use; repeatable."
+    ),
+    open_page: bool | None = opt(
+        "Open the page in a browser; else where one is.", None, "--open/--no-open"
+    ),
+    sim_speed: float = opt(
+        "Simulated printer's speed, times real time; 0: all it can.", 1.0, min=0.0
+    ),
+    upload_mb: float = opt("Largest upload, MB.", 4000.0, min=1.0),
+    camera: str | None = opt(
+        "Show a camera on the Job page: its number, /dev/video0, an address, or a film or "
+        "pictures (frames_%03d.png)."
+    ),
+    verbose: bool = opt("Write down each request.", False),
 ) -> None:
     """Serve the operator's page: printer, job, design, scan and history in a browser.
 

@@ -2,58 +2,97 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
-
-import typer
+from typing import Any
 
 from firmware_profiles import Printer, load
-from firmware_profiles.tools import THINNEST_BORE
 from printctl.checks.preflight import file_checks, placed_failures, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, refusal_of, set_up
-from printctl.cli import simulate_options as options
+from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
-    BathDepthOption,
-    BathOption,
-    DishCentreOption,
-    DishOption,
+    GcodeArg,
+    InkOption,
     JsonFlag,
-    NeedleOption,
     PrinterOption,
     StartOption,
     SyringeOption,
-    ThinnestBoreOption,
-    messages,
-    print_json,
-    print_lines,
+    folder_to_write,
+    print_note,
+    print_notes,
+    print_result,
     read_gcode_file,
 )
-from printctl.cli.start_position import read_start_position
+from printctl.errors import UsageError
 from printctl.failures import error_facts
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.job import parse_job
+from printctl.machine.link.job_start import declared_start
+from printctl.machine.link.start_checks import ASIDE_MM
+from printctl.pipeline.bead_choices import BeadChoices, BeadOptions
+from printctl.settings import opt, three_numbers
 from sim.gcode.dry_run.run import dry_run
 
+Place = tuple[float, float, float]
 
+
+def read_start_position(file: Path, printer: Printer, text: str | None) -> Place:
+    """Return the tip's position before the first line, mm.
+
+    The file's first lines may tell it (G92, SET_KINEMATIC_POSITION), and ``text``, of --start.
+
+    Raises
+    ------
+    UsageError
+        When the two aren't the same place, or the file tells a part of it and nobody the rest.
+    """
+    given = None if text is None else three_numbers(text, "--start")
+    declared = _declared(file, printer, given)
+    if declared is None:
+        return given or (0.0, 0.0, 0.0)
+    if given is not None and math.dist(given, declared) > ASIDE_MM:
+        raise UsageError(
+            f"--start {text}: the first lines of {file} tell the printer that the tip stands at "
+            f"{','.join(f'{mm:g}' for mm in declared)}; leave --start out, or correct the file"
+        )
+    return declared
+
+
+def _declared(file: Path, printer: Printer, given: Place | None) -> Place | None:
+    """Where the job says that it starts; None where it doesn't, or other checks refuse it."""
+    try:
+        job = parse_job(read_gcode_file(file), file.name, printer)
+    except LinkError:
+        return None
+    try:
+        return declared_start(job)
+    except LinkError as exc:
+        if given is not None:
+            return None
+        raise UsageError(f"{file}: {exc}, or give --start X,Y,Z") from exc
+
+
+@command
 def simulate(
-    file: Annotated[Path, typer.Argument(help="The G-code file.", show_default=False)],
+    *,
+    file: GcodeArg,
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
-    ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
-    needle: NeedleOption = None,
-    thinnest_bore: ThinnestBoreOption = THINNEST_BORE,
-    bath: BathOption = None,
-    dish: DishOption = None,
-    dish_centre: DishCentreOption = None,
-    bath_depth: BathDepthOption = None,
+    ink: InkOption = "collagen_fresh",
+    names: ProfileNames,
     start: StartOption = None,
-    out: options.OutOption = None,
-    lag_s: options.LagOption = None,
-    network: options.NetworkOption = None,
-    unit: options.UnitOption = None,
-    place: options.PlaceOption = None,
-    voxel_um: options.VoxelOption = None,
-    window_s: options.WindowOption = None,
+    out: Path | None = opt(
+        "Folder for what will lie in the bath: tables, a time line, voxels.",
+        callback=folder_to_write,
+    ),
+    bead: BeadOptions,
+    place: str | None = opt(
+        "The part's origin in the printer's frame, mm; found from what is written if not.",
+        metavar="X,Y,Z",
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Run a G-code file through the planner without a printer: time, limits, ink.
@@ -64,45 +103,61 @@ def simulate(
     have_kernels("simulate")
     profile = load(Printer, printer)
     tip = read_start_position(file, profile, start)
-    given = ProfileNames(needle, bath, dish, dish_centre, bath_depth, thinnest_bore)
-    mounted = set_up(profile, syringe, ink, tip, given)
+    mounted = set_up(profile, syringe, ink, tip, names)
     gcode = read_gcode_file(file)
     run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
     checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
-    choices = options.BeadChoices(out, lag_s, network, unit, place, voxel_um, window_s)
-    bead = None
+    at = None if place is None else three_numbers(place, "--place")
+    choices = BeadChoices(**vars(bead), out=out, place_mm=at)
+    found: list[dict[str, Any]] | None = None
     if choices.asks:
         # What measures and draws the bead takes seconds to load; the dry run needs none of it.
-        from printctl.cli.simulate_bead import print_predictions, write_predictions
+        from printctl.pipeline.predicted_ink import write_predictions
 
-        bead = write_predictions(file, gcode, run, mounted, choices, placed_failures(checks))
+        failures = placed_failures(checks)
+        found = write_predictions(file, gcode, run, mounted, choices, failures, print_note)
     refusal = refusal_of(checks)
-    if as_json:
-        print_json(
-            {
-                "file": str(file),
-                "printer": profile.name,
-                "duration_s": run.duration_s,
-                "blocks": len(run.executed),
-                "merged_moves": run.merged_moves,
-                "passed": not any(check.refuses for check in checks),
-                "checks": [check.as_dict() for check in checks],
-                **({} if bead is None else {"predicted": bead}),
-                **shaft.facts(),
-                **(error_facts(refusal, str(refusal), refusal.exit_code) if refusal else {}),
-            }
-        )
-    else:
-        print_lines(
-            f"{run.duration_s:.2f} s on {profile.name}, {len(run.executed)} blocks, "
-            f"{run.merged_moves} moves merged by the firmware",
-            *shaft.lines(),
-            *(check.row() for check in checks),
-        )
-        for text in warnings(checks):
-            messages().print(f"note: {text}", markup=False)
-        if bead is not None:
-            print_predictions(bead)
+    facts = {
+        "file": str(file),
+        "printer": profile.name,
+        "duration_s": run.duration_s,
+        "blocks": len(run.executed),
+        "merged_moves": run.merged_moves,
+        "passed": not any(check.refuses for check in checks),
+        "checks": [check.as_dict() for check in checks],
+        **({} if found is None else {"predicted": found}),
+        **shaft.facts(),
+        **(error_facts(refusal, str(refusal), refusal.exit_code) if refusal else {}),
+    }
+    lines = [
+        f"{run.duration_s:.2f} s on {profile.name}, {len(run.executed)} blocks, "
+        f"{run.merged_moves} moves merged by the firmware",
+        *shaft.lines(),
+        *(check.row() for check in checks),
+    ]
+    print_result(as_json, facts, lambda: [*lines, *_prediction_lines(found or [])])
+    if not as_json:
+        print_notes([*warnings(checks), *_prediction_notes(found or [])])
     if refusal:
         raise refusal
+
+
+def _head(facts: list[dict[str, Any]], one: dict[str, Any]) -> str:
+    return f"head {one['head']}: " if len(facts) > 1 else ""
+
+
+def _prediction_lines(facts: list[dict[str, Any]]) -> Iterator[str]:
+    for one in facts:
+        from printctl.checks.bead import prediction_lines  # loaded by then
+
+        yield from (_head(facts, one) + line for line in prediction_lines(one))
+    yield from (f"wrote {name}" for one in facts[:1] for name in one.get("files", []))
+
+
+def _prediction_notes(facts: list[dict[str, Any]]) -> Iterator[str]:
+    for one in facts:
+        for warning in one["warnings"]:
+            where = f"line {warning['line']}: " if warning["line"] else ""
+            sure = "" if warning["calibrated"] else " (uncalibrated)"
+            yield f"{_head(facts, one)}{where}{warning['text']}{sure}"

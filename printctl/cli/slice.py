@@ -2,139 +2,71 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
 
 from design.toolpath.fresh import Adaptive, Filling, FreshOptions, Infill
 from design.units import LengthUnit
 from firmware_profiles import Dish, Printer, load
-from firmware_profiles.tools import THINNEST_BORE
 from kernels import freed_memory_returned
 from printctl.checks.preflight.bore import bore_check
-from printctl.checks.set_up import loads_of, of_each, refuse_failed
+from printctl.checks.set_up import ProfileNames, loads_of, of_each, refuse_failed
+from printctl.cli.declare import command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
     PrinterOption,
-    ThinnestBoreOption,
-    messages,
-    print_json,
-    print_lines,
-    refuse_input_as_output,
+    gcode_to_write,
+    print_notes,
+    print_result,
 )
 from printctl.errors import UsageError
 from printctl.pipeline.slicing import (
-    JobFigures,
     SliceJob,
     assemble,
     head_of_each,
+    job_facts,
+    job_notes,
     read_modifier,
     slice_parts,
 )
+from printctl.recipe.making import Fresh
+from printctl.settings import arg, of, opt
 
-# Typer option types of `printctl slice`: meshes, heads, profiles, layers, lines, infill, speed.
-
-Models = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="MESH...",
-        help="STL, 3MF, PLY, OBJ or OFF; closed. Several, in one frame: each by a head of its "
-        "own; where two overlap the later one counts.",
-        show_default=False,
-    ),
-]
-Out = Annotated[Path, typer.Option("--out", help="G-code file to write.", show_default=False)]
-Unit = Annotated[
-    LengthUnit | None, typer.Option("--unit", help="Of the meshes; a 3MF says it itself.")
-]
-Heads = Annotated[
-    str | None,
-    typer.Option(
-        "--heads", help="Head of each mesh, counted from 0, like 0,1,1; if not given 0,1,..."
-    ),
-]
-SyringeOfEach = Annotated[
-    str, typer.Option("--syringe", help="Syringe profile; of several heads: left,right.")
-]
-InkOfEach = Annotated[str, typer.Option("--ink", help="Ink profile; of several heads: left,right.")]
-NeedleOfEach = Annotated[
-    str,
-    typer.Option(
-        "--needle",
-        help="Needle profile, of several heads: left,right; what a pneumatic head lays needs it.",
-    ),
-]
-DishName = Annotated[
-    str | None,
-    typer.Option("--dish", help="Dish profile: several heads are changed above its wall."),
-]
-Layer = Annotated[float, typer.Option("--layer-um", help="Height of a layer, µm.", min=5, max=2000)]
-Thinnest = Annotated[
-    float | None,
-    typer.Option(
-        "--thinnest-layer-um",
-        help="Layers down to this height where walls are slanted, µm; all alike if not given.",
-        min=5,
-        max=2000,
-    ),
-]
-Stair = Annotated[
-    float,
-    typer.Option(
-        "--stair-um",
-        help="With --thinnest-layer-um: depth of a slanted wall's stair from which on layers "
-        "become thinner, µm.",
-        min=1,
-        max=500,
-    ),
-]
-Line = Annotated[
-    str, typer.Option("--line-um", help="Width of a line, µm; of several heads: left,right.")
-]
-Walls = Annotated[int, typer.Option("--walls", help="Along every boundary.", min=1, max=50)]
-InfillKind = Annotated[Infill, typer.Option("--infill", help="What fills the inside of the walls.")]
-InfillPercent = Annotated[
-    float,
-    typer.Option("--infill-percent", help="Share of the inside that is filled.", min=0, max=100),
-]
-Modifier = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--modifier",
-        metavar="MESH:SETTING=VALUE,...",
-        help="Inside this mesh the part is filled in another way: infill, infill-percent, "
-        "infill-angles (45/135), or written by another head. Again for each.",
-    ),
-]
-Speed = Annotated[float, typer.Option("--speed", help="Writing, mm/s.", min=0.01)]
-_HEIGHT_PART = 0.01
-"""Of the part's height: what layers may be off by before it is told."""
 _LINES_UM = (10.0, 5000.0)
 
 
+@command
 def slice_mesh(
-    models: Models,
-    out: Out,
-    unit: Unit = None,
+    models: list[Path] = arg(
+        "STL, 3MF, PLY, OBJ or OFF; closed. Several, in one frame: each by a head of its own; "
+        "where two overlap the later one counts.",
+        metavar="MESH...",
+    ),
+    out: Path = opt("G-code file to write.", ...),
+    unit: LengthUnit | None = opt("Of the meshes; a 3MF says it itself."),
     printer: PrinterOption = "generic_marlin",
-    heads: Heads = None,
-    syringe: SyringeOfEach = "hamilton_1ml",
-    ink: InkOfEach = "collagen_fresh",
-    needle: NeedleOfEach = "fresh_150um",
-    thinnest_bore: ThinnestBoreOption = THINNEST_BORE,
-    dish: DishName = None,
-    layer_um: Layer = 60.0,
-    thinnest_um: Thinnest = None,
-    stair_um: Stair = 20.0,
-    line_um: Line = "150",
-    walls: Walls = 2,
-    infill: InfillKind = "lines",
-    infill_percent: InfillPercent = 100.0,
-    modifier: Modifier = None,
-    speed: Speed = 20.0,
+    heads: str | None = opt("Head of each mesh, counted from 0, like 0,1,1; if not given 0,1,..."),
+    syringe: str = opt("Syringe profile; of several heads: left,right.", "hamilton_1ml"),
+    ink: str = opt("Ink profile; of several heads: left,right.", "collagen_fresh"),
+    needle: str = opt(
+        "Needle profile, of several heads: left,right; what a pneumatic head lays needs it.",
+        "fresh_150um",
+    ),
+    thinnest_bore: float = of(ProfileNames, "thinnest_bore"),
+    dish: str | None = opt("Dish profile: several heads are changed above its wall."),
+    layer_um: float = opt("Height of a layer, µm.", 60.0, min=5, max=2000),
+    thinnest_um: float | None = of(Fresh, "thinnest_layer_um", "--thinnest-layer-um"),
+    stair_um: float = of(Fresh, "stair_um"),
+    line_um: str = opt("Width of a line, µm; of several heads: left,right.", "150"),
+    walls: int = of(Fresh, "walls"),
+    infill: Infill = of(Fresh, "infill"),
+    infill_percent: float = of(Fresh, "infill_percent"),
+    modifier: list[str] | None = opt(
+        "Inside this mesh the part is filled in another way: infill, infill-percent, "
+        "infill-angles (45/135), or written by another head. Again for each.",
+        metavar="MESH:SETTING=VALUE,...",
+    ),
+    speed: float = of(Fresh, "write_speed_mm_s", "--speed", min=0.01),
     as_json: JsonFlag = False,
 ) -> None:
     """Slice meshes into FRESH layers whose lumens keep their size; write G-code and its line map.
@@ -143,9 +75,7 @@ def slice_mesh(
     z. The job says where the tip stands when it begins: above the part's middle, clear of it.
     Nothing is checked here: look at it with `printctl simulate`, and `printctl print` checks again.
     """
-    if out.is_dir():
-        raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
-    refuse_input_as_output(out, *models)
+    gcode_to_write(out, *models)
     profile = load(Printer, printer)
     filling = Filling(infill, infill_percent * 1e-2)
     chosen = head_of_each(heads, len(models), profile)
@@ -175,9 +105,17 @@ def slice_mesh(
             None if dish is None else load(Dish, dish),
         )
         written = slice_parts(job, out)
-    for note in _notes(job, written):
-        messages().print(f"note: {note}", markup=False)
-    _tell(_facts(job, written, models, out), as_json)
+    print_notes(job_notes(job, written))
+    facts = job_facts(job, written, models, out)
+    print_result(as_json, facts, [
+        f"{facts['layers']} layers{_span(facts['layer_um'])}, {facts['lines']} lines of G-code, "
+        f"{facts['written_ul']:.4g} µL, {facts['unfilled_percent']:.2f} % of the part unfilled",
+        *(
+            f"head {one['head']} ({one['name']}, {one['ink']}): {one['written_ul']:.4g} µL"
+            for one in facts.get("heads", ())
+        ),
+        facts["gcode"],
+    ])  # fmt: skip
 
 
 def _adaptive(printer: Printer, thinnest_um: float | None, stair_um: float) -> Adaptive | None:
@@ -200,95 +138,6 @@ def _lines_mm(printer: Printer, text: str) -> tuple[float, ...]:
             raise UsageError(f"--line-um {width:g} lies outside {low:g} to {high:g} µm")
         widths.append(width * 1e-3)
     return tuple(widths)
-
-
-def _notes(job: SliceJob, written: JobFigures) -> list[str]:
-    """What a person should know before printing."""
-    notes = [note for solid in job.parts.solids for note in solid.notes]
-    notes += [*_height_note(written), *written.report.narrow_notes]
-    for number, ul in enumerate(written.report.written_ul_of_heads):
-        barrel = job.loads[number].syringe
-        if ul > barrel.volume_ul:
-            notes.append(
-                f"{ul:.4g} µL is more than {barrel.name} holds ({barrel.volume_ul:g} µL)"
-                f"{f' in head {number}' if job.printer.heads else ''}: it will be changed on the "
-                "way (printctl reload)"
-            )
-    if written.report.changes and job.dish is None:
-        notes.append(
-            "heads are changed 5 mm above the part, wherever the dish's wall ends; give --dish to "
-            "have them changed above it"
-        )
-    return notes
-
-
-def _height_note(written: JobFigures) -> list[str]:
-    """Say where whole layers make the part more than a hundredth higher or lower."""
-    off = written.height_mm - written.part_mm
-    if abs(off) <= _HEIGHT_PART * written.part_mm:
-        return []
-    return [
-        f"the part is {written.part_mm:.4g} mm high and its {written.report.layers} layers "
-        f"{written.height_mm:.4g} mm: {abs(off):.2g} mm {'more' if off > 0 else 'less'} than "
-        "designed; choose --layer-um so that whole layers fill it"
-    ]
-
-
-def _facts(job: SliceJob, written: JobFigures, models: list[Path], out: Path) -> dict[str, Any]:
-    report = written.report
-    facts = {
-        "gcode": str(out),
-        "layers": report.layers,
-        "layer_um": [1e3 * height for height in written.heights_mm],
-        "lines": written.lines,
-        "written_ul": report.written_ul,
-        "part_ul": report.part_ul,
-        "material_ul": report.material_ul,
-        "unfilled_percent": 100 * report.unfilled_fraction,
-        **{
-            name: None if places is None else asdict(places)
-            for name, places in (
-                ("thin_walls", report.thin_walls or report.low_walls),
-                ("narrow_gaps", report.narrow_gaps or report.low_gaps),
-            )
-        },
-        "travels": report.travels,
-        "lifted": report.lifted,
-        "place_mm": written.place_mm.tolist(),
-    }
-    if not job.printer.heads:
-        return facts
-    facts["meshes"] = [
-        {"file": str(model), "head": head}
-        for model, head in zip(models, job.parts.heads, strict=True)
-    ]
-    facts["changes"] = report.changes
-    facts["heads"] = [
-        {"head": number, "name": one.name, "ink": job.loads[number].ink.name, "written_ul": ul}
-        for number, (one, ul) in enumerate(
-            zip(job.printer.heads, _of_each_head(job, report.written_ul_of_heads), strict=True)
-        )
-    ]
-    return facts
-
-
-def _of_each_head(job: SliceJob, written: tuple[float, ...]) -> tuple[float, ...]:
-    return written + (0.0,) * (job.printer.head_count - len(written))
-
-
-def _tell(facts: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        print_json(facts)
-        return
-    print_lines(
-        f"{facts['layers']} layers{_span(facts['layer_um'])}, {facts['lines']} lines of G-code, "
-        f"{facts['written_ul']:.4g} µL, {facts['unfilled_percent']:.2f} % of the part unfilled",
-        *(
-            f"head {one['head']} ({one['name']}, {one['ink']}): {one['written_ul']:.4g} µL"
-            for one in facts.get("heads", ())
-        ),
-        facts["gcode"],
-    )
 
 
 def _span(heights_um: list[float]) -> str:

@@ -4,49 +4,35 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from design.solids import lumen_solid, tube_solid, validate_file, write_step
 from design.solids.read import SUFFIXES
 from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import LOSSES, check_target, load_source, read_noted, write_network
+from printctl.cli.declare import command
 from printctl.cli.options import (
     JsonFlag,
     SourceArg,
     UnitOption,
-    messages,
-    print_json,
-    print_lines,
+    print_dim,
+    print_result,
     refuse_input_as_output,
 )
 from printctl.errors import UsageError
 from printctl.pipeline.solid_build import WRITERS
+from printctl.recipe.solid import SolidPart
+from printctl.settings import arg, of, opt
 
 
+@command
 def solid(
     source: SourceArg,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", help="A .stl, .3mf, .step, .ply, .obj or .vtp file.", show_default=False
-        ),
-    ],
+    out: Path = opt("A .stl, .3mf, .step, .ply, .obj or .vtp file.", ...),
     unit: UnitOption = None,
-    fillet_ratio: Annotated[
-        float | None,
-        typer.Option(
-            "--fillet-ratio",
-            min=0,
-            max=1,
-            help="Of junctions, over their thinnest vessel; 0, or the run's own.",
-        ),
-    ] = None,
-    wall_mm: Annotated[
-        float | None,
-        typer.Option("--wall-mm", min=1e-3, max=50, help="Tubes of this wall, not the lumens."),
-    ] = None,
+    fillet_ratio: float | None = of(
+        SolidPart, "fillet_ratio", default=None, otherwise="0, or the run's own"
+    ),
+    wall_mm: float | None = opt("Tubes of this wall, not the lumens.", min=1e-3, max=50),
     as_json: JsonFlag = False,
 ) -> None:
     """Make a solid of a vessel network, and read the file back to check it.
@@ -61,8 +47,7 @@ def solid(
     refuse_input_as_output(out, source)
     read = load_source(source, unit, None)
     network = read.network
-    for note in read.notes:
-        messages().print(note, style="dim", markup=False)
+    print_dim(read.notes)
     if fillet_ratio is None:
         own = source.is_dir() and kind != "step"
         fillet_ratio = recipe_of(source, "solid of a run").solid.fillet_ratio if own else 0.0
@@ -79,36 +64,22 @@ def solid(
             check = validate_file(out)
             check.require_valid()
             facts = asdict(check)
-    if as_json:
-        print_json(facts)
-        return
-    shown = f"{out}: {facts['volume']:.6g} mm³, {facts['faces']} faces"
     crossing = facts.get("crossing_faces", 0)
-    print_lines(shown + (f", {crossing} of which cross others" if crossing else ""))
+    shown = f"{out}: {facts['volume']:.6g} mm³, {facts['faces']} faces"
+    shown += f", {crossing} of which cross others" if crossing else ""
+    print_result(as_json, facts, [shown])
 
 
-# `printctl convert`: convert a vessel network between file formats.
-
-
+@command
 def convert(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="Network: .csv, .vtp, .swc, .json, .npz, or X-CAVATE's .txt.", show_default=False
-        ),
-    ],
-    target: Annotated[
-        Path,
-        typer.Argument(
-            help="The same formats but .txt; without a suffix a new folder of SimVascular paths.",
-            show_default=False,
-        ),
-    ],
+    source: Path = arg("Network: .csv, .vtp, .swc, .json, .npz, or X-CAVATE's .txt."),
+    target: Path = arg(
+        "The same formats but .txt; without a suffix a new folder of SimVascular paths."
+    ),
     unit: UnitOption = None,
-    ends: Annotated[
-        Path | None,
-        typer.Option("--inlet-outlet", help="Inlets and outlets that come with X-CAVATE's .txt."),
-    ] = None,
+    ends: Path | None = opt(
+        "Inlets and outlets that come with X-CAVATE's .txt.", None, "--inlet-outlet"
+    ),
     as_json: JsonFlag = False,
 ) -> None:
     """Convert a vessel network between CSV, VTP, SWC, JSON and npz, and to SimVascular paths.
@@ -121,12 +92,8 @@ def convert(
     network, notes = read_noted(source, unit, ends)
     write_network(target, network)
     loss = LOSSES.get(target.suffix.lower())
-    if as_json:
-        facts = {"file": str(target), "vessels": network.vessel_count, "loses": loss}
-        print_json(facts | {"notes": list(notes)})
-        return
-    for note in notes:
-        messages().print(note, style="dim", markup=False)
-    if loss:
-        messages().print(f"[dim]{loss}[/]")
-    print_lines(f"{target}: {network.vessel_count} vessels, {len(network.points)} points")
+    facts = {"file": str(target), "vessels": network.vessel_count, "loses": loss}
+    if not as_json:
+        print_dim([*notes, loss] if loss else notes)
+    made = f"{target}: {network.vessel_count} vessels, {len(network.points)} points"
+    print_result(as_json, facts | {"notes": list(notes)}, [made])

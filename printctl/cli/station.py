@@ -1,52 +1,49 @@
-"""`printctl station`: subcommands for a lasting printer connection between prints."""
+"""`printctl station`, `ports`, `sim-printer`: a printer's connection between prints."""
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from firmware_profiles import Printer, load, shipped
 from printctl.checks.set_up import read_dish_centre
-from printctl.cli.options import JsonFlag, PrinterOption, print_json, print_lines, three_numbers
-from printctl.errors import UsageError
-from printctl.machine.link.port_detection import read_baud
+from printctl.cli.declare import command, group
+from printctl.cli.options import (
+    JsonFlag,
+    PrinterOption,
+    messages,
+    print_lines,
+    print_result,
+)
+from printctl.errors import PrintctlError, UsageError
+from printctl.machine.link.port_detection import AUTO, locate, matches, read_baud
+from printctl.machine.link.ports import PortInfo, list_ports
 from printctl.machine.station import Station, StationStatus, attach
 from printctl.machine.station import connect as open_station
 from printctl.machine.station.record import usual_folder
-
-# Options shared by `printctl station` subcommands; find the station, print its status.
+from printctl.settings import arg, opt, three_numbers
+from printctl.sources import python_command
 
 FolderOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--folder", help="The station's, if not the usual one.", show_default="the user's data"
-    ),
+    Path | None, opt("The station's, if not the usual one.", show_default="the user's data")
 ]
-
-
-def folder_of(folder: Path | None) -> Path:
-    """The folder named, or the usual one."""
-    return folder if folder is not None else usual_folder()
+ByOption = Annotated[float | None, opt("By so many mm.")]
+PlaceOption = Annotated[float | None, opt("In mm, printer's frame.")]
+_OF_A_PROFILE = "a shipped profile or a .yaml file; '' for none."
+_SHOWN = frozenset({"needle", "syringe", "ink", "dish", "bath"})
 
 
 def the_station(folder: Path | None) -> Station:
-    """A client of the station of a folder.
-
-    Raises
-    ------
-    NoLink
-        When none was ever opened there.
-    """
-    return attach(folder_of(folder))
+    """A client of the station of a folder, or of the usual one."""
+    return attach(folder or usual_folder())
 
 
 def print_status(status: StationStatus, as_json: bool) -> None:
     """Say how the station stands."""
-    if as_json:
-        print_json(status.to_dict())
-    else:
-        print_lines(*status_text(status))
+    print_result(as_json, status.to_dict(), status_text(status))
 
 
 def status_text(status: StationStatus) -> list[str]:
@@ -75,33 +72,15 @@ def status_text(status: StationStatus) -> list[str]:
     return lines
 
 
-_SHOWN = frozenset({"needle", "syringe", "ink", "dish", "bath"})
-
-
-# `printctl station connect`: start a background process that holds a printer's port open.
+@command
 def connect(
+    *,
     printer: PrinterOption,
-    port: Annotated[
-        str,
-        typer.Option("--port", help="Serial port, tcp:HOST:PORT, auto, or simulated."),
-    ],
-    baud: Annotated[
-        str | None, typer.Option("--baud", help="In place of the profile's; auto tries its list.")
-    ] = None,
-    speed: Annotated[
-        float,
-        typer.Option(
-            "--speed", help="Of a simulated printer, in times real time; 0 is all it can."
-        ),
-    ] = 1.0,
-    start: Annotated[
-        str,
-        typer.Option("--start", metavar="X,Y,Z", help="Where a simulated printer's tip stands."),
-    ] = "0,0,0",
-    discard: Annotated[
-        bool,
-        typer.Option("--discard", help="Although the last print was interrupted; it is given up."),
-    ] = False,
+    port: str = opt("Serial port, tcp:HOST:PORT, auto, or simulated.", ...),
+    baud: str | None = opt("In place of the profile's; auto tries its list."),
+    speed: float = opt("Of a simulated printer, in times real time; 0 is all it can.", 1.0),
+    start: str = opt("Where a simulated printer's tip stands.", "0,0,0", metavar="X,Y,Z"),
+    discard: bool = opt("Although the last print was interrupted; it is given up.", False),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -113,7 +92,7 @@ def connect(
     station = open_station(
         printer,
         port,
-        folder_of(folder),
+        folder or usual_folder(),
         baud=read_baud(baud),
         sim_speed=speed,
         start_mm=three_numbers(start, "--start"),
@@ -130,26 +109,16 @@ def status(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
     print_status(the_station(folder).status, as_json)
 
 
-# `printctl station mount`: declare needle, syringe, ink, dish and bath on the printer.
-def _said(what: str) -> Any:
-    return typer.Option(help=f"{what}: a shipped profile or a .yaml file; '' for none.")
-
-
+@command
 def mount(
-    needle: Annotated[str | None, _said("Needle")] = None,
-    syringe: Annotated[str | None, _said("Syringe, full")] = None,
-    ink: Annotated[str | None, _said("Ink")] = None,
-    dish: Annotated[str | None, _said("Dish")] = None,
-    bath: Annotated[str | None, _said("Bath")] = None,
-    dish_centre: Annotated[
-        str | None, typer.Option("--dish-centre", metavar="X,Y", help="Of the dish, mm.")
-    ] = None,
-    bath_level: Annotated[
-        float | None, typer.Option("--bath-level", help="Z of the bath's surface, mm.")
-    ] = None,
-    plunger: Annotated[
-        float | None, typer.Option("--plunger-mm", help="Travel of the syringe that is used up.")
-    ] = None,
+    needle: str | None = opt(f"Needle: {_OF_A_PROFILE}"),
+    syringe: str | None = opt(f"Syringe, full: {_OF_A_PROFILE}"),
+    ink: str | None = opt(f"Ink: {_OF_A_PROFILE}"),
+    dish: str | None = opt(f"Dish: {_OF_A_PROFILE}"),
+    bath: str | None = opt(f"Bath: {_OF_A_PROFILE}"),
+    dish_centre: str | None = opt("Of the dish, mm.", metavar="X,Y"),
+    bath_level: float | None = opt("Z of the bath's surface, mm."),
+    plunger: float | None = opt("Travel of the syringe that is used up.", None, "--plunger-mm"),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -157,33 +126,22 @@ def mount(
 
     Another needle or dish must be touched off anew.
     """
-    given = {
-        "needle": needle,
-        "syringe": syringe,
-        "ink": ink,
-        "dish": dish,
-        "bath": bath,
-        "dish_centre_mm": None if dish_centre is None else read_dish_centre(dish_centre),
-        "bath_level_mm": bath_level,
-        "plunger_mm": plunger,
-    }
-    named = {key: value for key, value in given.items() if value is not None}
+    centre = None if dish_centre is None else read_dish_centre(dish_centre)
+    names = {"needle": needle, "syringe": syringe, "ink": ink, "dish": dish, "bath": bath}
+    numbers = {"dish_centre_mm": centre, "bath_level_mm": bath_level, "plunger_mm": plunger}
+    named = {key: value for key, value in {**names, **numbers}.items() if value is not None}
     if not named:
         raise UsageError("nothing is named; give --needle, --dish or the like")
     print_status(the_station(folder).mount(**named), as_json)
 
 
-ByOption = Annotated[float | None, typer.Option(help="By so many mm.")]
-
-
+@command
 def jog(
     x: ByOption = None,
     y: ByOption = None,
     z: ByOption = None,
-    to: Annotated[bool, typer.Option("--to", help="The numbers are places, not steps.")] = False,
-    speed: Annotated[
-        float | None, typer.Option("--speed", help="In mm/s; 5 without, or what Z can.")
-    ] = None,
+    to: bool = opt("The numbers are places, not steps.", False),
+    speed: float | None = opt("In mm/s; 5 without, or what Z can."),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -201,11 +159,10 @@ def jog(
         print_status(station.jog(given, speed_mm_s=speed), as_json)
 
 
+@command
 def home(
-    axes: Annotated[str, typer.Argument(help="Which, such as xy.")] = "xyz",
-    needle_off: Annotated[
-        bool, typer.Option("--needle-off", help="The needle is off the machine.")
-    ] = False,
+    axes: str = arg("Which, such as xy.", "xyz"),
+    needle_off: bool = opt("The needle is off the machine.", False),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -214,9 +171,6 @@ def home(
     Axes that are homed are trusted from then on; what the needle may do follows from that.
     """
     print_status(the_station(folder).home(list(axes), needle_off=needle_off), as_json)
-
-
-PlaceOption = Annotated[float | None, typer.Option(help="In mm, printer's frame.")]
 
 
 def where(
@@ -233,10 +187,9 @@ def where(
     print_status(the_station(folder).set_position(x, y, z), as_json)
 
 
+@command
 def touch_off(
-    foil: Annotated[
-        float, typer.Option("--foil", help="Thickness of the foil between tip and floor, mm.")
-    ] = 0.0,
+    foil: float = opt("Thickness of the foil between tip and floor, mm.", 0.0),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -247,11 +200,10 @@ def touch_off(
     print_status(the_station(folder).touch_off(foil_mm=foil), as_json)
 
 
+@command
 def push(
-    ul: Annotated[float, typer.Option("--ul", help="So much, µL; below 0 draws back.")],
-    speed: Annotated[
-        float | None, typer.Option("--speed", help="In µL/s; the ink's own without.")
-    ] = None,
+    ul: float = opt("So much, µL; below 0 draws back.", ...),
+    speed: float | None = opt("In µL/s; the ink's own without."),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -262,9 +214,10 @@ def push(
     print_status(the_station(folder).plunger(ul, speed), as_json)
 
 
+@command
 def heat(
-    name: Annotated[str, typer.Argument(help="nozzle, bed or chamber.", show_default=False)],
-    celsius: Annotated[float, typer.Argument(help="Target, °C; 0 is off.", show_default=False)],
+    name: str = arg("nozzle, bed or chamber."),
+    celsius: float = arg("Target, °C; 0 is off."),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -276,8 +229,9 @@ def heat(
     print_status(the_station(folder).heat(name, celsius), as_json)
 
 
+@command
 def send(
-    command: Annotated[str, typer.Argument(help="Such as M503.", show_default=False)],
+    command: str = arg("Such as M503."),
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -286,10 +240,8 @@ def send(
     While a print goes on it is sent between two of its lines.
     """
     lines = the_station(folder).command(command)
-    if as_json:
-        print_json({"command": command, "lines": lines})
-    elif lines:
-        print_lines(*lines)
+    if as_json or lines:
+        print_result(as_json, {"command": command, "lines": lines}, lines)
 
 
 def stop(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
@@ -328,49 +280,71 @@ def disconnect(folder: FolderOption = None) -> None:
     print_lines(station.status.message)
 
 
-station = typer.Typer(
-    help="Connect a printer, move it by hand within soft limits, and have it ready to print.",
-    no_args_is_help=True,
+station = group(
+    typer.Typer(
+        help="Connect a printer, move it by hand within soft limits, and have it ready to print.",
+        no_args_is_help=True,
+    ),
+    *(connect, status, mount, jog, home, where, touch_off, push, heat, send, stop, kill),
+    *(reconnect, disconnect),
 )
 
 
-station.command("connect")(connect)
+@command
+def ports(
+    printer: str | None = opt("Profile to look for, beside the shipped ones."),
+    find: bool = opt(
+        "Open the port that is --printer's, and try baud rates until it answers.", False
+    ),
+    as_json: JsonFlag = False,
+) -> None:
+    """List serial ports with their USB ids and the profiles that these match.
+
+    Nothing is opened but with --find: that may reset the board, and moves nothing.
+    """
+    if find:
+        if printer is None:
+            raise typer.BadParameter(
+                "--find needs --printer: only a port with its USB id is opened"
+            )
+        place = locate(AUTO, AUTO, load(Printer, printer))
+        print_result(as_json, vars(place), [f"{place.port}\t{place.baud} Bd"])
+        return
+    known = {name: load(Printer, name) for name in [*shipped(Printer), *filter(None, [printer])]}
+    rows = [(p, [n for n, facts in known.items() if matches(facts, p)]) for p in list_ports()]
+    facts = {"ports": [vars(port) | {"profiles": names} for port, names in rows]}
+    if rows or as_json:
+        print_result(as_json, facts, (_port_line(port, names) for port, names in rows))
+    else:
+        messages().print(
+            "no serial port found; plug the printer in, or use port: simulated in the recipe"
+        )
 
 
-station.command("status")(status)
+def _port_line(port: PortInfo, profiles: list[str]) -> str:
+    cells: list[Any] = [port.device, port.usb_id or "-", port.serial_number or "-"]
+    return "\t".join([*cells, port.description, ", ".join(profiles) or "no profile's"])
 
 
-station.command("mount")(mount)
+@command
+def sim_printer(
+    context: typer.Context,
+    printer: PrinterOption = "generic_marlin",
+    link: Path | None = opt("Name for the pseudo-terminal."),
+    tcp: int | None = opt("Listen on this TCP port."),
+    speed: float = opt("Times real time; 0 is as fast as it goes.", 1.0, min=0),
+) -> None:
+    """Run a simulated printer until interrupted; further options are those of `python -m sim`.
 
-
-station.command("jog")(jog)
-
-
-station.command("home")(home)
-
-
-station.command("where")(where)
-
-
-station.command("touch-off")(touch_off)
-
-
-station.command("push")(push)
-
-
-station.command("heat")(heat)
-
-
-station.command("send")(send)
-
-
-station.command("stop")(stop)
-
-
-station.command("kill")(kill)
-
-
-station.command("reconnect")(reconnect)
-
-
-station.command("disconnect")(disconnect)
+    Any host program can print on it: it answers as the profile's firmware does, on a
+    pseudo-terminal or a TCP port.
+    """
+    words = [*python_command("sim"), "--printer", printer, "--speed", str(speed)]
+    words += ["--link", str(link)] if link else []
+    words += ["--tcp", str(tcp)] if tcp is not None else []
+    try:
+        done = subprocess.run([*words, *context.args], check=False)
+    except KeyboardInterrupt:
+        return
+    if done.returncode:
+        raise PrintctlError("the simulated printer ended with an error; see above")

@@ -95,8 +95,12 @@ class NodePart(Part):
 class GainPart(Part):
     """How much of what was measured is corrected at once."""
 
-    whole: Annotated[float, Field(gt=0, le=1)] = 1.0
-    local: Annotated[float, Field(gt=0, le=1)] = 0.7
+    whole: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=1.0, description="Share of scale and radial offset corrected at once."
+    )
+    local: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=0.7, description="Share of local corrections made at once."
+    )
 
 
 class CompensationFile(Part):

@@ -47,7 +47,34 @@ PAGES: Final = "printctl.pipeline.registration_pages"
 
 
 @dataclass(frozen=True, eq=False)
-class RegisteredScan:
+class DesignRead:
+    """A design, and which print of it was scanned.
+
+    Attributes
+    ----------
+    model : Path
+        A run folder, or the design's STL.
+    surface : Solid
+        In mm.
+    network : Path
+        network.csv, mm.
+    vessels : VesselNetwork
+    printed : dict or None
+        As far as a journal tells it (`print_identity`).
+    lumens : FoundLumens or None
+        Of a network that was found in the model: what is unsure of it.
+    """
+
+    model: Path
+    surface: Solid
+    network: Path
+    vessels: VesselNetwork
+    printed: dict[str, Any] | None
+    lumens: FoundLumens | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RegisteredScan(DesignRead):
     """A scan, the design it was held against, and what came of it.
 
     Attributes
@@ -55,28 +82,12 @@ class RegisteredScan:
     source : Path
         The scan's file.
     scan : Scan
-    model : Path
-        A run folder, or the design's STL.
-    surface : Solid
-    network : Path
-        network.csv, mm.
-    vessels : VesselNetwork
     found : RegistrationReport
-    printed : dict or None
-        Which print was scanned (`print_identity`).
-    lumens : FoundLumens or None
-        Of a network that was found in the model: what is unsure of it.
     """
 
     source: Path
     scan: Scan
-    model: Path
-    surface: Solid
-    network: Path
-    vessels: VesselNetwork
     found: RegistrationReport
-    printed: dict[str, Any] | None
-    lumens: FoundLumens | None = None
 
     def add_record(
         self, data: dict[str, Any], stated: RecordPart, done: Corrections, now: datetime

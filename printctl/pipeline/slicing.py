@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Final, cast, get_args
+from typing import Any, Final, cast, get_args
 
 import numpy as np
 
@@ -402,3 +402,84 @@ def _reach(printer: Printer) -> FloatArray:
     area = np.array([[span.low for span in spans], [span.high for span in spans]])
     offsets = np.array([head.offset_mm.mm for head in printer.heads] or [(0.0, 0.0, 0.0)])
     return np.array([area[0] + offsets.max(axis=0), area[1] + offsets.min(axis=0)])
+
+
+HEIGHT_SHARE: Final = 0.01
+"""Of the part's height: what layers may be off by before it is told."""
+
+
+def job_notes(job: SliceJob, written: JobFigures) -> list[str]:
+    """Return what a person should know before printing."""
+    notes = [note for solid in job.parts.solids for note in solid.notes]
+    notes += [*_height_note(written), *written.report.narrow_notes]
+    for number, ul in enumerate(written.report.written_ul_of_heads):
+        barrel = job.loads[number].syringe
+        if ul > barrel.volume_ul:
+            notes.append(
+                f"{ul:.4g} µL is more than {barrel.name} holds ({barrel.volume_ul:g} µL)"
+                f"{f' in head {number}' if job.printer.heads else ''}: it will be changed on the "
+                "way (printctl reload)"
+            )
+    if written.report.changes and job.dish is None:
+        notes.append(
+            "heads are changed 5 mm above the part, wherever the dish's wall ends; give --dish to "
+            "have them changed above it"
+        )
+    return notes
+
+
+def _height_note(written: JobFigures) -> list[str]:
+    """Say where whole layers make the part more than a hundredth higher or lower."""
+    off = written.height_mm - written.part_mm
+    if abs(off) <= HEIGHT_SHARE * written.part_mm:
+        return []
+    return [
+        f"the part is {written.part_mm:.4g} mm high and its {written.report.layers} layers "
+        f"{written.height_mm:.4g} mm: {abs(off):.2g} mm {'more' if off > 0 else 'less'} than "
+        "designed; choose --layer-um so that whole layers fill it"
+    ]
+
+
+def job_facts(
+    job: SliceJob, written: JobFigures, models: Sequence[Path], out: Path
+) -> dict[str, Any]:
+    """Return the figures of a written job as plain values, for JSON."""
+    report = written.report
+    facts = {
+        "gcode": str(out),
+        "layers": report.layers,
+        "layer_um": [1e3 * height for height in written.heights_mm],
+        "lines": written.lines,
+        "written_ul": report.written_ul,
+        "part_ul": report.part_ul,
+        "material_ul": report.material_ul,
+        "unfilled_percent": 100 * report.unfilled_fraction,
+        **{
+            name: None if places is None else asdict(places)
+            for name, places in (
+                ("thin_walls", report.thin_walls or report.low_walls),
+                ("narrow_gaps", report.narrow_gaps or report.low_gaps),
+            )
+        },
+        "travels": report.travels,
+        "lifted": report.lifted,
+        "place_mm": written.place_mm.tolist(),
+    }
+    if not job.printer.heads:
+        return facts
+    facts["meshes"] = [
+        {"file": str(model), "head": head}
+        for model, head in zip(models, job.parts.heads, strict=True)
+    ]
+    facts["changes"] = report.changes
+    facts["heads"] = [
+        {"head": number, "name": one.name, "ink": job.loads[number].ink.name, "written_ul": ul}
+        for number, (one, ul) in enumerate(
+            zip(job.printer.heads, _of_each_head(job, report.written_ul_of_heads), strict=True)
+        )
+    ]
+    return facts
+
+
+def _of_each_head(job: SliceJob, written: tuple[float, ...]) -> tuple[float, ...]:
+    return written + (0.0,) * (job.printer.head_count - len(written))

@@ -129,7 +129,7 @@ class CarePart(Part):
     )
     deadman_min: Annotated[float, Field(ge=0, le=1440)] = Field(
         default=0.0,
-        description="Pause unless somebody confirms within this time (printctl alive); 0 for an "
+        description="Pause unless somebody confirms within so many min (printctl alive); 0 for an "
         "attended print.",
     )
     deadman_stops: bool = Field(default=False, description="Stop then, instead of pausing.")
@@ -232,7 +232,7 @@ class Fresh(FillingPart):
     compensate: CompensationPart = CompensationPart()
     compensation: CompensationName = None
     prime: PrimePart | None = Field(default=None, description="Before the part; nothing without.")
-    write_speed_mm_s: Speed = 20.0
+    write_speed_mm_s: Speed = Field(default=20.0, description="Of writing.")
     travel_speed_mm_s: Speed = 40.0
 
     @model_validator(mode="after")
@@ -398,7 +398,9 @@ class SimulatedScan(Part):
 
     simulated: Literal["oct", "microct"]
     voxel_um: Annotated[tuple[float, float, float], Field(description="x, y, z")] = (25, 25, 15)
-    shrink_percent: Annotated[float, Field(ge=-10, le=20)] = 1.0
+    shrink_percent: Annotated[float, Field(ge=-10, le=20)] = Field(
+        default=1.0, description="By how much the part shrank."
+    )
     format: Literal["tif", "oct"] = Field(
         default="tif", description="Of the file: TIFF, or Thorlabs' for an OCT."
     )
@@ -430,13 +432,17 @@ class FileScan(Part):
         min_length=1, description="Path, relative to the recipe.", json_schema_extra=FILE
     )
     voxel_um: tuple[float, float, float] | None = Field(
-        default=None, description="x, y, z; where the file doesn't say."
+        default=None, description="Size of a voxel, x, y, z, where the file doesn't say."
     )
-    refractive_index: Annotated[float, Field(ge=1, le=2)] | None = None
+    refractive_index: Annotated[float, Field(ge=1, le=2)] | None = Field(
+        default=None, description="Group index of gel and liquid."
+    )
     optical_depth: bool | None = Field(
         default=None, description="Whether the depth voxel counts optical path."
     )
-    modality: Literal["oct", "microct", "confocal"] | None = None
+    modality: Literal["oct", "microct", "confocal"] | None = Field(
+        default=None, description="What measured."
+    )
     scale: Literal["linear", "db"] | None = Field(default=None, description="Of the intensity.")
     db_range: tuple[float, float] | None = Field(
         default=None, description="dB of the lowest and the highest count of an integer scan."
@@ -500,7 +506,9 @@ class RegistrationPart(Part):
         default=100.0, description="RMS deviation, scaled fit, above which the verdict is fail."
     )
     diameter_tolerance_percent: Sides = Field(
-        default=10.0, description="Error of a diameter, in any section, beyond which it fails."
+        default=10.0,
+        description="Error of a diameter, in any section, beyond which it fails, like 10 or "
+        "+10/-5.",
     )
     decision_rule: Literal["guarded", "conformance", "shared_risk"] = Field(
         default="conformance",

@@ -14,8 +14,10 @@ from printctl.recipe.tissue import MeshPart, ZonePart
 class FillingPart(Part):
     """What is written inside the walls."""
 
-    infill: Infill = "lines"
-    infill_percent: Annotated[float, Field(ge=0, le=100)] = 100.0
+    infill: Infill = Field(default="lines", description="What fills the inside of the walls.")
+    infill_percent: Annotated[float, Field(ge=0, le=100)] = Field(
+        default=100.0, description="Share of the inside that is filled."
+    )
     infill_angles_deg: Annotated[
         tuple[Annotated[float, Field(ge=-360, le=360)], ...], Field(min_length=1, max_length=32)
     ] = Field(default=(0.0, 90.0), description="Of the infill's lines, layer after layer in turn.")

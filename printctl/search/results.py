@@ -230,3 +230,21 @@ def write_results(result: SearchResult, out: Path) -> list[Path]:
         write_text(out / BEST, best_recipe(result, result.best, out))
         names.append(BEST)
     return [out / name for name in names]
+
+
+def result_dict(result: SearchResult) -> dict[str, Any]:
+    """Return the ranked candidates as plain values, for JSON."""
+    rows = [
+        {
+            "rank": row.rank,
+            "candidate": row.candidate.number,
+            "state": row.state,
+            "score": row.score,
+            "front": row.front,
+            "values": dict(row.candidate.values),
+            "numbers": dict(row.numbers),
+            "said": row.said,
+        }
+        for row in result.rows
+    ]
+    return {"candidates": rows, "left": result.left, "broken": dict(result.broken)}

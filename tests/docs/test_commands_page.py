@@ -18,7 +18,7 @@ UNIT = re.compile(
 
 
 def test_every_command_has_a_manual_and_no_other_does():
-    assert set(ALL) == set(MANUAL), "printctl/cli/help_examples.py wants an entry for every command"
+    assert set(ALL) == set(MANUAL), "printctl/cli/manual.txt wants an entry for every command"
 
 
 @pytest.mark.parametrize("name", LEAVES)

@@ -96,7 +96,7 @@ STEPS = (
 WORK = (
     ("design.solids",),
     ("design.solids; design.solids.lumen_solid",),
-    ("printctl.cli.register_work",),
+    ("printctl.pipeline.registration_work",),
     ("design.hemodynamics.three_d",),
 )
 

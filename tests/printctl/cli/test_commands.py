@@ -18,12 +18,12 @@ from typer.testing import CliRunner
 from design.solids import block_solid, write_stl
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, shipped
 from kernels import ahead as listing
+from printctl import doctor as places
 from printctl.cli import commands, kernels_ready
-from printctl.cli import doctor as places
 from printctl.cli.commands import COMMANDS, LazyGroup
-from printctl.cli.doctor import extras, permission_findings, udev_rule
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.main import app
+from printctl.doctor import extras, permission_findings, udev_rule
 from printctl.errors import UsageError
 from printctl.machine.link.ports import PortInfo
 from printctl.progress_file import ProgressFile
@@ -351,7 +351,7 @@ def test_a_machine_that_can_run_the_tests_is_fit():
 
 
 def test_a_data_folder_that_cannot_be_written_blocks(monkeypatch):
-    monkeypatch.setattr("printctl.cli.doctor.is_writable", lambda folder: False)
+    monkeypatch.setattr("printctl.doctor.is_writable", lambda folder: False)
     done = doctor()
     assert done.exit_code == 1
     assert "BLOCKS: no file can be written in" in done.output
@@ -391,26 +391,26 @@ def test_a_port_that_may_not_be_opened_comes_with_group_and_udev_rule(monkeypatc
 
 def test_a_missing_extra_comes_with_its_command(monkeypatch):
     wanted = ["numpy>=2", 'h5py>=3 ; extra == "scans"', "no-such-thing>=1; extra == 'scans'"]
-    monkeypatch.setattr("printctl.cli.doctor.metadata.requires", lambda name: wanted)
+    monkeypatch.setattr("printctl.doctor.metadata.requires", lambda name: wanted)
     assert extras() == {"scans": "missing no-such-thing; pip install 'printctl[scans]'"}
 
 
 def test_an_extra_that_cannot_be_imported_is_reported(monkeypatch):
-    monkeypatch.setattr("printctl.cli.doctor.metadata.requires", lambda name: ["a; extra == 'b'"])
-    monkeypatch.setattr("printctl.cli.doctor.metadata.version", lambda name: "1")
-    monkeypatch.setattr("printctl.cli.doctor._COMPILED", {"a"})
+    monkeypatch.setattr("printctl.doctor.metadata.requires", lambda name: ["a; extra == 'b'"])
+    monkeypatch.setattr("printctl.doctor.metadata.version", lambda name: "1")
+    monkeypatch.setattr("printctl.doctor._COMPILED", {"a"})
     assert extras() == {"b": "can't import a; pip install 'printctl[b]' --force-reinstall"}
 
 
 def test_two_homes_of_our_packages_block(monkeypatch):
-    monkeypatch.setattr("printctl.cli.doctor.OURS", ("design", "json"))
+    monkeypatch.setattr("printctl.doctor.OURS", ("design", "json"))
     done = doctor()
     assert done.exit_code == 1
     assert "come from 2 places" in done.output
 
 
 def test_kernels_that_are_not_compiled_are_told(monkeypatch, tmp_path: Path):
-    monkeypatch.setattr("printctl.cli.doctor.cache_dir", lambda: tmp_path / "none")
+    monkeypatch.setattr("printctl.doctor.cache_dir", lambda: tmp_path / "none")
     done = doctor()
     assert done.exit_code == 0
     assert "printctl doctor --warm" in done.output

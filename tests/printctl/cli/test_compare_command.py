@@ -14,11 +14,11 @@ from pypdf import PdfReader
 from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.solids import write_stl
 from printctl.cli import compare as command
-from printctl.cli.register_work import read_design
 from printctl.errors import UsageError
 from printctl.history.signing import lab_key
 from printctl.machine.link.journal import encode
 from printctl.machine.link.record import JOURNAL
+from printctl.pipeline.registration_work import read_design
 from printctl.run_folder.artefacts import JOURNAL_FOLDER, LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest
 from registration.report import print_page

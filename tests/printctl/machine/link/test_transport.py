@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.state import QUESTION
-from printctl.cli import ports as ports_command
+from printctl.cli import station as ports_command
 from printctl.cli.main import app
 from printctl.machine.link import LinkState, port_detection, start_print, transport_serial
 from printctl.machine.link.clock import VirtualClock

@@ -1,8 +1,9 @@
-"""Predict the ink in the bath for `printctl simulate`; print figures, write files if asked."""
+"""Predict the ink that a G-code file lays in the bath; write files where they are wanted."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,19 +17,19 @@ from printctl.checks.bead import (
     VesselDiameters,
     predict_job,
     prediction_facts,
-    prediction_lines,
     vessel_diameters,
     write_prediction,
     written_filaments,
 )
 from printctl.checks.gcode_view import read_line_map
 from printctl.checks.set_up import SetUp
-from printctl.cli.lumens import place_of_filaments, read_designed
-from printctl.cli.options import messages, print_lines
-from printctl.cli.simulate_options import BeadChoices
 from printctl.errors import UsageError
+from printctl.pipeline.bead_choices import BeadChoices
+from printctl.pipeline.lumens_in_gcode import place_of_filaments, read_designed
 from sim.gcode.bead import swell
 from sim.gcode.dry_run.run import DryRun
+
+Say = Callable[[str], None]
 
 
 def write_predictions(
@@ -37,11 +38,13 @@ def write_predictions(
     run: DryRun,
     setup: SetUp,
     choices: BeadChoices,
-    remarks: tuple[tuple[int, str], ...] = (),
+    remarks: tuple[tuple[int, str], ...],
+    say: Say,
 ) -> list[dict[str, Any]]:
     """Predict, write what is wanted, and give a dict for each head.
 
-    `remarks` are lines of the file and what was found there otherwise, for the page.
+    `remarks` are lines of the file and what was found there otherwise, for the page; ``say`` gets
+    what the user should know.
 
     Raises
     ------
@@ -53,10 +56,10 @@ def write_predictions(
     lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
     line_map, notes = read_line_map(file, lines)
     for note in notes:
-        messages().print(f"note: {note}", markup=False)
+        say(f"note: {note}")
     loads = [setup.load_of(number) for number in range(setup.printer.head_count)]
     heads = predict_job(run, gcode, setup.printer, loads, line_map, choices.lag_s)
-    held = _against_design(heads, choices)
+    held = _against_design(heads, choices, say)
     facts = []
     for one in heads:
         own = {head: pair for head, *pair in held}.get(one.head, (None, None))
@@ -68,12 +71,12 @@ def write_predictions(
 
 
 def _wanted(choices: BeadChoices) -> OutputFiles:
-    for option, value in (("--voxel-um", choices.voxel_um), ("--window-s", choices.window)):
+    for option, value in (("--voxel-um", choices.voxel_um), ("--window-s", choices.window_s)):
         if value is not None and choices.out is None:
             raise UsageError(f"{option} says how a file is written; give --out FOLDER, too")
-    if choices.place is not None and choices.network is None:
+    if choices.place_mm is not None and choices.network is None:
         raise UsageError("--place is where a network's origin stands; give --network, too")
-    window = None if choices.window is None else _window(choices.window)
+    window = None if choices.window_s is None else _window(choices.window_s)
     return OutputFiles(None if choices.voxel_um is None else choices.voxel_um * 1e-3, window)
 
 
@@ -88,7 +91,7 @@ def _window(text: str) -> tuple[float, float]:
 
 
 def _against_design(
-    heads: tuple[InkPrediction, ...], choices: BeadChoices
+    heads: tuple[InkPrediction, ...], choices: BeadChoices, say: Say
 ) -> list[tuple[int, VesselDiameters, VesselDiameters | None]]:
     """Vessels of each head, with and without lag; empty without a network."""
     if choices.network is None:
@@ -108,9 +111,9 @@ def _against_design(
             "--network: the file writes vessels as several strands side by side, and one strand is "
             "no vessel; the run's dry_run.json has their predicted diameters"
         )
-    network = read_designed(choices.network, choices.unit)
+    network = read_designed(choices.network, choices.unit, say)
     place = place_of_filaments(
-        choices.place, written_filaments([one.prompt for one in heads]), network
+        choices.place_mm, written_filaments([one.prompt for one in heads]), network
     )
     return [(one.head, *_both(one, network, place)) for one in heads]
 
@@ -123,16 +126,3 @@ def _both(
     if one.bead is one.prompt or one.ahead_s > 0:
         return late, None
     return late, vessel_diameters(one.prompt, one.prompt_source, network, place, factor)
-
-
-def print_predictions(facts: list[dict[str, Any]]) -> None:
-    """Print it for people; warnings go where people are spoken to."""
-    for one in facts:
-        head = f"head {one['head']}: " if len(facts) > 1 else ""
-        print_lines(*(head + line for line in prediction_lines(one)))
-        for warning in one["warnings"]:
-            where = f"line {warning['line']}: " if warning["line"] else ""
-            sure = "" if warning["calibrated"] else " (uncalibrated)"
-            messages().print(f"note: {head}{where}{warning['text']}{sure}", markup=False)
-    for name in facts[0].get("files", []):
-        print_lines(f"wrote {name}")

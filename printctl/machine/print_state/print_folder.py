@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from printctl.errors import PrintctlError
 from printctl.machine.link.client import PrintClient, attach
 from printctl.machine.link.record import RECORD
 from printctl.machine.link.states import LinkState
 
-RunArg = Annotated[
-    Path,
-    typer.Argument(
-        metavar="RUN",
-        help="The print: its folder, its recipe's run folder, or its G-code file.",
-        show_default=False,
-    ),
-]
-
 
 def print_folder(run: Path) -> Path:
     """Folder of the print's journal; where one should be when none is found."""
     beside = Path(f"{run}.print") if run.is_file() else run
-    places = (run, run / "print", beside)
-    folders = (place for place in places if (place / RECORD).is_file())
+    folders = (place for place in (run, run / "print", beside) if (place / RECORD).is_file())
     return next(folders, beside)
 
 

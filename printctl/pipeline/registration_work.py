@@ -1,4 +1,4 @@
-"""Work of `printctl register`: the record of a print, or a design alone."""
+"""Read a design and a scan, register them, judge the print."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
-from printctl.cli.options import Steps, messages
 from printctl.errors import UsageError
 from printctl.pipeline.measurement_record import Corrections
-from printctl.pipeline.registering import RegisteredScan
+from printctl.pipeline.registering import DesignRead, RegisteredScan
 from printctl.recipe.record import RecordPart
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest
-from registration import RegistrationOptions, ScanOverrides, register_scan
+from registration import RegistrationOptions, Scan, ScanOverrides, register_scan
 from registration.corrected import corrected_scan
 from registration.errors import DatumError
 from registration.measuring.geometry import Datum, check_designed, read_datums
@@ -78,22 +77,17 @@ class Measuring:
     filled: bool
     datums: tuple[Datum, ...]
 
-    @property
-    def options(self) -> RegistrationOptions:
-        """As the registration takes them."""
-        return RegistrationOptions(lumens="bright" if self.filled else "dark", datums=self.datums)
+    def read(self) -> Scan:
+        """Read the scan."""
+        return corrected_scan(self.scan, self.said, self.optics, self.air_above, True, self.walls)
 
-
-def read_and_register(how: Measuring, design: DesignRead, steps: Steps) -> RegisteredScan:
-    """Read the scan and register it."""
-    options = how.options
-    measured = corrected_scan(how.scan, how.said, how.optics, how.air_above, True, how.walls)
-    note(measured.notes)
-    steps.begin("registration")
-    report = register_scan(measured, design.surface, design.vessels, options)
-    return RegisteredScan(how.scan, measured, design.model, design.surface, design.network,
-                      design.vessels, report, design.printed,
-                      design.lumens)  # fmt: skip
+    def register(self, measured: Scan, design: DesignRead) -> RegisteredScan:
+        """Register what was read."""
+        options = RegistrationOptions(
+            lumens="bright" if self.filled else "dark", datums=self.datums
+        )
+        found = register_scan(measured, design.surface, design.vessels, options)
+        return RegisteredScan(**vars(design), source=self.scan, scan=measured, found=found)
 
 
 def judge_registration(
@@ -101,48 +95,9 @@ def judge_registration(
 ) -> dict[str, Any]:
     """Numbers and verdict, with the measurement record."""
     data = made.judged(limits)
-    done = Corrections(_text(how.optics), how.air_above)
+    done = Corrections(None if how.optics is None else str(how.optics), how.air_above)
     made.add_record(data, stated, done, datetime.now(UTC))
     return data
-
-
-def note(notes: list[str] | tuple[str, ...]) -> None:
-    """Print what a user should know, beside the results."""
-    for note in notes:
-        messages().print(f"note: {note}", markup=False)
-
-
-def _text(path: Path | None) -> str | None:
-    return None if path is None else str(path)
-
-
-# Read the design that `printctl register` compares with a scan.
-
-
-@dataclass(frozen=True)
-class DesignRead:
-    """A design, and which print of it was scanned.
-
-    Attributes
-    ----------
-    model : Path
-        A run folder, or the design's STL.
-    surface : Solid
-        In mm.
-    network : Path
-    vessels : VesselNetwork
-    printed : dict or None
-        As far as a journal tells it (`print_identity`).
-    lumens : FoundLumens or None
-        Where no network was given: what is unsure of the one that was found.
-    """
-
-    model: Path
-    surface: Solid
-    network: Path
-    vessels: VesselNetwork
-    printed: dict[str, Any] | None
-    lumens: FoundLumens | None = None
 
 
 def read_design(
@@ -165,7 +120,7 @@ def read_design(
         When a file isn't there, or no journal is where a print is named.
     """
     found = None
-    surface, path = _surface(model, network, lumens, unit)
+    surface, path = _surface(model, network, lumens, unit, tell)
     if network is None and not path.is_file() and not model.is_dir():
         path = out / NETWORK
         found = _found(surface, path, bool(lumens), tell)
@@ -178,7 +133,11 @@ def read_design(
 
 
 def _surface(
-    model: Path, network: Path | None, lumens: bool | None, unit: LengthUnit
+    model: Path,
+    network: Path | None,
+    lumens: bool | None,
+    unit: LengthUnit,
+    tell: Callable[[str], None],
 ) -> tuple[Solid, Path]:
     """Surface of the design in mm, and where its network is."""
     if model.is_dir():
@@ -189,7 +148,7 @@ def _surface(
     elif model.is_file():
         surface = read_solid(model, unit=unit)
         for note in surface.notes:
-            messages().print(note, style="dim", markup=False)
+            tell(note)
         beside = model.with_name(NETWORK)
     else:
         raise UsageError(f"--model {model} doesn't exist; give a run folder or an STL file")
@@ -222,8 +181,8 @@ def _printed(model: Path, named: Path | None) -> dict[str, Any] | None:
     if named is None and not model.is_dir():
         return None
     # Only prints have journals; a lone STL doesn't wait for the link's modules.
-    from printctl.cli.run_folder import print_folder
     from printctl.machine.link.print_identity import print_identity
+    from printctl.machine.print_state.print_folder import print_folder
 
     identity = print_identity(print_folder(named or model))
     if identity is None and named is not None:

@@ -1,0 +1,151 @@
+"""Make and write a calibration print: its pattern, G-code, drawing and sheet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from design.files import write_text
+from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
+from firmware_profiles import Dish, Needle, Syringe, load
+from printctl.calibration.patterns import (
+    COLUMNS,
+    Bead,
+    LineSeries,
+    Pattern,
+    WrittenPattern,
+    bridge_pattern,
+    comb_pattern,
+    joint_pattern,
+    lines_pattern,
+    pattern_path,
+    sheet_svg,
+    sheet_text,
+    spiral_pattern,
+    squares_pattern,
+)
+from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
+from printctl.settings import numbers_of, opt, settings
+from sim.gcode.dry_run.run import dry_run
+
+BESIDE: Final = (".svg", ".csv", ".json")
+"""Files beside the G-code; a sheet (.csv) where there are widths to type."""
+_ACROSS_MM: Final = 50.0
+_CLEAR_MM: Final = 1.5
+"""Between needle and dish."""
+
+
+@settings
+class PatternOptions:
+    """What single patterns take; lists are numbers with commas between."""
+
+    speeds: str = opt("Of lines, mm/s.", "2,5,8")
+    flow_factors: str = opt("Of lines: multiples of the cross-section.", "0.8,1,1.2")
+    length: float = opt("Of a line, mm.", 24.0, min=1)
+    repeats: int = opt("Of each line.", 1, min=1)
+    steps: int = opt("Lines written slow, fast, slow, for the lag.", 2, min=0)
+    speed: float = opt("Of all but lines, mm/s.", 5.0, min=0.01)
+    turns: float = opt("Of the spiral.", 5.0, min=1, max=50)
+    pitch: float | None = opt("Of the spiral, mm; 5 widths if not.")
+    gaps: str | None = opt("Of the comb, mm; 0.2 to 2 widths if not.")
+    overlaps: str = opt("Of joints, radii beyond the trunk's surface.", "-1.5,-1,-0.5,0,0.5,1")
+    spans: str = opt("Of bridges, mm.", "1,2,3,4,6")
+    height: float = opt("Of the bridges' pillars, mm.", 2.0, min=0.1)
+    across: float | None = opt(
+        "Of the squares' circle, mm; --dish less the needle and 3 mm, 50 if not."
+    )
+
+
+def pattern_of(
+    name: str, bead: Bead, own: PatternOptions, dish: str | None, needle: str
+) -> Pattern:
+    """Return the pattern of a name; squares keep clear of the dish."""
+    if name == "lines":
+        return lines_pattern(bead, _asked(own))
+    if name == "spiral":
+        pitch = 5 * bead.width_mm if own.pitch is None else own.pitch
+        return spiral_pattern(bead, own.speed, own.turns, pitch)
+    if name == "joint":
+        return joint_pattern(bead, numbers_of(own.overlaps, "--overlaps"), own.speed)
+    if name == "bridge":
+        return bridge_pattern(bead, numbers_of(own.spans, "--spans"), own.height, own.speed)
+    if name == "squares":
+        return squares_pattern(bead, _across(own.across, dish, needle), own.speed)
+    return comb_pattern(bead, _gaps(own.gaps, bead.width_mm), own.speed)
+
+
+def _asked(own: PatternOptions) -> LineSeries:
+    return LineSeries(
+        numbers_of(own.speeds, "--speeds"),
+        numbers_of(own.flow_factors, "--flow-factors"),
+        own.length,
+        own.repeats,
+        own.steps,
+    )
+
+
+def _gaps(text: str | None, width: float) -> list[float]:
+    if text is not None:
+        return numbers_of(text, "--gaps")
+    return [round(width * part, 3) for part in (0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0)]
+
+
+def _across(stated: float | None, dish: str | None, needle: str) -> float:
+    """Diameter of the squares' circle, mm."""
+    if stated is not None:
+        return stated
+    if dish is None:
+        return _ACROSS_MM
+    inside = load(Dish, dish)
+    clear = load(Needle, needle).outer_mm + 2 * _CLEAR_MM
+    return min(inside.inner_x_mm, inside.inner_y_mm) - clear
+
+
+@dataclass(frozen=True)
+class PatternJob:
+    """A pattern that is to be written with its G-code at ``path``, and what it is printed with."""
+
+    path: Path
+    written: WrittenPattern
+    set_up: SetUp
+    at_mm: tuple[float, float, float]
+    syringe: Syringe
+
+    @property
+    def beside(self) -> list[Path]:
+        """Files that are written beside the G-code, but for its map."""
+        ends = BESIDE if self.written.pattern.name in COLUMNS else (".svg", ".json")
+        return [self.path.with_suffix(end) for end in ends]
+
+
+def write_pattern_job(job: PatternJob) -> tuple[int, float, tuple[str, ...]]:
+    """Check the job as a print is and write its files; return lines, seconds, and notes.
+
+    Raises
+    ------
+    SafetyError
+        When a check refuses it.
+    """
+    setup, made, ink = job.set_up, job.written.pattern, job.set_up.ink
+    middle = np.array([*made.size_mm, 0.0]) / 2
+    options = GcodeOptions(
+        start_mm=job.at_mm,
+        relieve_ul=0.0,
+        plunger_ul_s=ink.plunger_ul_s,
+        flow_factor=ink.flow_factor,
+    )
+    place = np.array(job.at_mm) - middle
+    gcode = write_gcode(pattern_path(made, ink), setup.printer, job.syringe, place, options)
+    run = dry_run(gcode.data, setup.printer, job.at_mm)
+    checks = file_checks(run, setup)
+    refuse_failed(checks)
+    base = job.path
+    save_gcode(base, base.with_suffix(".map.npz"), [gcode])
+    write_text(base.with_suffix(".json"), job.written.as_text())
+    if made.name in COLUMNS:
+        write_text(base.with_suffix(".csv"), sheet_text(job.written))
+    write_text(base.with_suffix(".svg"), sheet_svg(job.written))
+    return gcode.line_count, run.duration_s, tuple(warnings(checks))
