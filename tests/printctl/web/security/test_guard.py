@@ -128,7 +128,7 @@ def test_the_cookie_is_secure_under_tls(tmp_path: Path) -> None:
      "localhost, evil"],
 )  # fmt: skip
 def test_a_name_that_was_made_to_point_here_is_refused(unchanged: Served, host: str) -> None:
-    for path in ("/printer", "/login", "/api/v1/health", "/static/shell/stop.js"):
+    for path in ("/printer", "/login", "/api/v1/health", "/static/page/stop.js"):
         assert unchanged.client().get(path, headers={"Host": host}).status_code == 421
 
 
@@ -147,7 +147,7 @@ def test_a_header_that_decides_and_comes_twice_is_refused(unchanged: Served, nam
 
 
 def test_a_refusal_that_a_library_writes_as_text_is_json(unchanged: Served) -> None:
-    answer = unchanged.client().get("/static/shell/stop.js", headers={"Range": "bytes=9-1"})
+    answer = unchanged.client().get("/static/page/stop.js", headers={"Range": "bytes=9-1"})
     assert (answer.status_code, answer.json()["error"]) == (400, "BadRequestError")
     assert "Range" in answer.json()["message"]
 
@@ -313,7 +313,7 @@ def test_a_session_ends_when_nothing_is_heard_and_is_renewed_when_something_is(
 
 
 def test_every_answer_has_its_security_headers(unchanged: Served) -> None:
-    for path in ("/printer", "/login", "/api/v1/health", "/api/v1/none", "/static/shell/stop.js"):
+    for path in ("/printer", "/login", "/api/v1/health", "/api/v1/none", "/static/page/stop.js"):
         headers = unchanged.client().get(path).headers
         assert headers["x-content-type-options"] == "nosniff"
         assert headers["referrer-policy"] == "same-origin"
