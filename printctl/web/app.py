@@ -30,7 +30,7 @@ from printctl.web.job.first_job import make_first_scene
 from printctl.web.job.routes import job_hints
 from printctl.web.job.routes import routers as job_routers
 from printctl.web.job.service import JobService
-from printctl.web.page.assets import serve_page
+from printctl.web.page.assets import serve_files, serve_page
 from printctl.web.print_sockets import PrintSockets
 from printctl.web.printer.routes import router as printer_router
 from printctl.web.printer.service import PrinterService
@@ -124,6 +124,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     app.include_router(router(core, prints))
     app.include_router(login_router())
     serve_docs(app)
+    serve_files(app)
     for part in routers(services):
         app.include_router(part)
     answer_unknown(app, API)

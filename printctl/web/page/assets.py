@@ -70,9 +70,13 @@ Hints = Callable[[Request], str]
 """Gives HTML for the head of a page, by its address: what the browser is to fetch at once."""
 
 
-def serve_page(app: FastAPI, hints: Mapping[str, Hints] | None = None) -> None:
-    """Have the app serve the page and its files; ``hints`` by the page's module."""
+def serve_files(app: FastAPI) -> None:
+    """Have the app serve the page's scripts, styles and pictures, which log-in takes, too."""
     app.mount(URL, _Kept(directory=FOLDER), name="page")
+
+
+def serve_page(app: FastAPI, hints: Mapping[str, Hints] | None = None) -> None:
+    """Have the app serve the page at its addresses; ``hints`` by the page's module."""
     for address, module in ADDRESSES.items():
         app.add_api_route(
             address, _page_at(module, (hints or {}).get(module)), include_in_schema=False
