@@ -12,7 +12,7 @@ from printctl.machine.station.orders import ASIDE_MM
 from printctl.machine.station.status import StationState
 from printctl.web.job.aftercare import checklist
 from printctl.web.job.machine import PARTS, Machine
-from printctl.web.job.preflight import CheckRow, PreflightReport, row
+from printctl.web.job.preflight import CheckRow, Preflight, PreflightReport, load_table, row
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
 
@@ -26,6 +26,7 @@ Action = Literal[
     "set_position",
     "to_start",
     "touch_off",
+    "fill",
     "reload",
     "accept_crossings",
     "operator",
@@ -53,8 +54,9 @@ class Refusal:
     action : str
         What the page can do about it: empty for nothing, ``controls`` (take them), ``connect``,
         ``reconnect``, ``see_print`` (that goes on), ``mount`` (say what is mounted: `about` is the
-        part), ``set_position``, ``to_start`` (move the tip), ``touch_off``, ``reload`` (allow
-        changes of syringe), ``accept_crossings``, ``operator``, ``tick`` (`about` is the point).
+        part), ``set_position``, ``to_start`` (move the tip), ``touch_off``, ``fill`` (say that
+        a full syringe was put in), ``reload`` (allow changes of syringe), ``accept_crossings``,
+        ``operator``, ``tick`` (`about` is the point).
     about : str
         Part or point that the action is for.
     """
@@ -129,7 +131,7 @@ def machine_refusals(machine: Machine | None, set_up: JobSetUp) -> Iterator[Refu
         With which the job is checked.
     """
     if machine is None:
-        yield Refusal("printer", "none is connected; connect it", "connect")
+        yield Refusal("printer", "none is connected: connect it in step 2, or rehearse", "connect")
         return
     if not machine.ready:
         yield _not_ready(machine)
@@ -193,16 +195,22 @@ def _tip(machine: Machine, set_up: JobSetUp) -> Iterator[Refusal]:
         )
 
 
-def ink_refusals(machine: Machine | None, set_up: JobSetUp, ink_ul: float) -> Iterator[Refusal]:
-    """Yield a syringe that holds less than the job pushes, where no change of it is allowed."""
-    if machine is None or machine.ul_left is None or set_up.care.reload:
+def ink_refusals(machine: Machine | None, checked: Preflight) -> Iterator[Refusal]:
+    """Yield a syringe that holds less than the job takes out of it before its first change.
+
+    Changes of syringe are planned as if the first one were full.
+    """
+    if machine is None or machine.ul_left is None:
         return
-    if ink_ul > machine.ul_left:
+    needed_ul = float(checked.facts.get("ink_pushed_ul", 0.0))
+    if changes := checked.facts["reload_at"]:
+        needed_ul = float(load_table(checked.table).ink_ul[changes[0]])
+    if needed_ul > machine.ul_left:
         yield Refusal(
             "ink that the job takes, of what is in the syringe",
-            "allow changes of syringe, or fill it (page Printer, change of syringe)",
-            "reload",
-            value=ink_ul,
+            "it would run dry; put a full syringe in and say so, or change it on the page Printer",
+            "fill",
+            value=needed_ul,
             limit=machine.ul_left,
             unit="µL",
         )

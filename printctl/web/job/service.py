@@ -213,7 +213,7 @@ class JobService:
         machine = self.printing.machine()
         refusals = [
             *machine_refusals(machine, set_up),
-            *ink_refusals(machine, set_up, _ink_ul(checked)),
+            *ink_refusals(machine, checked),
         ]
         return report(job, checked, [one.as_row() for one in refusals])
 
@@ -251,7 +251,7 @@ class JobService:
         else:
             checked_so = checked is not None
         if checked is not None:
-            refusals += ink_refusals(machine, set_up, _ink_ul(checked))
+            refusals += ink_refusals(machine, checked)
             refusals += [check_refusal(one) for one in checked.checks if one.refuses]
         return Readiness(
             job=job,
@@ -392,7 +392,3 @@ class JobService:
     def _tell(self, heard: PrintReport) -> None:
         self.watching.hear(heard)
         self.core.events.publish("print", **heard.to_dict())
-
-
-def _ink_ul(checked: Preflight) -> float:
-    return float(checked.facts.get("ink_pushed_ul", 0.0))

@@ -83,7 +83,8 @@ def test_refusals_stand_together_are_mended_by_buttons_and_the_print_leads_on(
     assert page.evaluate("document.documentElement.scrollHeight") <= MOST_PX[WIDE["width"]]
 
     page.get_by_role("button", name="Move the tip to the start").click()
-    page.get_by_role("button", name="Allow changes of syringe").click()
+    page.get_by_role("button", name="A full one was put in").click()
+    page.get_by_role("dialog").get_by_role("button", name="Yes, it is full").click()
     refusals.get_by_label("Operator's name").fill("Ada <b>Lovelace</b>")
     page.keyboard.press("Tab")
     page.get_by_role("button", name="Accept the crossings").click()

@@ -19,6 +19,7 @@ from printctl.web.job.record import LASTING_POINTS
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp
 from tests.printctl.checks.preflight.test_shaft_checks import START, job
+from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, OTHER, add
 
 POINTS = {point["id"]: True for point in checklist()["before"]}
@@ -116,16 +117,14 @@ def test_five_refusals_are_listed_at_once_and_mended_one_by_one(
     crossing = "file~part.gcode"
     printing.now = replace(MACHINE, ul_left=0.5, mounted={"needle": "30g"})
     ticks = ["tick"] * len(POINTS)
-    assert listed(room, crossing) == ["to_start", "operator", *ticks, "reload", "accept_crossings"]
+    assert listed(room, crossing) == ["to_start", "operator", *ticks, "fill", "accept_crossings"]
     room.to_start(OPERATOR, crossing, START)
     assert "to_start" not in listed(room, crossing)
     room.write_down(OPERATOR, crossing, {"operator": "Ada"})
-    assert listed(room, crossing) == [*ticks, "reload", "accept_crossings"]
+    assert listed(room, crossing) == [*ticks, "fill", "accept_crossings"]
     room.write_down(OPERATOR, crossing, {"ticked": POINTS})
-    assert listed(room, crossing) == ["reload", "accept_crossings"]
-    set_up = room.set_up(crossing)
-    care = set_up.care.model_copy(update={"reload": True})
-    room.keep_set_up(crossing, set_up.model_copy(update={"care": care}))
+    assert listed(room, crossing) == ["fill", "accept_crossings"]
+    printing.now = replace(printing.now, ul_left=2.0)
     assert listed(room, crossing) == ["accept_crossings"]
     set_up = room.set_up(crossing)
     room.keep_set_up(crossing, set_up.model_copy(update={"accept_crossings": True}))
@@ -173,3 +172,25 @@ def test_the_next_record_remembers_lots_and_what_lasts(room: JobService) -> None
     record = room.record(first)
     assert (record.operator, record.ink_lot, record.mixed_at) == ("Ada", "A7", None)
     assert record.ticked == dict.fromkeys(LASTING_POINTS, True)
+
+
+def test_a_job_that_needs_several_syringes_wants_changes_allowed_and_the_first_one_full(
+    room: JobService, printing: FakePrinting
+) -> None:
+    """Two syringes' ink: a change is planned where the first one, if full, is empty."""
+    name = room.upload("long.gcode", io.BytesIO(layered(30, 700))).id
+    printing.now = replace(MACHINE, port="simulated", tip_mm=(50.0, 50.0, 10.0), ul_left=900.0)
+    refusals = room.readiness(OPERATOR, name).refusals
+    assert {one.action for one in refusals} == {"fill", "reload"}
+    set_up = room.set_up(name)
+    care = set_up.care.model_copy(update={"reload": True})
+    room.keep_set_up(name, set_up.model_copy(update={"care": care}))
+    first = room.readiness(OPERATOR, name)
+    assert first.preflight is not None
+    assert first.preflight.reload_at
+    assert [one.action for one in first.refusals] == ["fill"]
+    needed_ul = first.refusals[0].value
+    assert needed_ul is not None
+    assert 900.0 < needed_ul <= 1000.0  # a Hamilton syringe of 1 mL, up to a mark for a change
+    printing.now = replace(printing.now, ul_left=needed_ul)
+    assert room.readiness(OPERATOR, name).ready

@@ -8,8 +8,10 @@ import {
 export default function After({ job, print }) {
   useStyle("pages/job_steps.css");
   return html`<div class="job-set">
-    <div class="stack"><${Outcome} job=${job} print=${print} /><${Notes} key=${print.print_id} job=${job} /></div>
-    <div class="stack"><${Steps} key=${print.print_id} job=${job} /><${TimeLapse} job=${job} print=${print} /></div>
+    <div class="stack"><${Outcome} job=${job} print=${print} />
+      <div class="job-later"><${Notes} key=${print.print_id} job=${job} /></div></div>
+    <div class="stack"><${Steps} key=${print.print_id} job=${job} />
+      <div class="job-later"><${TimeLapse} job=${job} print=${print} /></div></div>
   </div>`;
 }
 

@@ -260,26 +260,23 @@ function Watched(all) {
   </${Fold}>`;
 }
 
-// Connect a printer, or a simulated one.
+// Connect a printer; a simulated one is offered with the refusal.
 function Connect(all) {
   const { form, refresh } = all;
   const ports = useGet("/printer/ports");
   const [port, setPort] = useState("");
   const found = (ports.value ?? []).map((one) => [one.device, `${one.device} ${one.description}`.trim()]);
-  const connect = async (to) => {
-    await send("POST", "/printer/connect", { profile: chosen(form, "printer"), port: to });
+  const connect = async () => {
+    await send("POST", "/printer/connect", { profile: chosen(form, "printer"), port });
     await refresh();
   };
   return html`<div class="stack">
-    <div class="row">
-      <${Act} kind="main" work=${() => connect("simulated")}>Rehearse on a simulated printer</${Act}>
-    </div>
     <div class="job-fields">
       <${PartField} ...${all} one="printer" />
       <${Field} kind="choice" label="Port" value=${port} onChange=${setPort}
         options=${[["", found.length ? "choose" : "none found"], ...found, ["auto", "find it by itself"]]} />
     </div>
-    <${Act} work=${() => connect(port)} why=${port ? "" : "choose a port first"}>Connect</${Act}>
+    <${Act} work=${connect} why=${port ? "" : "choose a port first"}>Connect</${Act}>
   </div>`;
 }
 
@@ -341,6 +338,10 @@ function Refused(all) {
   </div>`;
 }
 
+const FILL = {
+  title: "Was a full syringe put in?", yes: "Yes, it is full", no: "Not yet",
+  text: "The printer then counts its ink from full. Say how full another one is on the page Printer.",
+};
 const CROSS = {
   title: "Print through written vessels?", yes: "Accept the crossings", danger: true,
   text: "The needle's shaft may tear what it passes through. The journal keeps that it was accepted.",
@@ -363,6 +364,9 @@ function Remedy(all) {
       return html`<${Act} work=${post("/printer/reconnect")}>Connect anew</${Act}>`;
     case "to_start":
       return html`<${Act} work=${post(`/jobs/${part(job)}/to-start`, {})}>Move the tip to the start</${Act}>`;
+    case "fill":
+      return html`<${Act} work=${post("/printer/mount", { syringe: chosen(form, "syringe") })} ask=${FILL}>
+        A full one was put in</${Act}>`;
     case "reload":
       return html`<${Act} work=${() => keep(all, { care: { reload: true } })}>Allow changes of syringe</${Act}>`;
     case "accept_crossings":
