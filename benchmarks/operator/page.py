@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from benchmarks.common import Row, all_of, limited
-from benchmarks.operator.server import browsers, chromium_path, page_server, workspace
+from benchmarks.operator.server import browsers, chromium_path, page_server, until, workspace
 
 DESKTOP, TABLET, PHONE = (1280, 800), (1024, 768), (400, 800)
 SIZES = {"desktop": DESKTOP, "tablet": TABLET, "phone": PHONE}
@@ -148,9 +148,10 @@ def _heights(page: Any, url: str, when: str, back: bool = False) -> Iterator[Row
 
 def _first_paint(page: Any, url: str) -> float:
     page.goto(url, wait_until="commit")
-    page.wait_for_function(
+    until(
+        page,
         "performance.getEntriesByName('first-contentful-paint').length"
-        " && document.querySelector('#content h1, #content h2')"
+        " && document.querySelector('#content h1, #content h2')",
     )
     shown = page.evaluate(
         "Math.max(performance.now(),"

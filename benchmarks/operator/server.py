@@ -91,3 +91,12 @@ def _offset(page: Any) -> tuple[float, float]:
     there = float(page.evaluate("performance.timeOrigin + performance.now()")) / 1e3
     end = time.monotonic()
     return end - begin, (begin + end) / 2 - there
+
+
+def until(page: Any, expression: str) -> None:
+    """Wait until a JavaScript expression is true; the pages allow no eval, so it is asked anew."""
+    limit = time.monotonic() + START_S
+    while not page.evaluate(expression):
+        if time.monotonic() > limit:
+            raise PeerFailedError(f"not within {START_S:g} s: {expression}")
+        page.wait_for_timeout(5)

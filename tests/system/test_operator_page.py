@@ -16,7 +16,7 @@ import pytest
 from design.network_files.csv_format import write_network_csv
 from printctl.machine.station import attach
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import PHONE, serious, shown
+from tests.printctl.web.shell.browsers import PHONE, serious, shown, until
 from tests.system.forks import FORK, of_fork
 
 pytestmark = pytest.mark.browser
@@ -146,17 +146,13 @@ def _add_and_look(page: Any, scan: Path) -> None:
     page.get_by_role("heading", name="fresh_scan.tif").wait_for(timeout=60_000)
     image = page.get_by_role("img", name="From above (along z)")
     image.wait_for(timeout=60_000)
-    page.wait_for_function("[...document.images].every((one) => one.naturalWidth > 10)")
+    until(page, "[...document.images].every((one) => one.naturalWidth > 10)")
     first = image.get_attribute("src")
     page.get_by_label("From above (along z)").and_(page.get_by_role("slider")).press("ArrowRight")
-    page.wait_for_function(
-        "first => document.querySelector('figure img').getAttribute('src') !== first", arg=first
-    )
+    until(page, f"document.querySelector('figure img').getAttribute('src') !== {first!r}")
     page.get_by_text("Contrast and threshold").click()
     page.get_by_label("Tint what is brighter than").check()
-    page.wait_for_function(
-        "document.querySelector('figure img').getAttribute('src').includes('threshold')"
-    )
+    until(page, "document.querySelector('figure img').getAttribute('src').includes('threshold')")
     assert serious(page) == []
 
 

@@ -12,7 +12,7 @@ import pytest
 from printctl.web.workspace import Workspace
 from tests.printctl.history.records.prints import printed, with_run
 from tests.printctl.web.serving import server_process
-from tests.printctl.web.shell.browsers import LOOKS, PHONE, WIDE, serious, shown
+from tests.printctl.web.shell.browsers import LOOKS, PHONE, WIDE, serious, shown, until
 
 pytestmark = pytest.mark.browser
 
@@ -62,7 +62,7 @@ def test_list_is_of_the_workspace_searched_and_turned_by_pages(
     assert len(_names(page)) == 10
     page.get_by_role("button", name="Next page").click()
     page.get_by_text("page 2 of 2").wait_for()
-    page.wait_for_function("document.querySelectorAll('tbody tr').length === 3")
+    until(page, "document.querySelectorAll('tbody tr').length === 3")
     page.get_by_role("radio", name="All of this account").click()
     page.get_by_text("14 prints").wait_for()
     assert _names(page)[:2] == ["hostile", "other.gcode"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -82,3 +83,11 @@ def shown(
     page.goto(url)
     page.wait_for_selector("#pc-take:visible")
     return page
+
+
+def until(page: Any, expression: str, seconds: float = 30.0) -> None:
+    """Wait until a JavaScript expression is true; our pages allow no eval, so it is asked anew."""
+    limit = time.monotonic() + seconds
+    while not page.evaluate(expression):
+        assert time.monotonic() < limit, f"not within {seconds:g} s: {expression}"
+        page.wait_for_timeout(50)

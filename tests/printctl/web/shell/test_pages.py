@@ -8,7 +8,7 @@ import pytest
 
 from tests.printctl.web.printing import ended_by_kill, under_way
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import LOOKS, PHONE, TABLET, WIDE, serious, shown
+from tests.printctl.web.shell.browsers import LOOKS, PHONE, TABLET, WIDE, serious, shown, until
 from tests.slower import first_of
 
 pytestmark = pytest.mark.browser
@@ -68,16 +68,12 @@ def test_the_button_stops_while_the_server_hangs(served: Any, browser: Any) -> N
         try:
             page.click("#pc-stop")
             assert ended_by_kill(print_)
-            page.wait_for_function(
-                "document.querySelector('#pc-stopped p').textContent.includes('M112 left the host')"
-            )
+            page.locator("#pc-stopped").get_by_text("It has halted").wait_for()
             assert "Halt went to 1 printer after" in banner(page)
-            page.wait_for_function(
-                "document.querySelector('#pc-lost').textContent.includes('print goes on')"
-            )
+            until(page, "document.querySelector('#pc-lost').textContent.includes('print goes on')")
         finally:
             server.go_on()
-    page.wait_for_function("document.querySelector('#pc-lost').hidden")
+    until(page, "document.querySelector('#pc-lost').hidden")
 
 
 def test_escape_twice_stops_from_within_a_dialog_while_the_server_hangs(
@@ -195,9 +191,7 @@ def test_without_any_answer_the_page_says_to_cut_the_power(browser: Any, printer
     page = printer_page
     page.route("**/stop", lambda route: route.abort())
     page.click("#pc-stop")
-    page.wait_for_function(
-        "document.querySelector('#pc-stopped p').textContent.includes('CUT THE PRINTER')"
-    )
+    until(page, "document.querySelector('#pc-stopped p').textContent.includes('CUT THE PRINTER')")
 
 
 @pytest.mark.slow

@@ -112,7 +112,9 @@ def test_a_look_that_asks_is_shown_and_approved(browser: Any, tmp_path: Path) ->
         whole = page.get_by_alt_text("Look 1: what was expected and what was found")
         assert whole.evaluate("one => one.decode().then(() => one.naturalWidth)") > 400
         page.get_by_text("Last looks").click()
-        page.wait_for_function("document.querySelector('.job-strip img')?.naturalWidth === 240")
+        until(
+            lambda: page.evaluate("document.querySelector('.job-strip img')?.naturalWidth === 240")
+        )
         assert serious(page) == []
         page.screenshot(path=str(tmp_path / "looks.png"), full_page=True)
         page.get_by_role("button", name="Approve").click()
