@@ -11,9 +11,9 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib import metadata
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
-from fastapi import APIRouter, Depends, FastAPI, Request, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, FastAPI, Request, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
@@ -30,37 +30,8 @@ from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.page.assets import link
 from printctl.web.print_sockets import UNCONFIRMED, PrintSockets
+from printctl.web.rest import API, REFUSALS, Asking
 from registration.errors import RegistrationError
-
-# Documented REST error statuses with their JSON body, and the installed program version.
-
-API: Final = "/api/v1"
-
-
-class Problem(BaseModel):
-    """Why something was refused."""
-
-    error: str
-    message: str
-
-
-def _problem(text: str) -> dict[str, Any]:
-    return {"model": Problem, "description": text}
-
-
-Refusals = dict[int | str, dict[str, Any]]
-REFUSALS: Final[Refusals] = {
-    400: _problem("no HTTP/1.1 request, or a header that decides about access comes twice"),
-    401: _problem("no session and no token, or a wrong one"),
-    403: _problem("asked for by a page of another origin"),
-    409: _problem("not as things stand"),
-    413: _problem("larger than may be sent"),
-    421: _problem("asked for by a name that isn't this server's"),
-    422: _problem("the request can't be taken; the message says what is wrong"),
-    423: _problem("another browser holds the controls"),
-}
-GUARD_REFUSALS: Final[Refusals] = {status: REFUSALS[status] for status in (400, 401, 403, 413, 421)}
-"""What every route may answer."""
 
 
 def our_version() -> str:
@@ -231,15 +202,6 @@ class StopAnswer(BaseModel):
 
     sent: list[StopResult]
     message: str
-
-
-def requesting_user(request: Request) -> Principal:
-    """Who asks, as the guard found out."""
-    principal: Principal | None = getattr(request.state, "principal", None)
-    return principal or Principal("local", "this process")
-
-
-Asking = Annotated[Principal, Depends(requesting_user)]
 
 
 def router(core: Core, prints: PrintSockets) -> APIRouter:

@@ -12,8 +12,6 @@ from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddle
 from starlette.types import ASGIApp
 
 from printctl.web.api import (
-    API,
-    GUARD_REFUSALS,
     answer_errors,
     answer_unknown,
     our_version,
@@ -36,6 +34,7 @@ from printctl.web.printer.routes import router as printer_router
 from printctl.web.printer.service import PrinterService
 from printctl.web.project.routes import router as project_router
 from printctl.web.project.service import ProjectService
+from printctl.web.rest import API, GUARD_REFUSALS
 from printctl.web.scan.routes import router as scan_router
 from printctl.web.scan.service import ScanService
 from printctl.web.security.access import Access

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from fastapi import APIRouter, UploadFile
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from starlette.responses import FileResponse, HTMLResponse
 
 from printctl.web.design.recipe_text import MOST_BYTES, read_value
@@ -21,42 +21,26 @@ from printctl.web.design.runs import RunProgress, RunRow
 from printctl.web.design.schema import recipe_schema
 from printctl.web.design.service import ARTEFACTS, DesignService
 from printctl.web.errors import BadRequestError
+from printctl.web.rest import API, REFUSALS, Body
 
-
-class Refusal(BaseModel):
-    """Why something isn't done."""
-
-    error: str
-    message: str
-
-
-REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
-    404: {"model": Refusal, "description": "There is no such thing."},
-    409: {"model": Refusal, "description": "Not while things stand as they do."},
-    422: {"model": Refusal, "description": "What was sent can't be taken."},
-}
 Name = Annotated[str, Field(max_length=64)]
 Text = Annotated[str, Field(max_length=MOST_BYTES)]
 
 
-class _Request(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-class NewRecipe(_Request):
+class NewRecipe(Body):
     """What a new recipe begins from."""
 
     name: Name
     source: str = Field(default="starter", max_length=64, description="starter, or an example.")
 
 
-class RenameRequest(_Request):
+class RenameRequest(Body):
     """Another name."""
 
     name: Name
 
 
-class RecipeTextRequest(_Request):
+class RecipeTextRequest(Body):
     """A recipe's text."""
 
     text: Text
@@ -68,7 +52,7 @@ class ChangedText(RecipeTextRequest):
     version: str | None = Field(default=None, description="Of the text before; none for a new one.")
 
 
-class ChangedValue(_Request):
+class ChangedValue(Body):
     """A changed value of a recipe, and the version that was changed."""
 
     path: list[str | int] = Field(
@@ -79,7 +63,7 @@ class ChangedValue(_Request):
     version: str = Field(description="Of the text that is changed.")
 
 
-class MakeRequest(_Request):
+class MakeRequest(Body):
     """How far a design is to be made."""
 
     until: str = Field(default="lumens", max_length=40, description="Last stage; none that prints.")
@@ -140,7 +124,7 @@ MOST_FILE_BYTES = 200_000_000
 def recipe_routes(service: DesignService) -> APIRouter:
     """Routes below ``/api/v1/recipes``."""
     recipes = service.recipes
-    routes = APIRouter(prefix="/api/v1/recipes", tags=["recipes"], responses=REFUSALS)
+    routes = APIRouter(prefix=f"{API}/recipes", tags=["recipes"], responses=REFUSALS)
 
     @routes.get("", summary="All recipes")
     def every() -> list[RecipeFile]:
@@ -227,7 +211,7 @@ def _read(file: UploadFile, most: int) -> bytes:
 def run_routes(service: DesignService) -> APIRouter:
     """Routes below ``/api/v1/runs``."""
     runs = service.runs
-    routes = APIRouter(prefix="/api/v1/runs", tags=["runs"], responses=REFUSALS)
+    routes = APIRouter(prefix=f"{API}/runs", tags=["runs"], responses=REFUSALS)
 
     @routes.get("", summary="All runs, the newest first")
     def every() -> list[RunRow]:

@@ -14,7 +14,6 @@ from printctl.errors import UsageError
 from printctl.history.signing import BundleError
 from printctl.history.table import day_begins, day_ends
 from printctl.machine.link.history_query import MOST, PAGE, HistoryQuery, SortBy
-from printctl.web.api import API, REFUSALS
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.history.service import (
     Choices,
@@ -25,6 +24,7 @@ from printctl.web.history.service import (
     Repetition,
     Verification,
 )
+from printctl.web.rest import API, REFUSALS
 
 PrintId = Annotated[str, Path(pattern="^[0-9]{1,20}-[0-9a-f]{8}$", description="id of the print")]
 Photo = Annotated[str, Path(pattern="^[A-Za-z0-9][A-Za-z0-9._-]{0,127}$")]

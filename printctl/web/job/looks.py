@@ -9,10 +9,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Query, Response
 from fastapi import Path as PathParam
 from PIL import Image
-from pydantic import BaseModel, ConfigDict
 
 from printctl.observe.look_words import outcome_words, proposal_words, seen_words
 from printctl.observe.records import (
@@ -30,6 +29,7 @@ from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.job.following import PrintReport
+from printctl.web.rest import Asking, Body
 
 _KEPT: Final = 64
 _FORMATS: Final = ("PNG", "JPEG", "TIFF", "WEBP", "BMP")
@@ -229,18 +229,14 @@ Number = Annotated[int, PathParam(ge=1, le=10**6, description="Of the look, from
 Width = Annotated[int, Query(ge=64, le=4096, description="At most so wide, px.")]
 
 
-class AnswerRequest(BaseModel):
+class AnswerRequest(Body):
     """The operator's word on a look, as ``printctl observe answer`` takes it."""
-
-    model_config = ConfigDict(extra="forbid")
 
     answer: Literal["approve", "go_on", "stop"]
 
 
-def add_routes(
-    routes: APIRouter, service: LookService, who: Callable[[Request], Principal]
-) -> None:
-    """Add them to the job's room; ``who`` gives the requesting user."""
+def add_routes(routes: APIRouter, service: LookService) -> None:
+    """Add them to the job's room."""
 
     @routes.get("/prints/{job}/looks", tags=["looks"], summary="Looks at the last print")
     def looks(job: Job) -> list[LookReport]:
@@ -262,5 +258,5 @@ def add_routes(
         tags=["looks"],
         summary="Answer a look that asks; 409 where the print doesn't wait for it",
     )
-    def answer(job: Job, number: Number, given: AnswerRequest, request: Request) -> LookReport:
-        return service.answer(who(request), job, number, given.answer)
+    def answer(job: Job, number: Number, given: AnswerRequest, who: Asking) -> LookReport:
+        return service.answer(who, job, number, given.answer)

@@ -8,7 +8,7 @@ from html import escape
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Depends, File, Path, Query, Request, UploadFile
+from fastapi import APIRouter, File, Path, Query, Request, UploadFile
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,8 +17,6 @@ from printctl.machine.print_state.actions import Possible
 from printctl.machine.print_state.alerts import Alert
 from printctl.machine.printing.mend_strokes import MendStrokes
 from printctl.machine.printing.progress import Progress
-from printctl.web.api import API
-from printctl.web.controls import Principal
 from printctl.web.errors import NotFoundError
 from printctl.web.job import looks as look_routes
 from printctl.web.job.aftercare import (
@@ -44,18 +42,9 @@ from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp, Millimetre
 from printctl.web.live.routes import preload
 from printctl.web.live.routes import router as live_router
+from printctl.web.rest import API, REFUSALS, Asking, Body
 
 # Request and response types of the Job page's REST routes.
-
-
-class RequestModel(BaseModel):
-    """What is sent; unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid")
-
-
-class ResponseModel(BaseModel):
-    """What is answered."""
 
 
 @dataclass(frozen=True)
@@ -82,20 +71,20 @@ class Form:
     declared: bool
 
 
-class PreflightRequest(RequestModel):
+class PreflightRequest(Body):
     """A set-up to check the job with; as it is filled in where it is left out."""
 
     set_up: JobSetUp | None = None
 
 
-class StartRequest(RequestModel):
+class StartRequest(Body):
     """A start."""
 
     set_up: JobSetUp | None = Field(default=None, description="As it is filled in if left out.")
     confirmed: str = Field(max_length=500, description="The machine, as `machine.words` says it.")
 
 
-class ToStartRequest(RequestModel):
+class ToStartRequest(Body):
     """A move of the tip to where a job starts."""
 
     start_mm: tuple[Millimetre, Millimetre, Millimetre] | None = Field(
@@ -103,13 +92,13 @@ class ToStartRequest(RequestModel):
     )
 
 
-class PauseRequest(RequestModel):
+class PauseRequest(Body):
     """When to pause."""
 
     after: Literal["now", "layer", "vessel"] = "now"
 
 
-class ResumeRequest(RequestModel):
+class ResumeRequest(Body):
     """What was put in at a change of syringe."""
 
     plunger_mm: Annotated[float, Field(ge=0, le=1000)] | None = Field(
@@ -121,7 +110,7 @@ class ResumeRequest(RequestModel):
     unchanged: bool = Field(default=False, description="The syringe wasn't changed after all.")
 
 
-class RecoverRequest(RequestModel):
+class RecoverRequest(Body):
     """Where the rest of a print begins."""
 
     from_line: Annotated[int, Field(ge=1, le=2**31)] | None = Field(
@@ -129,13 +118,13 @@ class RecoverRequest(RequestModel):
     )
 
 
-class ReloadRequest(RequestModel):
+class ReloadRequest(Body):
     """Of several heads, whose syringe."""
 
     head: Annotated[int, Field(ge=0, le=15)] | None = None
 
 
-class PrintResponse(ResponseModel):
+class PrintResponse(BaseModel):
     """A print, and how far it has come; with it the fields of `Status`."""
 
     model_config = ConfigDict(extra="allow")
@@ -157,13 +146,13 @@ class PrintResponse(ResponseModel):
     )
 
 
-class TickRequest(RequestModel):
+class TickRequest(Body):
     """A step done, or not after all."""
 
     done: bool = True
 
 
-class NoteRequest(RequestModel):
+class NoteRequest(Body):
     """A note."""
 
     text: Annotated[str, Field(min_length=1, max_length=10_000)]
@@ -174,33 +163,17 @@ AnyJob = Annotated[str, Query(max_length=80, description="run~NAME, file~NAME, o
 FromLine = Annotated[int | None, Query(ge=1, le=2**31, description="Of the job's file.")]
 _KEPT: Final = "~!*'()"
 """As JavaScript leaves them in a query (`encodeURIComponent`)."""
-REFUSED: Final[dict[int | str, dict[str, Any]]] = {
-    404: {"description": "There is no such job or print."},
-    409: {"description": "Not as things stand; the message says why."},
-    413: {"description": "More than is taken here."},
-    422: {"description": "What was sent can't be taken."},
-    423: {"description": "Another browser holds the controls."},
-}
-
-
-def requesting_user(request: Request) -> Principal:
-    """Return the requesting user, as set by the access guard."""
-    principal: Principal | None = getattr(request.state, "principal", None)
-    return principal or Principal("local", "this machine")
-
-
-Who = Annotated[Principal, Depends(requesting_user)]
 
 
 def routers(service: JobService) -> tuple[APIRouter, ...]:
     """Routes of jobs and prints, and of the live view; nested, each would be made twice."""
-    routes = APIRouter(prefix=API, responses=REFUSED)
+    routes = APIRouter(prefix=API, responses=REFUSALS)
     _jobs(routes, service)
     _prints(routes, service)
     _broken_off(routes, service)
     _after(routes, service)
     add_routes(routes, service.watching, service.heard)
-    look_routes.add_routes(routes, service.looks, requesting_user)
+    look_routes.add_routes(routes, service.looks)
     return routes, live_router(service.scene, service.scenes)
 
 
@@ -252,7 +225,7 @@ def _jobs(routes: APIRouter, service: JobService) -> None:
     @routes.get("/jobs/{job}/readiness", tags=["jobs"], summary="All that refuses a start")
     def readiness(
         job: Job,
-        who: Who,
+        who: Asking,
         wait: Annotated[bool, Query(description="Whether to check the job where needed.")] = True,
     ) -> Readiness:
         return service.readiness(who, job, wait=wait)
@@ -262,7 +235,7 @@ def _jobs(routes: APIRouter, service: JobService) -> None:
         return service.preflight(job, given.set_up or service.set_up(job))
 
     @routes.post("/jobs/{job}/to-start", tags=["jobs"], summary="Move the tip to the job's start")
-    def to_start(job: Job, given: ToStartRequest, who: Who) -> Machine:
+    def to_start(job: Job, given: ToStartRequest, who: Asking) -> Machine:
         start_mm = given.start_mm or service.set_up(job).start_mm
         return service.to_start(who, job, start_mm)
 
@@ -272,7 +245,7 @@ def _jobs(routes: APIRouter, service: JobService) -> None:
         return service.record(job)
 
     @routes.patch("/jobs/{job}/record", tags=["jobs"], summary="Write down; changes are kept")
-    def write_down(job: Job, given: dict[str, Any], who: Who) -> PrintRecord:
+    def write_down(job: Job, given: dict[str, Any], who: Asking) -> PrintRecord:
         return service.write_down(who, job, given)
 
 
@@ -297,7 +270,7 @@ def _prints(routes: APIRouter, service: JobService) -> None:
         return None if report is None else print_response(report)
 
     @routes.post("/prints/{job}/start", tags=[*tags], summary="Start; harmless when it goes on")
-    def start(job: Job, given: StartRequest, who: Who) -> PrintResponse:
+    def start(job: Job, given: StartRequest, who: Asking) -> PrintResponse:
         set_up = given.set_up or service.set_up(job)
         return print_response(service.start(who, job, set_up, given.confirmed))
 
@@ -317,19 +290,19 @@ def _prints(routes: APIRouter, service: JobService) -> None:
         return service.viability(job)
 
     @routes.post("/prints/{job}/pause", tags=[*tags], summary="Hold, now or at a mark")
-    def pause(job: Job, given: PauseRequest, who: Who) -> Status:
+    def pause(job: Job, given: PauseRequest, who: Asking) -> Status:
         return service.hands.pause(who, job, given.after)
 
     @routes.post("/prints/{job}/resume", tags=[*tags], summary="Go on, with a new syringe's data")
-    def resume(job: Job, given: ResumeRequest, who: Who) -> Status:
+    def resume(job: Job, given: ResumeRequest, who: Asking) -> Status:
         return service.hands.resume(who, job, **given.model_dump())
 
     @routes.post("/prints/{job}/reload", tags=[*tags], summary="Make room to change the syringe")
-    def reload(job: Job, given: ReloadRequest, who: Who) -> Status:
+    def reload(job: Job, given: ReloadRequest, who: Asking) -> Status:
         return service.hands.reload(who, job, given.head)
 
     @routes.post("/prints/{job}/alive", tags=[*tags], summary="Somebody is there")
-    def alive(job: Job, who: Who) -> Status:
+    def alive(job: Job, who: Asking) -> Status:
         return service.hands.alive(who, job)
 
     @routes.post("/prints/{job}/cancel", tags=[*tags], summary="Controlled stop; for everybody")
@@ -342,7 +315,7 @@ def _broken_off(routes: APIRouter, service: JobService) -> None:
     tags: Final = ["prints"]
 
     @routes.post("/prints/{job}/go-on", tags=[*tags], summary="Go on after a print broke off")
-    def go_on(job: Job, who: Who) -> Status:
+    def go_on(job: Job, who: Asking) -> Status:
         return service.hands.go_on(who, job)
 
     @routes.get("/prints/{job}/recovery", tags=[*tags], summary="Plan the rest; nothing is written")
@@ -350,11 +323,11 @@ def _broken_off(routes: APIRouter, service: JobService) -> None:
         return service.hands.rest_plan(job, from_line)
 
     @routes.post("/prints/{job}/recover", tags=[*tags], summary="Write the rest as a job")
-    def recover(job: Job, given: RecoverRequest, who: Who) -> Rest:
+    def recover(job: Job, given: RecoverRequest, who: Asking) -> Rest:
         return service.hands.recover(who, job, given.from_line)
 
     @routes.post("/prints/{job}/give-up", tags=[*tags], summary="Don't go on; write its end down")
-    def give_up(job: Job, who: Who) -> Status:
+    def give_up(job: Job, who: Asking) -> Status:
         return service.hands.give_up(who, job)
 
 
@@ -366,7 +339,7 @@ def _after(routes: APIRouter, service: JobService) -> None:
         return after.steps(job)
 
     @routes.put("/prints/{job}/steps/{step}", tags=[*tags], summary="Tick a step, or take it back")
-    def tick(job: Job, step: str, given: TickRequest, who: Who) -> list[Step]:
+    def tick(job: Job, step: str, given: TickRequest, who: Asking) -> list[Step]:
         return after.tick(who, job, step, given.done)
 
     @routes.get("/prints/{job}/notes", tags=[*tags], summary="Notes")
@@ -374,7 +347,7 @@ def _after(routes: APIRouter, service: JobService) -> None:
         return after.notes(job)
 
     @routes.post("/prints/{job}/notes", tags=[*tags], summary="Add a note")
-    def note(job: Job, given: NoteRequest, who: Who) -> list[Note]:
+    def note(job: Job, given: NoteRequest, who: Asking) -> list[Note]:
         return after.note(who, job, given.text)
 
     @routes.get("/prints/{job}/photos", tags=[*tags], summary="Photos")
@@ -382,7 +355,7 @@ def _after(routes: APIRouter, service: JobService) -> None:
         return after.photos(job)
 
     @routes.post("/prints/{job}/photos", tags=[*tags], summary="Add a photo; it is written anew")
-    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[Photo]:
+    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Asking) -> list[Photo]:
         return after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
 
     @routes.get(
@@ -404,7 +377,7 @@ def _after(routes: APIRouter, service: JobService) -> None:
         return after.warming_of(job)
 
     @routes.post("/melt-out", tags=[*tags], summary="Warm a heater at a rate")
-    def melt_out(given: Warming, who: Who) -> RampState:
+    def melt_out(given: Warming, who: Asking) -> RampState:
         return after.melt_out(who, given)
 
     @routes.get("/melt-out", tags=[*tags], summary="The warming as it stands; null for none")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Request
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi import APIRouter
+from pydantic import Field
 
-from printctl.web.controls import Principal
 from printctl.web.printer.calibrations import (
     CalibrationFiles,
     CalibrationRequest,
@@ -21,36 +20,17 @@ from printctl.web.printer.console import Entry, Macro
 from printctl.web.printer.part_change import THICKEST_FOIL_MM, Surface, Touching
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.status import PrinterStatus
+from printctl.web.rest import API, REFUSALS, Asking, Body
 
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 NameOrNone = Annotated[str, Field(max_length=64)]
 MM = Annotated[float, Field(ge=-1000, le=1000)]
-REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
-    403: {"description": "Not allowed"},
-    404: {"description": "No such profile or macro"},
-    409: {"description": "Not while things stand as they do, or refused by the station"},
-    422: {"description": "Can't be taken as it was sent"},
-    423: {"description": "Another browser holds the controls"},
-}
-
-
-def requesting_user(request: Request) -> Principal:
-    """Return the requesting user, as set by the access guard."""
-    principal = getattr(request.state, "principal", None)
-    return principal if isinstance(principal, Principal) else Principal("local", "this machine")
-
-
-Asking = Annotated[Principal, Depends(requesting_user)]
 
 
 # --- what is sent ---------------------------------------------------------------------------------
 
 
-class _Body(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-
-class ConnectTo(_Body):
+class ConnectTo(Body):
     """Which printer, and where."""
 
     profile: Name
@@ -58,7 +38,7 @@ class ConnectTo(_Body):
     baud: Annotated[int, Field(ge=300, le=4_000_000)] | Literal["auto"] | None = None
 
 
-class Jog(_Body):
+class Jog(Body):
     """A step along an axis, mm."""
 
     axis: Literal["x", "y", "z"]
@@ -66,14 +46,14 @@ class Jog(_Body):
     speed_mm_s: Annotated[float, Field(gt=0, le=1000)] | None = None
 
 
-class Home(_Body):
+class Home(Body):
     """Axes to home; ``needle_off`` says that no needle is mounted."""
 
     axes: Annotated[tuple[Literal["x", "y", "z"], ...], Field(min_length=1, max_length=3)]
     needle_off: bool = False
 
 
-class Place(_Body):
+class Place(Body):
     """Where the tip stands, mm, printer's frame; axes left out stay as they are."""
 
     x: MM | None = None
@@ -81,27 +61,27 @@ class Place(_Body):
     z: MM | None = None
 
 
-class Heat(_Body):
+class Heat(Body):
     """A heater's target, °C; 0 is off."""
 
     name: Name
     celsius: Annotated[float, Field(ge=0, le=300)]
 
 
-class Push(_Body):
+class Push(Body):
     """Ink to push (above 0) or draw back, µL, and how fast, µL/s."""
 
     ul: Annotated[float, Field(ge=-100_000, le=100_000)]
     ul_s: Annotated[float, Field(gt=0, le=10_000)] | None = None
 
 
-class ConsoleLine(_Body):
+class ConsoleLine(Body):
     """A line for the console."""
 
     text: Annotated[str, Field(min_length=1, max_length=200)]
 
 
-class MountRequest(_Body):
+class MountRequest(Body):
     """What is mounted; keys left out stay as they are, an empty one takes away."""
 
     needle: NameOrNone | None = None
@@ -113,14 +93,14 @@ class MountRequest(_Body):
     bath_level_mm: MM | None = None
 
 
-class StartTouching(_Body):
+class StartTouching(Body):
     """Which surface, and the foil's thickness, mm."""
 
     surface: Surface
     foil_mm: Annotated[float, Field(ge=0, le=THICKEST_FOIL_MM)] = 0.0
 
 
-class NewSyringe(_Body):
+class NewSyringe(Body):
     """A syringe that was put in, with so much ink, µL."""
 
     syringe: Name
@@ -128,13 +108,13 @@ class NewSyringe(_Body):
     filled_ul: Annotated[float, Field(gt=0, le=100_000)]
 
 
-class NewNeedle(_Body):
+class NewNeedle(Body):
     """A needle that was put in."""
 
     needle: Name
 
 
-class Save(_Body):
+class Save(Body):
     """A measured copy of a profile: what of, and its name."""
 
     read: Read
@@ -147,7 +127,7 @@ class Save(_Body):
 
 def router(service: PrinterService) -> APIRouter:
     """Routes under ``/api/v1/printer``."""
-    routes = APIRouter(prefix="/api/v1/printer", tags=["printer"], responses=REFUSALS)
+    routes = APIRouter(prefix=f"{API}/printer", tags=["printer"], responses=REFUSALS)
     for add in (
         _add_connection,
         _add_moves,

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from fastapi import APIRouter
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from design.units import LengthUnit
-from printctl.web.api import API, REFUSALS
 from printctl.web.design.runs import RunProgress
 from printctl.web.project.service import (
     MAX_SPEED,
@@ -18,15 +17,14 @@ from printctl.web.project.service import (
     ProjectService,
     gallery,
 )
+from printctl.web.rest import API, REFUSALS, Body
 
 Value = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 Path = Annotated[str, Field(max_length=100)]
 
 
-class Changes(BaseModel):
+class Changes(Body):
     """Values of a recipe, by their path."""
-
-    model_config = ConfigDict(extra="forbid")
 
     values: dict[Path, Value] = Field(default={}, max_length=50)
 
@@ -39,20 +37,16 @@ class SketchRequest(Changes):
     )
 
 
-class NewProject(BaseModel):
+class NewProject(Body):
     """A file to begin with."""
-
-    model_config = ConfigDict(extra="forbid")
 
     name: str = Field(max_length=64)
     file: str = Field(max_length=200, description="Taken in by POST /recipes/files.")
     unit: LengthUnit = Field(default="mm", description="Of the file; its format may say it, too.")
 
 
-class Rehearsal(BaseModel):
+class Rehearsal(Body):
     """How a print is rehearsed."""
-
-    model_config = ConfigDict(extra="forbid")
 
     speed: float = Field(ge=0, le=MAX_SPEED, description="Times real time; 0: no clock.")
 

@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Response, UploadFile
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from starlette.responses import FileResponse, HTMLResponse
 
-from printctl.web.design.routes import REFUSALS, Theme, embedded
+from printctl.web.design.routes import Theme, embedded
 from printctl.web.design.runs import RunProgress
 from printctl.web.design.service import ARTEFACTS
 from printctl.web.errors import BadRequestError
+from printctl.web.rest import API, REFUSALS, Body
 from printctl.web.scan.findings import Findings
 from printctl.web.scan.service import ScanNeeds, ScanService
 from printctl.web.scan.slices import Axis, Volume
 from printctl.web.scan.store import ScanMetadata, ScanRow
 
 
-class RegisterRequest(BaseModel):
+class RegisterRequest(Body):
     """How a scan is registered."""
-
-    model_config = ConfigDict(extra="forbid")
 
     filled: bool = Field(default=False, description="Lumens are brighter than the gel.")
 
 
 def router(service: ScanService) -> APIRouter:
     """Routes below ``/api/v1/scans``."""
-    routes = APIRouter(prefix="/api/v1/scans", tags=["scans"], responses=REFUSALS)
+    routes = APIRouter(prefix=f"{API}/scans", tags=["scans"], responses=REFUSALS)
     _add_scans(routes, service)
     _add_registrations(routes, service)
     return routes

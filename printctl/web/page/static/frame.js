@@ -4,8 +4,9 @@ import { Failed, Loading, html, useEffect, useRef, useState, useTheme } from "./
 
 const LEAST_PX = 320;
 
-// A page at an address of the API, as tall as the window leaves if that is much; `hear` gets what it tells.
-export function Frame({ src, title, hear = null, tall = true }) {
+// A page at an address of the API, as tall as the window leaves if that is much, or with `whole` nearly as
+// tall as the window; `hear` gets what it tells.
+export function Frame({ src, title, hear = null, tall = true, whole = false }) {
   const theme = useTheme();
   const [ready, setReady] = useState({ here: false, problem: null });
   const [height, setHeight] = useState(LEAST_PX);
@@ -25,7 +26,8 @@ export function Frame({ src, title, hear = null, tall = true }) {
     const fit = () => {
       const top = (box.current?.getBoundingClientRect().top ?? 0) + window.scrollY;
       const left = window.innerHeight - top - 34; // below it lie the card's and the page's edge
-      setHeight(tall && left > LEAST_PX ? left : Math.max(LEAST_PX, 0.55 * window.innerHeight));
+      if (whole) setHeight(Math.max(LEAST_PX, window.innerHeight - 110)); // the header stays above it
+      else setHeight(tall && left > LEAST_PX ? left : Math.max(LEAST_PX, 0.55 * window.innerHeight));
     };
     const observer = new ResizeObserver(fit);
     [document.documentElement, document.getElementById("content")].forEach((one) => observer.observe(one));

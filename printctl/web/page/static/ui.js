@@ -190,10 +190,6 @@ export function useTheme() {
   return theme;
 }
 
-// A page of ours in a frame as tall as the window leaves, in this page's theme.
-export const Framed = ({ title, src }) =>
-  html`<iframe class="frame frame-tall" title=${title} src=${`${src}?theme=${useTheme()}`}></iframe>`;
-
 // Tabs: [{ id, name, body: () => vnode }].
 export function Tabs({ tabs, at, onChange, label }) {
   const chosen = tabs.find((one) => one.id === at) ?? tabs[0];

@@ -1,10 +1,11 @@
 // The guided way of one project: shape, check, print or rehearse, judge. The server knows how far it
 // has come; whoever leaves and comes back finds it where it was.
 import { part, send } from "../api.js";
+import { Frame } from "../frame.js";
 import { SketchView } from "../sketch_view.js";
 import {
-  Act, Badge, Button, Card, Empty, Facts, Field, Fold, Framed, Loaded, Note, Page, Progress, Table, go, html, number, sentence, span,
-  useEffect, useGet, useKept, useNews, useRef, useState, useStyle,
+  Act, Badge, Button, Card, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Table, go, html, number, sentence,
+  span, useEffect, useGet, useKept, useNews, useRef, useState, useStyle,
 } from "../ui.js";
 
 const STEPS = [
@@ -214,7 +215,7 @@ function Look({ project, pages }) {
   const [page, setPage] = useState(null);
   return html`<${Card} title="Look at it" tools=${pages.map(([id, title]) => html`
       <${Button} key=${id} aria-pressed=${String(page === id)} onClick=${() => setPage(page === id ? null : id)}>${title}</${Button}>`)}>
-    ${page ? html`<${Framed} title=${page} src=${`/api/v1/runs/${part(project.name)}/pages/${page}`} />`
+    ${page ? html`<${Frame} title=${page} src=${`/api/v1/runs/${part(project.name)}/pages/${page}`} />`
       : html`<${Empty}>Choose what to see.</${Empty}>`}
   </${Card}>`;
 }
@@ -291,5 +292,5 @@ function Report({ project }) {
           <${Button} onClick=${() => to(project, "print")}>Print it again</${Button}>
           <${Button} href="/history">All prints</${Button}></div></${Fold}>
     </${Card}>
-    <${Framed} title="Report" src=${address} />`;
+    <${Frame} title="Report" whole src=${address} />`;
 }

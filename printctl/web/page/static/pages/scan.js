@@ -2,8 +2,9 @@
 import { part, send, url } from "../api.js";
 import {
   Act, Button, Card, Drop, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Tabs,
-  bytes, html, number, useEffect, useGet, useRef, useState, useStyle, useTheme, when,
+  bytes, html, number, useEffect, useGet, useRef, useState, useStyle, when,
 } from "../ui.js";
+import { Frame } from "../frame.js";
 import Findings, { Vessels } from "./scan_findings.js";
 import { Metadata, Missing } from "./scan_metadata.js";
 import Slices from "./scan_slices.js";
@@ -26,10 +27,8 @@ function Report({ scan, run }) {
   const tools = html`
     <${Button} href=${address} target="_blank" rel="noopener">Open in a tab of its own</${Button}>
     <${Button} href=${`/scan?scan=${part(scan)}&run=${part(run)}`}>Back</${Button}>`;
-  const theme = useTheme();
   return html`<${Page} title=${`Report: ${run}`} tools=${tools} wide>
-    <iframe class="frame scan-report" title=${`Report of ${plain(scan)} with ${run}`} src=${`${address}?theme=${theme}`}
-      sandbox="allow-scripts allow-downloads"></iframe>
+    <${Frame} title=${`Report of ${plain(scan)} with ${run}`} src=${address} />
   </${Page}>`;
 }
 
