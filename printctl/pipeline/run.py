@@ -91,12 +91,12 @@ def toolpath_recipe(
 
 
 def _rehearsed(recipe: Recipe, how: RunOptions) -> Recipe:
-    """Return the recipe with the simulated printer in the place of its own.
+    """Return the recipe with the simulated printer and scanner in the place of its own.
 
     Raises
     ------
     UsageError
-        Where a real print or a real scan is to be taken.
+        Where a real print is to be taken, or for a speed that can't be had.
     """
     if how.printed:
         raise UsageError("--printed takes a print that was done; leave --rehearse out")
@@ -105,11 +105,8 @@ def _rehearsed(recipe: Recipe, how: RunOptions) -> Recipe:
             f"--rehearse {how.rehearse:g} isn't between 0 (as fast as it can) and "
             f"{MAX_REHEARSAL_SPEED:g} times real time"
         )
-    scanned = how.until is None or "scan" in names_until(how.until)
-    if scanned and isinstance(recipe.scan, FileScan):
-        raise UsageError(
-            f"the recipe's scan is the file {recipe.scan.file}, and a rehearsal would be judged by "
-            "it; leave out the section scan, or give --until print"
-        )
     printer = recipe.printer.model_copy(update={"port": SIMULATED_PORT})
-    return recipe.model_copy(update={"printer": printer})
+    scan = (
+        None if isinstance(recipe.scan, FileScan) else recipe.scan
+    )  # a file's is of another print
+    return recipe.model_copy(update={"printer": printer, "scan": scan})

@@ -19,7 +19,12 @@ from printctl.checks.preflight.ink import (
     volumes,
     written_ul,
 )
-from printctl.checks.preflight.mounted import bath_checks, chemistry_check, syringe_checks
+from printctl.checks.preflight.mounted import (
+    bath_checks,
+    chemistry_check,
+    made_for_checks,
+    syringe_checks,
+)
 from printctl.checks.preflight.steps import step_checks
 from printctl.checks.preflight.wells import Wells, read_wells, well_checks
 from printctl.checks.set_up import Check, HeadLoading, SetUp, budget_of
@@ -46,6 +51,9 @@ def file_checks(run: DryRun, setup: SetUp, map_path: Path | None = None) -> list
         checks += head_checks(run, setup.printer, setup.standing, [one.needle for one in loads])
     else:
         checks += _of_head(run, setup.printer, setup, loads[0], ink_ul)
+    if map_path is not None and map_path.is_file():
+        syringes = [one.syringe for one in loads]
+        checks += made_for_checks(map_path.parent, setup.printer, syringes)
     if setup.bath is not None:
         checks += bath_checks(setup.bath)
     if wells is not None and setup.needle is not None:

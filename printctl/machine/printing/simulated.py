@@ -18,6 +18,9 @@ __all__ = ["SIMULATED", "simulated_printer"]
 _COMES_UP_S: Final = 120.0
 """It takes one or two; a machine under heavy load needs far longer to import and compile."""
 
+SIM_ADDRESS: Final = "sim.address"
+"""Where a simulated printer writes the port by which it is reached."""
+
 
 def simulated_printer(
     profile: str,
@@ -60,7 +63,7 @@ def simulated_printer(
     PrinterFailedError
         When it doesn't come up.
     """
-    address, errors = folder / "sim.address", folder / "sim.log"
+    address, errors = folder / SIM_ADDRESS, folder / "sim.log"
     command = [*python_command("sim"), "--printer", profile, "--speed", f"{speed:g}"]
     command += ["--start", ",".join(f"{value:.6f}" for value in start_mm)]
     if job:

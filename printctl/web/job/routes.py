@@ -130,6 +130,7 @@ class PrintResponse(BaseModel):
     model_config = ConfigDict(extra="allow")
 
     job: str
+    simulated: bool = Field(description="Whether a simulated printer prints it.")
     state: LinkState
     folder: str
     print_id: str = Field(description="Identity of the print, as the history names it.")
@@ -384,7 +385,11 @@ def _after(routes: APIRouter, service: JobService) -> None:
     def melting() -> RampState | None:
         return after.melting()
 
-    @routes.delete("/melt-out", tags=[*tags], summary="Raise the target no further")
+    @routes.delete(
+        "/melt-out",
+        tags=[*tags],
+        summary="Raise the target no further; a stop, which needs no controls",
+    )
     def stop_melting() -> RampState | None:
         return after.stop_melting()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from pydantic import Field
 
 from design.units import LengthUnit
@@ -76,9 +76,9 @@ def router(service: ProjectService) -> APIRouter:
         return service.change(name, request.values)
 
     @routes.post("/projects/{name}/sketch", summary="The vessels with other values; keeps nothing")
-    async def sketch(name: str, request: SketchRequest) -> dict[str, Any]:
+    async def sketch(name: str, asked: SketchRequest, request: Request) -> dict[str, Any]:
         """Straight pieces of vessels: x, y, z of both ends and both radii, mm, eight a piece."""
-        return await service.sketch(name, request.values, request.known)
+        return await service.sketch(name, asked.values, asked.known, request.is_disconnected)
 
     @routes.post("/projects/{name}/rehearse", summary="Print, scan and judge it, all simulated")
     def rehearse(name: str, request: Rehearsal) -> RunProgress:

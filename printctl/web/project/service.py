@@ -24,7 +24,8 @@ from printctl.web.design.recipes import EXAMPLES, CheckedRecipe
 from printctl.web.design.runs import RECIPE, RunProgress
 from printctl.web.design.service import DesignService
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.project.sketch import SketchProcess
+from printctl.web.project.sketch import Gone, SketchProcess
+from printctl.web.workspace import checked_name
 
 Step = Literal["shape", "check", "print", "judge", "done"]
 LONGEST_REHEARSAL_S: Final = 60.0
@@ -236,6 +237,7 @@ class ProjectService:
         ------
         BadRequestError, ConflictError
         """
+        checked_name(name)
         suffix = Path(file).suffix.lower()
         mesh = suffix in (".stl", ".obj", ".ply", ".3mf")
         recipe: dict[str, Any] = {"schema": 1, "name": name, "seed": 1}
@@ -256,7 +258,9 @@ class ProjectService:
         self._design.recipes.write(name, text)
         return self.project(name)
 
-    async def sketch(self, name: str, values: dict[str, float], known: str) -> dict[str, Any]:
+    async def sketch(
+        self, name: str, values: dict[str, float], known: str, gone: Gone
+    ) -> dict[str, Any]:
         """The vessels that a recipe would give with other values; nothing is kept.
 
         Parameters
@@ -266,6 +270,8 @@ class ProjectService:
             Paths of sliders to their values.
         known : str
             Tag of the tissue's outline that the browser has.
+        gone : coroutine function
+            Whether who asked has left meanwhile.
 
         Raises
         ------
@@ -280,7 +286,7 @@ class ProjectService:
         recipe = checked.recipe.model_dump(mode="json", by_alias=True)
         print_ = self._events.latest.get("print", {"ended": True})
         folder = self._design.recipes.folder
-        return await self._sketches.sketch(recipe, folder, known, behind=not print_["ended"])
+        return await self._sketches.sketch(recipe, folder, known, not print_["ended"], gone)
 
     def change(self, name: str, values: dict[str, float]) -> Project:
         """Write values of sliders into the recipe.
@@ -396,8 +402,8 @@ _SLIDERS: Final = (
     ("tissue.diameter_mm", "Diameter", "mm", "Of the tissue.", 3.0, 40.0, 0.5),
     ("tissue.height_mm", "Height", "mm", "Of the tissue.", 2.0, 40.0, 0.5),
     ("tissue.outer_diameter_mm", "Outer diameter", "mm", "Of the ring.", 10.0, 60.0, 0.5),
-    ("tissue.size_mm.0", "Length", "mm", "Of the block, in x.", 4.0, 60.0, 0.5),
-    ("tissue.size_mm.1", "Width", "mm", "Of the block, in y.", 4.0, 60.0, 0.5),
+    ("tissue.size_mm.0", "Length", "mm", "Of the block, in x.", 5.0, 60.0, 0.5),
+    ("tissue.size_mm.1", "Width", "mm", "Of the block, in y.", 5.0, 60.0, 0.5),
     ("tissue.size_mm.2", "Height", "mm", "Of the block, in z.", 1.0, 40.0, 0.5),
     ("vasculature.terminals", "Ends", "", "Smallest vessels that feed the tissue.", 2, 1000, 1),
     (

@@ -9,9 +9,12 @@ import asyncio
 import hashlib
 import io
 import json
+import os
 import sys
 import tempfile
+import threading
 import time
+from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -19,8 +22,13 @@ from typing import Any, Final
 from printctl.sources import python_command
 from printctl.web.errors import ConflictError
 
-LONGEST_S: Final = 60.0
+Gone = Callable[[], Awaitable[bool]]
+LONGEST_S: Final = 20.0
 """That a sketch may take; a recipe that takes longer is made without one."""
+FIRST_S: Final = 60.0
+"""The first one of a process, which may compile kernels."""
+MOST_WAITING: Final = 8
+"""Requests that wait for their turn; further ones are refused at once."""
 OUTLINE_FACES: Final = 1500
 """Triangles of the tissue's outline: enough for a picture of 600 pixels."""
 _MOST_PIECES: Final = 60_000
@@ -33,9 +41,11 @@ class SketchProcess:
     def __init__(self) -> None:
         self._process: asyncio.subprocess.Process | None = None
         self._one = asyncio.Lock()
+        self._waiting = 0
+        self._limit_s = FIRST_S
 
     async def sketch(
-        self, recipe: dict[str, Any], folder: Path, known: str, behind: bool
+        self, recipe: dict[str, Any], folder: Path, known: str, behind: bool, gone: Gone
     ) -> dict[str, Any]:
         """Grow a recipe's vessels.
 
@@ -49,26 +59,41 @@ class SketchProcess:
             Tag of the outline that is there already.
         behind : bool
             Whether a print goes on, behind which it steps back.
+        gone : coroutine function
+            Whether who asked has left meanwhile; then nothing is grown.
 
         Raises
         ------
         ConflictError
-            When the vessels can't be grown; the message is for the user.
+            When the vessels can't be grown, or too many wait; the message is for the user.
         """
+        if self._waiting >= MOST_WAITING:
+            raise ConflictError(f"{MOST_WAITING} others wait for a sketch; try again in a moment")
         request = {"recipe": recipe, "folder": str(folder), "known": known, "behind": behind}
         line = json.dumps(request) + "\n"
-        async with self._one:
-            try:
-                async with asyncio.timeout(LONGEST_S):
-                    answer = await self._asked(line)
-            except TimeoutError as exc:
-                await self.close()
-                raise ConflictError(
-                    f"the sketch wasn't done in {LONGEST_S:g} s; make the design to see its vessels"
-                ) from exc
-            except BaseException:
-                await self.close()  # an answer still to come mustn't meet the next question
-                raise
+        self._waiting += 1
+        try:
+            await self._one.acquire()
+        finally:
+            self._waiting -= 1
+        try:
+            if await gone():
+                raise ConflictError("nobody waits for this sketch any more")
+            async with asyncio.timeout(self._limit_s):
+                answer = await self._asked(line)
+            self._limit_s = LONGEST_S
+        except TimeoutError as exc:
+            await self.close()
+            raise ConflictError(
+                f"the sketch wasn't done in {self._limit_s:g} s; make the design to see its vessels"
+            ) from exc
+        except ConflictError:
+            raise
+        except BaseException:
+            await self.close()  # an answer still to come mustn't meet the next question
+            raise
+        finally:
+            self._one.release()
         if "error" in answer:
             raise ConflictError(answer["error"])
         return answer
@@ -76,6 +101,7 @@ class SketchProcess:
     async def close(self) -> None:
         """End the process."""
         process, self._process = self._process, None
+        self._limit_s = FIRST_S
         if process is not None and process.returncode is None:
             process.kill()
             await process.wait()
@@ -108,6 +134,7 @@ def main() -> None:
     from printctl.failures import message_and_code
     from printctl.web.worker import run_at_low_priority
 
+    threading.Thread(target=_end_with, args=[os.getppid()], daemon=True).start()
     answers, sys.stdout = sys.stdout, sys.stderr  # whatever is printed isn't an answer
     tissues: dict[str, Any] = {}
     for line in sys.stdin:
@@ -121,6 +148,13 @@ def main() -> None:
             answer = {"error": known[0] if known else f"{type(exc).__name__}: {exc}"}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its server is gone, whatever it grows."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(0)
 
 
 def _sketched(

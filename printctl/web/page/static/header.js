@@ -42,9 +42,11 @@ function onPrint(message) {
   printTitle = state ? [job, state].filter(Boolean).join(" ") : "";
   document.title = [printTitle, pageTitle].filter(Boolean).join(" · ");
   if (!state) return put("pc-print", "Print: none");
-  const words = [`Print: ${job ? `${job}, ` : ""}${state}`];
+  const words = [`Print: ${state}`];
   if (Number.isFinite(message.share)) words.push(`${(100 * message.share).toFixed(1)} %`);
   if (Number.isFinite(message.time_left_s)) words.push(left(message.time_left_s));
+  if (message.simulated) words.push("simulated");
+  if (job) words.push(job); // last, where a narrow screen cuts
   return put("pc-print", words.join(", "));
 }
 

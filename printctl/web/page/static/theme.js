@@ -19,7 +19,10 @@
     const dark = chosen === "dark" || (chosen === "auto" && system.matches);
     document.documentElement.dataset.theme = dark ? "dark" : "light";
     const button = document.getElementById("pc-theme");
-    if (button) button.textContent = `Theme: ${chosen}`;
+    if (!button) return;
+    button.textContent = chosen[0].toUpperCase() + chosen.slice(1);
+    button.setAttribute("aria-label", `Theme: ${chosen}`);
+    button.title = `Theme: ${chosen}`;
   }
 
   apply();

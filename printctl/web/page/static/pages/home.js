@@ -100,20 +100,22 @@ function Bring() {
   </${Card}>`;
 }
 
+const needsUnit = (file) => !/\.(3mf|json|npz|txt)$/i.test(file);
+
 function FromFile({ file, onClose }) {
   const mesh = SHAPES.split(",").some((one) => file.toLowerCase().endsWith(one));
   const [name, setName] = useState(file.replace(/\.[^.]*$/, "").replace(/[^A-Za-z0-9._-]/g, "_").slice(0, 60));
-  const [unit, setUnit] = useState("mm");
+  const [unit, setUnit] = useState(needsUnit(file) ? "" : "mm");
   const [make, state] = useAction(async () => {
     await send("POST", "/projects", { name, file, unit });
     go(`/project?name=${part(name)}`);
   });
   return html`<${Dialog} title=${`Begin with ${file}`} onClose=${onClose}>
     <${Field} label="Name of the project" value=${name} onChange=${setName} />
-    <${Field} label="Unit of the file" kind="choice" value=${unit} onChange=${setUnit} hint="Never guessed: the file doesn't say it."
-      options=${[["mm", "millimetres"], ["cm", "centimetres"], ["m", "metres"], ["um", "micrometres"], ["in", "inches"]]} />
+    ${needsUnit(file) && html`<${Field} label="Unit of the file" kind="choice" value=${unit} onChange=${setUnit}
+      hint="Never guessed: the file doesn't say it." options=${[["", "choose"], ["mm", "millimetres"], ["cm", "centimetres"], ["m", "metres"], ["um", "micrometres"], ["in", "inches"]]} />`}
     <p class="quiet">${mesh ? "A tree of vessels is grown in it; you shape it next." : "Its vessels are printed as they are."}</p>
     ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
-    <${Button} kind="main" busy=${state.busy} onClick=${make}>Begin</${Button}>
+    <${Button} kind="main" busy=${state.busy} why=${unit ? "" : "choose the unit first"} onClick=${make}>Begin</${Button}>
   </${Dialog}>`;
 }

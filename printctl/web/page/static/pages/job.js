@@ -1,6 +1,6 @@
 // A job: before its print, while it goes on, and after it. A print is told by its own identity.
 import { get, last, listen, part } from "../api.js";
-import { Button, Failed, Loading, Page, html, useCallback, useEffect, useRef, useState, useStyle } from "../ui.js";
+import { Badge, Button, Failed, Loading, Page, html, useCallback, useEffect, useRef, useState, useStyle } from "../ui.js";
 import After from "./job_after.js";
 import Before from "./job_before.js";
 import Running, { Ending } from "./job_running.js";
@@ -8,15 +8,14 @@ import Running, { Ending } from "./job_running.js";
 export default function Job({ job: asked = "", again, other }) {
   useStyle("pages/job.css");
   const { print, loading, problem, reload } = usePrint(asked);
-  const before = useRef(null); // the print that is to be printed again
-  if (again && before.current === null && !loading) before.current = print?.print_id ?? "";
   if (loading) return html`<${Page} title="Job"><${Loading} what="Asking for the print" /></${Page}>`;
   if (problem && !print) return html`<${Page} title="Job"><${Failed} problem=${problem} again=${reload} /></${Page}>`;
   const job = asked || (other ? "" : (print?.job ?? ""));
   const mine = job && print?.job === job ? print : null;
   const goesOn = mine && !mine.ended;
-  const over = mine && mine.ended && !(again && before.current === mine.print_id);
-  const tools = job && html`<${Button} href="/job?other=1">Other jobs</${Button}>`;
+  const over = mine && mine.ended && again !== mine.print_id; // which is to be printed again
+  const tools = job && html`${mine?.simulated && html`<${Badge}>on a simulated printer</${Badge}>`}
+    <${Button} href="/job?other=1">Other jobs</${Button}>`;
   return html`<${Page} title=${job ? nameOf(job) : "Job"} tools=${tools}>
     ${goesOn && html`<${Running} job=${job} print=${mine} />`}
     ${over && html`<${Ending} key=${mine.print_id} job=${job} print=${mine} reload=${reload} />

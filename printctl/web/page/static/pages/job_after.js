@@ -36,7 +36,7 @@ function Outcome({ job, print }) {
       ${run && html`<${Next} href=${`/scan?run=${part(run)}`} main name="Scan and judge it"
         says="Bring in its scan, and compare it with the design." />`}
       ${report && html`<${Next} href=${url(report)} away name="Report" says="What the run and its scan say so far." />`}
-      <${Next} href=${`/job?job=${part(job)}&again=1`} main=${!run} name="Print again"
+      <${Next} href=${`/job?job=${part(job)}&again=${part(print.print_id)}`} main=${!run} name="Print again"
         says="The same job, checked anew." />
       <${Next} href=${`/history?print=${part(print.print_id)}`} name="History"
         says="All that happened in this print, beside earlier ones." />

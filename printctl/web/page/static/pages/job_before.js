@@ -363,7 +363,8 @@ function Remedy(all) {
     case "reconnect":
       return html`<${Act} work=${post("/printer/reconnect")}>Connect anew</${Act}>`;
     case "to_start":
-      return html`<${Act} work=${post(`/jobs/${part(job)}/to-start`, {})}>Move the tip to the start</${Act}>`;
+      return html`<${Act} work=${post(`/jobs/${part(job)}/to-start`, {})}>Move the tip to the start</${Act}>
+        ${all.ready?.machine?.touch_off_due && html`<${Button} href="/printer?tab=needle">Touch off first</${Button}>`}`;
     case "fill":
       return html`<${Act} work=${post("/printer/mount", { syringe: chosen(form, "syringe") })} ask=${FILL}>
         A full one was put in</${Act}>`;
@@ -380,9 +381,9 @@ function Remedy(all) {
     case "see_print":
       return html`<${Button} href="/job">See it</${Button}>`;
     case "touch_off":
-      return html`<${Button} href="/printer">Touch off</${Button}>`;
+      return html`<${Button} href="/printer?tab=needle">Touch off</${Button}>`;
     case "set_position":
-      return html`<${Button} href="/printer">Find the place</${Button}>`;
+      return html`<${Button} href="/printer?open=place">Say where the tip is</${Button}>`;
     default:
       return null;
   }

@@ -41,7 +41,7 @@ const reached = (project, id) => STEPS.findIndex(([one]) => one === next(project
 function Way({ project, chosen, reload }) {
   const at = STEPS.some(([id]) => id === chosen) ? chosen : next(project);
   const Step = { shape: Shape, check: Check, print: Print, judge: Judge }[at];
-  const done = (id) => project.made && (project.step === "done" || (reached(project, id) && id !== next(project)));
+  const done = (id) => project.made && !busy(project) && (project.step === "done" || (reached(project, id) && id !== next(project)));
   return html`
     <nav aria-label="Steps"><ol class="steps">
       <li class="step step-done"><a href="/"><span class="step-mark" aria-hidden="true">✓</span>Choose</a></li>
@@ -75,7 +75,8 @@ function Shape({ project, reload }) {
   return html`<div class="shape">
     <${Card} title="Vessels in the tissue" tools=${html`<${SketchState} of=${sketch} />`}>
       <${SketchView} sketch=${sketch.value} outline=${sketch.outline} label="Picture of the vessels in the tissue; arrow keys turn it, plus and minus zoom" />
-      <p class="quiet">Drag to turn. A sketch: what is printed is checked in the next step.</p>
+      ${sketch.problem ? html`<${Note} tone="warn"><p>No sketch: ${sketch.problem.message}</p></${Note}>`
+        : html`<p class="quiet">Drag to turn. A sketch: what is printed is checked in the next step.</p>`}
     </${Card}>
     <${Card} title="What matters">
       ${project.sliders.length ? project.sliders.map((one) => html`<${Slide} key=${one.path} one=${one} value=${values[one.path] ?? one.value}
@@ -102,7 +103,7 @@ function Slide({ one, value, onChange }) {
 
 function SketchState({ of }) {
   if (of.problem) return html`<${Badge} tone="warn">no sketch</${Badge}>`;
-  return html`<span class="quiet" role="status">${of.loading ? "growing …" : of.value ? `grown in ${of.value.took_ms} ms` : ""}</span>`;
+  return html`<span class="quiet" role="status">${of.loading ? (of.value ? "growing …" : "growing the first sketch: up to a minute …") : of.value ? `grown in ${of.value.took_ms} ms` : ""}</span>`;
 }
 
 function Figures({ of }) {
@@ -132,7 +133,7 @@ function useSketch(project, values) {
         known.current = value.tissue;
         setState((old) => ({ value, outline: value.outline ?? old.outline, problem: null, loading: false }));
       } catch (problem) {
-        setState((old) => ({ ...old, problem, loading: false }));
+        setState((old) => ({ ...old, value: null, problem, loading: false }));
       }
     }
     going.current = false;
