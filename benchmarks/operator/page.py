@@ -81,16 +81,18 @@ def _way(page: Any, url: str) -> Iterator[Row]:
     clicks += 2
     press("Rehearse")
     page.get_by_role("link", name="Watch it print").wait_for(timeout=_LONG_MS)
-    yield limited("first paint of Job while printing", _first_paint(page, f"{url}{_JOB}"), "s", 0.5)
+    yield limited(
+        "first paint of Job while printing", _first_paint(page, f"{url}{_JOB}.rehearsal"), "s", 0.5
+    )
     page.get_by_role("heading", name=re.compile("^Printing ·")).wait_for(timeout=_LONG_MS)
     yield from _seen(page)
     yield from _heights(page, "", "during")
     page.goto(f"{url}/project?name=planar_tree&step=print")
-    page.get_by_role("heading", name="The print is as designed").wait_for(timeout=_LONG_MS)
+    page.get_by_role("heading", name="The rehearsal is as designed").wait_for(timeout=_LONG_MS)
     took = time.monotonic() - begin
     yield limited("open page to a rehearsed print's report", clicks, "clicks", 10) | {"texts": 0}
     yield limited("the same, the print in real time (54 s)", round(took, 1), "s", 300.0)
-    yield from _heights(page, f"{url}{_JOB}", "after")
+    yield from _heights(page, f"{url}{_JOB}.rehearsal", "after")
 
 
 def _seen(page: Any) -> Iterator[Row]:

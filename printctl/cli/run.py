@@ -36,7 +36,7 @@ from printctl.cli.running_print import looks_lines
 from printctl.errors import UsageError
 from printctl.history.table import outcome
 from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
-from printctl.pipeline.run_options import DESIGN_NAMES, names_until
+from printctl.pipeline.run_options import DESIGN_NAMES, REHEARSAL, names_until
 from printctl.progress_file import ProgressFile
 from printctl.recipe import SCHEMA, Recipe, load_recipe, parse_recipe
 from printctl.recipe.growth import Growth
@@ -102,7 +102,8 @@ def run(
     progress = None if progress_file is None else ProgressFile(progress_file)
     with nullcontext() if progress is None else progress.whole(message_of):
         loaded = load_recipe(recipe, print_note)
-        folder = out if out is not None else Path("runs") / loaded.name
+        suffix = "" if rehearse is None else REHEARSAL
+        folder = out if out is not None else Path("runs") / (loaded.name + suffix)
         how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=progress,
                          rehearse=rehearse)  # fmt: skip
         with kernels_for_a_run(*_works(loaded, until), listener=progress):

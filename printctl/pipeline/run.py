@@ -8,6 +8,8 @@ from typing import Any, Final
 from rich.console import Console
 
 from printctl.errors import UsageError
+from printctl.machine.link.record import RECORD
+from printctl.machine.printing.simulated import was_simulated
 from printctl.pipeline.run_options import (
     DESIGN_NAMES,
     JOB_NAMES,
@@ -19,6 +21,7 @@ from printctl.pipeline.run_options import (
 )
 from printctl.recipe import Recipe
 from printctl.recipe.making import FileScan
+from printctl.run_folder.artefacts import JOURNAL_FOLDER
 
 __all__ = ["RunOptions", "design_recipe", "run_recipe", "toolpath_recipe"]
 
@@ -48,7 +51,7 @@ def run_recipe(
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
     if how.rehearse is not None:
-        recipe = _rehearsed(recipe, how)
+        recipe = _rehearsed(recipe, how, folder)
     for name in recipe.files():
         if not (recipe_folder / name).exists():
             raise UsageError(f"{recipe_folder / name}, which the recipe names, isn't there; "
@@ -90,14 +93,19 @@ def toolpath_recipe(
     return run_recipe(recipe, recipe_folder, folder, console, RunOptions(until=TOOLPATH_NAMES[-1]))
 
 
-def _rehearsed(recipe: Recipe, how: RunOptions) -> Recipe:
+def _rehearsed(recipe: Recipe, how: RunOptions, folder: Path) -> Recipe:
     """Return the recipe with the simulated printer and scanner in the place of its own.
 
     Raises
     ------
     UsageError
-        Where a real print is to be taken, or for a speed that can't be had.
+        Where a real print is to be taken or lies in the folder, or for a speed that can't be had.
     """
+    real = folder / JOURNAL_FOLDER
+    if (real / RECORD).is_file() and not was_simulated(real):
+        raise UsageError(
+            f"{folder} holds what was printed for real; rehearse in another folder (--out)"
+        )
     if how.printed:
         raise UsageError("--printed takes a print that was done; leave --rehearse out")
     if how.rehearse is not None and not 0 <= how.rehearse <= MAX_REHEARSAL_SPEED:

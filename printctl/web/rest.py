@@ -1,4 +1,4 @@
-"""What all routes of the REST API share: its root, its refusals, who asks, strict bodies."""
+"""Root of the REST API, its refusals, who asks, strict bodies: shared by all routes."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from printctl.machine.link.resuming import resumable
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState
 from printctl.machine.printing.executed_note import is_complete_record, record_for
-from printctl.machine.printing.simulated import SIMULATED
+from printctl.machine.printing.simulated import SIMULATED, was_simulated
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,8 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
     counts = order.port != SIMULATED or is_complete_record(
         record_for(order.folder), order.sha256, load(Printer, order.printer)
     )
+    if order.port != SIMULATED and was_simulated(order.folder):
+        counts = False  # a rehearsal is no print
     if order.once and counts and (done := finished(order)) is not None:
         return done
     if order.port != SIMULATED:

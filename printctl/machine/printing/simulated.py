@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Final
 
 from printctl.errors import PrinterFailedError
+from printctl.machine.link.errors import LinkError
 from printctl.machine.link.ports import SIMULATED
-from printctl.machine.link.record import JOURNAL
+from printctl.machine.link.record import JOURNAL, load_record
 from printctl.sources import python_command
 
 __all__ = ["SIMULATED", "simulated_printer"]
@@ -20,6 +21,8 @@ _COMES_UP_S: Final = 120.0
 
 SIM_ADDRESS: Final = "sim.address"
 """Where a simulated printer writes the port by which it is reached."""
+_BEGINS_S: Final = 120.0
+"""A print begins so soon after its simulated printer."""
 
 
 def simulated_printer(
@@ -95,3 +98,18 @@ def simulated_printer(
         "the simulated printer didn't come up"
         f"{'' if ended else f' within {_COMES_UP_S:g} s'}: {tail or 'no message'}"
     )
+
+
+def was_simulated(folder: Path) -> bool:
+    """Return whether a folder's print went to a simulated printer.
+
+    A run's simulated printer writes its address beside the journal just before the print begins; an
+    older address is of an earlier print there.
+    """
+    try:
+        record = load_record(folder)
+        if record.port == SIMULATED:
+            return True
+        return abs((folder / SIM_ADDRESS).stat().st_mtime - record.started) < _BEGINS_S
+    except (LinkError, OSError):
+        return False

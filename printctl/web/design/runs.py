@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import threading
@@ -17,7 +18,7 @@ from printctl.machine.link.client import attach
 from printctl.machine.link.errors import LinkError
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.lock import is_run_active
-from printctl.pipeline.run_options import TOOLPATH_NAMES, names_until
+from printctl.pipeline.run_options import REHEARSAL, TOOLPATH_NAMES, names_until
 from printctl.run_folder.manifest import MANIFEST
 from printctl.sources import python_command
 from printctl.web.design.recipes import Recipes
@@ -398,7 +399,22 @@ class Runs:
         ConflictError
             While the run, or a print of it, is going on.
         """
-        return self._go(name, ["--rehearse", f"{speed:g}"])
+        made, folder = self._workspace.run(name), self.rehearsal(name)
+        with self._lock:
+            self._refuse(name, folder)
+            if made.is_dir():  # what was designed isn't made again
+                shutil.copytree(made, folder, ignore=_of_prints, dirs_exist_ok=True)
+        return self._go(name, ["--rehearse", f"{speed:g}"], folder)
+
+    def rehearsal(self, name: str) -> Path:
+        """Run folder of a run's rehearsal: apart from what is printed for real.
+
+        Raises
+        ------
+        BadRequestError
+            When the name is too long for it.
+        """
+        return self._workspace.run(name + REHEARSAL)
 
     def cancel(self, name: str) -> RunProgress:
         """Stop a run; finished stages are kept.
@@ -423,11 +439,11 @@ class Runs:
         finally:
             client.detach()
 
-    def _go(self, name: str, more: list[str]) -> RunProgress:
+    def _go(self, name: str, more: list[str], where: Path | None = None) -> RunProgress:
         recipe = self._recipes.read(name)
         if recipe.problems:
             raise BadRequestError("\n".join(p.message for p in recipe.problems))
-        folder = self._workspace.run(name)
+        folder = where or self._workspace.run(name)
         with self._lock:
             self._refuse(name, folder)
             folder.mkdir(parents=True, exist_ok=True)
@@ -435,14 +451,20 @@ class Runs:
             path = str(self._workspace.recipe(name).resolve())
             command = ["run", path, "--out", str(folder.resolve()), *more]
             self.processes.spawn(folder, command, self._workspace.root)
-        return self.progress(name)
+        return self.progress(folder.name)
 
     def _refuse(self, name: str, folder: Path) -> None:
         if self.processes.going_on(name, folder):
             raise ConflictError(f"run {name!r} is going on; wait, or cancel it")
-        state = self.print_state(name) if folder.is_dir() else ""
+        state = self.print_state(folder.name) if folder.is_dir() else ""
         if state and state not in ENDED:
             raise ConflictError(
                 f"a print of run {name!r} is going on ({state}); a new design would change its "
                 "file: wait for its end, or duplicate the recipe"
             )
+
+
+def _of_prints(folder: str, names: list[str]) -> set[str]:
+    """Return what a rehearsal doesn't take over of a run: prints, scans, progress, locks."""
+    left = ("print", "executed", "scan", "registration", "report", "progress", "run.log", ".lock")
+    return {name for name in names if name.startswith(left)}

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from printctl.machine.link.client import PrintClient, attach
 from printctl.machine.link.errors import LinkError
-from printctl.machine.link.record import JOURNAL, load_record
+from printctl.machine.link.record import JOURNAL
 from printctl.machine.link.states import Status
 from printctl.machine.print_state.state import (
     PrintTruth,
@@ -26,7 +26,7 @@ from printctl.machine.printing.job_table import JobTable
 from printctl.machine.printing.journal_facts import JournalledFacts, read_journal_facts
 from printctl.machine.printing.progress import Filling, Progress
 from printctl.machine.printing.remaining import Remaining
-from printctl.machine.printing.simulated import SIM_ADDRESS, SIMULATED
+from printctl.machine.printing.simulated import was_simulated
 
 log = logging.getLogger(__name__)
 APART_S: Final = 0.25
@@ -73,23 +73,10 @@ class PrintReport:
         return {"job": self.job, "simulated": simulated, **self.truth.to_dict()}
 
 
-_BEGINS_S: Final = 120.0
-"""A print begins so soon after its simulated printer."""
-
-
 @lru_cache(maxsize=64)
 def is_simulated(folder: Path, started: float) -> bool:
-    """Return whether a folder's print, begun at a time, goes to a simulated printer.
-
-    A run's simulated printer writes its address beside the journal just before the print begins; an
-    older address is of an earlier print there.
-    """
-    try:
-        if load_record(folder).port == SIMULATED:
-            return True
-        return abs((folder / SIM_ADDRESS).stat().st_mtime - started) < _BEGINS_S
-    except (LinkError, OSError):
-        return False
+    """Return whether a folder's print, begun at a time, goes to a simulated printer."""
+    return was_simulated(folder)
 
 
 class PrintFollower:

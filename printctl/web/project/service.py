@@ -15,7 +15,7 @@ import yaml
 
 from design.units import LengthUnit
 from printctl.machine.link.states import ENDED
-from printctl.pipeline.run_options import JOB_NAMES
+from printctl.pipeline.run_options import JOB_NAMES, REHEARSAL
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest
 from printctl.web.core import Core
@@ -133,7 +133,9 @@ class Project:
         Why the recipe can't be used.
     sliders : tuple of Slider
     run : RunProgress
-        Of the design, or of the rehearsal.
+        Of the design, or of the rehearsal while that is going on.
+    judged : str
+        Run whose report it is: the project's, or its rehearsal's; empty without one.
     made : bool
         Whether the design is made and is the recipe's as it stands.
     checks : tuple of ProjectCheck
@@ -155,6 +157,7 @@ class Project:
     problems: tuple[str, ...]
     sliders: tuple[Slider, ...]
     run: RunProgress
+    judged: str
     made: bool
     checks: tuple[ProjectCheck, ...]
     print_time_s: float | None
@@ -203,14 +206,16 @@ class ProjectService:
         stages = Manifest.load(folder).stages if folder.is_dir() else {}
         checks = _checks(folder, stages) if made else ()
         print_state = self._design.runs.print_state(name) if made else ""
-        report = _report(folder) if made and print_state in ENDED else None
+        judged, report = self._judged(name, text, print_state) if made else ("", None)
+        rehearsal = self._design.runs.progress(name + REHEARSAL)
         time_s = stages["dry run"].summary.get("print_time_s") if made else None
         return Project(
             name=name,
             step=_step(made, checks, print_state, report),
             problems=tuple(one.message for one in checked.problems),
             sliders=sliders(checked),
-            run=run,
+            run=rehearsal if rehearsal.going_on else run,
+            judged=judged,
             made=made,
             checks=tuple(sorted(checks, key=lambda one: (one.passed, not one.refuses))),
             print_time_s=time_s,
@@ -329,11 +334,22 @@ class ProjectService:
         text = self._design.recipes.read(name).text
         made = self._is_made(text, run, folder)
         state = self._design.runs.print_state(name) if made else ""
-        report = _report(folder) if made and state in ENDED else None
+        _, report = self._judged(name, text, state) if made else ("", None)
         changed = max(
             path.stat().st_mtime for path in (self._workspace.recipe(name), folder) if path.exists()
         )
         return ProjectRow(name, changed, _step(made, (), state, report))
+
+    def _judged(self, name: str, text: str, print_state: str) -> tuple[str, dict[str, Any] | None]:
+        """Return the run that was judged, and its report: of the real print before a rehearsal."""
+        report = _report(self._workspace.run(name)) if print_state in ENDED else None
+        if report is not None or print_state == "done":
+            return (name if report else ""), report
+        rehearsal = self._design.runs.rehearsal(name)
+        if not self._is_made(text, self._design.runs.progress(rehearsal.name), rehearsal):
+            return "", None
+        report = _report(rehearsal)
+        return (rehearsal.name if report else ""), report
 
     def _is_made(self, text: str, run: RunProgress, folder: Path) -> bool:
         """Whether the run's G-code is there, was checked, and is of the recipe as it stands."""

@@ -52,7 +52,7 @@ def test_from_the_open_page_to_the_report_in_six_clicks_and_no_text(
     address = page.url
     page.goto(f"{server.url}/")  # whoever leaves and comes back finds it where it was
     page.goto(address)
-    page.get_by_role("heading", name="The print is as designed").wait_for(timeout=240_000)
+    page.get_by_role("heading", name="The rehearsal is as designed").wait_for(timeout=240_000)
     fine("judge")
     assert page.frame_locator("iframe[title=Report]").get_by_text("Pass").first.is_visible()
 
@@ -71,6 +71,7 @@ def test_a_dialog_leaves_stop_in_reach_and_gives_the_focus_back(
       return e === document.elementFromPoint(x + 9, y + 9);
     }"""
     assert page.locator("#pc-stop").evaluate(on_top), "STOP lies above the dialog"
+    dialog.get_by_label("Unit of the file").select_option("mm")
     dialog.get_by_label("Name of the project").fill("../../etc")
     button(page, "Begin").click()
     dialog.get_by_role("alert").wait_for()

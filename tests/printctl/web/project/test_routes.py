@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,7 @@ from printctl.web.design.runs import RECIPE
 from printctl.web.page.assets import FOLDER
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
+from tests.printctl.web.serving import ROOT
 
 API = "/api/v1"
 
@@ -141,3 +144,20 @@ def test_what_was_made_of_another_recipe_is_not_taken_for_this_one(
     answer = client.post(f"{API}/projects/{name}/rehearse", json={"speed": 100})
     assert answer.status_code == 409
     assert "make it" in answer.json()["message"]
+
+
+@pytest.mark.slow
+def test_a_rehearsal_is_never_taken_for_a_print(tmp_path: Path) -> None:
+    """A run with a real port after it still wants the port."""
+    text = (EXAMPLES / "planar_tree.yaml").read_text()
+    text = text.replace("port: simulated", "port: /dev/ttyNOPE")
+    text = text.replace("  simulated: microct\n  voxel_um: [40, 40, 40]\n", "  file: scan.tif\n")
+    recipe = tmp_path / "real.yaml"
+    recipe.write_text(text)
+    (tmp_path / "scan.tif").touch()
+    run = [sys.executable, "-m", "printctl", "run", str(recipe), "--out", str(tmp_path / "out")]
+    run += ["--until", "print", "--yes"]
+    assert subprocess.run([*run, "--rehearse", "0"], cwd=ROOT, check=False).returncode == 0
+    real = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert real.returncode == 4
+    assert "/dev/ttyNOPE doesn't exist" in real.stderr

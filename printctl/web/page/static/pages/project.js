@@ -197,7 +197,7 @@ function NotMade({ project, reload }) {
 
 function Making({ project, reload, title = "Making it" }) {
   const cancel = async () => {
-    await send("POST", `/runs/${part(project.name)}/cancel`, {});
+    await send("POST", `/runs/${part(project.run.name)}/cancel`, {});
     reload();
   };
   const share = project.run.stages.length ? project.run.stages.reduce((sum, one) => sum + one.fraction, 0) / project.run.stages.length : undefined;
@@ -235,14 +235,13 @@ function Print({ project, reload }) {
     await send("POST", `/projects/${part(project.name)}/rehearse`, { speed });
     reload();
   };
-  const again = project.print_state !== "";
+  const again = Boolean(project.judged) && project.judged !== project.name;
   return html`<div class="columns">
     <${Card} title="Rehearse it">
       <p>The real program prints on a simulated printer, a simulated scanner scans what came out, and the report judges it.
         Nothing needs to be connected, and nothing moves.</p>
       <${Field} label="How fast" kind="choice" value=${String(speed)} onChange=${(value) => setKept(Number(value))}
         options=${choices.map((one) => [String(one), one ? `${one} × real time: the print takes ${took(one)}` : "as fast as it can"])} />
-      ${again && html`<p class="quiet">Its last print ended as “${project.print_state}”.</p>`}
       <${Act} kind="main" work=${rehearse}>${again ? "Rehearse again" : "Rehearse"}</${Act}>
     </${Card}>
     <${Card} title="Print it">
@@ -256,7 +255,7 @@ function Print({ project, reload }) {
 
 function Rehearsing({ project, reload, print }) {
   const printing = project.run.stages.find((one) => one.name === "print");
-  const job = `run~${project.name}`;
+  const job = `run~${project.run.name}`;
   const live = print?.job === job && !print.ended;
   return html`<${Making} project=${project} reload=${reload} title=${printing ? "Rehearsing" : "Making it"} />
     ${printing?.state === "running" && html`<${Note}><p>It prints now${live && Number.isFinite(print.share) ? `: ${(100 * print.share).toFixed(0)} %` : ""}.
@@ -283,9 +282,10 @@ function Judge({ project, reload }) {
 }
 
 function Report({ project }) {
-  const address = `/api/v1/runs/${part(project.name)}/pages/report`;
+  const address = `/api/v1/runs/${part(project.judged)}/pages/report`;
+  const what = project.judged === project.name ? "print" : "rehearsal";
   return html`
-    <${Card} title=${project.passed ? "The print is as designed" : "The print isn't as designed"} tone=${project.passed ? undefined : "bad"}
+    <${Card} title=${`The ${what} ${project.passed ? "is" : "isn't"} as designed`} tone=${project.passed ? undefined : "bad"}
       tools=${html`<${Button} href=${address} target="_blank">Open the report in a tab of its own</${Button}>`}>
       <ul class="reasons">${project.reasons.slice(0, 5).map((one) => html`<li>${one}</li>`)}</ul>
       <${Fold} title="What next">
