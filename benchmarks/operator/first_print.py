@@ -68,27 +68,17 @@ def _wait_for(url: str, serving: subprocess.Popen[bytes]) -> None:
 
 def clicks(page: Any, url: str) -> Iterator[str]:
     """Click through a first print; yield what is done after some of the clicks."""
-    page.goto(f"{url}/design")
-    page.get_by_role("button", name="New", exact=True).click()
-    page.get_by_label("Name", exact=True).fill("first")
-    page.get_by_role("button", name="Make", exact=True).click()
-    page.get_by_text(re.compile("^first: ready to be made")).wait_for(timeout=_LONG_MS)
-    yield "the page is up, a recipe made"
-    page.get_by_role("tab", name="Make").click()
-    page.get_by_role("button", name="Make the design").click()
-    page.get_by_text("first: made as far as lumens").wait_for(timeout=_LONG_MS)
-    yield "design made"
-    page.goto(f"{url}/printer")
-    page.get_by_role("button", name="Connect", exact=True).click()
-    page.get_by_text("ready: connected, checked").wait_for(timeout=_LONG_MS)
-    yield "simulated printer connected"
-    page.goto(f"{url}/job?job=run~first")
-    page.get_by_role("button", name="Move the tip to the start").click()
-    page.get_by_text("nothing refuses the start", exact=True).wait_for(timeout=_LONG_MS)
-    yield "tip at the start, job checked"
-    page.get_by_role("button", name="Start on ").click()
-    page.get_by_role("button", name="Yes, start it").click()
-    page.get_by_text(re.compile("^Printing ·")).wait_for(timeout=_LONG_MS)
+    page.goto(url)
+    page.get_by_role("button", name="Start from A small tree").click()
+    page.get_by_role("button", name="Make it").wait_for(timeout=_LONG_MS)
+    yield "the page is up, a project begun"
+    page.get_by_role("button", name="Make it").click()
+    page.get_by_role("button", name="Next: print or rehearse").click(timeout=_LONG_MS)
+    yield "design made and checked"
+    page.get_by_label("How fast").select_option("1")
+    page.get_by_role("button", name="Rehearse", exact=True).click()
+    page.get_by_role("link", name="Watch it print").click(timeout=_LONG_MS)
+    page.get_by_role("heading", name=re.compile("^Printing ·")).wait_for(timeout=_LONG_MS)
     yield "first print, seen in the browser"
 
 
