@@ -216,6 +216,7 @@ def _config(
     return uvicorn.Config(
         guarded(build_app(core), core, access, stop_port),
         http="h11",
+        ws="wsproto",
         log_config=None,
         access_log=logging.getLogger("uvicorn.access").isEnabledFor(logging.INFO),
         proxy_headers=False,

@@ -175,8 +175,10 @@ def test_a_recipe_is_copied_renamed_thrown_away_and_taken_back(
         page.get_by_role("heading", name=name, exact=True).wait_for()
     page.get_by_role("button", name="Delete").click()
     page.get_by_role("button", name="Take back newer").click()
+    back = workspace / "recipes" / "newer.yaml"
+    wait_for(back.is_file)
     page.get_by_role("heading", name="newer", exact=True).wait_for()
-    assert read_text((workspace / "recipes" / "newer.yaml").read_text())["name"] == "newer"
+    assert read_text(back.read_text())["name"] == "newer"
 
 
 def test_networks_beside_each_other_are_shut_in_and_hear_of_each_others_view(

@@ -29,7 +29,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     sources = {
         name: jobs.source(tmp_path_factory.mktemp(name), data) for name, data in known.items()
     }
-    config = uvicorn.Config(application(sources), port=0, log_level="error", ws="websockets-sansio")
+    config = uvicorn.Config(application(sources), port=0, log_level="error", ws="none")
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run)
     thread.start()
