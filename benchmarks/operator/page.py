@@ -19,7 +19,7 @@ from benchmarks.operator.server import browsers, chromium_path, page_server, unt
 
 DESKTOP, TABLET, PHONE = (1280, 800), (1024, 768), (400, 800)
 SIZES = {"desktop": DESKTOP, "tablet": TABLET, "phone": PHONE}
-TILES = ("Time left", "Layer", "Ink", "Temperatures", "Tip", "Alarms")
+TILES = ("Time left", "Pass", "Ink", "Temperatures", "Tip", "Alarms")
 HIGHEST = {"desktop": 1000, "phone": 2000}
 _LONG_MS = 300_000
 _EXAMPLE, _JOB = "A small tree", "/job?job=run~planar_tree"

@@ -14,7 +14,7 @@ export default function Job({ job: asked = "", again, other }) {
   const mine = job && print?.job === job ? print : null;
   const goesOn = mine && !mine.ended;
   const over = mine && mine.ended && again !== mine.print_id; // which is to be printed again
-  const tools = job && html`${mine?.simulated && html`<${Badge}>on a simulated printer</${Badge}>`}
+  const tools = job && html`${mine?.simulated && html`<${Badge}>simulated</${Badge}>`}
     <${Button} href="/job?other=1">Other jobs</${Button}>`;
   return html`<${Page} title=${job ? nameOf(job) : "Job"} tools=${tools}>
     ${goesOn && html`<${Running} job=${job} print=${mine} />`}
