@@ -92,12 +92,15 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
         return client
     refuse_unsent(load(Printer, order.printer), str(order.job))
     if order.resume:
+        if order.port != SIMULATED and was_simulated(order.folder):
+            raise SafetyError(
+                f"the print in {order.folder} was a simulated one, and {order.port} has printed "
+                "none of it; print the file from its beginning, in another folder"
+            )
         return resume_print(order.folder, open_port())
     counts = order.port != SIMULATED or is_complete_record(
         record_for(order.folder), order.sha256, load(Printer, order.printer)
     )
-    if order.port != SIMULATED and was_simulated(order.folder):
-        counts = False  # a rehearsal is no print
     if order.once and counts and (done := finished(order)) is not None:
         return done
     if order.port != SIMULATED:
@@ -135,6 +138,8 @@ def running(order: Order) -> PrintClient | None:
 
 def finished(order: Order) -> PrintClient | None:
     """A client of the order's print, if it is done."""
+    if order.port != SIMULATED and was_simulated(order.folder):
+        return None  # a rehearsal is no print
     client = _attached(order.folder)
     if client is None or client.status.state is not LinkState.DONE:
         return None

@@ -21,8 +21,6 @@ _COMES_UP_S: Final = 120.0
 
 SIM_ADDRESS: Final = "sim.address"
 """Where a simulated printer writes the port by which it is reached."""
-_BEGINS_S: Final = 120.0
-"""A print begins so soon after its simulated printer."""
 
 
 def simulated_printer(
@@ -103,13 +101,13 @@ def simulated_printer(
 def was_simulated(folder: Path) -> bool:
     """Return whether a folder's print went to a simulated printer.
 
-    A run's simulated printer writes its address beside the journal just before the print begins; an
-    older address is of an earlier print there.
+    A run's simulated printer writes its port beside the journal; where the print went to another
+    one, that is left of an earlier rehearsal.
     """
     try:
         record = load_record(folder)
         if record.port == SIMULATED:
             return True
-        return abs((folder / SIM_ADDRESS).stat().st_mtime - record.started) < _BEGINS_S
+        return (folder / SIM_ADDRESS).read_text().partition("\n")[0].strip() == record.port
     except (LinkError, OSError):
         return False

@@ -161,3 +161,8 @@ def test_a_rehearsal_is_never_taken_for_a_print(tmp_path: Path) -> None:
     real = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=False)
     assert real.returncode == 4
     assert "/dev/ttyNOPE doesn't exist" in real.stderr
+    taken = subprocess.run(
+        [*run, "--printed"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert taken.returncode == 4
+    assert "no finished print" in taken.stderr
