@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from printctl.sources import python_command
 from printctl.web.errors import ConflictError
 
 _LATER: Final = 10
 T = TypeVar("T")
+LONGEST_LINE: Final = 2**26
+"""Of a process's answer, bytes."""
 NOW, BEHIND = "now", "behind"
 """When something is done, as one process tells another."""
 
@@ -73,6 +77,84 @@ def run_worker(
         last = done.stderr.strip().splitlines()[-1:] or ["no word"]
         raise ConflictError(f"{died}: {last[0][:500]}")
     return done.stdout
+
+
+class ProcessEndedError(Exception):
+    """A process ended in place of answering."""
+
+
+class LineProcess:
+    """A process of ours that answers each line by a line of JSON, one at a time.
+
+    Parameters
+    ----------
+    module : str
+        Run as ``python -m``.
+    env : dict, optional
+        Added to the environment.
+
+    Attributes
+    ----------
+    turn : asyncio.Lock
+        To be held while it is asked.
+    process : asyncio.subprocess.Process or None
+    """
+
+    def __init__(self, module: str, env: Mapping[str, str] | None = None) -> None:
+        self._module, self._env = module, os.environ | dict(env or {})
+        self.turn = asyncio.Lock()
+        self.process: asyncio.subprocess.Process | None = None
+
+    async def start(self) -> None:
+        """Begin the process unless it runs."""
+        if self.process is None or self.process.returncode is not None:
+            self.process = await asyncio.create_subprocess_exec(
+                *python_command(self._module),
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE,
+                env=self._env,
+                limit=LONGEST_LINE,
+            )
+
+    async def close(self) -> None:
+        """End the process."""
+        process, self.process = self.process, None
+        if process is not None and process.returncode is None:
+            process.kill()
+            await process.wait()
+
+    async def ask(self, line: str, longest_s: float) -> dict[str, Any]:
+        """Return what it answers to a line; without an answer it is ended, and begins anew.
+
+        Raises
+        ------
+        TimeoutError
+            When it takes longer than ``longest_s``.
+        ProcessEndedError
+        """
+        await self.start()
+        try:
+            async with asyncio.timeout(longest_s):
+                return await self._answer(line)
+        except BaseException:
+            # Too late, or who asked is gone: the answer to come mustn't meet the next question.
+            await self.close()
+            raise
+
+    async def _answer(self, line: str) -> dict[str, Any]:
+        process = self.process
+        if process is None or process.stdin is None or process.stdout is None:
+            raise ProcessEndedError("was closed")
+        try:
+            process.stdin.write(line.encode() + b"\n")
+            await process.stdin.drain()
+            said = await process.stdout.readline()
+        except OSError as exc:
+            raise ProcessEndedError(f"ended: {exc.strerror}") from exc
+        if not said:
+            raise ProcessEndedError("ended; look into the server's messages")
+        answer: dict[str, Any] = json.loads(said)
+        return answer
 
 
 if __name__ == "__main__":

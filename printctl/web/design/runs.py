@@ -403,7 +403,8 @@ class Runs:
         with self._lock:
             self._refuse(name, folder)
             if made.is_dir():  # what was designed isn't made again
-                shutil.copytree(made, folder, ignore=_of_prints, dirs_exist_ok=True)
+                # Links stay links, which the page doesn't follow out of the workspace.
+                shutil.copytree(made, folder, True, _of_prints, dirs_exist_ok=True)
         return self._go(name, ["--rehearse", f"{speed:g}"], folder)
 
     def rehearsal(self, name: str) -> Path:

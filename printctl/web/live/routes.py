@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import json
-import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,9 +14,8 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, HTTPException, Request, Response
 
-from printctl.sources import python_command
 from printctl.web.live.source import JobSource, SceneError, cached_scene
-from printctl.web.worker import BEHIND, NOW
+from printctl.web.worker import BEHIND, NOW, LineProcess, ProcessEndedError
 
 # Load the live view's scripts and styles for serving, with modules shared with the report.
 #
@@ -122,26 +119,15 @@ class SceneMaker:
     ) -> None:
         self._printing = printing
         self._longest_s = longest_s
-        self._process: asyncio.subprocess.Process | None = None
-        self._one = asyncio.Lock()
+        self.maker = LineProcess("printctl.web.live", _KEEP_MEMORY)
 
     async def start(self) -> None:
         """Begin the process unless it runs."""
-        if self._process is not None and self._process.returncode is None:
-            return
-        self._process = await asyncio.create_subprocess_exec(
-            *python_command("printctl.web.live"),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            env=os.environ | _KEEP_MEMORY,
-        )
+        await self.maker.start()
 
     async def close(self) -> None:
         """End the process."""
-        process, self._process = self._process, None
-        if process is not None and process.returncode is None:
-            process.kill()
-            await process.wait()
+        await self.maker.close()
 
     async def scene_file(self, source: JobSource) -> Path:
         """The file of a job's scene, made now unless it is there.
@@ -154,43 +140,20 @@ class SceneMaker:
         path = await asyncio.to_thread(cached_scene, source)
         if path.is_file():
             return path
-        async with self._one:
-            return Path(await self._made(source))
-
-    async def _made(self, source: JobSource) -> str:
-        await self.start()
-        try:
-            async with asyncio.timeout(self._longest_s):
-                when = BEHIND if await asyncio.to_thread(self._printing) else NOW
-                answer = await self._ask(f"{when} {source.to_json()}")
-        except TimeoutError as exc:
-            await self.close()
-            raise SceneError(
-                f"the view of {source.gcode.name} wasn't made in {self._longest_s:g} s; "
-                "the print isn't touched by it"
-            ) from exc
-        except BaseException:
-            # Whoever asked is gone: the answer still to come mustn't meet the next question.
-            await self.close()
-            raise
+        async with self.maker.turn:
+            when = BEHIND if await asyncio.to_thread(self._printing) else NOW
+            try:
+                answer = await self.maker.ask(f"{when} {source.to_json()}", self._longest_s)
+            except TimeoutError as exc:
+                raise SceneError(
+                    f"the view of {source.gcode.name} wasn't made in {self._longest_s:g} s; "
+                    "the print isn't touched by it"
+                ) from exc
+            except ProcessEndedError as exc:
+                raise SceneError(f"the process that makes views {exc}") from exc
         if "error" in answer:
             raise SceneError(answer["error"])
-        return answer["scene"]
-
-    async def _ask(self, line: str) -> dict[str, str]:
-        process = self._process
-        if process is None or process.stdin is None or process.stdout is None:
-            raise SceneError("the process that makes views was closed")
-        try:
-            process.stdin.write(line.encode() + b"\n")
-            await process.stdin.drain()
-            said = await process.stdout.readline()
-        except OSError as exc:
-            raise SceneError(f"the process that makes views: {exc.strerror}") from exc
-        if not said:
-            raise SceneError("the process that makes views ended; look into the server's messages")
-        reply: dict[str, str] = json.loads(said)
-        return reply
+        return Path(answer["scene"])
 
 
 Jobs = Callable[[str], JobSource]

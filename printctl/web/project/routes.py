@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
 from pydantic import Field
 
 from design.units import LengthUnit
@@ -75,10 +76,15 @@ def router(service: ProjectService) -> APIRouter:
     def change(name: str, request: Changes) -> Project:
         return service.change(name, request.values)
 
-    @routes.post("/projects/{name}/sketch", summary="The vessels with other values; keeps nothing")
-    async def sketch(name: str, asked: SketchRequest, request: Request) -> dict[str, Any]:
+    @routes.post(
+        "/projects/{name}/sketch",
+        summary="The vessels with other values; keeps nothing",
+        response_model=dict[str, Any],
+    )
+    async def sketch(name: str, asked: SketchRequest, request: Request) -> JSONResponse:
         """Straight pieces of vessels: x, y, z of both ends and both radii, mm, eight a piece."""
-        return await service.sketch(name, asked.values, asked.known, request.is_disconnected)
+        found = await service.sketch(name, asked.values, asked.known, request.is_disconnected)
+        return JSONResponse(found)  # as it is: FastAPI would look at each of its numbers
 
     @routes.post("/projects/{name}/rehearse", summary="Print, scan and judge it, all simulated")
     def rehearse(name: str, request: Rehearsal) -> RunProgress:

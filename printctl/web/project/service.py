@@ -360,7 +360,8 @@ class ProjectService:
         if not same or not (folder / GCODE).is_file():
             return False
         stages = {one.name: one.state for one in run.stages}
-        return all(stages.get(one, "done") == "done" for one in JOB_NAMES)
+        checked = "dry run" in Manifest.load(folder).stages
+        return checked and all(stages.get(one, "done") == "done" for one in JOB_NAMES)
 
 
 def _changed(text: str, values: dict[str, float]) -> str:

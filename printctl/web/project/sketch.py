@@ -5,7 +5,6 @@ The process grows what the stage ``vasculature`` would, in memory; nothing is wr
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import io
 import json
@@ -19,8 +18,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.sources import python_command
 from printctl.web.errors import ConflictError
+from printctl.web.worker import LineProcess, ProcessEndedError, run_at_low_priority
 
 Gone = Callable[[], Awaitable[bool]]
 LONGEST_S: Final = 20.0
@@ -39,8 +38,7 @@ class SketchProcess:
     """The process that sketches; one sketch at a time, begun with the first."""
 
     def __init__(self) -> None:
-        self._process: asyncio.subprocess.Process | None = None
-        self._one = asyncio.Lock()
+        self._process = LineProcess(__name__)
         self._waiting = 0
         self._limit_s = FIRST_S
 
@@ -70,69 +68,38 @@ class SketchProcess:
         if self._waiting >= MOST_WAITING:
             raise ConflictError(f"{MOST_WAITING} others wait for a sketch; try again in a moment")
         request = {"recipe": recipe, "folder": str(folder), "known": known, "behind": behind}
-        line = json.dumps(request) + "\n"
         self._waiting += 1
         try:
-            await self._one.acquire()
+            await self._process.turn.acquire()
         finally:
             self._waiting -= 1
+        limit_s = self._limit_s
         try:
             if await gone():
                 raise ConflictError("nobody waits for this sketch any more")
-            async with asyncio.timeout(self._limit_s):
-                answer = await self._asked(line)
+            self._limit_s = FIRST_S  # of a process anew, should this one not answer
+            answer = await self._process.ask(json.dumps(request), limit_s)
             self._limit_s = LONGEST_S
         except TimeoutError as exc:
-            await self.close()
             raise ConflictError(
-                f"the sketch wasn't done in {self._limit_s:g} s; make the design to see its vessels"
+                f"the sketch wasn't done in {limit_s:g} s; make the design to see its vessels"
             ) from exc
-        except ConflictError:
-            raise
-        except BaseException:
-            await self.close()  # an answer still to come mustn't meet the next question
-            raise
+        except ProcessEndedError as exc:
+            raise ConflictError(f"the process that sketches {exc}") from exc
         finally:
-            self._one.release()
+            self._process.turn.release()
         if "error" in answer:
             raise ConflictError(answer["error"])
         return answer
 
     async def close(self) -> None:
         """End the process."""
-        process, self._process = self._process, None
-        self._limit_s = FIRST_S
-        if process is not None and process.returncode is None:
-            process.kill()
-            await process.wait()
-
-    async def _asked(self, line: str) -> dict[str, Any]:
-        if self._process is None or self._process.returncode is not None:
-            self._process = await asyncio.create_subprocess_exec(
-                *python_command(__name__),
-                stdin=asyncio.subprocess.PIPE,
-                stdout=asyncio.subprocess.PIPE,
-                limit=2**26,
-            )
-        process = self._process
-        assert process.stdin is not None
-        assert process.stdout is not None
-        try:
-            process.stdin.write(line.encode())
-            await process.stdin.drain()
-            said = await process.stdout.readline()
-        except OSError as exc:
-            raise ConflictError(f"the process that sketches ended: {exc.strerror}") from exc
-        if not said:
-            raise ConflictError("the process that sketches ended; see the server's messages")
-        answer: dict[str, Any] = json.loads(said)
-        return answer
+        await self._process.close()
 
 
 def main() -> None:
     """Answer each line of stdin by a line of stdout."""
     from printctl.failures import message_and_code
-    from printctl.web.worker import run_at_low_priority
 
     threading.Thread(target=_end_with, args=[os.getppid()], daemon=True).start()
     answers, sys.stdout = sys.stdout, sys.stderr  # whatever is printed isn't an answer
@@ -160,6 +127,7 @@ def _end_with(parent: int) -> None:
 def _sketched(
     recipe: dict[str, Any], folder: str, known: str, tissues: dict[str, Any]
 ) -> dict[str, Any]:
+    import numpy as np
     from rich.console import Console
 
     from printctl.pipeline.context import RunContext
@@ -184,9 +152,9 @@ def _sketched(
         network, _ = make_network(context)
     start, end, r0, r1, vessel = network.pieces()
     step = max(1, -(-len(start) // _MOST_PIECES))
-    rows = [(*a, *b, p, q) for a, b, p, q in zip(start, end, r0, r1, strict=True)]
+    pieces = np.column_stack([start, end, r0, r1])[::step]
     return {
-        "pieces": [round(float(value), 4) for row in rows[::step] for value in row],
+        "pieces": pieces.round(4).ravel().tolist(),
         "kinds": network.kind[vessel][::step].tolist(),
         "outline": None if tag == known else _outline(tissue),
         "tissue": tag,
@@ -202,7 +170,7 @@ def _outline(tissue: Any) -> dict[str, list[float]]:
 
     surface = simplify(ReportSurface("tissue", tissue.surface), OUTLINE_FACES).surface
     return {
-        "vertices": [round(float(value), 3) for value in surface.vertices.ravel()],
+        "vertices": surface.vertices.round(3).ravel().tolist(),
         "faces": surface.faces.ravel().tolist(),
     }
 

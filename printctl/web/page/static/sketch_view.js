@@ -1,6 +1,6 @@
 // Vessels in their tissue, drawn by hand on a canvas: thousands of strokes take a few milliseconds on
 // any machine, and no WebGL is needed. Dragging turns the picture, the wheel zooms, arrow keys turn it.
-import { html, useEffect, useRef } from "./ui.js";
+import { html, useEffect, useLayoutEffect, useRef } from "./ui.js";
 
 const COLOURS = ["--vessel-artery", "--vessel-vein", "--vessel-lymph", "--vessel-link", "--vessel-artery"];
 const STEP = Math.PI / 24;
@@ -19,7 +19,7 @@ export function SketchView({ sketch, outline, label }) {
     cancelAnimationFrame(frame.current);
     frame.current = requestAnimationFrame(draw);
   };
-  useEffect(soon, [sketch, outline]);
+  useLayoutEffect(draw, [sketch, outline]); // at once: a frame later is seen while one drags
   useEffect(() => {
     const box = canvas.current;
     const sized = new ResizeObserver(soon);

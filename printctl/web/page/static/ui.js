@@ -1,11 +1,11 @@
 // The parts that all pages are made of: one of each kind. Preact and htm; see vendor/README.md.
 import { h, render, Fragment } from "./vendor/preact.js";
-import { useCallback, useEffect, useErrorBoundary, useId, useMemo, useRef, useState } from "./vendor/hooks.js";
+import { useCallback, useEffect, useErrorBoundary, useId, useLayoutEffect, useMemo, useRef, useState } from "./vendor/hooks.js";
 import htm from "./vendor/htm.js";
 import { get, last, listen, upload } from "./api.js";
 
 export const html = htm.bind(h);
-export { Fragment, render, useCallback, useEffect, useId, useMemo, useRef, useState };
+export { Fragment, render, useCallback, useEffect, useId, useLayoutEffect, useMemo, useRef, useState };
 
 const classes = (...names) => names.filter(Boolean).join(" ");
 

@@ -74,7 +74,7 @@ def test_a_maker_that_died_begins_again(tmp_path: Path) -> None:
     async def die_and_ask() -> Path:
         maker = SceneMaker()
         await maker.start()
-        process = maker._process
+        process = maker.maker.process
         assert process is not None
         process.kill()
         await process.wait()
@@ -90,13 +90,13 @@ def test_while_a_print_goes_on_scenes_are_made_behind_it(tmp_path: Path) -> None
     async def ask() -> tuple[Path, str]:
         maker = SceneMaker(lambda: True)
         asked: list[str] = []
-        send = maker._ask
+        send = maker.maker.ask
 
-        async def noted(line: str) -> dict[str, str]:
+        async def noted(line: str, longest_s: float) -> dict[str, str]:
             asked.append(line)
-            return await send(line)
+            return await send(line, longest_s)
 
-        maker._ask = noted  # type: ignore[method-assign]
+        maker.maker.ask = noted  # type: ignore[method-assign]
         try:
             return await maker.scene_file(jobs.source(tmp_path, jobs.squares(1))), asked[0]
         finally:

@@ -146,6 +146,20 @@ def test_what_was_made_of_another_recipe_is_not_taken_for_this_one(
     assert "make it" in answer.json()["message"]
 
 
+def test_a_run_whose_checks_are_not_there_is_not_made(
+    client: TestClient, workspace: Workspace
+) -> None:
+    name = begun(client, "planar_tree")
+    folder = workspace.run(name)
+    folder.mkdir()
+    (folder / RECIPE).write_text(client.get(f"{API}/recipes/{name}").json()["text"])
+    (folder / "part.gcode").write_text("G1 X1\n")
+    answer = client.get(f"{API}/projects/{name}")
+    assert answer.status_code == 200, answer.text
+    assert not answer.json()["made"]
+    assert client.get(f"{API}/projects").json()[0]["step"] == "shape"
+
+
 @pytest.mark.slow
 def test_a_rehearsal_is_never_taken_for_a_print(tmp_path: Path) -> None:
     """A run with a real port after it still wants the port."""

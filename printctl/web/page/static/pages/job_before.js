@@ -1,8 +1,8 @@
 // Before a print: the job, the printer, all that refuses a start with what helps, then the start.
 import { get, listen, part, send } from "../api.js";
 import {
-  Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fold, Loaded, Loading, Note,
-  bytes, go, html, number, span, useCallback, useEffect, useGet, useRef, useState, useStyle, when,
+  Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fold, Loaded, Loading, Note, bytes, go, html, number,
+  sentence, span, useCallback, useEffect, useGet, useRef, useState, useStyle, when,
 } from "../ui.js";
 import { LiveView } from "./job_views.js";
 
@@ -315,7 +315,6 @@ function Checks(all) {
 }
 
 const refusing = (count) => `${count} ${count === 1 ? "thing refuses" : "things refuse"} the start`;
-const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 // "3.2 mm, limit 0.05 mm"; nothing for a question to a person.
 function measured(one) {

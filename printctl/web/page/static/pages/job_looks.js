@@ -1,7 +1,7 @@
 // Looks at an observed print: the one that holds it with what was expected and found, what is asked,
 // and the last ones.
 import { part, send, url } from "../api.js";
-import { Act, Card, Fold, html, useGet } from "../ui.js";
+import { Act, Card, Fold, html, sentence, useGet } from "../ui.js";
 
 const LAST = 12;
 const [SMALL_PX, LARGE_PX, WHOLE_PX] = [240, 1280, 4096];
@@ -71,4 +71,3 @@ const Strip = ({ job, looks }) => html`
 
 const picture = (job, { number, pictured }, width) =>
   url(`/prints/${part(job)}/looks/${number}/picture?width=${width}&at=${pictured.toFixed(3)}`);
-const sentence = (text) => text.slice(0, 1).toUpperCase() + text.slice(1);

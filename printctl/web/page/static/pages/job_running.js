@@ -1,7 +1,7 @@
 // A print that goes on, on one screen: where it stands, what may be done, what is seen. And its end.
 import { part, send } from "../api.js";
 import {
-  Act, Button, Card, Dialog, Field, Fold, Loaded, Note, Progress, go, html, number, span, useAction, useGet,
+  Act, Button, Card, Dialog, Field, Fold, Loaded, Note, Progress, go, html, number, sentence, span, useAction, useGet,
   useNews, useState,
 } from "../ui.js";
 import { HeldLook, LastLooks, useLooks } from "./job_looks.js";
@@ -249,5 +249,3 @@ function Recovery({ job, plan, onClose }) {
     </div>
   </${Dialog}>`;
 }
-
-const sentence = (text) => text.slice(0, 1).toUpperCase() + text.slice(1);

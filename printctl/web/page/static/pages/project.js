@@ -5,7 +5,7 @@ import { Frame } from "../frame.js";
 import { SketchView } from "../sketch_view.js";
 import {
   Act, Badge, Button, Card, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Table, go, html, number, sentence,
-  span, useEffect, useGet, useKept, useNews, useRef, useState, useStyle,
+  span, useEffect, useGet, useKept, useLayoutEffect, useNews, useRef, useState, useStyle,
 } from "../ui.js";
 
 const STEPS = [
@@ -138,7 +138,7 @@ function useSketch(project, values) {
     }
     going.current = false;
   };
-  useEffect(() => {
+  useLayoutEffect(() => { // a frame earlier than an effect
     waiting.current = values;
     if (!project.problems.length) grow();
   }, [JSON.stringify(values), project.problems.length]);
