@@ -79,10 +79,6 @@ def run_worker(
     return done.stdout
 
 
-class ProcessEndedError(Exception):
-    """A process ended in place of answering."""
-
-
 class LineProcess:
     """A process of ours that answers each line by a line of JSON, one at a time.
 
@@ -130,7 +126,8 @@ class LineProcess:
         ------
         TimeoutError
             When it takes longer than ``longest_s``.
-        ProcessEndedError
+        ConnectionError
+            When it ended in place of answering.
         """
         await self.start()
         try:
@@ -144,15 +141,15 @@ class LineProcess:
     async def _answer(self, line: str) -> dict[str, Any]:
         process = self.process
         if process is None or process.stdin is None or process.stdout is None:
-            raise ProcessEndedError("was closed")
+            raise ConnectionError("was closed")
         try:
             process.stdin.write(line.encode() + b"\n")
             await process.stdin.drain()
             said = await process.stdout.readline()
         except OSError as exc:
-            raise ProcessEndedError(f"ended: {exc.strerror}") from exc
+            raise ConnectionError(f"ended: {exc.strerror}") from exc
         if not said:
-            raise ProcessEndedError("ended; look into the server's messages")
+            raise ConnectionError("ended; look into the server's messages")
         answer: dict[str, Any] = json.loads(said)
         return answer
 

@@ -15,7 +15,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, HTTPException, Request, Response
 
 from printctl.web.live.source import JobSource, SceneError, cached_scene
-from printctl.web.worker import BEHIND, NOW, LineProcess, ProcessEndedError
+from printctl.web.worker import BEHIND, NOW, LineProcess
 
 # Load the live view's scripts and styles for serving, with modules shared with the report.
 #
@@ -149,7 +149,7 @@ class SceneMaker:
                     f"the view of {source.gcode.name} wasn't made in {self._longest_s:g} s; "
                     "the print isn't touched by it"
                 ) from exc
-            except ProcessEndedError as exc:
+            except ConnectionError as exc:
                 raise SceneError(f"the process that makes views {exc}") from exc
         if "error" in answer:
             raise SceneError(answer["error"])

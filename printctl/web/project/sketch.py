@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.web.errors import ConflictError
-from printctl.web.worker import LineProcess, ProcessEndedError, run_at_low_priority
+from printctl.web.worker import LineProcess, run_at_low_priority
 
 Gone = Callable[[], Awaitable[bool]]
 LONGEST_S: Final = 20.0
@@ -84,7 +84,7 @@ class SketchProcess:
             raise ConflictError(
                 f"the sketch wasn't done in {limit_s:g} s; make the design to see its vessels"
             ) from exc
-        except ProcessEndedError as exc:
+        except ConnectionError as exc:
             raise ConflictError(f"the process that sketches {exc}") from exc
         finally:
             self._process.turn.release()
