@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import LOOKS, serious, shown
+from tests.printctl.web.shell.browsers import LOOKS, WIDE, serious, shown
+from tests.printctl.web.shell.looks import assert_alike
 
 pytestmark = pytest.mark.browser
 
@@ -34,6 +35,8 @@ def test_from_the_open_page_to_the_report_in_six_clicks_and_no_text(
         assert serious(page) == [], step
         wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
         assert wide <= 0, f"{step}: {wide} px to scroll sideways"
+        if (size, theme) == (WIDE, "light"):
+            assert_alike(page, f"way_{step}")
 
     fine("choose")
     button(page, "Start from A small tree").click()
@@ -54,7 +57,7 @@ def test_from_the_open_page_to_the_report_in_six_clicks_and_no_text(
     page.goto(address)
     page.get_by_role("heading", name="The rehearsal is as designed").wait_for(timeout=240_000)
     fine("judge")
-    assert page.frame_locator("iframe[title=Report]").get_by_text("Pass").first.is_visible()
+    page.frame_locator("iframe[title=Report]").get_by_text("Pass").first.wait_for()
 
 
 def test_a_dialog_leaves_stop_in_reach_and_gives_the_focus_back(
