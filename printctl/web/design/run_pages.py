@@ -130,7 +130,7 @@ def write_tissue(recipe: Path, path: Path) -> None:
 #
 # What can't be made is said in the last line of standard error, with exit code 1.
 
-_WRITERS: Final = {"network": write_network, "gcode": write_gcode, "tissue": write_tissue}
+_WRITERS: Final = {"network": write_network, "layers": write_gcode, "tissue": write_tissue}
 
 
 def main() -> int:

@@ -6,7 +6,8 @@ A project is a recipe of the workspace with the run of its name, that run's prin
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -16,13 +17,13 @@ import yaml
 from design.units import LengthUnit
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.run_options import JOB_NAMES, REHEARSAL
+from printctl.recipe import Recipe
 from printctl.run_folder.artefacts import GCODE
-from printctl.run_folder.manifest import Manifest
+from printctl.run_folder.manifest import Manifest, StageRecord
 from printctl.web.core import Core
-from printctl.web.design.recipe_text import read_text, rewrite_yaml
-from printctl.web.design.recipes import EXAMPLES, CheckedRecipe
-from printctl.web.design.runs import RECIPE, RunProgress
-from printctl.web.design.service import DesignService
+from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
+from printctl.web.design.recipes import CheckedRecipe
+from printctl.web.design.runs import RECIPE, RunProgress, Runs
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.project.sketch import Gone, SketchProcess
 from printctl.web.workspace import checked_name
@@ -36,18 +37,7 @@ MAX_SPEED: Final = 100.0
 
 @dataclass(frozen=True)
 class GalleryEntry:
-    """What a new project can begin from.
-
-    Attributes
-    ----------
-    example : str
-        Name of the recipe.
-    title, shows : str
-        In a few words, and in a sentence.
-    size : str
-    print_min : float, min
-        By the dry run.
-    """
+    """What a new project can begin from: a recipe, and its print time by the dry run, min."""
 
     example: str
     title: str
@@ -60,13 +50,7 @@ class GalleryEntry:
 class Slider:
     """A value of a recipe that matters, with the range in which it is tried.
 
-    Attributes
-    ----------
-    path : str
-        Keys of the recipe, joined by dots.
-    label, unit, hint : str
-    value, least, most, step : float
-        In ``unit``.
+    ``path`` has the keys of the recipe, joined by dots; ``value`` and range are in ``unit``.
     """
 
     path: str
@@ -85,12 +69,10 @@ class ProjectCheck:
 
     Attributes
     ----------
-    check : str
     passed, refuses : bool
         Whether it is as it should be, and whether the print is refused where it isn't.
     value, limit : float or None
         In ``unit``; None where there is no number.
-    unit, place, remedy : str
     """
 
     check: str
@@ -105,15 +87,7 @@ class ProjectCheck:
 
 @dataclass(frozen=True)
 class ProjectRow:
-    """A project in the list.
-
-    Attributes
-    ----------
-    name : str
-    modified : float, s since 1970
-    step : Step
-        What comes next.
-    """
+    """A project in the list: ``modified`` s since 1970, and the ``step`` that comes next."""
 
     name: str
     modified: float
@@ -126,12 +100,10 @@ class Project:
 
     Attributes
     ----------
-    name : str
     step : Step
         What comes next.
     problems : tuple of str
         Why the recipe can't be used.
-    sliders : tuple of Slider
     run : RunProgress
         Of the design, or of the rehearsal while that is going on.
     judged : str
@@ -145,7 +117,6 @@ class Project:
         Times real time at which a rehearsal takes about a minute.
     print_state : str
         Of its last print; empty when there was none.
-    has_report : bool
     reasons : tuple of str
         What the report's verdict rests on.
     passed : bool or None
@@ -168,18 +139,35 @@ class Project:
     passed: bool | None
 
 
+@dataclass(frozen=True)
+class _Reached:
+    """What is made of a recipe as it stands: its run's stages, print and report; else nothing."""
+
+    stages: Mapping[str, StageRecord] = field(default_factory=dict)
+    checks: tuple[ProjectCheck, ...] = ()
+    print_state: str = ""
+    judged: str = ""
+    report: dict[str, Any] | None = None
+
+    @property
+    def step(self) -> Step:
+        """What comes next."""
+        if not self.stages:
+            return "shape"
+        if self.report is not None:
+            return "done"
+        if self.print_state == "done":
+            return "judge"
+        refused = any(not one.passed and one.refuses for one in self.checks)
+        return "check" if refused else "print"
+
+
 class ProjectService:
-    """The guided way; any thread may call.
+    """The guided way over a workspace's recipes and their runs; any thread may call."""
 
-    Parameters
-    ----------
-    core : Core
-    design : DesignService
-        Recipes and their runs.
-    """
-
-    def __init__(self, core: Core, design: DesignService) -> None:
-        self._workspace, self._events, self._design = core.workspace, core.events, design
+    def __init__(self, core: Core, runs: Runs) -> None:
+        self._workspace, self._events = core.workspace, core.events
+        self._runs, self._recipes = runs, runs.recipes
         self._sketches = SketchProcess()
 
     async def close(self) -> None:
@@ -188,7 +176,12 @@ class ProjectService:
 
     def projects(self) -> list[ProjectRow]:
         """All projects, the one changed last first."""
-        rows = [self._row(name) for name in self._design.recipes.names()]
+        rows = []
+        for name in self._recipes.names():
+            paths = (self._workspace.recipe(name), self._workspace.run(name))
+            modified = max(path.stat().st_mtime for path in paths if path.exists())
+            step = self._reached(name, self._recipes.text(name)).step
+            rows.append(ProjectRow(name, modified, step))
         return sorted(rows, key=lambda row: -row.modified)
 
     def project(self, name: str) -> Project:
@@ -198,45 +191,31 @@ class ProjectService:
         ------
         NotFoundError
         """
-        text = self._design.recipes.read(name).text
-        checked = self._design.recipes.check(text)
-        run = self._design.runs.progress(name)
-        folder = self._workspace.run(name)
-        made = self._is_made(text, run, folder)
-        stages = Manifest.load(folder).stages if folder.is_dir() else {}
-        checks = _checks(folder, stages) if made else ()
-        print_state = self._design.runs.print_state(name) if made else ""
-        judged, report = self._judged(name, text, print_state) if made else ("", None)
-        rehearsal = self._design.runs.progress(name + REHEARSAL)
-        time_s = stages["dry run"].summary.get("print_time_s") if made else None
+        recipe = self._recipes.read(name)
+        reached, rehearsal = self._reached(name, recipe.text), self._runs.progress(name + REHEARSAL)
+        made, report = bool(reached.stages), reached.report
+        time_s = reached.stages["dry run"].summary.get("print_time_s") if made else None
         return Project(
             name=name,
-            step=_step(made, checks, print_state, report),
-            problems=tuple(one.message for one in checked.problems),
-            sliders=sliders(checked),
-            run=rehearsal if rehearsal.going_on else run,
-            judged=judged,
+            step=reached.step,
+            problems=tuple(one.message for one in recipe.problems),
+            sliders=sliders(recipe),
+            run=rehearsal if rehearsal.going_on else self._runs.progress(name),
+            judged=reached.judged,
             made=made,
-            checks=tuple(sorted(checks, key=lambda one: (one.passed, not one.refuses))),
+            checks=tuple(sorted(reached.checks, key=lambda one: (one.passed, not one.refuses))),
             print_time_s=time_s,
             rehearsal_speed=min(max(round((time_s or 0.0) / LONGEST_REHEARSAL_S), 1), MAX_SPEED),
-            print_state=print_state,
+            print_state=reached.print_state,
             has_report=report is not None,
             reasons=tuple(report["verdict"].get("reasons", ())) if report else (),
             passed=bool(report["verdict"]["passed"]) if report else None,
         )
 
     def begin(self, name: str, file: str, unit: LengthUnit) -> Project:
-        """Begin a project with a file beside the recipes.
+        """Begin a project with a file beside the recipes, of ``unit`` where it doesn't say its own.
 
         A mesh becomes a tissue in which a tree is grown; a network is written as it is.
-
-        Parameters
-        ----------
-        name : str
-        file : str
-        unit : LengthUnit
-            Of the file, where its format doesn't say it.
 
         Raises
         ------
@@ -244,23 +223,17 @@ class ProjectService:
         """
         checked_name(name)
         suffix = Path(file).suffix.lower()
-        mesh = suffix in (".stl", ".obj", ".ply", ".3mf")
         recipe: dict[str, Any] = {"schema": 1, "name": name, "seed": 1}
-        if mesh:
+        if suffix in (".stl", ".obj", ".ply", ".3mf"):
             recipe["tissue"] = {"mesh": file, "unit": unit}
             recipe["vasculature"] = {"grow": "tree", "terminals": 100, "printable": True}
         else:
             said = {"unit": unit} if suffix in (".csv", ".vtp", ".swc") else {}
             recipe["vasculature"] = {"network": file} | said
-        recipe |= _EMBEDDED
         text = "# Begun on the page; every key is explained in docs/recipe.md.\n"
-        text += yaml.safe_dump(recipe, sort_keys=False)
-        checked = self._design.recipes.check(text)
-        if checked.problems:
-            raise BadRequestError("\n".join(one.message for one in checked.problems))
-        if name in self._design.recipes.names():
-            raise ConflictError(f"there is a recipe {name!r} already; give another name")
-        self._design.recipes.write(name, text)
+        text += yaml.safe_dump(recipe | _EMBEDDED, sort_keys=False)
+        self._usable(text)
+        self._recipes.write(name, text)
         return self.project(name)
 
     async def sketch(
@@ -285,12 +258,10 @@ class ProjectService:
         ConflictError
             When the vessels can't be grown.
         """
-        checked = self._design.recipes.check(_changed(self._design.recipes.read(name).text, values))
-        if checked.recipe is None:
-            raise BadRequestError("\n".join(one.message for one in checked.problems))
-        recipe = checked.recipe.model_dump(mode="json", by_alias=True)
+        text = _changed(self._recipes.text(name), values)
+        recipe = self._usable(text).model_dump(mode="json", by_alias=True)
         print_ = self._events.latest.get("print", {"ended": True})
-        folder = self._design.recipes.folder
+        folder = self._recipes.folder
         return await self._sketches.sketch(recipe, folder, known, not print_["ended"], gone)
 
     def change(self, name: str, values: dict[str, float]) -> Project:
@@ -300,94 +271,80 @@ class ProjectService:
         ------
         NotFoundError, BadRequestError, ConflictError
         """
-        before = self._design.recipes.read(name)
+        before = self._recipes.read(name)
         text = _changed(before.text, values)
-        checked = self._design.recipes.check(text)
-        if checked.recipe is None:
-            raise BadRequestError("\n".join(one.message for one in checked.problems))
-        self._design.recipes.write(name, text, before.version)
+        self._usable(text)
+        self._recipes.write(name, text, before.version)
         return self.project(name)
 
     def rehearse(self, name: str, speed: float) -> RunProgress:
         """Print the design on the simulated printer, scan it by the simulated scanner, judge it.
 
-        Parameters
-        ----------
-        name : str
-        speed : float
-            Times real time.
+        ``speed`` is times real time.
 
         Raises
         ------
         ConflictError
             Before the design is made, or while a run or print of it goes on.
         """
-        project = self.project(name)
-        if not project.made:
+        if not self._reached(name, self._recipes.text(name)).stages:
             raise ConflictError(f"the design of {name!r} isn't made as the recipe stands; make it")
-        return self._design.runs.rehearse(name, speed)
+        return self._runs.rehearse(name, speed)
 
-    # --- between -------------------------------------------------------------------------------
+    def _usable(self, text: str) -> Recipe:
+        """Return a text's recipe.
 
-    def _row(self, name: str) -> ProjectRow:
-        folder, run = self._workspace.run(name), self._design.runs.progress(name)
-        text = self._design.recipes.read(name).text
-        made = self._is_made(text, run, folder)
-        state = self._design.runs.print_state(name) if made else ""
-        _, report = self._judged(name, text, state) if made else ("", None)
-        changed = max(
-            path.stat().st_mtime for path in (self._workspace.recipe(name), folder) if path.exists()
-        )
-        return ProjectRow(name, changed, _step(made, (), state, report))
+        Raises
+        ------
+        BadRequestError
+            With what has to be mended.
+        """
+        checked = self._recipes.check(text)
+        if checked.recipe is None:
+            raise BadRequestError("\n".join(one.message for one in checked.problems))
+        return checked.recipe
 
-    def _judged(self, name: str, text: str, print_state: str) -> tuple[str, dict[str, Any] | None]:
-        """Return the run that was judged, and its report: of the real print before a rehearsal."""
-        report = _report(self._workspace.run(name)) if print_state in ENDED else None
-        if report is not None or print_state == "done":
-            return (name if report else ""), report
-        rehearsal = self._design.runs.rehearsal(name)
-        if not self._is_made(text, self._design.runs.progress(rehearsal.name), rehearsal):
-            return "", None
-        report = _report(rehearsal)
-        return (rehearsal.name if report else ""), report
+    def _reached(self, name: str, text: str) -> _Reached:
+        folder = self._workspace.run(name)
+        stages = self._made(folder, text)
+        if not stages:
+            return _Reached()
+        state = self._runs.print_state(name)
+        report = _report(folder) if state in ENDED else None
+        judged = name
+        if report is None and state != "done":
+            judged = name + REHEARSAL
+            rehearsal = self._workspace.run(judged)
+            report = _report(rehearsal) if self._made(rehearsal, text) else None
+        return _Reached(stages, _checks(stages), state, judged if report else "", report)
 
-    def _is_made(self, text: str, run: RunProgress, folder: Path) -> bool:
-        """Whether the run's G-code is there, was checked, and is of the recipe as it stands."""
+    def _made(self, folder: Path, text: str) -> Mapping[str, StageRecord]:
+        """Stages of a run that has G-code, checked, of the recipe as it stands; else none."""
         try:
             same = (folder / RECIPE).read_text(encoding="utf-8") == text
         except OSError:
-            return False
+            return {}
         if not same or not (folder / GCODE).is_file():
-            return False
-        stages = {one.name: one.state for one in run.stages}
-        checked = "dry run" in Manifest.load(folder).stages
-        return checked and all(stages.get(one, "done") == "done" for one in JOB_NAMES)
+            return {}
+        run, stages = self._runs.progress(folder.name), Manifest.load(folder).stages
+        ended = {one.name: one.state for one in run.stages}
+        made = all(ended.get(one, "done") == "done" for one in JOB_NAMES)
+        return stages if made and "dry run" in stages else {}
 
 
 def _changed(text: str, values: dict[str, float]) -> str:
-    data = read_text(text)
-    for path, value in values.items():
-        _set(data, path.split("."), value)
-    return rewrite_yaml(text, data)
-
-
-def _set(data: Any, keys: list[str], value: float) -> None:
-    """Set one value of nested mappings and lists.
+    """Return a recipe's text with other values, whole numbers as such, by their dotted paths.
 
     Raises
     ------
     BadRequestError
         When there is no such place.
     """
-    *way, last = keys
-    try:
-        for key in way:
-            data = data[int(key)] if isinstance(data, list) else data.setdefault(key, {})
-        place: Any = int(last) if isinstance(data, list) else last
-        before = data[place] if isinstance(data, list) else data.get(place)
-        data[place] = int(value) if isinstance(before, int) and value == int(value) else value
-    except (AttributeError, IndexError, TypeError, ValueError) as exc:
-        raise BadRequestError(f"the recipe has no place {'.'.join(keys)[:80]!r}") from exc
+    data = read_text(text)
+    for dotted, value in values.items():
+        path = tuple(int(key) if key.isdecimal() else key for key in dotted.split("."))
+        data = changed(data, path, int(value) if value == int(value) else value)
+    return rewrite_yaml(text, data)
 
 
 # How a file that a user brings is printed, until somebody says otherwise.
@@ -405,11 +362,10 @@ _EMBEDDED: Final[dict[str, Any]] = {
 
 
 @cache
-def gallery() -> tuple[GalleryEntry, ...]:
-    """Examples with pictures; those that aren't installed are left out."""
-    path = Path(__file__).with_name("gallery.yaml")
-    entries = [GalleryEntry(**one) for one in yaml.safe_load(path.read_text(encoding="utf-8"))]
-    return tuple(one for one in entries if (EXAMPLES / f"{one.example}.yaml").is_file())
+def gallery() -> list[GalleryEntry]:
+    """Examples with pictures."""
+    text = Path(__file__).with_name("gallery.yaml").read_text(encoding="utf-8")
+    return [GalleryEntry(**one) for one in yaml.safe_load(text)]
 
 
 # Values that matter: keys of the recipe, label, unit, hint, least, most, step.
@@ -463,18 +419,7 @@ def _value(data: Any, keys: list[str]) -> float | None:
     return data if isinstance(data, int | float) else None
 
 
-def _step(made: bool, checks: tuple[ProjectCheck, ...], print_state: str, report: Any) -> Step:
-    if not made:
-        return "shape"
-    if report is not None:
-        return "done"
-    if print_state == "done":
-        return "judge"
-    refused = any(not one.passed and one.refuses for one in checks)
-    return "check" if refused else "print"
-
-
-def _checks(folder: Path, stages: Any) -> tuple[ProjectCheck, ...]:
+def _checks(stages: Mapping[str, StageRecord]) -> tuple[ProjectCheck, ...]:
     """What dry run and lumens say of a design."""
     found = []
     for one in stages["dry run"].summary.get("checks", ()):

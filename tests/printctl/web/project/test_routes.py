@@ -86,7 +86,7 @@ def test_a_slider_grows_other_vessels_in_the_same_tissue(client: TestClient) -> 
     [
         ({"vasculature.terminals": -3}, 422, "terminals"),
         ({"tissue.size_mm.7": 3.0}, 422, "tissue.size_mm.7"),
-        ({"tissue.shape.of.it": 3.0}, 422, "tissue.shape.of.it"),
+        ({"tissue.shape.of.it": 3.0}, 422, "tissue: "),
         ({"vasculature.smallest_diameter_mm": 1.9}, 409, "too thin"),
     ],
 )
@@ -162,16 +162,20 @@ def test_a_run_whose_checks_are_not_there_is_not_made(
 
 @pytest.mark.slow
 def test_a_rehearsal_is_never_taken_for_a_print(tmp_path: Path) -> None:
-    """A run with a real port after it still wants the port."""
+    """A run with a real port after it still wants the port, and no pretended scan."""
     text = (EXAMPLES / "planar_tree.yaml").read_text()
     text = text.replace("port: simulated", "port: /dev/ttyNOPE")
-    text = text.replace("  simulated: microct\n  voxel_um: [40, 40, 40]\n", "  file: scan.tif\n")
     recipe = tmp_path / "real.yaml"
     recipe.write_text(text)
-    (tmp_path / "scan.tif").touch()
     run = [sys.executable, "-m", "printctl", "run", str(recipe), "--out", str(tmp_path / "out")]
     run += ["--until", "print", "--yes"]
     assert subprocess.run([*run, "--rehearse", "0"], cwd=ROOT, check=False).returncode == 0
+    pretended = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert pretended.returncode == 2
+    assert "a simulated scan needs" in pretended.stderr
+    scan = "  simulated: microct\n  voxel_um: [40, 40, 40]\n"
+    recipe.write_text(text.replace(scan, "  file: scan.tif\n"))
+    (tmp_path / "scan.tif").touch()
     real = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=False)
     assert real.returncode == 4
     assert "/dev/ttyNOPE doesn't exist" in real.stderr
