@@ -7,7 +7,7 @@ from typing import Any, Final
 import yaml
 
 from firmware_profiles.yaml_file import read_yaml
-from printctl.web.design.schema import KeyPath
+from printctl.recipe.schema import KeyPath
 from printctl.web.errors import BadRequestError
 
 # ruamel.yaml drops the comments behind a key that is removed: 7 of the starter recipe's 62.

@@ -15,28 +15,21 @@ from pydantic import ValidationError
 
 from design.files import write_bytes, write_text
 from design.geometry.surface import START_BYTES, TRIANGLE
-from firmware_profiles import Bath, Dish, Ink, Needle, Plate, Printer, ProfileError, Syringe, load
-from firmware_profiles.strict_model import Facts
+from firmware_profiles import ProfileError, load
+from firmware_profiles.load import FOLDERS
 from printctl.pipeline.run_options import TOOLPATH_NAMES
 from printctl.recipe import Recipe
 from printctl.recipe.anatomy import INLETS
 from printctl.recipe.load import STARTER, sentence
+from printctl.recipe.schema import KeyPath, Schema, fields_of, user_path
 from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
 from printctl.web.design.run_views import tissue_page
-from printctl.web.design.schema import KeyPath, Schema, fields_of, user_path
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
 from printctl.web.workspace import Workspace, checked_name, is_name
 
-PROFILES: Final[dict[str, type[Facts]]] = {
-    "printers": Printer,
-    "needles": Needle,
-    "syringes": Syringe,
-    "inks": Ink,
-    "baths": Bath,
-    "dishes": Dish,
-    "plates": Plate,
-}
+PROFILES: Final = {folder: model for model, folder in FOLDERS.items()}
+"""Models of profiles, by their sort."""
 
 
 @dataclass(frozen=True)

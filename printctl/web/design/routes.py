@@ -10,11 +10,11 @@ from fastapi import APIRouter, UploadFile
 from pydantic import Field
 from starlette.responses import FileResponse, HTMLResponse
 
+from printctl.recipe.schema import recipe_schema
 from printctl.web.design.recipe_text import MOST_BYTES, read_value
 from printctl.web.design.recipes import CheckedRecipe, Recipes, RecipeText
 from printctl.web.design.run_views import Comparison, Figure, compare_runs, key_figures
 from printctl.web.design.runs import ARTEFACTS, RunProgress, Runs
-from printctl.web.design.schema import recipe_schema
 from printctl.web.errors import BadRequestError
 from printctl.web.rest import API, REFUSALS, Body
 

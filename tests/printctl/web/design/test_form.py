@@ -14,10 +14,10 @@ from pydantic import TypeAdapter
 from printctl.errors import UsageError
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.load import STARTER
+from printctl.recipe.schema import fields_of, option_of, recipe_schema, resolved
 from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
 from printctl.web.design.recipes import EXAMPLES, RESERVED, Recipes
 from printctl.web.design.runs import RunProgress, Runs
-from printctl.web.design.schema import fields_of, option_of, recipe_schema, resolved
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import Workspace
 from tests.waiting import wait_for
