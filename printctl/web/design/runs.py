@@ -236,36 +236,29 @@ def _exists(pid: int) -> bool:
 RECIPE = "recipe.yaml"
 LAST_STAGE: Final = TOOLPATH_NAMES[-1]
 """As far as a design goes before it is printed."""
-ARTEFACTS: Final[dict[str, str]] = {
-    "recipe.yaml": "text/plain; charset=utf-8",
-    "run.log": "text/plain; charset=utf-8",
-    "manifest.json": "application/json",
-    "network.csv": "text/csv",
-    "network.vtp": "application/xml",
-    "flow.csv": "text/csv",
-    "oxygen.csv": "text/csv",
-    "measures.json": "application/json",
-    "tissue.stl": "model/stl",
-    "lumen.stl": "model/stl",
-    "solid.stl": "model/stl",
-    "solid.3mf": "model/3mf",
-    "part.gcode": "text/plain; charset=utf-8",
-    "dry_run.json": "application/json",
-    "predicted_bead.csv": "text/csv",
-    "predicted_layers.csv": "text/csv",
-    "lumens.json": "application/json",
-    "time_line.png": "image/png",
-    "report.json": "application/json",
-    "report.pdf": "application/pdf",
-    "registration.json": "application/json",
-    "vessels.csv": "text/csv",
-    "sections.csv": "text/csv",
-    "defects.csv": "text/csv",
-    "deviation.ply": "model/ply",
-    "deviation.vtp": "application/xml",
-    "sections.vtp": "application/xml",
-    "scan_in_part.nrrd": "application/octet-stream",
+_TYPES: Final = {
+    ".yaml": "text/plain; charset=utf-8",
+    ".log": "text/plain; charset=utf-8",
+    ".gcode": "text/plain; charset=utf-8",
+    ".json": "application/json",
+    ".csv": "text/csv",
+    ".vtp": "application/xml",
+    ".stl": "model/stl",
+    ".3mf": "model/3mf",
+    ".ply": "model/ply",
+    ".png": "image/png",
+    ".pdf": "application/pdf",
+    ".nrrd": "application/octet-stream",
 }
+_NAMES: Final = (
+    "recipe.yaml", "run.log", "manifest.json", "network.csv", "network.vtp", "flow.csv",
+    "oxygen.csv", "measures.json", "tissue.stl", "lumen.stl", "solid.stl", "solid.3mf",
+    "part.gcode", "dry_run.json", "predicted_bead.csv", "predicted_layers.csv", "lumens.json",
+    "time_line.png", "report.json", "report.pdf", "registration.json", "vessels.csv",
+    "sections.csv", "defects.csv", "deviation.ply", "deviation.vtp", "sections.vtp",
+    "scan_in_part.nrrd",
+)  # fmt: skip
+ARTEFACTS: Final = {name: _TYPES[Path(name).suffix] for name in _NAMES}
 """Files of a run that may be fetched, and what they are."""
 
 

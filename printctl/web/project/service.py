@@ -241,15 +241,7 @@ class ProjectService:
     ) -> dict[str, Any]:
         """The vessels that a recipe would give with other values; nothing is kept.
 
-        Parameters
-        ----------
-        name : str
-        values : dict
-            Paths of sliders to their values.
-        known : str
-            Tag of the tissue's outline that the browser has.
-        gone : coroutine function
-            Whether who asked has left meanwhile.
+        Values by the paths of sliders; the rest as in `SketchProcess.sketch`.
 
         Raises
         ------
@@ -424,18 +416,11 @@ def _checks(stages: Mapping[str, StageRecord]) -> tuple[ProjectCheck, ...]:
     found = []
     for one in stages["dry run"].summary.get("checks", ()):
         counted = one["value"] or one["limit"] or one["unit"]  # else it is a question to a person
-        found.append(
-            ProjectCheck(
-                check=one["check"],
-                passed=one["passed"],
-                refuses=one["weight"] == "refuses",
-                value=one["value"] if counted else None,
-                limit=one["limit"] if counted else None,
-                unit=one["unit"],
-                place=one["place"],
-                remedy="" if one["passed"] else one["remedy"],
-            )
-        )
+        limits = {"value": one["value"], "limit": one["limit"]} if counted else {}
+        remedy = "" if one["passed"] else one["remedy"]
+        said = {"unit": one["unit"], "place": one["place"], "remedy": remedy}
+        refuses = one["weight"] == "refuses"
+        found.append(ProjectCheck(one["check"], one["passed"], refuses, **limits, **said))
     lumens = stages["lumens"].summary if "lumens" in stages else {}
     if lumens.get("checked"):
         counts = lumens["summary"]

@@ -12,9 +12,8 @@ import yaml
 from pydantic import TypeAdapter
 
 from printctl.errors import UsageError
-from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.load import STARTER
-from printctl.recipe.schema import fields_of, option_of, recipe_schema, resolved
+from printctl.recipe.schema import fields_of
 from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
 from printctl.web.design.recipes import EXAMPLES, RESERVED, Recipes
 from printctl.web.design.runs import RunProgress, Runs
@@ -47,39 +46,6 @@ def test_a_shipped_recipe_has_nothing_to_mend_and_is_made_anew_value_by_value(
     for place, value, _ in fields_of(data):
         again = changed(again, place, value)
     assert again == data
-
-
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_the_schema_tells_sections_apart_as_the_model_does(path: Path) -> None:
-    data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    recipe = parse_recipe(data, "file")
-    for key in ("tissue", "vasculature", "toolpath", "scan"):
-        part = getattr(recipe, key)
-        if key not in data or part is None:
-            continue
-        section = option_of(resolved(recipe_schema()["properties"][key]), data[key])
-        assert set(section["properties"]) == {
-            info.alias or name for name, info in type(part).model_fields.items()
-        }
-
-
-def test_every_key_of_the_model_is_in_the_schema_with_words_and_unit() -> None:
-    schema = recipe_schema()
-    assert set(schema["properties"]) == {i.alias or n for n, i in Recipe.model_fields.items()}
-    toolpath = resolved(schema["properties"]["toolpath"])
-    assert toolpath["tags"] == ["fresh", "embedded"]
-    assert toolpath["begins"] == [{"method": "fresh"}, {"method": "embedded"}]
-    layer = resolved(resolved(toolpath["oneOf"][0])["properties"]["layer_um"])
-    assert (layer["title"], layer["unit"], layer["minimum"]) == ("layer", "µm", 10)
-    needle = resolved(resolved(toolpath["oneOf"][0])["properties"]["needle"])
-    assert needle["profile"] == "needles"
-
-
-def test_what_begins_a_section_is_told_as_that_section() -> None:
-    for key in ("tissue", "vasculature", "scan"):
-        node = resolved(recipe_schema()["properties"][key])
-        for option, begin in zip(node["oneOf"], node["begins"], strict=True):
-            assert option_of(node, begin) == resolved(option), (key, begin)
 
 
 @pytest.mark.parametrize(
@@ -226,18 +192,6 @@ def test_names_of_rest_paths_are_no_recipe_s(recipes: Recipes) -> None:
     for name in RESERVED:
         with pytest.raises(BadRequestError, match="another one"):
             recipes.new(name)
-
-
-def test_a_changed_value_is_written_right_or_wrong(recipes: Recipes) -> None:
-    made = recipes.new("one")
-    wrong = recipes.change("one", ("toolpath", "layer_um"), 1, made.version)
-    assert [one.path for one in wrong.problems] == [("toolpath", "layer_um")]
-    assert "layer_um: 1\n" in recipes.read("one").text
-    with pytest.raises(ConflictError, match="changed elsewhere"):
-        recipes.change("one", ("seed",), 2, made.version)
-    mended = recipes.change("one", ("toolpath", "layer_um"), None, wrong.version)
-    assert mended.problems == ()
-    assert "layer_um" not in yaml.safe_load(recipes.read("one").text)["toolpath"]
 
 
 def test_an_opened_recipe_can_be_sent_whatever_it_holds(recipes: Recipes) -> None:

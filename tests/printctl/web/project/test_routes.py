@@ -131,33 +131,21 @@ def test_a_mesh_begins_a_project_and_a_bad_name_or_unit_keeps_nothing(
     assert sketch(client, "box")["figures"]["terminals"] > 1
 
 
-def test_what_was_made_of_another_recipe_is_not_taken_for_this_one(
+def test_what_is_of_another_recipe_or_was_not_checked_is_not_made(
     client: TestClient, workspace: Workspace
 ) -> None:
     name = begun(client, "planar_tree")
     folder = workspace.run(name)
     folder.mkdir()
+    (folder / "part.gcode").write_text("G1 X1\n")
     text = client.get(f"{API}/recipes/{name}").json()["text"]
-    (folder / RECIPE).write_text(text.replace("terminals: 30", "terminals: 31"))
-    (folder / "part.gcode").write_text("G1 X1\n")
-    assert not client.get(f"{API}/projects/{name}").json()["made"]
-    answer = client.post(f"{API}/projects/{name}/rehearse", json={"speed": 100})
-    assert answer.status_code == 409
-    assert "make it" in answer.json()["message"]
-
-
-def test_a_run_whose_checks_are_not_there_is_not_made(
-    client: TestClient, workspace: Workspace
-) -> None:
-    name = begun(client, "planar_tree")
-    folder = workspace.run(name)
-    folder.mkdir()
-    (folder / RECIPE).write_text(client.get(f"{API}/recipes/{name}").json()["text"])
-    (folder / "part.gcode").write_text("G1 X1\n")
-    answer = client.get(f"{API}/projects/{name}")
-    assert answer.status_code == 200, answer.text
-    assert not answer.json()["made"]
-    assert client.get(f"{API}/projects").json()[0]["step"] == "shape"
+    for made_of in (text.replace("terminals: 30", "terminals: 31"), text):
+        (folder / RECIPE).write_text(made_of)
+        assert not client.get(f"{API}/projects/{name}").json()["made"]
+        assert client.get(f"{API}/projects").json()[0]["step"] == "shape"
+        answer = client.post(f"{API}/projects/{name}/rehearse", json={"speed": 100})
+        assert answer.status_code == 409
+        assert "make it" in answer.json()["message"]
 
 
 @pytest.mark.slow
