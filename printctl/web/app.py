@@ -109,7 +109,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         for task in tasks:
             task.cancel()
         await services.job.scenes.close()
-        await services.project.close()
+        await services.project.sketches.close()
         await asyncio.to_thread(services.close)
 
     app = FastAPI(

@@ -48,10 +48,17 @@ class CheckedRecipe:
     problems: tuple[RecipeProblem, ...]
     data: dict[str, Any] | None
 
-    @property
-    def recipe(self) -> Recipe | None:
-        """The recipe; None when it can't be used."""
-        return Recipe.model_validate(self.data) if self.valid else None
+    def usable(self) -> Recipe:
+        """Return the recipe.
+
+        Raises
+        ------
+        BadRequestError
+            With what has to be mended.
+        """
+        if not self.valid:
+            raise BadRequestError("\n".join(one.message for one in self.problems))
+        return Recipe.model_validate(self.data)
 
 
 @dataclass(frozen=True)

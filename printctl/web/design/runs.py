@@ -420,8 +420,7 @@ class Runs:
 
     def _go(self, name: str, more: list[str], where: Path | None = None) -> RunProgress:
         recipe = self.recipes.read(name)
-        if recipe.problems:
-            raise BadRequestError("\n".join(p.message for p in recipe.problems))
+        recipe.usable()
         folder = where or self.workspace.run(name)
         with self._lock:
             self._refuse(name, folder)

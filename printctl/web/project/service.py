@@ -17,14 +17,13 @@ import yaml
 from design.units import LengthUnit
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.run_options import JOB_NAMES, REHEARSAL
-from printctl.recipe import Recipe
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest, StageRecord
 from printctl.web.core import Core
 from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
 from printctl.web.design.recipes import CheckedRecipe
 from printctl.web.design.runs import RECIPE, RunProgress, Runs
-from printctl.web.errors import BadRequestError, ConflictError
+from printctl.web.errors import ConflictError
 from printctl.web.project.sketch import Gone, SketchProcess
 from printctl.web.workspace import checked_name
 
@@ -168,11 +167,7 @@ class ProjectService:
     def __init__(self, core: Core, runs: Runs) -> None:
         self._workspace, self._events = core.workspace, core.events
         self._runs, self._recipes = runs, runs.recipes
-        self._sketches = SketchProcess()
-
-    async def close(self) -> None:
-        """End the process that sketches."""
-        await self._sketches.close()
+        self.sketches = SketchProcess()
 
     def projects(self) -> list[ProjectRow]:
         """All projects, the one changed last first."""
@@ -232,7 +227,7 @@ class ProjectService:
             recipe["vasculature"] = {"network": file} | said
         text = "# Begun on the page; every key is explained in docs/recipe.md.\n"
         text += yaml.safe_dump(recipe | _EMBEDDED, sort_keys=False)
-        self._usable(text)
+        self._recipes.check(text).usable()
         self._recipes.write(name, text)
         return self.project(name)
 
@@ -251,10 +246,10 @@ class ProjectService:
             When the vessels can't be grown.
         """
         text = _changed(self._recipes.text(name), values)
-        recipe = self._usable(text).model_dump(mode="json", by_alias=True)
+        recipe = self._recipes.check(text).usable().model_dump(mode="json", by_alias=True)
         print_ = self._events.latest.get("print", {"ended": True})
         folder = self._recipes.folder
-        return await self._sketches.sketch(recipe, folder, known, not print_["ended"], gone)
+        return await self.sketches.sketch(recipe, folder, known, not print_["ended"], gone)
 
     def change(self, name: str, values: dict[str, float]) -> Project:
         """Write values of sliders into the recipe.
@@ -265,7 +260,7 @@ class ProjectService:
         """
         before = self._recipes.read(name)
         text = _changed(before.text, values)
-        self._usable(text)
+        self._recipes.check(text).usable()
         self._recipes.write(name, text, before.version)
         return self.project(name)
 
@@ -282,19 +277,6 @@ class ProjectService:
         if not self._reached(name, self._recipes.text(name)).stages:
             raise ConflictError(f"the design of {name!r} isn't made as the recipe stands; make it")
         return self._runs.rehearse(name, speed)
-
-    def _usable(self, text: str) -> Recipe:
-        """Return a text's recipe.
-
-        Raises
-        ------
-        BadRequestError
-            With what has to be mended.
-        """
-        checked = self._recipes.check(text)
-        if checked.recipe is None:
-            raise BadRequestError("\n".join(one.message for one in checked.problems))
-        return checked.recipe
 
     def _reached(self, name: str, text: str) -> _Reached:
         folder = self._workspace.run(name)
@@ -389,9 +371,9 @@ def sliders(checked: CheckedRecipe) -> tuple[Slider, ...]:
 
     A block's size is left out where the network comes with the design, as it was made for it.
     """
-    if checked.recipe is None:
+    if not checked.valid:
         return ()
-    data = checked.recipe.model_dump(mode="json")
+    data = checked.usable().model_dump(mode="json")
     grown = "terminals" in data["vasculature"] and data["vasculature"]["terminals"] is not None
     found = []
     for path, label, unit, hint, least, most, step in _SLIDERS:
