@@ -28,9 +28,7 @@ class Figure:
     value: float | str
     unit: str = ""
 
-    @property
-    def text(self) -> str:
-        """Value and unit, to be read."""
+    def __str__(self) -> str:
         shown = self.value if isinstance(self.value, str) else f"{self.value:.4g}"
         return f"{shown} {self.unit}".strip()
 
@@ -112,23 +110,29 @@ class Comparison:
     ``recipe`` has the keys that are said otherwise, defaults counted as said; ``figures`` all.
     """
 
-    recipe: tuple[Difference, ...]
-    figures: tuple[Difference, ...]
+    recipe: list[Difference]
+    figures: list[Difference]
 
 
 def compare_runs(one: Path, other: Path) -> Comparison:
     """Compare the recipes and key figures of two run folders."""
-    return Comparison(tuple(_recipes(one, other)), tuple(_figures(one, other)))
+    runs = (one, other)
+    first, second = (dict(_flat(Manifest.load(run).facts.get("recipe", {}), "")) for run in runs)
+    recipe = [
+        Difference(key, _shown(first.get(key)), _shown(second.get(key)))
+        for key in first | second
+        if first.get(key) != second.get(key)
+    ]
+    a, b = ({figure.key: figure for figure in key_figures(run)} for run in runs)
+    figures = [
+        Difference(figure.name, _shown(a.get(key)), _shown(b.get(key)), _change(a, b, key))
+        for key, figure in (a | b).items()
+    ]
+    return Comparison(recipe, figures)
 
 
-def _recipes(one: Path, other: Path) -> Iterator[Difference]:
-    first, second = (
-        dict(_flat(Manifest.load(folder).facts.get("recipe", {}), "")) for folder in (one, other)
-    )
-    for key in dict.fromkeys([*first, *second]):
-        if first.get(key) != second.get(key):
-            shown = ("" if side.get(key) is None else str(side[key]) for side in (first, second))
-            yield Difference(key, *shown)
+def _shown(value: object) -> str:
+    return "" if value is None else str(value)
 
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
@@ -139,17 +143,8 @@ def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
         yield path, value
 
 
-def _figures(one: Path, other: Path) -> Iterator[Difference]:
-    first = {figure.key: figure for figure in key_figures(one)}
-    second = {figure.key: figure for figure in key_figures(other)}
-    for key in dict.fromkeys([*first, *second]):
-        a, b = first.get(key), second.get(key)
-        name = (a or b or Figure(key, key, "")).name
-        yield Difference(name, a.text if a else "", b.text if b else "", _change(a, b))
-
-
-def _change(one: Figure | None, other: Figure | None) -> str:
-    a, b = (figure.value if figure else None for figure in (one, other))
+def _change(one: dict[str, Figure], other: dict[str, Figure], key: str) -> str:
+    a, b = (side[key].value if key in side else None for side in (one, other))
     if not isinstance(a, float) or not isinstance(b, float) or a == 0 or a == b:
         return ""
     return f"{100 * (b - a) / abs(a):+.3g} %".replace("-", "−")

@@ -91,9 +91,9 @@ class RunProgress:
             self.pid, self.begun = int(step.get("pid", 0)), self.told
             self.stages = [StageProgress(str(one)) for one in step.get("stages", ())]
         elif event == "end":
-            result = step.get("result")
-            known = result == "done" or result == "interrupted"
-            self.break_off(result if known else "failed", str(step.get("message", "")))
+            states: dict[str, RunState] = {"done": "done", "interrupted": "interrupted"}
+            state = states.get(str(step.get("result")), "failed")
+            self.break_off(state, str(step.get("message", "")))
         elif event in ("stage", "done", "remark"):
             name = str(step.get("name", ""))
             stage = next((one for one in self.stages if one.name == name), StageProgress(name))

@@ -6,9 +6,8 @@ A project is a recipe of the workspace with the run of its name, that run's prin
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -18,7 +17,7 @@ from design.units import LengthUnit
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.run_options import JOB_NAMES, REHEARSAL
 from printctl.run_folder.artefacts import GCODE
-from printctl.run_folder.manifest import Manifest, StageRecord
+from printctl.run_folder.manifest import MANIFEST, Manifest
 from printctl.web.core import Core
 from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
 from printctl.web.design.recipes import CheckedRecipe
@@ -139,25 +138,32 @@ class Project:
 
 
 @dataclass(frozen=True)
-class _Reached:
-    """What is made of a recipe as it stands: its run's stages, print and report; else nothing."""
+class _Design:
+    """What dry run and lumens say of a design."""
 
-    stages: Mapping[str, StageRecord] = field(default_factory=dict)
-    checks: tuple[ProjectCheck, ...] = ()
+    checks: tuple[ProjectCheck, ...]
+    print_time_s: float | None
+
+
+@dataclass(frozen=True)
+class _Reached:
+    """What is made of a recipe as it stands: design, its print, and the verdict on that."""
+
+    design: _Design | None = None
     print_state: str = ""
     judged: str = ""
-    report: dict[str, Any] | None = None
+    verdict: dict[str, Any] | None = None
 
     @property
     def step(self) -> Step:
         """What comes next."""
-        if not self.stages:
+        if self.design is None:
             return "shape"
-        if self.report is not None:
+        if self.verdict is not None:
             return "done"
         if self.print_state == "done":
             return "judge"
-        refused = any(not one.passed and one.refuses for one in self.checks)
+        refused = any(not one.passed and one.refuses for one in self.design.checks)
         return "check" if refused else "print"
 
 
@@ -188,8 +194,8 @@ class ProjectService:
         """
         recipe = self._recipes.read(name)
         reached, rehearsal = self._reached(name, recipe.text), self._runs.progress(name + REHEARSAL)
-        made, report = bool(reached.stages), reached.report
-        time_s = reached.stages["dry run"].summary.get("print_time_s") if made else None
+        design, verdict = reached.design, reached.verdict
+        checks, time_s = (design.checks, design.print_time_s) if design else ((), None)
         return Project(
             name=name,
             step=reached.step,
@@ -197,14 +203,14 @@ class ProjectService:
             sliders=sliders(recipe),
             run=rehearsal if rehearsal.going_on else self._runs.progress(name),
             judged=reached.judged,
-            made=made,
-            checks=tuple(sorted(reached.checks, key=lambda one: (one.passed, not one.refuses))),
+            made=design is not None,
+            checks=tuple(sorted(checks, key=lambda one: (one.passed, not one.refuses))),
             print_time_s=time_s,
             rehearsal_speed=min(max(round((time_s or 0.0) / LONGEST_REHEARSAL_S), 1), MAX_SPEED),
             print_state=reached.print_state,
-            has_report=report is not None,
-            reasons=tuple(report["verdict"].get("reasons", ())) if report else (),
-            passed=bool(report["verdict"]["passed"]) if report else None,
+            has_report=verdict is not None,
+            reasons=tuple(verdict.get("reasons", ())) if verdict else (),
+            passed=bool(verdict["passed"]) if verdict else None,
         )
 
     def begin(self, name: str, file: str, unit: LengthUnit) -> Project:
@@ -274,36 +280,34 @@ class ProjectService:
         ConflictError
             Before the design is made, or while a run or print of it goes on.
         """
-        if not self._reached(name, self._recipes.text(name)).stages:
+        if self._reached(name, self._recipes.text(name)).design is None:
             raise ConflictError(f"the design of {name!r} isn't made as the recipe stands; make it")
         return self._runs.rehearse(name, speed)
 
     def _reached(self, name: str, text: str) -> _Reached:
         folder = self._workspace.run(name)
-        stages = self._made(folder, text)
-        if not stages:
+        design = self._design(folder, text)
+        if design is None:
             return _Reached()
-        state = self._runs.print_state(name)
-        report = _report(folder) if state in ENDED else None
-        judged = name
-        if report is None and state != "done":
+        state, judged = self._runs.print_state(name), name
+        verdict = _verdict(folder) if state in ENDED else None
+        if verdict is None and state != "done":
             judged = name + REHEARSAL
             rehearsal = self._workspace.run(judged)
-            report = _report(rehearsal) if self._made(rehearsal, text) else None
-        return _Reached(stages, _checks(stages), state, judged if report else "", report)
+            verdict = _verdict(rehearsal) if self._design(rehearsal, text) else None
+        return _Reached(design, state, judged if verdict else "", verdict)
 
-    def _made(self, folder: Path, text: str) -> Mapping[str, StageRecord]:
-        """Stages of a run that has G-code, checked, of the recipe as it stands; else none."""
+    def _design(self, folder: Path, text: str) -> _Design | None:
+        """The design of a run that has G-code, checked, of the recipe as it stands."""
         try:
             same = (folder / RECIPE).read_text(encoding="utf-8") == text
         except OSError:
-            return {}
-        if not same or not (folder / GCODE).is_file():
-            return {}
-        run, stages = self._runs.progress(folder.name), Manifest.load(folder).stages
-        ended = {one.name: one.state for one in run.stages}
+            return None
+        if not same or not (folder / GCODE).is_file() or not (folder / MANIFEST).is_file():
+            return None
+        ended = {one.name: one.state for one in self._runs.progress(folder.name).stages}
         made = all(ended.get(one, "done") == "done" for one in JOB_NAMES)
-        return stages if made and "dry run" in stages else {}
+        return _checked_design(folder, _stamp(folder / MANIFEST)) if made else None
 
 
 def _changed(text: str, values: dict[str, float]) -> str:
@@ -393,8 +397,18 @@ def _value(data: Any, keys: list[str]) -> float | None:
     return data if isinstance(data, int | float) else None
 
 
-def _checks(stages: Mapping[str, StageRecord]) -> tuple[ProjectCheck, ...]:
-    """What dry run and lumens say of a design."""
+def _stamp(path: Path) -> tuple[int, int]:
+    """Time of change and size of a file, by which what was read of it is kept."""
+    stat = path.stat()
+    return stat.st_mtime_ns, stat.st_size
+
+
+@lru_cache(maxsize=256)
+def _checked_design(folder: Path, stamp: tuple[int, int]) -> _Design | None:
+    """A run's design by its manifest, a file of up to a megabyte; None before the dry run."""
+    stages = Manifest.load(folder).stages
+    if "dry run" not in stages:
+        return None
     found = []
     for one in stages["dry run"].summary.get("checks", ()):
         counted = one["value"] or one["limit"] or one["unit"]  # else it is a question to a person
@@ -417,16 +431,21 @@ def _checks(stages: Mapping[str, StageRecord]) -> tuple[ProjectCheck, ...]:
                 remedy="" if lumens["passed"] else "take thinner lines or wider vessels",
             )
         )
-    return tuple(found)
+    return _Design(tuple(found), stages["dry run"].summary.get("print_time_s"))
 
 
-def _report(folder: Path) -> dict[str, Any] | None:
-    """A run's report, if it is newer than its print."""
+def _verdict(folder: Path) -> dict[str, Any] | None:
+    """The verdict of a run's report, if that is newer than its G-code."""
     path = folder / "report.json"
     try:
         if path.stat().st_mtime < (folder / GCODE).stat().st_mtime:
             return None
-        report: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return _read_verdict(path, _stamp(path))
     except (OSError, ValueError):
         return None
-    return report if "verdict" in report else None
+
+
+@lru_cache(maxsize=256)
+def _read_verdict(path: Path, stamp: tuple[int, int]) -> dict[str, Any] | None:
+    verdict: dict[str, Any] | None = json.loads(path.read_text(encoding="utf-8")).get("verdict")
+    return verdict

@@ -54,7 +54,7 @@ def test_from_the_open_page_to_the_report_in_six_clicks_and_no_text(
     page.goto(address)
     page.get_by_role("heading", name="The rehearsal is as designed").wait_for(timeout=240_000)
     fine("judge")
-    assert page.frame_locator("iframe[title=Report]").get_by_text("Pass").first.is_visible()
+    page.frame_locator("iframe[title=Report]").get_by_text("Pass").first.wait_for()
 
 
 def test_a_dialog_leaves_stop_in_reach_and_gives_the_focus_back(
