@@ -1,4 +1,4 @@
-"""Ship ``examples/`` inside the package, as ``printctl/examples``; all else is in pyproject.toml."""
+"""Ship ``examples/`` in the package as ``printctl/examples``; all else is in pyproject.toml."""
 
 from setuptools import setup
 from setuptools.command.build_py import build_py
