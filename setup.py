@@ -7,15 +7,13 @@ EXAMPLES = "printctl.examples"
 
 
 class BuildWithExamples(build_py):
-    """Build whose packages have one more, that lies beside them in the sources."""
+    """Build with one package more, which lies beside the others in the sources."""
 
     def finalize_options(self) -> None:
-        """Add the package, which an editable install reads where it lies."""
-        packages = self.distribution.packages
-        if not self.editable_mode and EXAMPLES not in packages:
-            packages.append(EXAMPLES)
-            self.distribution.package_dir[EXAMPLES] = "examples"
+        """Add it here alone: an editable install reads the examples where they lie."""
         super().finalize_options()
+        self.packages = [*self.packages, EXAMPLES]
+        self.package_dir[EXAMPLES] = "examples"
 
 
 setup(cmdclass={"build_py": BuildWithExamples})
