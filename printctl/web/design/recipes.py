@@ -272,11 +272,7 @@ class Recipes:
     def write(self, name: str, text: str, version: str | None = None) -> RecipeText:
         """Write a recipe, right or wrong; what can't be read as YAML is refused.
 
-        Parameters
-        ----------
-        name, text : str
-        version : str or None
-            Of the text that was changed; None for a new recipe.
+        ``version`` is of the text that was changed; None for a new recipe.
 
         Raises
         ------
@@ -348,8 +344,7 @@ class Recipes:
             raise BadRequestError("a recipe is text in UTF-8; this isn't") from exc
         read_text(text)
         stem = re.sub(r"[^A-Za-z0-9_-]+", "_", PurePath(file_name).stem).strip("_-")[:48]
-        base = stem or "recipe"
-        taken = self.names()
+        base, taken = stem or "recipe", self.names()
         free = (n for n in (base, *(f"{base}_{k}" for k in range(2, 1000))) if n not in taken)
         return self.write(next(free), text)
 

@@ -86,15 +86,9 @@ _BARE: Final = (
 
 
 def embedded(path: Path, theme: Theme = "system", bare: bool = False) -> HTMLResponse:
-    """The page as an answer that may be framed by our pages alone.
+    """An HTML file that the product wrote, as an answer that our pages alone may frame.
 
-    Parameters
-    ----------
-    path : Path
-        An HTML file that the product wrote.
-    theme : Theme
-    bare : bool
-        Without its own head and foot: what stands there stands around it.
+    ``bare`` leaves out its own head and foot: what stands there stands around it.
     """
     text = path.read_text(encoding="utf-8")
     if bare:

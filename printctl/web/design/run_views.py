@@ -170,16 +170,9 @@ _LONGEST_S: Final = 180.0
 
 
 def run_page(run: Path, name: str, kept: Path) -> Path:
-    """The page of a run's network in its tissue, its layers or passes, dry run or report.
+    """The page ``name`` of a run folder: network, layers, dry_run or report.
 
-    Parameters
-    ----------
-    run : Path
-        Run folder.
-    name : str
-        network, layers, dry_run or report.
-    kept : Path
-        Folder for pages.
+    What is made for it is kept in the folder ``kept``.
 
     Raises
     ------
@@ -200,15 +193,9 @@ def run_page(run: Path, name: str, kept: Path) -> Path:
 
 
 def tissue_page(recipe: Path, section: Any, kept: Path) -> Path:
-    """The page of a recipe's tissue, on which places are picked.
+    """The page of a recipe's tissue (its ``section``), on which places are picked.
 
-    Parameters
-    ----------
-    recipe : Path
-    section : JSON value
-        What it says of the tissue.
-    kept : Path
-        Folder for pages.
+    It is kept in the folder ``kept``.
 
     Raises
     ------
