@@ -24,6 +24,13 @@ ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
 SMALLEST = b"G21\nG90\nM82\nG1 Z5 F300\nG1 X12 Y10 F1200\nG1 X14 Y12 F600\n"
 START = "10,10,10"
+EXAMPLES_OF_THE_GALLERY = """
+from printctl.web.design.recipes import EXAMPLES
+from printctl.web.project.service import gallery
+missing = [one.example for one in gallery() if not (EXAMPLES / f"{one.example}.yaml").is_file()]
+if missing or not gallery():
+    raise SystemExit(f"the gallery has {len(gallery())} examples, and no {missing} in {EXAMPLES}")
+"""
 SIMULATED = ("--printer", "generic_marlin", "--port", "simulated")
 WITHOUT_SOURCES = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
@@ -106,6 +113,9 @@ def try_out(wheel: Path, scratch: Path) -> None:
         if done.returncode:
             said = f"{done.stdout}{done.stderr}"
             sys.exit(f"printctl {' '.join(words)} ended with {done.returncode}:\n{said}")
+    gallery = [bin_folder / "python", "-c", EXAMPLES_OF_THE_GALLERY]
+    if subprocess.run(gallery, cwd=away, env=clean, check=False).returncode:
+        sys.exit("the installed page has nothing to begin with")
     if str(ROOT) in subprocess.check_output([printctl, "doctor"], cwd=away, env=clean, text=True):
         sys.exit("the installed printctl loads packages from the sources")
     print("the wheel works in an empty environment")

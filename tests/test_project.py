@@ -123,7 +123,8 @@ def test_wheel_has_our_packages_and_their_data_and_nothing_else(tmp_path: Path) 
     source = tmp_path / "source"
     for package in OURS:
         shutil.copytree(ROOT / package, source / package)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    shutil.copytree(ROOT / "examples", source / "examples")
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source / name)
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "-w", str(tmp_path)]
     done = subprocess.run([*command, str(source)], capture_output=True, text=True, check=False)
@@ -135,6 +136,7 @@ def test_wheel_has_our_packages_and_their_data_and_nothing_else(tmp_path: Path) 
     for needed in (
         "firmware_profiles/data/printers/generic_marlin.yaml",
         "printctl/recipe/starter.yaml",
+        "printctl/examples/planar_tree.yaml",
         "printctl/py.typed",
     ):
         assert needed in names

@@ -41,6 +41,7 @@ from printctl.progress_file import ProgressFile
 from printctl.recipe import SCHEMA, Recipe, load_recipe, parse_recipe
 from printctl.recipe.growth import Growth
 from printctl.recipe.load import STARTER, migrated_text, read_mapping, steps_from
+from printctl.recipe.schema import recipe_schema
 from printctl.run_folder.artefacts import GCODE, HTML, LINE_MAP, PDF, PLATE_PICTURE, PLATE_TABLE
 from printctl.settings import arg, opt
 
@@ -294,7 +295,7 @@ def schema() -> None:
     An editor that knows YAML completes and checks a recipe by it, when the recipe's first line is
     `# yaml-language-server: $schema=recipe.schema.json`.
     """
-    print_json(Recipe.model_json_schema(by_alias=True))
+    print_json(recipe_schema())
 
 
 @command

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from printctl.errors import UsageError
+from printctl.errors import RecipeError, UsageError
 from printctl.machine.link.record import RECORD
 from printctl.machine.printing.simulated import was_simulated
 from printctl.pipeline.run_options import (
@@ -47,6 +47,8 @@ def run_recipe(
     ------
     UsageError
         For a stage that isn't known, or a file that isn't there.
+    RecipeError
+        For a print on a real printer whose scan would be simulated.
     PrintctlError, DesignError, RegistrationError, LinkError, ProfileError, OSError
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
@@ -57,6 +59,8 @@ def run_recipe(
             raise UsageError(f"{recipe_folder / name}, which the recipe names, isn't there; "
                              "check the path, relative to the recipe")  # fmt: skip
     names = WHOLE_NAMES if how.until is None else names_until(how.until)
+    if "print" in names:
+        _refuse_pretended_scan(recipe)
     if "solid" in names and "step" in recipe.solid.formats:
         from design.solids.step import load_occ  # heavy, and few ask for it
 
@@ -73,6 +77,16 @@ def run_recipe(
     from printctl.pipeline.whole_run import run_wanted
 
     return run_wanted(recipe, recipe_folder, folder, console, how)
+
+
+def _refuse_pretended_scan(recipe: Recipe) -> None:
+    """Raise RecipeError for a real print whose scan would be simulated; design and rehearse it."""
+    if not isinstance(recipe.scan, FileScan) and recipe.printer.port != SIMULATED_PORT:
+        raise RecipeError(
+            "a simulated scan needs what the simulated printer deposited, but printer.port is "
+            f"{recipe.printer.port}; give scan.file (it may come into being after the print), "
+            "or port: simulated"
+        )
 
 
 def design_recipe(

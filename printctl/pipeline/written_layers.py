@@ -82,7 +82,7 @@ def read_written(
         )
     gcode = (folder / GCODE).read_bytes()
     line_map, _ = read_line_map(folder / GCODE, gcode.count(b"\n"))
-    job = read_job(gcode, GCODE, _pushing(context, part), line_map)
+    job = read_job(gcode, GCODE, pushing_of(context), line_map)
     notes = []
     corrections = _corrections(folder, part)
     stretch = corrections.stretch
@@ -122,11 +122,10 @@ def _corrections(folder: Path, part: Fresh) -> Corrections:
 
 
 def run_context(folder: Path, console: Console) -> RunContext:
-    """The run as its manifest remembers it."""
+    """The run as its manifest remembers it, with all that its layers are held against."""
     if not folder.is_dir():
         raise UsageError(f"--model {folder} isn't a folder; give a run folder of `printctl run`")
-    manifest = Manifest.load(folder)
-    if "recipe" not in manifest.facts:
+    if "recipe" not in Manifest.load(folder).facts:
         raise UsageError(
             f"--model {folder} has no {MANIFEST} of a run; give a folder of `printctl run` or "
             "`printctl toolpath`"
@@ -136,13 +135,25 @@ def run_context(folder: Path, console: Console) -> RunContext:
             raise UsageError(
                 f"--model {folder} has no {name}; run its recipe first (`printctl toolpath`)"
             )
-    recipe = parse_recipe(manifest.facts["recipe"], str(folder / MANIFEST))
+    return remembered(folder, console)
+
+
+def remembered(folder: Path, console: Console) -> RunContext:
+    """The run as its manifest remembers it, whatever of it is there.
+
+    Raises
+    ------
+    RecipeError
+        When the manifest has no recipe of a run.
+    """
+    manifest = Manifest.load(folder)
+    recipe = parse_recipe(manifest.facts.get("recipe", {}), str(folder / MANIFEST))
     return RunContext(recipe, folder, folder, manifest, StageBars(console))
 
 
-def _pushing(context: RunContext, part: Fresh) -> Pushing:
-    """How E becomes a volume: what comes out, not what is pushed."""
-    syringe, factor = context.syringe, context.ink.flow_factor**0.5
+def pushing_of(context: RunContext) -> Pushing:
+    """How E becomes a volume: what comes out, not what is pushed; the bore that would give it."""
+    part, syringe, factor = context.recipe.toolpath, context.syringe, context.ink.flow_factor**0.5
     return Pushing(
         printer=context.printer,
         bore_mm=None if context.printer.pneumatic else syringe.inner_mm * factor,
@@ -150,7 +161,7 @@ def _pushing(context: RunContext, part: Fresh) -> Pushing:
         syringe_mm=syringe.inner_mm,
         syringe_said=syringe.name,
         flow_ul_s=context.flow_ul_s,
-        layer_mm=part.even_layer_mm,
+        layer_mm=part.even_layer_mm if isinstance(part, Fresh) else None,
         bead=context.ink.bead_section,
     )
 

@@ -15,6 +15,7 @@ from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import RecipeError
 from printctl.recipe.model import Recipe
+from printctl.recipe.schema import user_path
 
 STARTER: Final = Path(__file__).parent / "starter.yaml"
 """Runs as it stands, on the simulated printer."""
@@ -225,7 +226,7 @@ def parse_recipe(data: dict[str, Any], origin: str) -> Recipe:
         raise RecipeError(refusal(exc, origin)) from exc
 
 
-def refusal(exc: ValidationError, origin: str, user_path: UserPath | None = None) -> str:
+def refusal(exc: ValidationError, origin: str, path_of: UserPath = user_path) -> str:
     """What is wrong with a file, a line for each key.
 
     Parameters
@@ -233,10 +234,9 @@ def refusal(exc: ValidationError, origin: str, user_path: UserPath | None = None
     exc : ValidationError
     origin : str
         The file.
-    user_path : function, optional
+    path_of : function, optional
         From pydantic's path of a key to the one that the user wrote; a recipe's by default.
     """
-    path_of = user_path or _user_path
     lines = [sentence(dict(problem), path_of(problem["loc"])) for problem in exc.errors()]
     return "\n".join([f"{origin} can't be used:", *lines])
 
@@ -269,14 +269,6 @@ def _short(value: Any) -> str:
     """A value as it was written, or its beginning and how long it is."""
     text = repr(value)
     return text if len(text) <= _MOST else f"{text[:_MOST]} ... ({len(text)} characters)"
-
-
-def _user_path(loc: tuple[int | str, ...]) -> list[int | str]:
-    """Drop the union tags that pydantic puts into a path; the user never wrote them."""
-    tagged = {"tissue", "vasculature", "toolpath", "scan"}
-    if len(loc) > 2 and loc[0] in tagged:
-        return [loc[0], *loc[2:]]
-    return list(loc)
 
 
 # Replace given keys of a recipe, as for one well or search candidate; validate the result.

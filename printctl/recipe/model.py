@@ -9,7 +9,6 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from printctl.recipe.forest import Forest
 from printctl.recipe.growth import ClosedLoop, GivenNetwork, GrownNetwork, NamedNetwork
 from printctl.recipe.making import (
-    FileScan,
     Fresh,
     PrinterPart,
     RegistrationPart,
@@ -107,12 +106,6 @@ class Recipe(Part):
             self._is_the_design_s_block()
         if isinstance(self.vasculature, Forest):
             self._drains_are_fed(self.vasculature)
-        if not isinstance(self.scan, FileScan) and self.printer.port != "simulated":
-            raise ValueError(
-                "a simulated scan needs what the simulated printer deposited, but printer.port is "
-                f"{self.printer.port}; give scan.file (it may come into being after the print), "
-                "or port: simulated"
-            )
         return self
 
     def files(self) -> list[str]:

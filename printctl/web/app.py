@@ -20,8 +20,9 @@ from printctl.web.api import (
     watch_holder,
 )
 from printctl.web.core import Core
-from printctl.web.design.routes import routers as design_routers
-from printctl.web.design.service import DesignService
+from printctl.web.design.recipes import Recipes
+from printctl.web.design.routes import recipe_routes, run_routes
+from printctl.web.design.runs import Runs
 from printctl.web.history.routes import router as history_router
 from printctl.web.history.service import HistoryService
 from printctl.web.job.first_job import make_first_scene
@@ -48,7 +49,7 @@ class Services:
 
     printer: PrinterService
     job: JobService
-    design: DesignService
+    runs: Runs
     scan: ScanService
     history: HistoryService
     project: ProjectService
@@ -61,14 +62,14 @@ class Services:
 
 def make_services(core: Core) -> Services:
     """Make the service of each room."""
-    design = DesignService(core)
+    runs = Runs(core.workspace, Recipes(core.workspace))
     return Services(
         printer=PrinterService(core),
         job=JobService(core),
-        design=design,
+        runs=runs,
         scan=ScanService(core),
         history=HistoryService(core),
-        project=ProjectService(core, design),
+        project=ProjectService(core, runs),
     )
 
 
@@ -77,7 +78,8 @@ def routers(services: Services) -> list[APIRouter]:
     return [
         printer_router(services.printer),
         *job_routers(services.job),
-        *design_routers(services.design),
+        recipe_routes(services.runs.recipes),
+        run_routes(services.runs),
         scan_router(services.scan),
         history_router(services.history),
         project_router(services.project),
@@ -107,7 +109,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         for task in tasks:
             task.cancel()
         await services.job.scenes.close()
-        await services.project.close()
+        await services.project.sketches.close()
         await asyncio.to_thread(services.close)
 
     app = FastAPI(

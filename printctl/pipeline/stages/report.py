@@ -14,7 +14,6 @@ from printctl.analysis.flow.fidelities import COMPARED, SEEN
 from printctl.analysis.flow.lattice_comparison import PICTURE
 from printctl.analysis.oxygen import CAPTION, SLICE
 from printctl.checks.bead import PLAYED
-from printctl.checks.gcode_view import Pushing
 from printctl.machine.link.job import load_job
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.print_identity import print_identity
@@ -27,8 +26,7 @@ from printctl.pipeline.look_pictures import look_pictures
 from printctl.pipeline.stages.collect import collect
 from printctl.pipeline.verdict import verdict
 from printctl.pipeline.written_in_scan import WRITTEN, looks_and_scan
-from printctl.pipeline.written_layers import outlined_design
-from printctl.recipe.making import Fresh
+from printctl.pipeline.written_layers import outlined_design, pushing_of
 from printctl.run_folder.artefacts import GCODE, HTML, JOURNAL_FOLDER, JSON, PDF
 from printctl.run_folder.registration_files import DEVIATION, VIEWS, load_deviation
 from registration.report import ReportSurface, write_report_html
@@ -90,24 +88,11 @@ def surfaces(context: RunContext) -> list[ReportSurface]:
 
 def figures(context: RunContext, scan_rows: Sequence[dict[str, Any]] = ()) -> dict[str, bytes]:
     """Layers or passes, looks at the print; the other figures the page draws by itself."""
-    part, syringe = context.recipe.toolpath, context.syringe
-    factor = context.ink.flow_factor**0.5
-    pushing = Pushing(
-        printer=context.printer,
-        # What comes out, not what is pushed: the bore that would give it.
-        bore_mm=None if context.printer.pneumatic else syringe.inner_mm * factor,
-        bore_said=syringe.name,
-        syringe_mm=syringe.inner_mm,
-        syringe_said=syringe.name,
-        flow_ul_s=context.flow_ul_s,
-        layer_mm=part.even_layer_mm if isinstance(part, Fresh) else None,
-        bead=context.ink.bead_section,
-    )
     return (
         waves(context)
         | space_pictures(context)
         | oxygen_picture(context)
-        | layer_pictures(context.folder / GCODE, pushing, outlined_design(context))
+        | layer_pictures(context.folder / GCODE, pushing_of(context), outlined_design(context))
         | observed(context, scan_rows)
     )
 

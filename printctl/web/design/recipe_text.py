@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any, Final
 
 import yaml
 
 from firmware_profiles.yaml_file import read_yaml
-from printctl.web.design.schema import KeyPath
+from printctl.recipe.schema import KeyPath
 from printctl.web.errors import BadRequestError
 
 # ruamel.yaml drops the comments behind a key that is removed: 7 of the starter recipe's 62.
@@ -104,8 +103,6 @@ def _list(dumper: yaml.SafeDumper, value: list[Any]) -> yaml.Node:
 
 
 _Dumper.add_representer(list, _list)
-
-
 _Dumper.ignore_aliases = lambda self, data: True  # type: ignore[method-assign]
 
 
@@ -129,7 +126,8 @@ def _change(text: str, node: yaml.MappingNode, old: Any, new: Any) -> str | None
     pairs = {key.value: (key, value) for key, value in node.value}
     for name, (key, value) in pairs.items():
         if name not in new:
-            return _cut(text, key, value) if len(pairs) > 1 else None
+            first, after = key.start_mark.line, _last_line(value) + 1
+            return _with_lines(text, first, after, "") if len(pairs) > 1 else None
         if old[name] == new[name] and isinstance(old[name], bool) == isinstance(new[name], bool):
             continue
         both = isinstance(old[name], dict) and isinstance(new[name], dict) and new[name]
@@ -145,7 +143,8 @@ def _change(text: str, node: yaml.MappingNode, old: Any, new: Any) -> str | None
 
 
 def _replaced(text: str, key: yaml.Node, value: yaml.Node, new: Any) -> str:
-    plain = not isinstance(new, dict) and not any(isinstance(v, dict | list) for v in _each(new))
+    inner = new if isinstance(new, list) else ()
+    plain = not isinstance(new, dict) and not any(isinstance(one, dict | list) for one in inner)
     if _in_line(value) or (plain and isinstance(value, yaml.ScalarNode)):
         shown = yaml.safe_dump(
             new, default_flow_style=True, allow_unicode=True, width=10**6, sort_keys=False
@@ -159,14 +158,6 @@ def _replaced(text: str, key: yaml.Node, value: yaml.Node, new: Any) -> str:
 def _in_line(node: yaml.Node) -> bool:
     """Whether a list or mapping is written with brackets."""
     return bool(getattr(node, "flow_style", False))
-
-
-def _each(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else []
-
-
-def _cut(text: str, key: yaml.Node, value: yaml.Node) -> str:
-    return _with_lines(text, key.start_mark.line, _last_line(value) + 1, "")
 
 
 def _lines(key: str, value: Any, column: int) -> str:
@@ -189,9 +180,6 @@ def _with_lines(text: str, first: int, after: int, entry: str) -> str:
     return "".join([*lines[:first], entry, *lines[after:]])
 
 
-# Changes of one value in a recipe's data.
-
-
 def changed(data: dict[str, Any], path: KeyPath, value: Any) -> dict[str, Any]:
     """Return the data with a value at a path, or without one there for None.
 
@@ -202,34 +190,23 @@ def changed(data: dict[str, Any], path: KeyPath, value: Any) -> dict[str, Any]:
     BadRequestError
         For a path that leads nowhere.
     """
-    new = copy.deepcopy(data)
-    inside: Any = new
-    for k, key in enumerate(path):
-        kind: type = list if isinstance(key, int) else dict
-        known = len(inside) if kind is list else 0
-        if not isinstance(inside, kind) or (isinstance(key, int) and not 0 <= key <= known):
-            raise BadRequestError(f"{'.'.join(map(str, path))[:200]}: there is no such place")
-        if k + 1 == len(path):
-            _put(inside, key, value)
-            break
-        following: type = list if isinstance(path[k + 1], int) else dict
-        listed: Any = inside
-        pairs: dict[Any, Any] = dict(enumerate(listed)) if kind is list else listed
-        there = pairs.get(key)
-        if not isinstance(there, following):
-            if value is None:
-                break
-            there = following()
-            _put(inside, key, there)
-        inside = there
+    new: dict[str, Any] = _with_value(data, path, value, path)
     return new
 
 
-def _put(inside: Any, key: Any, value: Any) -> None:
-    if value is None:
-        if isinstance(inside, dict) or key < len(inside):
-            inside.pop(key, None) if isinstance(inside, dict) else inside.pop(key)
-    elif isinstance(inside, list) and key == len(inside):
-        inside.append(value)
+def _with_value(inside: Any, path: KeyPath, value: Any, whole: KeyPath) -> Any:
+    key, *rest = path
+    kind = list if isinstance(key, int) else dict
+    if not isinstance(inside, kind) or (isinstance(key, int) and not 0 <= key <= len(inside)):
+        raise BadRequestError(f"{'.'.join(map(str, whole))[:200]}: there is no such place")
+    items: dict[Any, Any] = dict(enumerate(inside)) if kind is list else dict(inside)
+    if rest:
+        below, following = items.get(key), list if isinstance(rest[0], int) else dict
+        if isinstance(below, following) or value is not None:
+            below = below if isinstance(below, following) else following()
+            items[key] = _with_value(below, tuple(rest), value, whole)
+    elif value is None:
+        items.pop(key, None)
     else:
-        inside[key] = value
+        items[key] = value
+    return list(items.values()) if kind is list else items

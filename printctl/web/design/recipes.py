@@ -15,150 +15,74 @@ from pydantic import ValidationError
 
 from design.files import write_bytes, write_text
 from design.geometry.surface import START_BYTES, TRIANGLE
-from firmware_profiles import Bath, Dish, Ink, Needle, Plate, Printer, ProfileError, Syringe, load
-from firmware_profiles.strict_model import Facts
+from firmware_profiles import ProfileError, load
+from firmware_profiles.load import FOLDERS
 from printctl.pipeline.run_options import TOOLPATH_NAMES
 from printctl.recipe import Recipe
+from printctl.recipe.anatomy import INLETS
 from printctl.recipe.load import STARTER, sentence
-from printctl.web.design.places import PickTarget, pick_targets
+from printctl.recipe.schema import KeyPath, Schema, fields_of, user_path
 from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
-from printctl.web.design.schema import KeyPath, fields_of, user_path
+from printctl.web.design.run_views import tissue_page
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
 from printctl.web.workspace import Workspace, checked_name, is_name
 
-# Check a recipe for the editor: schema, named profiles and files; each error at its field.
-
-PROFILES: Final[dict[str, type[Facts]]] = {
-    "printers": Printer,
-    "needles": Needle,
-    "syringes": Syringe,
-    "inks": Ink,
-    "baths": Bath,
-    "dishes": Dish,
-    "plates": Plate,
-}
+PROFILES: Final = {folder: model for model, folder in FOLDERS.items()}
+"""Models of profiles, by their sort."""
 
 
 @dataclass(frozen=True)
 class RecipeProblem:
-    """Error in a recipe, with its place.
-
-    Attributes
-    ----------
-    path : tuple of str or int
-        Keys to the field; empty for the whole.
-    message : str
-    """
+    """Error in a recipe, with the keys to its field; none for the whole."""
 
     path: KeyPath
     message: str
 
-    @property
-    def place(self) -> str:
-        """The path in one word, as messages name it."""
-        return ".".join(map(str, self.path))
-
 
 @dataclass(frozen=True)
 class CheckedRecipe:
-    """A recipe's text, read and held against the schema.
-
-    Attributes
-    ----------
-    valid : bool
-        Whether it can be used.
-    problems : tuple of RecipeProblem
-    data : dict or None
-        None when the text can't be read.
-    """
+    """A recipe's text, read and held against the schema; no ``data`` when it can't be read."""
 
     valid: bool
     problems: tuple[RecipeProblem, ...]
     data: dict[str, Any] | None
 
-    @property
-    def recipe(self) -> Recipe | None:
-        """The recipe; None when it can't be used."""
-        return Recipe.model_validate(self.data) if self.valid else None
+    def usable(self) -> Recipe:
+        """Return the recipe.
+
+        Raises
+        ------
+        BadRequestError
+            With what has to be mended.
+        """
+        if not self.valid:
+            raise BadRequestError("\n".join(one.message for one in self.problems))
+        return Recipe.model_validate(self.data)
 
 
-def check_text(text: str, folder: Path, store: ProfileStore) -> CheckedRecipe:
-    """Read and check a recipe.
+@dataclass(frozen=True)
+class PickTarget:
+    """A field of a recipe that a click on the tissue's surface can set.
 
-    Parameters
+    Attributes
     ----------
-    text : str
-    folder : Path
-        That the recipe's paths are relative to, and stay in.
-    store : ProfileStore
-        Profiles that it may name.
+    name : str
+        As the page calls it.
+    path : tuple of str or int
+    key : str
+        Under which the place, mm, stands there; empty where the field is the place itself.
     """
-    try:
-        data = read_text(text)
-    except BadRequestError as exc:
-        return CheckedRecipe(False, (RecipeProblem((), str(exc)),), None)
-    return check_data(data, folder, store)
+
+    name: str
+    path: KeyPath
+    key: str = ""
 
 
-def check_data(data: dict[str, Any], folder: Path, store: ProfileStore) -> CheckedRecipe:
-    """As `check_text`, of data."""
-    problems = tuple(_named(data, folder, store))
-    try:
-        Recipe.model_validate(data)
-    except ValidationError as exc:
-        problems = (*(_problem(dict(one)) for one in exc.errors()), *problems)
-    return CheckedRecipe(not problems, problems, data)
-
-
-def _problem(raw: dict[str, Any]) -> RecipeProblem:
-    path = user_path(raw["loc"])
-    return RecipeProblem(path, sentence(raw, path).strip())
-
-
-def _named(data: dict[str, Any], folder: Path, store: ProfileStore) -> Iterator[RecipeProblem]:
-    """Profiles that aren't there, and files that aren't or lie outside the recipe's folder."""
-    for path, value, node in fields_of(data):
-        message = ""
-        if isinstance(value, str) and "profile" in node:
-            message = _profile(PROFILES[node["profile"]], value, store)
-        elif isinstance(value, str) and node.get("file"):
-            message = _file(value, folder)
-        if message:
-            yield RecipeProblem(path, f"{'.'.join(map(str, path))}: {message}")
-
-
-def _profile(model: type[Facts], name: str, store: ProfileStore) -> str:
-    if name.endswith((".yaml", ".yml")) and name not in store.choices(model):
-        return (
-            f"on the page a shipped profile is named, or one of your own in {store.folder(model)}; "
-            "any other file is used from a terminal"
-        )
-    try:
-        load(model, name)
-    except ProfileError as exc:
-        return str(exc)
-    return ""
-
-
-def _file(name: str, folder: Path) -> str:
-    inside = PurePath(name)
-    if inside.is_absolute() or ".." in inside.parts or "\\" in name or not name:
-        return (
-            f"{name!r} isn't the name of a file beside the recipe; upload the file to the "
-            "recipes and give its name"
-        )
-    try:
-        there = (folder / inside).exists()
-    except OSError:  # no file system takes such a name
-        there = False
-    if not there:
-        return f"there is no file {name!r} beside the recipe; upload it"
-    return ""
-
-
-EXAMPLES: Final = Path(__file__).resolve().parents[3] / "examples"
-"""Beside the packages in a copy of the sources; an installed program has the starter alone."""
+_PACKAGE: Final = Path(__file__).resolve().parents[2]
+_SHIPPED: Final = _PACKAGE / "examples"
+EXAMPLES: Final = _SHIPPED if _SHIPPED.is_dir() else _PACKAGE.parent / "examples"
+"""In an installed package; in a copy of the sources beside the packages."""
 SUFFIXES: Final = (
     ".stl", ".obj", ".ply", ".3mf", ".xyz", ".txt", ".csv", ".swc", ".json", ".npz", ".vtp",
     ".nii", ".gz", ".nrrd", ".tif", ".tiff",
@@ -174,15 +98,7 @@ _TEXTS: Final = (".obj", ".xyz", ".txt", ".csv", ".swc", ".json")
 
 @dataclass(frozen=True)
 class RecipeFile:
-    """Stored recipe of the workspace.
-
-    Attributes
-    ----------
-    name : str
-    modified : float, s since 1970
-    problems : int
-        How many things are wrong with it.
-    """
+    """Stored recipe of the workspace: ``modified`` s since 1970, and how many problems it has."""
 
     name: str
     modified: float
@@ -190,18 +106,13 @@ class RecipeFile:
 
 
 @dataclass(frozen=True)
-class RecipeText:
+class RecipeText(CheckedRecipe):
     """A recipe as it lies in its file, and what is wrong with it.
 
     Attributes
     ----------
-    name : str
-    text : str
     version : str
         Changes with every change of the text; to be sent back with a changed one.
-    problems : tuple of RecipeProblem
-    data : dict or None
-        None when the text can't be read.
     places : tuple of PickTarget
         Fields that a click on the tissue can set.
     """
@@ -209,8 +120,6 @@ class RecipeText:
     name: str
     text: str
     version: str
-    problems: tuple[RecipeProblem, ...]
-    data: dict[str, Any] | None
     places: tuple[PickTarget, ...]
 
 
@@ -220,14 +129,10 @@ class RecipeChoices:
 
     Attributes
     ----------
-    examples : tuple of str
-        What a new recipe can begin from.
     profiles : dict of str to dict of str to str
         By sort: names to be written, each with the name to be shown.
-    files : tuple of str
-        Files beside the recipes that these may name.
-    suffixes : tuple of str
-        Of files that recipes may name.
+    files, suffixes : tuple of str
+        Files beside the recipes that these may name, and suffixes of such.
     stages : tuple of str
         Stages that a design can be made until, in their order.
     unusable : tuple of str
@@ -243,53 +148,36 @@ class RecipeChoices:
 
 
 class Recipes:
-    """The folder ``recipes`` of a workspace, and its bin.
-
-    Attributes
-    ----------
-    store : ProfileStore
-        Profiles that a recipe may name.
-    """
+    """The folder ``recipes`` of a workspace, with the files that they name, and its bin."""
 
     def __init__(self, workspace: Workspace) -> None:
-        self._workspace, self.store = workspace, ProfileStore(workspace.root)
+        self.workspace, self._store = workspace, ProfileStore(workspace.root)
+        self.folder, self._bin = workspace.root / "recipes", workspace.private / "bin"
         self._lock = threading.Lock()
-
-    @property
-    def folder(self) -> Path:
-        """Where they lie, with the files that they name."""
-        return self._workspace.root / "recipes"
-
-    @property
-    def _bin(self) -> Path:
-        return self._workspace.private / "bin"
 
     def rows(self) -> list[RecipeFile]:
         """All of them, by name."""
         files = []
-        for path in map(self._workspace.recipe, self.names()):
+        for path in map(self.workspace.recipe, self.names()):
             checked = self.check(path.read_text(encoding="utf-8", errors="replace"))
             files.append(RecipeFile(path.stem, path.stat().st_mtime, len(checked.problems)))
         return files
 
     def names(self) -> list[str]:
         """Their names, sorted."""
-        files = [path for path in self._workspace.found("recipes/*.yaml") if path.is_file()]
+        files = [path for path in self.workspace.found("recipes/*.yaml") if path.is_file()]
         return sorted(path.stem for path in files if is_name(path.stem))
-
-    def files(self) -> list[str]:
-        """Files beside the recipes that these may name, sorted."""
-        return sorted(p.name for p in self.folder.iterdir() if p.suffix.lower() in SUFFIXES)
 
     def choices(self) -> RecipeChoices:
         """Return what there is to choose from."""
+        files = (p.name for p in self.folder.iterdir() if p.suffix.lower() in SUFFIXES)
         return RecipeChoices(
             tuple(self.examples()),
-            {sort: self.store.choices(model) for sort, model in PROFILES.items()},
-            tuple(self.files()),
+            {sort: self._store.choices(model) for sort, model in PROFILES.items()},
+            tuple(sorted(files)),
             SUFFIXES,
             TOOLPATH_NAMES,
-            tuple(self._workspace.unusable_names("recipes/*.yaml", "runs/*")),
+            tuple(self.workspace.unusable_names("recipes/*.yaml", "runs/*")),
         )
 
     def examples(self) -> list[str]:
@@ -299,8 +187,50 @@ class Recipes:
         return ["starter", *sorted(named)]
 
     def check(self, text: str) -> CheckedRecipe:
-        """Read a recipe's text and hold it against the schema."""
-        return check_text(text, self.folder, self.store)
+        """Hold a recipe's text against the schema, and look for the profiles and files it names."""
+        try:
+            data = read_text(text)
+        except BadRequestError as exc:
+            return CheckedRecipe(False, (RecipeProblem((), str(exc)),), None)
+        problems = []
+        try:
+            Recipe.model_validate(data)
+        except ValidationError as exc:
+            for one in exc.errors():
+                path = user_path(one["loc"])
+                problems.append(RecipeProblem(path, sentence(dict(one), path).strip()))
+        for path, value, node in fields_of(data):
+            why = self._why_not(value, node) if isinstance(value, str) else ""
+            if why:
+                problems.append(RecipeProblem(path, f"{'.'.join(map(str, path))}: {why}"))
+        return CheckedRecipe(not problems, tuple(problems), data)
+
+    def _why_not(self, name: str, node: Schema) -> str:
+        """Why a name can't stand in a field, by its node of the schema; empty where it can."""
+        if "profile" in node:
+            model = PROFILES[node["profile"]]
+            if name.endswith((".yaml", ".yml")) and name not in self._store.choices(model):
+                return (
+                    "on the page a shipped profile is named, or one of your own in "
+                    f"{self._store.folder(model)}; any other file is used from a terminal"
+                )
+            try:
+                load(model, name)
+            except ProfileError as exc:
+                return str(exc)
+        elif node.get("file"):
+            inside = PurePath(name)
+            if inside.is_absolute() or ".." in inside.parts or "\\" in name or not name:
+                return (
+                    f"{name!r} isn't the name of a file beside the recipe; upload the file to the "
+                    "recipes and give its name"
+                )
+            try:
+                there = (self.folder / inside).exists()
+            except OSError:  # no file system takes such a name
+                there = False
+            return "" if there else f"there is no file {name!r} beside the recipe; upload it"
+        return ""
 
     def read(self, name: str) -> RecipeText:
         """A recipe's text, and what is wrong with it.
@@ -309,24 +239,40 @@ class Recipes:
         ------
         NotFoundError
         """
-        return self._opened(name, self._text(name))
+        return self._opened(name, self.text(name))
 
-    def _text(self, name: str) -> str:
+    def text(self, name: str) -> str:
+        """A recipe's text.
+
+        Raises
+        ------
+        NotFoundError
+        """
         return self._there(name).read_text(encoding="utf-8", errors="replace")
 
     def _opened(self, name: str, text: str) -> RecipeText:
         found = self.check(text)
-        places = pick_targets(found.data)
-        return RecipeText(name, text, _version(text), found.problems, found.data, places)
+        places = tuple(_pick_targets((found.data or {}).get("vasculature")))
+        return RecipeText(
+            **vars(found), name=name, text=text, version=_version(text), places=places
+        )
+
+    def tissue_page(self, name: str) -> Path:
+        """The page of a recipe's tissue, on which places are picked.
+
+        Raises
+        ------
+        NotFoundError
+        ConflictError
+            When the tissue can't be made.
+        """
+        section = (self.read(name).data or {}).get("tissue")
+        return tissue_page(self.workspace.recipe(name), section, self.workspace.private / "pages")
 
     def write(self, name: str, text: str, version: str | None = None) -> RecipeText:
         """Write a recipe, right or wrong; what can't be read as YAML is refused.
 
-        Parameters
-        ----------
-        name, text : str
-        version : str or None
-            Of the text that was changed; None for a new recipe.
+        ``version`` is of the text that was changed; None for a new recipe.
 
         Raises
         ------
@@ -336,13 +282,13 @@ class Recipes:
             When the recipe has changed since, or a new one is already there.
         """
         read_text(text)
-        path = self._workspace.recipe(name)
+        path = self.workspace.recipe(name)
         with self._lock:
             if version is None and name in RESERVED:
                 raise BadRequestError(f"{name!r} can't be a recipe's name; give another one")
             if version is None and path.exists():
                 raise ConflictError(f"there is a recipe {name!r} already; give another name")
-            if version is not None and _version(self._text(name)) != version:
+            if version is not None and _version(self.text(name)) != version:
                 raise ConflictError(
                     f"recipe {name!r} was changed elsewhere meanwhile; load it again"
                 )
@@ -350,16 +296,7 @@ class Recipes:
         return self._opened(name, text)
 
     def change(self, name: str, path: KeyPath, value: Any, version: str) -> RecipeText:
-        """Change one value, or remove it (None); the text's comments stay.
-
-        Parameters
-        ----------
-        name : str
-        path : tuple of str or int
-            Keys to the value.
-        value : JSON value or None
-        version : str
-            Of the text that is changed.
+        """Change the value at ``path``, or remove it (None); the text's comments stay.
 
         Raises
         ------
@@ -367,9 +304,9 @@ class Recipes:
         BadRequestError
             When the text can't be read, or the path leads nowhere.
         ConflictError
-            When the recipe has changed since.
+            When the recipe isn't of this ``version`` any more.
         """
-        text = self._text(name)
+        text = self.text(name)
         return self.write(name, rewrite_yaml(text, changed(read_text(text), path, value)), version)
 
     def new(self, name: str, source: str = "starter") -> RecipeText:
@@ -382,12 +319,11 @@ class Recipes:
         if source not in self.examples():
             raise NotFoundError(f"there is no example {source[:80]!r}")
         path = STARTER if source == "starter" else EXAMPLES / f"{source}.yaml"
-        made = self._named(path.read_text(encoding="utf-8"), name)
-        return self.write(name, made)
+        return self.write(name, _named(path.read_text(encoding="utf-8"), name))
 
     def duplicate(self, name: str, copy: str) -> RecipeText:
         """Make a copy under another name."""
-        return self.write(copy, self._named(self._text(name), copy))
+        return self.write(copy, _named(self.text(name), copy))
 
     def rename(self, name: str, to: str) -> RecipeText:
         """Give a recipe another name; runs that it made keep theirs."""
@@ -408,8 +344,7 @@ class Recipes:
             raise BadRequestError("a recipe is text in UTF-8; this isn't") from exc
         read_text(text)
         stem = re.sub(r"[^A-Za-z0-9_-]+", "_", PurePath(file_name).stem).strip("_-")[:48]
-        base = stem or "recipe"
-        taken = self.names()
+        base, taken = stem or "recipe", self.names()
         free = (n for n in (base, *(f"{base}_{k}" for k in range(2, 1000))) if n not in taken)
         return self.write(next(free), text)
 
@@ -431,7 +366,7 @@ class Recipes:
                 f"{name} isn't what its suffix says, by its first bytes ({data[:4].hex(' ')}); "
                 "export it again"
             )
-        path = self._workspace.inside(self.folder / name)
+        path = self.workspace.inside(self.folder / name)
         if path.exists() and path.read_bytes() != data:
             raise ConflictError(f"there is another file {name!r} already; rename yours")
         write_bytes(path, data)
@@ -458,14 +393,15 @@ class Recipes:
         return made
 
     def _there(self, name: str) -> Path:
-        path = self._workspace.recipe(name)
+        path = self.workspace.recipe(name)
         if not path.is_file():
             raise NotFoundError(f"there is no recipe {name!r}")
         return path
 
-    def _named(self, text: str, name: str) -> str:
-        checked_name(name)
-        return rewrite_yaml(text, {**read_text(text), "name": name})
+
+def _named(text: str, name: str) -> str:
+    checked_name(name)
+    return rewrite_yaml(text, {**read_text(text), "name": name})
 
 
 def _version(text: str) -> str:
@@ -482,3 +418,32 @@ def _is_of_its_kind(name: str, data: bytes) -> bool:
     if suffix in _TEXTS:
         return b"\0" not in data[:1024]
     return data.startswith(_STARTS.get(suffix, b""))
+
+
+def _pick_targets(part: Any) -> Iterator[PickTarget]:
+    """Give the places that can be picked for a recipe's vessels; none where these aren't grown."""
+    part = part if isinstance(part, dict) else {}
+    at, inlet = "vasculature", "at_mm"
+    grow, anatomy = part.get("grow"), part.get("anatomy")
+    if grow == "tree" and isinstance(anatomy, dict):
+        for name in INLETS.get(str(anatomy.get("template")), ()):
+            yield PickTarget(name.replace("_", " "), (at, "anatomy", "inlets", name), inlet)
+    elif grow == "tree":
+        count = len(_each(part.get("inlets")))
+        yield PickTarget("a further inlet", (at, "inlets", count), inlet)
+        for k in range(count):
+            yield PickTarget(f"inlet {k + 1}", (at, "inlets", k), inlet)
+    elif grow == "closed_loop":
+        yield PickTarget("the artery's inlet", (at, "root_mm"))
+        yield PickTarget("the vein's outlet", (at, "vein_root_mm"))
+    elif grow == "forest":
+        for n, network in enumerate(_each(part.get("networks"))):
+            trees = network.get("trees") if isinstance(network, dict) else None
+            for k, tree in enumerate(_each(trees)):
+                kind = tree.get("kind", "tree") if isinstance(tree, dict) else "tree"
+                path = (at, "networks", n, "trees", k, "root_mm")
+                yield PickTarget(f"network {n + 1}: {kind} {k + 1}", path)
+
+
+def _each(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -9,17 +10,11 @@ from fastapi import APIRouter, UploadFile
 from pydantic import Field
 from starlette.responses import FileResponse, HTMLResponse
 
+from printctl.recipe.schema import recipe_schema
 from printctl.web.design.recipe_text import MOST_BYTES, read_value
-from printctl.web.design.recipes import (
-    CheckedRecipe,
-    RecipeChoices,
-    RecipeFile,
-    RecipeText,
-)
-from printctl.web.design.run_views import Comparison, Figure
-from printctl.web.design.runs import RunProgress, RunRow
-from printctl.web.design.schema import recipe_schema
-from printctl.web.design.service import ARTEFACTS, DesignService
+from printctl.web.design.recipes import CheckedRecipe, Recipes, RecipeText
+from printctl.web.design.run_views import Comparison, Figure, compare_runs, key_figures
+from printctl.web.design.runs import ARTEFACTS, RunProgress, Runs
 from printctl.web.errors import BadRequestError
 from printctl.web.rest import API, REFUSALS, Body
 
@@ -91,15 +86,9 @@ _BARE: Final = (
 
 
 def embedded(path: Path, theme: Theme = "system", bare: bool = False) -> HTMLResponse:
-    """The page as an answer that may be framed by our pages alone.
+    """An HTML file that the product wrote, as an answer that our pages alone may frame.
 
-    Parameters
-    ----------
-    path : Path
-        An HTML file that the product wrote.
-    theme : Theme
-    bare : bool
-        Without its own head and foot: what stands there stands around it.
+    ``bare`` leaves out its own head and foot: what stands there stands around it.
     """
     text = path.read_text(encoding="utf-8")
     if bare:
@@ -116,35 +105,24 @@ def embedded(path: Path, theme: Theme = "system", bare: bool = False) -> HTMLRes
     )
 
 
-# REST routes for recipes: list, create, import, check, write, copy, rename, delete, restore.
-
 MOST_FILE_BYTES = 200_000_000
 
 
-def recipe_routes(service: DesignService) -> APIRouter:
+def recipe_routes(recipes: Recipes) -> APIRouter:
     """Routes below ``/api/v1/recipes``."""
-    recipes = service.recipes
     routes = APIRouter(prefix=f"{API}/recipes", tags=["recipes"], responses=REFUSALS)
-
-    @routes.get("", summary="All recipes")
-    def every() -> list[RecipeFile]:
-        return recipes.rows()
+    routes.get("", summary="All recipes")(recipes.rows)
+    routes.get("/examples", summary="What a new recipe can begin from")(recipes.examples)
+    routes.get("/choices", summary="Profiles, files, examples and stages to choose from")(
+        recipes.choices
+    )
+    routes.get("/schema", summary="JSON Schema of a recipe, with units, tags and titles of a form")(
+        recipe_schema
+    )
 
     @routes.post("", summary="Begin a recipe from the starter or an example", status_code=201)
     def new(given: NewRecipe) -> RecipeText:
         return recipes.new(given.name, given.source)
-
-    @routes.get("/examples", summary="What a new recipe can begin from")
-    def examples() -> list[str]:
-        return recipes.examples()
-
-    @routes.get("/choices", summary="Profiles, files, examples and stages to choose from")
-    def choices() -> RecipeChoices:
-        return recipes.choices()
-
-    @routes.get("/schema", summary="JSON Schema of a recipe, with units, tags and titles of a form")
-    def schema() -> dict[str, Any]:
-        return recipe_schema()
 
     @routes.post("/validate", summary="Hold a text against the schema; nothing is kept")
     def validate(given: RecipeTextRequest) -> CheckedRecipe:
@@ -177,7 +155,7 @@ def recipe_routes(service: DesignService) -> APIRouter:
         response_class=HTMLResponse,
     )
     def tissue(name: str, theme: Theme = "system") -> HTMLResponse:
-        return embedded(service.tissue(name), theme, bare=True)
+        return embedded(recipes.tissue_page(name), theme, bare=True)
 
     @routes.post("/{name}/duplicate", summary="Copy a recipe", status_code=201)
     def duplicate(name: str, given: RenameRequest) -> RecipeText:
@@ -205,21 +183,14 @@ def _read(file: UploadFile, most: int) -> bytes:
     return data
 
 
-# REST routes for runs: start, continue, cancel, progress, figures, files, pages, comparison.
-
-
-def run_routes(service: DesignService) -> APIRouter:
+def run_routes(runs: Runs) -> APIRouter:
     """Routes below ``/api/v1/runs``."""
-    runs = service.runs
     routes = APIRouter(prefix=f"{API}/runs", tags=["runs"], responses=REFUSALS)
-
-    @routes.get("", summary="All runs, the newest first")
-    def every() -> list[RunRow]:
-        return runs.rows()
+    routes.get("", summary="All runs, the newest first")(runs.rows)
 
     @routes.get("/compare", summary="Two runs beside each other")
     def compare(one: str, other: str) -> Comparison:
-        return service.compare(one, other)
+        return compare_runs(runs.folder(one), runs.folder(other))
 
     @routes.post("/{name}/start", summary="Make the design of the recipe of that name")
     def start(name: str, given: MakeRequest) -> RunProgress:
@@ -235,19 +206,18 @@ def run_routes(service: DesignService) -> APIRouter:
 
     @routes.get("/{name}/progress", summary="How far a run, or its print, is")
     def progress(name: str) -> RunProgress:
-        return service.progress(name)
+        run = runs.progress(name)
+        return run if run.going_on else replace(run, print_state=runs.print_state(name))
 
     @routes.get("/{name}/figures", summary="Key figures of a run")
     def figures(name: str) -> list[Figure]:
-        return service.figures(name)
+        return key_figures(runs.folder(name))
 
-    @routes.get("/{name}/files", summary="Files of a run that can be fetched")
-    def files(name: str) -> list[str]:
-        return service.artefacts(name)
+    routes.get("/{name}/files", summary="Files of a run that can be fetched")(runs.artefacts)
 
     @routes.get("/{name}/files/{file}", summary="A file of a run", response_class=FileResponse)
     def file(name: str, file: str) -> FileResponse:
-        path = service.artefact(name, file)
+        path = runs.artefact(name, file)
         return FileResponse(path, media_type=ARTEFACTS[file], filename=f"{name}_{file}")
 
     @routes.get(
@@ -256,11 +226,6 @@ def run_routes(service: DesignService) -> APIRouter:
         response_class=HTMLResponse,
     )
     def page(name: str, page: str, theme: Theme = "system") -> HTMLResponse:
-        return embedded(service.page(name, page), theme, bare=page != "report")
+        return embedded(runs.page(name, page), theme, bare=page != "report")
 
     return routes
-
-
-def routers(service: DesignService) -> tuple[APIRouter, ...]:
-    """Routes below ``/api/v1/recipes`` and ``/api/v1/runs``; nested, each would be made twice."""
-    return recipe_routes(service), run_routes(service)

@@ -6,23 +6,24 @@ import csv
 import json
 import sys
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
+from rich.console import Console
 
 from design.network import VesselNetwork
-from firmware_profiles import Ink, Printer, Syringe, load
+from kernels.arrays import FloatArray
 from printctl.analysis.networks import Drive, load_source
-from printctl.checks.gcode_view import Pushing, read_job, read_line_map
+from printctl.checks.gcode_view import read_job, read_line_map
 from printctl.errors import UsageError
 from printctl.failures import message_and_code
 from printctl.pipeline.tissue_source import make_tissue
-from printctl.pipeline.written_layers import run_outlines
+from printctl.pipeline.written_layers import pushing_of, remembered, run_outlines
 from printctl.recipe.load import refusal
+from printctl.recipe.schema import user_path
 from printctl.recipe.tissue import TissuePart
 from printctl.run_folder.artefacts import GCODE, OXYGEN
-from printctl.run_folder.manifest import Manifest
 from printctl.web.design.recipe_text import read_text
 from printctl.web.design.run_views import LUMENS
 from printctl.web.worker import lower_priority
@@ -45,36 +46,29 @@ def write_network(run: Path, path: Path) -> None:
 
 def _more(run: Path, network: VesselNetwork) -> list[Quantity]:
     """What a run knows besides flow and scan: lumens by the G-code, and oxygen."""
+    lumens = json.loads(_text(run / LUMENS) or "{}").get("lumens", [])
+    errors = [(str(row.get("lumen", "")), row.get("diameter_error_median_um")) for row in lumens]
+    rows = csv.DictReader(_text(run / OXYGEN).splitlines())
+    levels = [(row.get("vessel", ""), row.get("oxygen_out_millimolar")) for row in rows]
+    error, oxygen = (_by_vessel(network, pairs) for pairs in (errors, levels))
     shown = [
-        signed("lumen", "Lumen error by the G-code", "µm", _lumen_error(run, network)),
-        magnitude("oxygen", "Oxygen at the end", "mmol/L", _oxygen(run, network), log=False),
+        signed("lumen", "Lumen error by the G-code", "µm", error),
+        magnitude("oxygen", "Oxygen at the end", "mmol/L", oxygen, log=False),
     ]
     return [one for one in shown if one is not None]
 
 
-def _lumen_error(run: Path, network: VesselNetwork) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+
+def _by_vessel(network: VesselNetwork, pairs: list[tuple[str, Any]]) -> FloatArray:
+    """Return the values that are given of vessels, by their number; NaN for the others."""
     values = np.full(network.vessel_count, np.nan)
-    if (run / LUMENS).is_file():
-        rows = json.loads((run / LUMENS).read_text(encoding="utf-8")).get("lumens", [])
-        for row in rows:
-            number, error = str(row.get("lumen", "")), row.get("diameter_error_median_um")
-            if number.isdigit() and int(number) < len(values) and error is not None:
-                values[int(number)] = float(error)
+    for number, value in pairs:
+        if number.isdigit() and int(number) < len(values) and value not in (None, ""):
+            values[int(number)] = float(value)
     return values
-
-
-def _oxygen(run: Path, network: VesselNetwork) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    values = np.full(network.vessel_count, np.nan)
-    if (run / OXYGEN).is_file():
-        with (run / OXYGEN).open(encoding="utf-8", newline="") as handle:
-            for row in csv.DictReader(handle):
-                number, level = row.get("vessel", ""), row.get("oxygen_out_millimolar")
-                if number.isdigit() and int(number) < len(values) and level:
-                    values[int(number)] = float(level)
-    return values
-
-
-# Write the HTML page that shows a run's G-code by layers or, embedded, by strokes.
 
 
 def write_gcode(run: Path, path: Path) -> None:
@@ -82,34 +76,14 @@ def write_gcode(run: Path, path: Path) -> None:
     data = (run / GCODE).read_bytes()
     lines = data.count(b"\n") + (not data.endswith(b"\n"))
     line_map, _ = read_line_map(run / GCODE, lines)
-    job = read_job(data, f"{run.name}/{GCODE}", _pushing(run), line_map)
+    job = read_job(
+        data, f"{run.name}/{GCODE}", pushing_of(remembered(run, Console(quiet=True))), line_map
+    )
     count = len(job.layers)
     first = count - 1 if job.layers.passes else (count - 1) // 2
     outlines = run_outlines(run, job)
     colour = colourings(job)[0] if outlines is None else PLAIN
     write_gcode_html(path, job, GcodePage(colour.key, first), outlines)
-
-
-def _pushing(run: Path) -> Pushing:
-    """What E counts, by the run's own profiles."""
-    part = Manifest.load(run).facts.get("recipe", {}).get("printer", {})
-    printer = load(Printer, str(part.get("profile", "generic_marlin")))
-    if printer.pneumatic is not None:
-        raise UsageError(
-            f"{printer.name} has no plunger: its layers are shown by `printctl view "
-            f"{run / GCODE} --printer ... --flow-ul-s ...`"
-        )
-    syringe = load(Syringe, str(part.get("syringe", "hamilton_1ml")))
-    return Pushing(
-        printer=printer,
-        bore_mm=syringe.inner_mm,
-        bore_said=syringe.name,
-        syringe_mm=syringe.inner_mm,
-        syringe_said=syringe.name,
-        flow_ul_s=None,
-        layer_mm=None,
-        bead=load(Ink, str(part.get("ink", "collagen_fresh"))).bead_section,
-    )
 
 
 def write_tissue(recipe: Path, path: Path) -> None:
@@ -120,7 +94,8 @@ def write_tissue(recipe: Path, path: Path) -> None:
     try:
         part: TissuePart = TypeAdapter(TissuePart).validate_python(section)
     except ValidationError as exc:
-        raise UsageError(refusal(exc, "tissue")) from exc
+        said = refusal(exc, recipe.name, lambda loc: user_path(("tissue", *loc)))
+        raise UsageError(said) from exc
     tissue = make_tissue(part, recipe.parent)
     page = NetworkPage(recipe.stem, notes=tuple(tissue.notes))
     write_places_html(path, ReportSurface("Tissue", tissue.surface), page)
@@ -130,7 +105,7 @@ def write_tissue(recipe: Path, path: Path) -> None:
 #
 # What can't be made is said in the last line of standard error, with exit code 1.
 
-_WRITERS: Final = {"network": write_network, "gcode": write_gcode, "tissue": write_tissue}
+_WRITERS: Final = {"network": write_network, "layers": write_gcode, "tissue": write_tissue}
 
 
 def main() -> int:

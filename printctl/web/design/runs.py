@@ -1,4 +1,4 @@
-"""Runs of a recipe started from the page: their processes, progress and ends."""
+"""Runs of a recipe started from the page: their processes, progress, files and pages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -22,6 +22,7 @@ from printctl.pipeline.run_options import REHEARSAL, TOOLPATH_NAMES, names_until
 from printctl.run_folder.manifest import MANIFEST
 from printctl.sources import python_command
 from printctl.web.design.recipes import Recipes
+from printctl.web.design.run_views import run_page
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import Workspace, is_name
 
@@ -31,39 +32,28 @@ StageState = Literal["waiting", "running", "done", "failed"]
 RunState = Literal["never", "starting", "running", "done", "failed", "interrupted"]
 
 
-@dataclass(frozen=True)
+@dataclass
 class StageProgress:
-    """Progress of one stage.
+    """Progress of one stage: a ``fraction`` from 0 to 1, and what the user should know.
 
-    Attributes
-    ----------
-    name : str
-    state : StageState
-    fraction : float, 0 to 1
-    note : str
-        What is being done, how long it took, or why it failed.
-    remarks : tuple of str
-        What the user should know.
+    ``note`` is what is being done, how long it took, or why it failed.
     """
 
     name: str
     state: StageState = "waiting"
     fraction: float = 0.0
     note: str = ""
-    remarks: tuple[str, ...] = ()
+    remarks: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
+@dataclass
 class RunProgress:
     """A run as far as it is.
 
     Attributes
     ----------
-    name : str
-    state : RunState
     until : str
         Last stage that was asked for; empty when nothing is known.
-    stages : tuple of StageProgress
     message : str
         Why it failed.
     pid : int
@@ -79,95 +69,73 @@ class RunProgress:
     name: str
     state: RunState = "never"
     until: str = ""
-    stages: tuple[StageProgress, ...] = ()
+    stages: list[StageProgress] = field(default_factory=list)
     message: str = ""
     pid: int = 0
     begun: float = 0.0
     told: float = 0.0
     print_state: str = ""
-    fraction: float = field(init=False, default=0.0)
-
-    def __post_init__(self) -> None:
-        share = sum(one.fraction for one in self.stages) / max(len(self.stages), 1)
-        object.__setattr__(self, "fraction", share)
+    fraction: float = 0.0
 
     @property
     def going_on(self) -> bool:
         """Whether its process lives."""
         return self.state in ("starting", "running")
 
+    def _take(self, step: dict[str, Any]) -> None:
+        """Change it by a line of the progress file."""
+        event, note = step.get("event"), str(step.get("note", ""))
+        self.told = float(step.get("time", self.told))
+        if event == "begin":
+            self.state, self.until = "running", str(step.get("until", ""))
+            self.pid, self.begun = int(step.get("pid", 0)), self.told
+            self.stages = [StageProgress(str(one)) for one in step.get("stages", ())]
+        elif event == "end":
+            states: dict[str, RunState] = {"done": "done", "interrupted": "interrupted"}
+            state = states.get(str(step.get("result")), "failed")
+            self.break_off(state, str(step.get("message", "")))
+        elif event in ("stage", "done", "remark"):
+            name = str(step.get("name", ""))
+            stage = next((one for one in self.stages if one.name == name), StageProgress(name))
+            if event == "remark":
+                stage.remarks.append(note)
+                return
+            if stage not in self.stages:
+                self.stages.append(stage)
+            stage.state = "running" if event == "stage" else "done"
+            stage.fraction = float(step.get("fraction", 0.0)) if event == "stage" else 1.0
+            stage.note = note or stage.note
+
+    def break_off(self, state: RunState, why: str) -> None:
+        """End it; the stage at work has failed."""
+        self.state, self.message = state, why
+        for stage in self.stages:
+            if stage.state == "running":
+                stage.state, stage.note = "failed", why or stage.note
+
 
 def read_progress(name: str, path: Path) -> RunProgress:
     """Read a run's file; a line that is half written, or none at all, is passed over."""
-    progress = RunProgress(name)
+    run = RunProgress(name)
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
-        return progress
-    for line in text.splitlines():
+        return run
+    for line in lines:
         try:
             step = json.loads(line)
         except ValueError:
             continue
         if isinstance(step, dict):
-            progress = _after(progress, step)
-    return progress
-
-
-def _after(run: RunProgress, step: dict[str, Any]) -> RunProgress:
-    run = replace(run, told=float(step.get("time", run.told)))
-    event, note = step.get("event"), str(step.get("note", ""))
-    if event == "begin":
-        stages = tuple(StageProgress(str(one)) for one in step.get("stages", ()))
-        return RunProgress(
-            run.name, "running", str(step.get("until", "")), stages,
-            pid=int(step.get("pid", 0)), begun=run.told, told=run.told,
-        )  # fmt: skip
-    if event == "end":
-        return _ended(run, str(step.get("result", "failed")), str(step.get("message", "")))
-    name = str(step.get("name", ""))
-    if event == "stage":
-        return _with(run, name, "running", float(step.get("fraction", 0.0)), note)
-    if event == "done":
-        return _with(run, name, "done", 1.0, note)
-    if event == "remark":
-        stages = tuple(
-            replace(one, remarks=(*one.remarks, note)) if one.name == name else one
-            for one in run.stages
-        )
-        return replace(run, stages=stages)
+            run._take(step)
+    run.fraction = sum(one.fraction for one in run.stages) / max(len(run.stages), 1)
     return run
-
-
-def _with(run: RunProgress, name: str, state: StageState, done: float, note: str) -> RunProgress:
-    known = any(one.name == name for one in run.stages)
-    before = run.stages if known else (*run.stages, StageProgress(name))
-    stages = tuple(
-        replace(one, state=state, fraction=done, note=note or one.note) if one.name == name else one
-        for one in before
-    )
-    return replace(run, stages=stages)
-
-
-def _ended(run: RunProgress, result: str, message: str) -> RunProgress:
-    state: RunState = (
-        "done" if result == "done" else "interrupted" if result == "interrupted" else "failed"
-    )
-    return replace(broken_off(run, message), state=state, message=message)
-
-
-def broken_off(run: RunProgress, why: str) -> RunProgress:
-    """The run with the stage at work marked as failed."""
-    stages = tuple(
-        replace(one, state="failed", note=why or one.note) if one.state == "running" else one
-        for one in run.stages
-    )
-    return replace(run, stages=stages)
 
 
 # Start `printctl` commands as detached processes, one per folder; follow and cancel them.
 #
-# It writes its progress into its folder (`printctl.progress_file`) and holds the folder's lock.
+# It writes its progress into its folder (`printctl.progress_file`) and holds the folder's lock. It
+# is in a session of its own: the server may die, and another finds it by lock and progress.
 
 PROGRESS, LOG = "progress.jsonl", "run.log"
 _STARTS_S: Final = 60.0
@@ -175,23 +143,14 @@ _STARTS_S: Final = 60.0
 _PATIENCE: Final = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 
 
-@dataclass
 class DetachedProcesses:
     """Processes by the folders that they work in."""
 
-    _children: dict[Path, subprocess.Popen[bytes]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self._children: dict[Path, subprocess.Popen[bytes]] = {}
 
     def spawn(self, folder: Path, command: Sequence[str], cwd: Path) -> None:
-        """Start a command of ours that is told where to write its progress.
-
-        Parameters
-        ----------
-        folder : Path
-            Which it works in.
-        command : sequence of str
-            Subcommand and arguments.
-        cwd : Path
-        """
+        """Start a command of ours (subcommand and arguments), told where to write its progress."""
         folder.mkdir(parents=True, exist_ok=True)
         (folder / PROGRESS).unlink(missing_ok=True)
         line = [*python_command("printctl"), *command]
@@ -208,13 +167,16 @@ class DetachedProcesses:
 
     def progress(self, name: str, folder: Path) -> RunProgress:
         """How far the command in a folder is; ``never`` when none was started."""
-        run = read_progress(name, folder / PROGRESS)
-        child = self._children.get(folder)
+        run, child = read_progress(name, folder / PROGRESS), self._children.get(folder)
         if child is not None and child.poll() is None:
-            return replace(run, state="starting") if run.state == "never" else _leaving(run)
-        if not run.going_on:
-            return run if run.state != "never" or child is None else _dead(run, folder)
-        return run if _lives(run, folder) else _dead(run, folder)
+            if not run.going_on:  # not quite begun, or hasn't quite left yet
+                run.state = "starting" if run.state == "never" else "running"
+        elif (run.going_on and not _lives(run, folder)) or (
+            run.state == "never" and child is not None
+        ):
+            why = f"the process is gone{_last_words(run, folder)}; start it again, finished stages "
+            run.break_off("interrupted", f"{why}are kept")
+        return run
 
     def going_on(self, name: str, folder: Path) -> bool:
         """Whether a process, also one from a terminal, works in a folder."""
@@ -223,17 +185,20 @@ class DetachedProcesses:
     def cancel(self, name: str, folder: Path) -> bool:
         """End the command in a folder and all that it started; False when none is going on."""
         run, child = self.progress(name, folder), self._children.get(folder)
-        alive = child is not None and child.poll() is None
-        pid = child.pid if child is not None and alive else run.pid
+        pid = child.pid if child is not None and child.poll() is None else run.pid
         if not run.going_on or not pid:
             return False
-        _end(pid, child)
+        for sign, wait_s in _PATIENCE:
+            try:
+                os.killpg(pid, sign)
+            except (ProcessLookupError, PermissionError):
+                break
+            deadline = time.monotonic() + wait_s
+            while time.monotonic() < deadline:
+                if (child.poll() is not None) if child is not None else not _exists(pid):
+                    return True
+                time.sleep(0.05)
         return True
-
-
-def _leaving(run: RunProgress) -> RunProgress:
-    """A run whose process hasn't quite left yet is going on."""
-    return run if run.going_on else replace(run, state="running")
 
 
 def _lives(run: RunProgress, folder: Path) -> bool:
@@ -242,73 +207,66 @@ def _lives(run: RunProgress, folder: Path) -> bool:
     return is_run_active(folder) or time.time() - run.begun < _STARTS_S
 
 
-def _dead(run: RunProgress, folder: Path) -> RunProgress:
+def _last_words(run: RunProgress, folder: Path) -> str:
+    """What a process that told no stage wrote last."""
     try:
-        text = (folder / LOG).read_text(encoding="utf-8", errors="replace")
+        text = "" if run.stages else (folder / LOG).read_text(encoding="utf-8", errors="replace")
     except OSError:
-        text = ""
-    last = text.strip().splitlines()[-1:] if not run.stages else []
-    last_words = f": {last[0]}" if last else ""
-    why = f"the process is gone{last_words}; start it again, finished stages are kept"
-    return replace(broken_off(run, why), state="interrupted", message=why)
-
-
-def _end(pid: int, child: subprocess.Popen[bytes] | None) -> None:
-    for sign, wait_s in _PATIENCE:
-        try:
-            os.killpg(pid, sign)
-        except (ProcessLookupError, PermissionError):
-            return
-        deadline = time.monotonic() + wait_s
-        while time.monotonic() < deadline:
-            if (child.poll() is not None) if child is not None else not _exists(pid):
-                return
-            time.sleep(0.05)
+        return ""
+    return "".join(f": {line}" for line in text.strip().splitlines()[-1:])
 
 
 def _exists(pid: int) -> bool:
+    """Whether a process lives; on Linux, one that waits for its parent to take note doesn't."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
     except PermissionError:
         return True
-    return not _is_dead(Path(f"/proc/{pid}/stat"))
-
-
-def _is_dead(stat: Path) -> bool:
-    """Whether a process has ended and only waits for its parent to take note (Linux)."""
     try:
-        status = stat.read_text(encoding="utf-8", errors="replace")
-        return status.rpartition(")")[2].split()[0] == "Z"
+        status = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
+        return status.rpartition(")")[2].split()[0] != "Z"
     except (OSError, IndexError):
-        return False
+        return True
 
 
 # Start, follow, cancel and continue pipeline runs from the Design page.
-#
-# A run is a process of the command line in a session of its own: the server may die and another
-# finds it by its folder's lock and progress.
 
 RECIPE = "recipe.yaml"
 LAST_STAGE: Final = TOOLPATH_NAMES[-1]
 """As far as a design goes before it is printed."""
+_TYPES: Final = {
+    ".yaml": "text/plain; charset=utf-8",
+    ".log": "text/plain; charset=utf-8",
+    ".gcode": "text/plain; charset=utf-8",
+    ".json": "application/json",
+    ".csv": "text/csv",
+    ".vtp": "application/xml",
+    ".stl": "model/stl",
+    ".3mf": "model/3mf",
+    ".ply": "model/ply",
+    ".png": "image/png",
+    ".pdf": "application/pdf",
+    ".nrrd": "application/octet-stream",
+}
+_NAMES: Final = (
+    "recipe.yaml", "run.log", "manifest.json", "network.csv", "network.vtp", "flow.csv",
+    "oxygen.csv", "measures.json", "tissue.stl", "lumen.stl", "solid.stl", "solid.3mf",
+    "part.gcode", "dry_run.json", "predicted_bead.csv", "predicted_layers.csv", "lumens.json",
+    "time_line.png", "report.json", "report.pdf", "registration.json", "vessels.csv",
+    "sections.csv", "defects.csv", "deviation.ply", "deviation.vtp", "sections.vtp",
+    "scan_in_part.nrrd",
+)  # fmt: skip
+ARTEFACTS: Final = {name: _TYPES[Path(name).suffix] for name in _NAMES}
+"""Files of a run that may be fetched, and what they are."""
 
 
 @dataclass(frozen=True)
 class RunRow:
-    """A run of the workspace.
+    """A run of the workspace: ``modified`` s since 1970, ``has_job`` with G-code to be printed.
 
-    Attributes
-    ----------
-    name : str
-    modified : float, s since 1970
-    state : str
-    until : str
-        Last stage that was asked for.
-    has_job : bool
-        Whether it has G-code that can be printed.
-    has_report : bool
+    ``until`` is the last stage that was asked for.
     """
 
     name: str
@@ -323,13 +281,13 @@ class Runs:
     """The folder ``runs`` of a workspace."""
 
     def __init__(self, workspace: Workspace, recipes: Recipes) -> None:
-        self._workspace, self._recipes = workspace, recipes
+        self.workspace, self.recipes = workspace, recipes
         self.processes = DetachedProcesses()
         self._lock = threading.Lock()
 
     def rows(self) -> list[RunRow]:
         """All runs, the newest first."""
-        folders = [path for path in self._workspace.found("runs/*") if path.is_dir()]
+        folders = [path for path in self.workspace.found("runs/*") if path.is_dir()]
         rows = [self._row(path) for path in folders if is_name(path.name)]
         return sorted(rows, key=lambda row: -row.modified)
 
@@ -346,14 +304,44 @@ class Runs:
         ------
         NotFoundError, BadRequestError
         """
-        folder = self._workspace.run(name)
+        folder = self.workspace.run(name)
         if not folder.is_dir():
             raise NotFoundError(f"there is no run {name!r}")
         return folder
 
+    def artefacts(self, name: str) -> list[str]:
+        """Files of a run that may be fetched and are there."""
+        folder = self.folder(name)
+        return [one for one in ARTEFACTS if (folder / one).is_file()]
+
+    def artefact(self, name: str, file: str) -> Path:
+        """A file of a run.
+
+        Raises
+        ------
+        NotFoundError
+            When it isn't there, or isn't one that may be fetched.
+        """
+        path = self.folder(name) / file if file in ARTEFACTS else None
+        if path is None or not path.is_file() or path.is_symlink():
+            raise NotFoundError(f"run {name!r} has no file {file[:80]!r} that can be fetched")
+        return path
+
+    def page(self, name: str, page: str) -> Path:
+        """A page of a run: network, layers, dry_run or report.
+
+        Raises
+        ------
+        NotFoundError, ConflictError
+        """
+        folder = self.folder(name)
+        for one in folder.iterdir():  # a page is made of several
+            self.workspace.inside(one)
+        return run_page(folder, page, self.workspace.private / "pages")
+
     def progress(self, name: str) -> RunProgress:
         """How far a run is; ``never`` when it was never started."""
-        return self.processes.progress(name, self._workspace.run(name))
+        return self.processes.progress(name, self.workspace.run(name))
 
     def start(self, name: str, last: str = LAST_STAGE) -> RunProgress:
         """Make a recipe's design, as far as a stage before the print.
@@ -399,23 +387,13 @@ class Runs:
         ConflictError
             While the run, or a print of it, is going on.
         """
-        made, folder = self._workspace.run(name), self.rehearsal(name)
+        made, folder = self.workspace.run(name), self.workspace.run(name + REHEARSAL)
         with self._lock:
             self._refuse(name, folder)
             if made.is_dir():  # what was designed isn't made again
                 # Links stay links, which the page doesn't follow out of the workspace.
                 shutil.copytree(made, folder, True, _of_prints, dirs_exist_ok=True)
         return self._go(name, ["--rehearse", f"{speed:g}"], folder)
-
-    def rehearsal(self, name: str) -> Path:
-        """Run folder of a run's rehearsal: apart from what is printed for real.
-
-        Raises
-        ------
-        BadRequestError
-            When the name is too long for it.
-        """
-        return self._workspace.run(name + REHEARSAL)
 
     def cancel(self, name: str) -> RunProgress:
         """Stop a run; finished stages are kept.
@@ -425,14 +403,14 @@ class Runs:
         ConflictError
             When it isn't going on.
         """
-        if not self.processes.cancel(name, self._workspace.run(name)):
+        if not self.processes.cancel(name, self.workspace.run(name)):
             raise ConflictError(f"run {name!r} isn't going on")
         return self.progress(name)
 
     def print_state(self, name: str) -> str:
         """State of the run's print; empty when none was ever started."""
         try:
-            client = attach(self._workspace.run(name) / "print")
+            client = attach(self.workspace.run(name) / "print")
         except LinkError:
             return ""
         try:
@@ -441,17 +419,16 @@ class Runs:
             client.detach()
 
     def _go(self, name: str, more: list[str], where: Path | None = None) -> RunProgress:
-        recipe = self._recipes.read(name)
-        if recipe.problems:
-            raise BadRequestError("\n".join(p.message for p in recipe.problems))
-        folder = where or self._workspace.run(name)
+        recipe = self.recipes.read(name)
+        recipe.usable()
+        folder = where or self.workspace.run(name)
         with self._lock:
             self._refuse(name, folder)
             folder.mkdir(parents=True, exist_ok=True)
             (folder / RECIPE).write_text(recipe.text, encoding="utf-8")
-            path = str(self._workspace.recipe(name).resolve())
+            path = str(self.workspace.recipe(name).resolve())
             command = ["run", path, "--out", str(folder.resolve()), *more]
-            self.processes.spawn(folder, command, self._workspace.root)
+            self.processes.spawn(folder, command, self.workspace.root)
         return self.progress(folder.name)
 
     def _refuse(self, name: str, folder: Path) -> None:

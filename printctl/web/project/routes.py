@@ -12,9 +12,7 @@ from design.units import LengthUnit
 from printctl.web.design.runs import RunProgress
 from printctl.web.project.service import (
     MAX_SPEED,
-    GalleryEntry,
     Project,
-    ProjectRow,
     ProjectService,
     gallery,
 )
@@ -55,14 +53,10 @@ class Rehearsal(Body):
 def router(service: ProjectService) -> APIRouter:
     """Routes of the guided way."""
     routes = APIRouter(prefix=API, tags=["projects"], responses=REFUSALS)
-
-    @routes.get("/gallery", summary="What a new project can begin from")
-    def entries() -> list[GalleryEntry]:
-        return list(gallery())
-
-    @routes.get("/projects", summary="Recipes with what they have reached, the newest first")
-    def projects() -> list[ProjectRow]:
-        return service.projects()
+    routes.get("/gallery", summary="What a new project can begin from")(gallery)
+    routes.get("/projects", summary="Recipes with what they have reached, the newest first")(
+        service.projects
+    )
 
     @routes.post("/projects", summary="Begin with a mesh or a network")
     def begin(request: NewProject) -> Project:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -17,13 +17,12 @@ from design.units import LengthUnit
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.run_options import JOB_NAMES, REHEARSAL
 from printctl.run_folder.artefacts import GCODE
-from printctl.run_folder.manifest import Manifest
+from printctl.run_folder.manifest import MANIFEST, Manifest
 from printctl.web.core import Core
-from printctl.web.design.recipe_text import read_text, rewrite_yaml
-from printctl.web.design.recipes import EXAMPLES, CheckedRecipe
-from printctl.web.design.runs import RECIPE, RunProgress
-from printctl.web.design.service import DesignService
-from printctl.web.errors import BadRequestError, ConflictError
+from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
+from printctl.web.design.recipes import CheckedRecipe
+from printctl.web.design.runs import RECIPE, RunProgress, Runs
+from printctl.web.errors import ConflictError
 from printctl.web.project.sketch import Gone, SketchProcess
 from printctl.web.workspace import checked_name
 
@@ -36,18 +35,7 @@ MAX_SPEED: Final = 100.0
 
 @dataclass(frozen=True)
 class GalleryEntry:
-    """What a new project can begin from.
-
-    Attributes
-    ----------
-    example : str
-        Name of the recipe.
-    title, shows : str
-        In a few words, and in a sentence.
-    size : str
-    print_min : float, min
-        By the dry run.
-    """
+    """What a new project can begin from: a recipe, and its print time by the dry run, min."""
 
     example: str
     title: str
@@ -60,13 +48,7 @@ class GalleryEntry:
 class Slider:
     """A value of a recipe that matters, with the range in which it is tried.
 
-    Attributes
-    ----------
-    path : str
-        Keys of the recipe, joined by dots.
-    label, unit, hint : str
-    value, least, most, step : float
-        In ``unit``.
+    ``path`` has the keys of the recipe, joined by dots; ``value`` and range are in ``unit``.
     """
 
     path: str
@@ -85,12 +67,10 @@ class ProjectCheck:
 
     Attributes
     ----------
-    check : str
     passed, refuses : bool
         Whether it is as it should be, and whether the print is refused where it isn't.
     value, limit : float or None
         In ``unit``; None where there is no number.
-    unit, place, remedy : str
     """
 
     check: str
@@ -105,15 +85,7 @@ class ProjectCheck:
 
 @dataclass(frozen=True)
 class ProjectRow:
-    """A project in the list.
-
-    Attributes
-    ----------
-    name : str
-    modified : float, s since 1970
-    step : Step
-        What comes next.
-    """
+    """A project in the list: ``modified`` s since 1970, and the ``step`` that comes next."""
 
     name: str
     modified: float
@@ -126,12 +98,10 @@ class Project:
 
     Attributes
     ----------
-    name : str
     step : Step
         What comes next.
     problems : tuple of str
         Why the recipe can't be used.
-    sliders : tuple of Slider
     run : RunProgress
         Of the design, or of the rehearsal while that is going on.
     judged : str
@@ -145,7 +115,6 @@ class Project:
         Times real time at which a rehearsal takes about a minute.
     print_state : str
         Of its last print; empty when there was none.
-    has_report : bool
     reasons : tuple of str
         What the report's verdict rests on.
     passed : bool or None
@@ -168,27 +137,52 @@ class Project:
     passed: bool | None
 
 
+@dataclass(frozen=True)
+class _Design:
+    """What dry run and lumens say of a design."""
+
+    checks: tuple[ProjectCheck, ...]
+    print_time_s: float | None
+
+
+@dataclass(frozen=True)
+class _Reached:
+    """What is made of a recipe as it stands: design, its print, and the verdict on that."""
+
+    design: _Design | None = None
+    print_state: str = ""
+    judged: str = ""
+    verdict: dict[str, Any] | None = None
+
+    @property
+    def step(self) -> Step:
+        """What comes next."""
+        if self.design is None:
+            return "shape"
+        if self.verdict is not None:
+            return "done"
+        if self.print_state == "done":
+            return "judge"
+        refused = any(not one.passed and one.refuses for one in self.design.checks)
+        return "check" if refused else "print"
+
+
 class ProjectService:
-    """The guided way; any thread may call.
+    """The guided way over a workspace's recipes and their runs; any thread may call."""
 
-    Parameters
-    ----------
-    core : Core
-    design : DesignService
-        Recipes and their runs.
-    """
-
-    def __init__(self, core: Core, design: DesignService) -> None:
-        self._workspace, self._events, self._design = core.workspace, core.events, design
-        self._sketches = SketchProcess()
-
-    async def close(self) -> None:
-        """End the process that sketches."""
-        await self._sketches.close()
+    def __init__(self, core: Core, runs: Runs) -> None:
+        self._workspace, self._events = core.workspace, core.events
+        self._runs, self._recipes = runs, runs.recipes
+        self.sketches = SketchProcess()
 
     def projects(self) -> list[ProjectRow]:
         """All projects, the one changed last first."""
-        rows = [self._row(name) for name in self._design.recipes.names()]
+        rows = []
+        for name in self._recipes.names():
+            paths = (self._workspace.recipe(name), self._workspace.run(name))
+            modified = max(path.stat().st_mtime for path in paths if path.exists())
+            step = self._reached(name, self._recipes.text(name)).step
+            rows.append(ProjectRow(name, modified, step))
         return sorted(rows, key=lambda row: -row.modified)
 
     def project(self, name: str) -> Project:
@@ -198,45 +192,31 @@ class ProjectService:
         ------
         NotFoundError
         """
-        text = self._design.recipes.read(name).text
-        checked = self._design.recipes.check(text)
-        run = self._design.runs.progress(name)
-        folder = self._workspace.run(name)
-        made = self._is_made(text, run, folder)
-        stages = Manifest.load(folder).stages if folder.is_dir() else {}
-        checks = _checks(folder, stages) if made else ()
-        print_state = self._design.runs.print_state(name) if made else ""
-        judged, report = self._judged(name, text, print_state) if made else ("", None)
-        rehearsal = self._design.runs.progress(name + REHEARSAL)
-        time_s = stages["dry run"].summary.get("print_time_s") if made else None
+        recipe = self._recipes.read(name)
+        reached, rehearsal = self._reached(name, recipe.text), self._runs.progress(name + REHEARSAL)
+        design, verdict = reached.design, reached.verdict
+        checks, time_s = (design.checks, design.print_time_s) if design else ((), None)
         return Project(
             name=name,
-            step=_step(made, checks, print_state, report),
-            problems=tuple(one.message for one in checked.problems),
-            sliders=sliders(checked),
-            run=rehearsal if rehearsal.going_on else run,
-            judged=judged,
-            made=made,
+            step=reached.step,
+            problems=tuple(one.message for one in recipe.problems),
+            sliders=sliders(recipe),
+            run=rehearsal if rehearsal.going_on else self._runs.progress(name),
+            judged=reached.judged,
+            made=design is not None,
             checks=tuple(sorted(checks, key=lambda one: (one.passed, not one.refuses))),
             print_time_s=time_s,
             rehearsal_speed=min(max(round((time_s or 0.0) / LONGEST_REHEARSAL_S), 1), MAX_SPEED),
-            print_state=print_state,
-            has_report=report is not None,
-            reasons=tuple(report["verdict"].get("reasons", ())) if report else (),
-            passed=bool(report["verdict"]["passed"]) if report else None,
+            print_state=reached.print_state,
+            has_report=verdict is not None,
+            reasons=tuple(verdict.get("reasons", ())) if verdict else (),
+            passed=bool(verdict["passed"]) if verdict else None,
         )
 
     def begin(self, name: str, file: str, unit: LengthUnit) -> Project:
-        """Begin a project with a file beside the recipes.
+        """Begin a project with a file beside the recipes, of ``unit`` where it doesn't say its own.
 
         A mesh becomes a tissue in which a tree is grown; a network is written as it is.
-
-        Parameters
-        ----------
-        name : str
-        file : str
-        unit : LengthUnit
-            Of the file, where its format doesn't say it.
 
         Raises
         ------
@@ -244,23 +224,17 @@ class ProjectService:
         """
         checked_name(name)
         suffix = Path(file).suffix.lower()
-        mesh = suffix in (".stl", ".obj", ".ply", ".3mf")
         recipe: dict[str, Any] = {"schema": 1, "name": name, "seed": 1}
-        if mesh:
+        if suffix in (".stl", ".obj", ".ply", ".3mf"):
             recipe["tissue"] = {"mesh": file, "unit": unit}
             recipe["vasculature"] = {"grow": "tree", "terminals": 100, "printable": True}
         else:
             said = {"unit": unit} if suffix in (".csv", ".vtp", ".swc") else {}
             recipe["vasculature"] = {"network": file} | said
-        recipe |= _EMBEDDED
         text = "# Begun on the page; every key is explained in docs/recipe.md.\n"
-        text += yaml.safe_dump(recipe, sort_keys=False)
-        checked = self._design.recipes.check(text)
-        if checked.problems:
-            raise BadRequestError("\n".join(one.message for one in checked.problems))
-        if name in self._design.recipes.names():
-            raise ConflictError(f"there is a recipe {name!r} already; give another name")
-        self._design.recipes.write(name, text)
+        text += yaml.safe_dump(recipe | _EMBEDDED, sort_keys=False)
+        self._recipes.check(text).usable()
+        self._recipes.write(name, text)
         return self.project(name)
 
     async def sketch(
@@ -268,15 +242,7 @@ class ProjectService:
     ) -> dict[str, Any]:
         """The vessels that a recipe would give with other values; nothing is kept.
 
-        Parameters
-        ----------
-        name : str
-        values : dict
-            Paths of sliders to their values.
-        known : str
-            Tag of the tissue's outline that the browser has.
-        gone : coroutine function
-            Whether who asked has left meanwhile.
+        Values by the paths of sliders; the rest as in `SketchProcess.sketch`.
 
         Raises
         ------
@@ -285,13 +251,11 @@ class ProjectService:
         ConflictError
             When the vessels can't be grown.
         """
-        checked = self._design.recipes.check(_changed(self._design.recipes.read(name).text, values))
-        if checked.recipe is None:
-            raise BadRequestError("\n".join(one.message for one in checked.problems))
-        recipe = checked.recipe.model_dump(mode="json", by_alias=True)
+        text = _changed(self._recipes.text(name), values)
+        recipe = self._recipes.check(text).usable().model_dump(mode="json", by_alias=True)
         print_ = self._events.latest.get("print", {"ended": True})
-        folder = self._design.recipes.folder
-        return await self._sketches.sketch(recipe, folder, known, not print_["ended"], gone)
+        folder = self._recipes.folder
+        return await self.sketches.sketch(recipe, folder, known, not print_["ended"], gone)
 
     def change(self, name: str, values: dict[str, float]) -> Project:
         """Write values of sliders into the recipe.
@@ -300,94 +264,65 @@ class ProjectService:
         ------
         NotFoundError, BadRequestError, ConflictError
         """
-        before = self._design.recipes.read(name)
+        before = self._recipes.read(name)
         text = _changed(before.text, values)
-        checked = self._design.recipes.check(text)
-        if checked.recipe is None:
-            raise BadRequestError("\n".join(one.message for one in checked.problems))
-        self._design.recipes.write(name, text, before.version)
+        self._recipes.check(text).usable()
+        self._recipes.write(name, text, before.version)
         return self.project(name)
 
     def rehearse(self, name: str, speed: float) -> RunProgress:
         """Print the design on the simulated printer, scan it by the simulated scanner, judge it.
 
-        Parameters
-        ----------
-        name : str
-        speed : float
-            Times real time.
+        ``speed`` is times real time.
 
         Raises
         ------
         ConflictError
             Before the design is made, or while a run or print of it goes on.
         """
-        project = self.project(name)
-        if not project.made:
+        if self._reached(name, self._recipes.text(name)).design is None:
             raise ConflictError(f"the design of {name!r} isn't made as the recipe stands; make it")
-        return self._design.runs.rehearse(name, speed)
+        return self._runs.rehearse(name, speed)
 
-    # --- between -------------------------------------------------------------------------------
+    def _reached(self, name: str, text: str) -> _Reached:
+        folder = self._workspace.run(name)
+        design = self._design(folder, text)
+        if design is None:
+            return _Reached()
+        state, judged = self._runs.print_state(name), name
+        verdict = _verdict(folder) if state in ENDED else None
+        if verdict is None and state != "done":
+            judged = name + REHEARSAL
+            rehearsal = self._workspace.run(judged)
+            verdict = _verdict(rehearsal) if self._design(rehearsal, text) else None
+        return _Reached(design, state, judged if verdict else "", verdict)
 
-    def _row(self, name: str) -> ProjectRow:
-        folder, run = self._workspace.run(name), self._design.runs.progress(name)
-        text = self._design.recipes.read(name).text
-        made = self._is_made(text, run, folder)
-        state = self._design.runs.print_state(name) if made else ""
-        _, report = self._judged(name, text, state) if made else ("", None)
-        changed = max(
-            path.stat().st_mtime for path in (self._workspace.recipe(name), folder) if path.exists()
-        )
-        return ProjectRow(name, changed, _step(made, (), state, report))
-
-    def _judged(self, name: str, text: str, print_state: str) -> tuple[str, dict[str, Any] | None]:
-        """Return the run that was judged, and its report: of the real print before a rehearsal."""
-        report = _report(self._workspace.run(name)) if print_state in ENDED else None
-        if report is not None or print_state == "done":
-            return (name if report else ""), report
-        rehearsal = self._design.runs.rehearsal(name)
-        if not self._is_made(text, self._design.runs.progress(rehearsal.name), rehearsal):
-            return "", None
-        report = _report(rehearsal)
-        return (rehearsal.name if report else ""), report
-
-    def _is_made(self, text: str, run: RunProgress, folder: Path) -> bool:
-        """Whether the run's G-code is there, was checked, and is of the recipe as it stands."""
+    def _design(self, folder: Path, text: str) -> _Design | None:
+        """The design of a run that has G-code, checked, of the recipe as it stands."""
         try:
             same = (folder / RECIPE).read_text(encoding="utf-8") == text
         except OSError:
-            return False
-        if not same or not (folder / GCODE).is_file():
-            return False
-        stages = {one.name: one.state for one in run.stages}
-        checked = "dry run" in Manifest.load(folder).stages
-        return checked and all(stages.get(one, "done") == "done" for one in JOB_NAMES)
+            return None
+        if not same or not (folder / GCODE).is_file() or not (folder / MANIFEST).is_file():
+            return None
+        ended = {one.name: one.state for one in self._runs.progress(folder.name).stages}
+        made = all(ended.get(one, "done") == "done" for one in JOB_NAMES)
+        return _checked_design(folder, _stamp(folder / MANIFEST)) if made else None
 
 
 def _changed(text: str, values: dict[str, float]) -> str:
-    data = read_text(text)
-    for path, value in values.items():
-        _set(data, path.split("."), value)
-    return rewrite_yaml(text, data)
-
-
-def _set(data: Any, keys: list[str], value: float) -> None:
-    """Set one value of nested mappings and lists.
+    """Return a recipe's text with other values, whole numbers as such, by their dotted paths.
 
     Raises
     ------
     BadRequestError
         When there is no such place.
     """
-    *way, last = keys
-    try:
-        for key in way:
-            data = data[int(key)] if isinstance(data, list) else data.setdefault(key, {})
-        place: Any = int(last) if isinstance(data, list) else last
-        before = data[place] if isinstance(data, list) else data.get(place)
-        data[place] = int(value) if isinstance(before, int) and value == int(value) else value
-    except (AttributeError, IndexError, TypeError, ValueError) as exc:
-        raise BadRequestError(f"the recipe has no place {'.'.join(keys)[:80]!r}") from exc
+    data = read_text(text)
+    for dotted, value in values.items():
+        path = tuple(int(key) if key.isdecimal() else key for key in dotted.split("."))
+        data = changed(data, path, int(value) if value == int(value) else value)
+    return rewrite_yaml(text, data)
 
 
 # How a file that a user brings is printed, until somebody says otherwise.
@@ -405,11 +340,10 @@ _EMBEDDED: Final[dict[str, Any]] = {
 
 
 @cache
-def gallery() -> tuple[GalleryEntry, ...]:
-    """Examples with pictures; those that aren't installed are left out."""
-    path = Path(__file__).with_name("gallery.yaml")
-    entries = [GalleryEntry(**one) for one in yaml.safe_load(path.read_text(encoding="utf-8"))]
-    return tuple(one for one in entries if (EXAMPLES / f"{one.example}.yaml").is_file())
+def gallery() -> list[GalleryEntry]:
+    """Examples with pictures."""
+    text = Path(__file__).with_name("gallery.yaml").read_text(encoding="utf-8")
+    return [GalleryEntry(**one) for one in yaml.safe_load(text)]
 
 
 # Values that matter: keys of the recipe, label, unit, hint, least, most, step.
@@ -441,9 +375,9 @@ def sliders(checked: CheckedRecipe) -> tuple[Slider, ...]:
 
     A block's size is left out where the network comes with the design, as it was made for it.
     """
-    if checked.recipe is None:
+    if not checked.valid:
         return ()
-    data = checked.recipe.model_dump(mode="json")
+    data = checked.usable().model_dump(mode="json")
     grown = "terminals" in data["vasculature"] and data["vasculature"]["terminals"] is not None
     found = []
     for path, label, unit, hint, least, most, step in _SLIDERS:
@@ -463,34 +397,26 @@ def _value(data: Any, keys: list[str]) -> float | None:
     return data if isinstance(data, int | float) else None
 
 
-def _step(made: bool, checks: tuple[ProjectCheck, ...], print_state: str, report: Any) -> Step:
-    if not made:
-        return "shape"
-    if report is not None:
-        return "done"
-    if print_state == "done":
-        return "judge"
-    refused = any(not one.passed and one.refuses for one in checks)
-    return "check" if refused else "print"
+def _stamp(path: Path) -> tuple[int, int]:
+    """Time of change and size of a file, by which what was read of it is kept."""
+    stat = path.stat()
+    return stat.st_mtime_ns, stat.st_size
 
 
-def _checks(folder: Path, stages: Any) -> tuple[ProjectCheck, ...]:
-    """What dry run and lumens say of a design."""
+@lru_cache(maxsize=256)
+def _checked_design(folder: Path, stamp: tuple[int, int]) -> _Design | None:
+    """A run's design by its manifest, a file of up to a megabyte; None before the dry run."""
+    stages = Manifest.load(folder).stages
+    if "dry run" not in stages:
+        return None
     found = []
     for one in stages["dry run"].summary.get("checks", ()):
         counted = one["value"] or one["limit"] or one["unit"]  # else it is a question to a person
-        found.append(
-            ProjectCheck(
-                check=one["check"],
-                passed=one["passed"],
-                refuses=one["weight"] == "refuses",
-                value=one["value"] if counted else None,
-                limit=one["limit"] if counted else None,
-                unit=one["unit"],
-                place=one["place"],
-                remedy="" if one["passed"] else one["remedy"],
-            )
-        )
+        limits = {"value": one["value"], "limit": one["limit"]} if counted else {}
+        remedy = "" if one["passed"] else one["remedy"]
+        said = {"unit": one["unit"], "place": one["place"], "remedy": remedy}
+        refuses = one["weight"] == "refuses"
+        found.append(ProjectCheck(one["check"], one["passed"], refuses, **limits, **said))
     lumens = stages["lumens"].summary if "lumens" in stages else {}
     if lumens.get("checked"):
         counts = lumens["summary"]
@@ -505,16 +431,21 @@ def _checks(folder: Path, stages: Any) -> tuple[ProjectCheck, ...]:
                 remedy="" if lumens["passed"] else "take thinner lines or wider vessels",
             )
         )
-    return tuple(found)
+    return _Design(tuple(found), stages["dry run"].summary.get("print_time_s"))
 
 
-def _report(folder: Path) -> dict[str, Any] | None:
-    """A run's report, if it is newer than its print."""
+def _verdict(folder: Path) -> dict[str, Any] | None:
+    """The verdict of a run's report, if that is newer than its G-code."""
     path = folder / "report.json"
     try:
         if path.stat().st_mtime < (folder / GCODE).stat().st_mtime:
             return None
-        report: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return _read_verdict(path, _stamp(path))
     except (OSError, ValueError):
         return None
-    return report if "verdict" in report else None
+
+
+@lru_cache(maxsize=256)
+def _read_verdict(path: Path, stamp: tuple[int, int]) -> dict[str, Any] | None:
+    verdict: dict[str, Any] | None = json.loads(path.read_text(encoding="utf-8")).get("verdict")
+    return verdict

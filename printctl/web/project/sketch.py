@@ -34,11 +34,11 @@ _MOST_PIECES: Final = 60_000
 """Straight pieces drawn; more take a browser longer than a twentieth of a second."""
 
 
-class SketchProcess:
+class SketchProcess(LineProcess):
     """The process that sketches; one sketch at a time, begun with the first."""
 
     def __init__(self) -> None:
-        self._process = LineProcess(__name__)
+        super().__init__(__name__)
         self._waiting = 0
         self._limit_s = FIRST_S
 
@@ -70,7 +70,7 @@ class SketchProcess:
         request = {"recipe": recipe, "folder": str(folder), "known": known, "behind": behind}
         self._waiting += 1
         try:
-            await self._process.turn.acquire()
+            await self.turn.acquire()
         finally:
             self._waiting -= 1
         limit_s = self._limit_s
@@ -78,7 +78,7 @@ class SketchProcess:
             if await gone():
                 raise ConflictError("nobody waits for this sketch any more")
             self._limit_s = FIRST_S  # of a process anew, should this one not answer
-            answer = await self._process.ask(json.dumps(request), limit_s)
+            answer = await self.ask(json.dumps(request), limit_s)
             self._limit_s = LONGEST_S
         except TimeoutError as exc:
             raise ConflictError(
@@ -87,14 +87,10 @@ class SketchProcess:
         except ConnectionError as exc:
             raise ConflictError(f"the process that sketches {exc}") from exc
         finally:
-            self._process.turn.release()
+            self.turn.release()
         if "error" in answer:
             raise ConflictError(answer["error"])
         return answer
-
-    async def close(self) -> None:
-        """End the process."""
-        await self._process.close()
 
 
 def main() -> None:

@@ -7,8 +7,7 @@ from pydantic import Field
 from starlette.responses import FileResponse, HTMLResponse
 
 from printctl.web.design.routes import Theme, embedded
-from printctl.web.design.runs import RunProgress
-from printctl.web.design.service import ARTEFACTS
+from printctl.web.design.runs import ARTEFACTS, RunProgress
 from printctl.web.errors import BadRequestError
 from printctl.web.rest import API, REFUSALS, Body
 from printctl.web.scan.findings import Findings

@@ -8,8 +8,7 @@ from pathlib import Path
 from printctl.run_folder.artefacts import HTML, NETWORK, SOLID
 from printctl.web.core import Core
 from printctl.web.design.recipes import Recipes
-from printctl.web.design.runs import DetachedProcesses, RunProgress, Runs
-from printctl.web.design.service import ARTEFACTS
+from printctl.web.design.runs import ARTEFACTS, DetachedProcesses, RunProgress, Runs
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.scan.findings import Findings, findings
 from printctl.web.scan.slices import OpenScan, Slices, Volume, volume_of

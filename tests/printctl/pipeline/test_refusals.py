@@ -26,7 +26,7 @@ from printctl.machine.printing import Order
 from printctl.pipeline.heads import Filled
 from printctl.pipeline.lock import is_run_active, run_lock
 from printctl.pipeline.printability import printability
-from printctl.pipeline.run import design_recipe, toolpath_recipe
+from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
 from printctl.pipeline.stages import lumens, printing
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.making import Embedded, Fresh
@@ -49,6 +49,21 @@ def recipe(folder: Path, vessels: VesselNetwork, **parts: Any) -> Recipe:
         folder, vessels, (10, 6, 10), **{"toolpath": EMBEDDED, "printer": GELATIN, **parts}
     )
     return parse_recipe(data, "one.yaml")
+
+
+def test_a_real_print_needs_a_real_scan(tmp_path: Path) -> None:
+    """Refused before anything is made, when it would be printed; a design and rehearsal aren't."""
+    data = yaml.safe_load((ROOT / "printctl" / "recipe" / "starter.yaml").read_text())
+    data["printer"]["port"] = "/dev/ttyACM0"
+    real = parse_recipe(data, "real.yaml")
+    for how in (RunOptions(), RunOptions(until="print"), RunOptions(printed=True)):
+        with pytest.raises(RecipeError, match=r"simulated scan.*ttyACM0.*scan\.file"):
+            run_recipe(real, tmp_path, tmp_path / "run", Console(file=io.StringIO()), how)
+    assert not (tmp_path / "run").exists()
+    made = run_recipe(
+        real, tmp_path, tmp_path / "run", Console(file=io.StringIO()), RunOptions(until="tissue")
+    )
+    assert "tissue" in made
 
 
 @pytest.mark.parametrize(

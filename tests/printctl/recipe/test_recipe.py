@@ -80,7 +80,6 @@ def test_every_shipped_recipe_is_valid(path: Path) -> None:
         ("scan.voxel_um", [25, 25, 0.1], r"scan.*0\.1.*1 to 1000"),
         ("toolpath.thinnest_layer_um", 60, r"thinnest_layer_um is 60.*layer_um 60.*lower it"),
         ("toolpath.stair_um", 10, r"stair_um is 10.*give thinnest_layer_um"),
-        ("printer.port", "/dev/ttyACM0", r"simulated scan.*ttyACM0.*scan\.file"),
         ("tissue", {"shape": "cylinder", "diameter_mm": 6, "height_mm": 3}, "made for a block"),
         (
             "tissue.size_mm",

@@ -1,4 +1,4 @@
-// The form of a recipe, made from its JSON Schema (GET /recipes/schema; printctl/web/design/schema.py).
+// The form of a recipe, made from its JSON Schema (GET /recipes/schema; printctl/recipe/schema.py).
 import { Badge, Button, Field, Note, html, number, useEffect, useMemo, useRef, useState } from "./ui.js";
 
 const PAUSE_MS = 500; // after the last key that was pressed

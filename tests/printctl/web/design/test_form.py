@@ -12,24 +12,12 @@ import yaml
 from pydantic import TypeAdapter
 
 from printctl.errors import UsageError
-from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.load import STARTER
-from printctl.web.core import Core
-from printctl.web.design.places import pick_targets
+from printctl.recipe.schema import fields_of
 from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
-from printctl.web.design.recipes import (
-    EXAMPLES,
-    RESERVED,
-    Recipes,
-    check_data,
-    check_text,
-)
-from printctl.web.design.runs import RunProgress
-from printctl.web.design.schema import fields_of, option_of, recipe_schema, resolved
-from printctl.web.design.service import DesignService
+from printctl.web.design.recipes import EXAMPLES, RESERVED, Recipes
+from printctl.web.design.runs import RunProgress, Runs
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.profile_store import ProfileStore
-from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 from tests.waiting import wait_for
 
@@ -42,56 +30,22 @@ PLANAR: dict[str, Any] = {
 }
 
 
+@pytest.fixture
+def recipes(tmp_path: Path) -> Recipes:
+    return Recipes(Workspace(tmp_path / "ws").make())
+
+
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_shipped_recipe_is_made_anew_value_by_value(path: Path) -> None:
-    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+def test_a_shipped_recipe_has_nothing_to_mend_and_is_made_anew_value_by_value(
+    path: Path, recipes: Recipes
+) -> None:
+    checked = recipes.check(path.read_text(encoding="utf-8"))
+    assert checked.problems == ()
+    data = checked.data
     again: dict[str, Any] = {}
     for place, value, _ in fields_of(data):
         again = changed(again, place, value)
     assert again == data
-
-
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_the_schema_tells_sections_apart_as_the_model_does(path: Path) -> None:
-    data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    recipe = parse_recipe(data, "file")
-    for key in ("tissue", "vasculature", "toolpath", "scan"):
-        part = getattr(recipe, key)
-        if key not in data or part is None:
-            continue
-        section = option_of(resolved(recipe_schema()["properties"][key]), data[key])
-        assert set(section["properties"]) == {
-            info.alias or name for name, info in type(part).model_fields.items()
-        }
-
-
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_shipped_recipe_has_nothing_to_mend(path: Path) -> None:
-    assert (
-        check_text(
-            path.read_text(encoding="utf-8"), path.parent, ProfileStore(path.parent)
-        ).problems
-        == ()
-    )
-
-
-def test_every_key_of_the_model_is_in_the_schema_with_words_and_unit() -> None:
-    schema = recipe_schema()
-    assert set(schema["properties"]) == {i.alias or n for n, i in Recipe.model_fields.items()}
-    toolpath = resolved(schema["properties"]["toolpath"])
-    assert toolpath["tags"] == ["fresh", "embedded"]
-    assert toolpath["begins"] == [{"method": "fresh"}, {"method": "embedded"}]
-    layer = resolved(resolved(toolpath["oneOf"][0])["properties"]["layer_um"])
-    assert (layer["title"], layer["unit"], layer["minimum"]) == ("layer", "µm", 10)
-    needle = resolved(resolved(toolpath["oneOf"][0])["properties"]["needle"])
-    assert needle["profile"] == "needles"
-
-
-def test_what_begins_a_section_is_told_as_that_section() -> None:
-    for key in ("tissue", "vasculature", "scan"):
-        node = resolved(recipe_schema()["properties"][key])
-        for option, begin in zip(node["oneOf"], node["begins"], strict=True):
-            assert option_of(node, begin) == resolved(option), (key, begin)
 
 
 @pytest.mark.parametrize(
@@ -116,10 +70,10 @@ def test_what_begins_a_section_is_told_as_that_section() -> None:
     ],
 )
 def test_a_problem_stands_at_its_field(
-    more: dict[str, Any], place: str, words: str, tmp_path: Path
+    more: dict[str, Any], place: str, words: str, recipes: Recipes
 ) -> None:
-    problems = check_data({**PLANAR, **more}, tmp_path, ProfileStore(tmp_path)).problems
-    found = [problem for problem in problems if problem.place == place]
+    problems = recipes.check(yaml.safe_dump({**PLANAR, **more})).problems
+    found = [problem for problem in problems if ".".join(map(str, problem.path)) == place]
     assert found, [problem.message for problem in problems]
     assert words in found[0].message
 
@@ -185,8 +139,8 @@ def test_hostile_text_is_refused(text: str, words: str) -> None:
         "printer: {heads: [1, null, {ink: 5}], ink: [x]}",
     ],
 )
-def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
-    assert check_text(text, tmp_path, ProfileStore(tmp_path)).problems
+def test_nonsense_is_told_and_never_a_fault(text: str, recipes: Recipes) -> None:
+    assert recipes.check(text).problems
 
 
 # --- recipe keys that a click on the tissue sets, by kind of growth
@@ -203,8 +157,10 @@ def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
          [("networks", 0, "trees", k, "root_mm") for k in (0, 1)]),
     ],
 )  # fmt: skip
-def test_places_are_picked_for_what_grows(part: dict[str, Any], paths: list[Any]) -> None:
-    found = pick_targets({"vasculature": part})
+def test_places_are_picked_for_what_grows(
+    part: dict[str, Any], paths: list[Any], recipes: Recipes
+) -> None:
+    found = recipes.write("one", yaml.safe_dump({"vasculature": part})).places
     assert [one.path[1:] for one in found] == paths
     for one in found:
         place = [1.0, 2.0, 3.0]
@@ -213,11 +169,6 @@ def test_places_are_picked_for_what_grows(part: dict[str, Any], paths: list[Any]
 
 
 # --- stored recipes of a workspace
-@pytest.fixture
-def recipes(tmp_path: Path) -> Recipes:
-    return Recipes(Workspace(tmp_path / "ws").make())
-
-
 @pytest.mark.parametrize("name", ["../x", "a/b", "", ".x", "x" * 99, "a b", "ä", "..", "x\n"])
 def test_names_that_lead_elsewhere_are_refused(recipes: Recipes, name: str) -> None:
     with pytest.raises(BadRequestError):
@@ -243,18 +194,6 @@ def test_names_of_rest_paths_are_no_recipe_s(recipes: Recipes) -> None:
             recipes.new(name)
 
 
-def test_a_changed_value_is_written_right_or_wrong(recipes: Recipes) -> None:
-    made = recipes.new("one")
-    wrong = recipes.change("one", ("toolpath", "layer_um"), 1, made.version)
-    assert [one.place for one in wrong.problems] == ["toolpath.layer_um"]
-    assert "layer_um: 1\n" in recipes.read("one").text
-    with pytest.raises(ConflictError, match="changed elsewhere"):
-        recipes.change("one", ("seed",), 2, made.version)
-    mended = recipes.change("one", ("toolpath", "layer_um"), None, wrong.version)
-    assert mended.problems == ()
-    assert "layer_um" not in yaml.safe_load(recipes.read("one").text)["toolpath"]
-
-
 def test_an_opened_recipe_can_be_sent_whatever_it_holds(recipes: Recipes) -> None:
     text = "name: 2020-01-01\nflow: {-1: 2, null: .nan, 1.5: 4, true: 5}\nplate: {sweep: .inf}\n"
     made = recipes.write("odd", text)
@@ -266,84 +205,72 @@ _LIMIT_S = 60.0
 
 
 @pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
-    return Workspace(tmp_path / "ws").make()
+def runs(recipes: Recipes) -> Runs:
+    recipes.new("one")
+    return Runs(recipes.workspace, recipes)
 
 
-def _server(workspace: Workspace) -> DesignService:
-    return DesignService(Core(ServeSettings(workspace.root), workspace))
-
-
-@pytest.fixture
-def service(workspace: Workspace) -> DesignService:
-    made = _server(workspace)
-    made.recipes.new("one")
-    return made
-
-
-def _until(service: DesignService, *states: str) -> RunProgress:
-    wait_for(lambda: service.runs.progress("one").state in states, _LIMIT_S)
-    return service.runs.progress("one")
+def _until(runs: Runs, *states: str) -> RunProgress:
+    wait_for(lambda: runs.progress("one").state in states, _LIMIT_S)
+    return runs.progress("one")
 
 
 @pytest.mark.slow
-def test_another_server_finds_a_run_and_cancels_it(
-    service: DesignService, workspace: Workspace
-) -> None:
-    service.runs.start("one")
-    pid = _until(service, "running").pid
+def test_another_server_finds_a_run_and_cancels_it(runs: Runs) -> None:
+    runs.start("one")
+    pid = _until(runs, "running").pid
     os.killpg(pid, signal.SIGSTOP)  # or it is done before it is cancelled, on a busy machine
-    other = _server(workspace)
-    found = other.runs.progress("one")
+    other = Runs(runs.workspace, runs.recipes)
+    found = other.progress("one")
     assert found.going_on
     assert found.stages
     with pytest.raises(ConflictError, match="going on"):
-        other.runs.start("one")
-    other.runs.cancel("one")
+        other.start("one")
+    other.cancel("one")
     os.killpg(pid, signal.SIGCONT)
     assert _until(other, "interrupted").message
     with pytest.raises(ConflictError, match="isn't going on"):
-        other.runs.cancel("one")
-    assert _until(service, "interrupted") == other.runs.progress("one")
+        other.cancel("one")
+    assert _until(runs, "interrupted") == other.progress("one")
 
 
 @pytest.mark.slow
-def test_a_run_that_was_killed_is_told_so(service: DesignService, workspace: Workspace) -> None:
-    service.runs.start("one")
-    run = _until(service, "running")
+def test_a_run_that_was_killed_is_told_so(runs: Runs) -> None:
+    runs.start("one")
+    run = _until(runs, "running")
     os.killpg(run.pid, signal.SIGKILL)
-    found = _until(service, "interrupted")
+    found = _until(runs, "interrupted")
     assert "process is gone" in found.message
-    assert _until(_server(workspace), "interrupted").message == found.message
+    assert _until(Runs(runs.workspace, runs.recipes), "interrupted").message == found.message
 
 
 @pytest.mark.slow
-def test_a_failed_stage_says_why(service: DesignService) -> None:
-    service.recipes.take_file("n.csv", b"vessel,node0\n1,2\n")
-    text = service.recipes.read("one")
+def test_a_failed_stage_says_why(runs: Runs) -> None:
+    runs.recipes.take_file("n.csv", b"vessel,node0\n1,2\n")
+    text = runs.recipes.read("one")
     given = "{network: n.csv, unit: mm}\n"
     wrong = text.text.replace("\n  design: planar_four_vessel", f" {given}#")
-    service.recipes.write("one", wrong, text.version)
-    service.runs.start("one", "flow")
-    run = _until(service, "failed")
+    runs.recipes.write("one", wrong, text.version)
+    runs.start("one", "flow")
+    run = _until(runs, "failed")
     assert [stage.name for stage in run.stages if stage.state == "failed"] == ["vasculature"]
     assert run.message
     assert "Traceback" not in run.message
 
 
-def test_what_prints_isnt_started_here(service: DesignService) -> None:
+def test_what_prints_isnt_started_here(runs: Runs) -> None:
     with pytest.raises(BadRequestError, match="Job room"):
-        service.runs.start("one", "print")
+        runs.start("one", "print")
     with pytest.raises(UsageError, match="no stage"):
-        service.runs.start("one", "--yes")
+        runs.start("one", "--yes")
     with pytest.raises(ConflictError, match="no finished print"):
-        service.runs.go_on("one")
+        runs.go_on("one")
 
 
-def test_a_wrong_recipe_isnt_started(service: DesignService) -> None:
-    text = service.recipes.read("one")
-    service.recipes.write("one", text.text + "colour: red\n", text.version)
+def test_a_wrong_recipe_isnt_started(runs: Runs) -> None:
+    text = runs.recipes.read("one")
+    runs.recipes.write("one", text.text + "colour: red\n", text.version)
     with pytest.raises(BadRequestError, match="colour"):
-        service.runs.start("one")
+        runs.start("one")
     with pytest.raises(NotFoundError):
-        service.runs.start("two")
+        runs.start("two")

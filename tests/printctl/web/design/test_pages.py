@@ -63,7 +63,9 @@ def two(workspace: Path) -> tuple[str, str]:
     """Two runs whose pages of the network are there already."""
     names = ("left", "right")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(views, "_make", lambda sort, run, page: page.write_text(STAND_IN))
+        patch.setattr(
+            views, "run_worker", lambda *words, **said: Path(words[-1]).write_text(STAND_IN)
+        )
         for name in names:
             (workspace / "recipes" / f"{name}.yaml").write_text(of_fork(STARTER.read_text()))
             folder = workspace / "runs" / name
@@ -71,7 +73,7 @@ def two(workspace: Path) -> tuple[str, str]:
             grown = StageRecord("key", {}, {"vessels": 3}, 1.0, 1.0)
             Manifest(folder, {"recipe": {}}, {"vasculature": grown}).save()
             write_network_csv(folder / "network.csv", FORK)
-            views.network_page(folder, workspace / ".printctl" / "pages")
+            views.run_page(folder, "network", workspace / ".printctl" / "pages")
     return names
 
 

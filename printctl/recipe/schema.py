@@ -1,4 +1,4 @@
-"""JSON Schema of the recipe for the page's form, and the fields of a recipe's values by it."""
+"""JSON Schema of the recipe, with units and tags for a form, and a recipe's fields by it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Final
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
-from printctl.recipe import Recipe
+from printctl.recipe.model import Recipe
 
 KeyPath = tuple[str | int, ...]
 Schema = dict[str, Any]
