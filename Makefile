@@ -11,7 +11,7 @@ PYTEST = $(BIN)/python -m pytest -p tests.forks
 unexport PYTHONDONTWRITEBYTECODE
 BENCHES = bench-vasculature bench-tissue bench-flow bench-solids bench-embedded bench-link bench-operator \
   bench-observe bench-firmware bench-registration bench-scans bench-paper
-.PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-nightly $(BENCHES) docs gallery dist test-dist audit clean
+.PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-nightly $(BENCHES) docs gallery looks dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -68,6 +68,11 @@ bench-nightly: $(VENV)/.ready-test
 docs: $(VENV)/.ready-docs
 	$(BIN)/python -m docs_tools.commands
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+# The page's pictures anew: those that tests compare it with, and the guide's. Look at what changed.
+looks: kernels
+	PRINTCTL_LOOKS=write $(PYTEST) -m "browser and not slow" $$(grep -rlw assert_alike tests --include='test_*.py') --forks 2
+	$(BIN)/python -m docs_tools.pages
 
 # Minutes: runs the examples and draws the guide's gallery anew; NAMES="ring_closed_loop" for some.
 gallery: $(VENV)/.ready-test

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import shutil
 import signal
@@ -32,29 +33,32 @@ _LONG_MS: Final = 600_000
 def main() -> None:
     """Draw them all."""
     found = next(filter(None, map(shutil.which, ("chromium-headless-shell", "chromium"))), None)
-    with tempfile.TemporaryDirectory() as folder, _server(Path(folder)) as url:
-        with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(
-                executable_path=found, args=["--no-sandbox", "--enable-unsafe-swiftshader"]
-            )
-            page = browser.new_page()
-            page.set_default_timeout(_LONG_MS)
-            _way(page, url, "A small tree")
-            _way(page, url, "Four channels", drawn=False)
-            _design(page, url)
-            _scan(page, url)
-            _job(page, url)
-            _history(page, url)
-            browser.close()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        _server(Path(folder)) as url,
+        sync_playwright() as playwright,
+    ):
+        browser = playwright.chromium.launch(
+            executable_path=found, args=["--no-sandbox", "--enable-unsafe-swiftshader"]
+        )
+        page = browser.new_page()
+        page.set_default_timeout(_LONG_MS)
+        _way(page, url, "A small tree")
+        _way(page, url, "Four channels", drawn=False)
+        _design(page, url)
+        _scan(page, url)
+        _job(page, url)
+        _history(page, url)
+        browser.close()
 
 
 @contextmanager
 def _server(workspace: Path) -> Iterator[str]:
     """Start the server with a history of its own; give its address."""
     command = [sys.executable, "-m", "printctl", "serve", str(workspace / "lab"), "--port", "0"]
-    data = {"PRINTCTL_DATA": str(workspace / "data")}
+    environment = os.environ | {"PRINTCTL_DATA": str(workspace / "data")}
     record = workspace / "lab" / ".printctl" / "serve.json"
-    with subprocess.Popen([*command, "--no-open"], env=_environment() | data) as process:
+    with subprocess.Popen([*command, "--no-open"], env=environment) as process:
         while not record.exists():
             if process.poll() is not None:
                 raise RuntimeError("the server didn't start")
@@ -64,12 +68,6 @@ def _server(workspace: Path) -> Iterator[str]:
         finally:
             process.send_signal(signal.SIGINT)
             process.wait(30)
-
-
-def _environment() -> dict[str, str]:
-    import os
-
-    return dict(os.environ)
 
 
 def _draw(page: Page, name: str, size: tuple[int, int] = WIDE, theme: Any = "light") -> None:

@@ -82,7 +82,8 @@ def _dress(page: Any) -> None:
     page.evaluate(
         """() => new Promise((done) => {
           const link = Object.assign(document.createElement("link"), {
-            rel: "stylesheet", href: "/looks/looks.css", onload: () => document.fonts.load("15px looks").then(done),
+            rel: "stylesheet", href: "/looks/looks.css",
+            onload: () => document.fonts.load("15px looks").then(done),
           });
           document.head.append(link);
         })"""
