@@ -11,7 +11,12 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from printctl.calibration.estimate import Estimate
     from printctl.calibration.lag import Lag, LagPattern, fit_lag
-    from printctl.calibration.paths import backlash_path, lag_path, weighing_path
+    from printctl.calibration.paths import (
+        CalibrationTest,
+        backlash_test,
+        lag_test,
+        weighing_test,
+    )
     from printctl.calibration.readings import Readings, read_readings
     from printctl.calibration.touches import (
         Backlash,
@@ -25,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Backlash",
+    "CalibrationTest",
     "Estimate",
     "FlowWeighing",
     "Lag",
@@ -32,7 +38,7 @@ __all__ = [
     "Level",
     "Readings",
     "Weighing",
-    "backlash_path",
+    "backlash_test",
     "fit_backlash",
     "fit_flow",
     "fit_lag",
@@ -40,9 +46,9 @@ __all__ = [
     "fit_offset",
     "fit_weighing",
     "gap_between",
-    "lag_path",
+    "lag_test",
     "read_readings",
-    "weighing_path",
+    "weighing_test",
 ]
 
 __getattr__ = on_demand(__name__)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 import typer
 
-from design.files import write_bytes, write_text
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration.pattern_job import (
     BESIDE,
@@ -26,23 +24,14 @@ from printctl.calibration.patterns import (
     read_pattern,
 )
 from printctl.calibration.widths import (
-    Answer,
     GivenValues,
-    MeasuredPicture,
     PictureFacts,
-    fit_replies,
-    fit_widths,
+    fit_measured,
     measure_picture,
-    typed_replies,
-    typed_widths,
+    read_sheet,
 )
-from printctl.calibration.writing import MeasuredValue
 from printctl.checks.set_up import ProfileNames, set_up
-from printctl.cli.calibrate_measured import (
-    Write,
-    print_estimates,
-    write_measured,
-)
+from printctl.cli.calibrate_measured import Write, print_estimates
 from printctl.cli.declare import command
 from printctl.cli.options import (
     CameraFile,
@@ -211,26 +200,26 @@ def widths(
     if um_per_px is not None and camera is not None:
         raise UsageError("--camera has the scale: leave --um-per-px out, or --camera")
     written = _pattern(file, pattern)
-    known = GivenValues(flow_factor)
     if written.pattern.name not in ("lines", "spiral") and flow_factor is not None:
-        raise UsageError(f"--flow-factor belongs to lines or a spiral; this is a {_name(written)}")
+        raise UsageError(
+            "--flow-factor belongs to lines or a spiral; this is a pattern of "
+            f"{written.pattern.name}"
+        )
     notes: list[str] = []
     if typed:
-        answer = _from_sheet(file, written, known)
+        measured = read_sheet(file, written)
     else:
-        seen = measure_picture(
-            file,
-            written,
-            PictureFacts(um_per_px, _corners(marks), None if camera is None else read_lens(camera)),
-        )
-        _keep(file, seen)
-        notes = seen.notes
-        answer = _from_picture(seen, written, known)
+        lens = None if camera is None else read_lens(camera)
+        seen = measure_picture(file, written, PictureFacts(um_per_px, _corners(marks), lens))
+        drawn, table = seen.save(file)
+        print_note(f"wrote {drawn} (judge by it) and {table}")
+        measured, notes = seen.measured, seen.notes
+    answer = fit_measured(written, measured, GivenValues(flow_factor))
     if not as_json:
         print_lines(*answer.table)
     print_estimates(dict(answer.estimates), [*notes, *answer.notes], as_json)
     if write is not None:
-        _write_widths(write, answer, load(Ink, ink or written.mounted.ink))
+        print_note(f"wrote {write}: {answer.save(write, load(Ink, ink or written.mounted.ink))}")
 
 
 def _pattern(file: Path, named: Path | None) -> WrittenPattern:
@@ -252,10 +241,6 @@ def _pattern(file: Path, named: Path | None) -> WrittenPattern:
     return written
 
 
-def _name(written: WrittenPattern) -> str:
-    return f"pattern of {written.pattern.name}"
-
-
 def _corners(text: str | None) -> np.ndarray | None:
     if text is None:
         return None
@@ -266,33 +251,3 @@ def _corners(text: str | None) -> np.ndarray | None:
             "left, lower right, upper right and upper left corner"
         )
     return np.array(values).reshape(_CORNERS, 2)
-
-
-def _from_sheet(file: Path, written: WrittenPattern, known: GivenValues) -> Answer:
-    if written.pattern.name in ("lines", "spiral"):
-        return fit_widths(written, typed_widths(file, written), known)
-    return fit_replies(written, typed_replies(file, written))
-
-
-def _from_picture(seen: MeasuredPicture, written: WrittenPattern, known: GivenValues) -> Answer:
-    if seen.widths is not None:
-        return fit_widths(written, seen.widths, known)
-    assert seen.replies is not None  # one of the two
-    return fit_replies(written, seen.replies)
-
-
-def _keep(file: Path, seen: MeasuredPicture) -> None:
-    """Write the annotated picture and the filled sheet beside the picture."""
-    drawn, table = file.with_suffix(".measured.png"), file.with_suffix(".widths.csv")
-    _, data = cv2.imencode(".png", seen.picture)
-    write_bytes(drawn, data.tobytes())
-    write_text(table, seen.table)
-    print_note(f"wrote {drawn} (judge by it) and {table}")
-
-
-def _write_widths(path: Path, answer: Answer, ink: Ink) -> None:
-    if not answer.changes:
-        raise UsageError(f"{path} isn't written: this print tells nothing that a profile holds")
-    write_measured(
-        path, ink, {key: MeasuredValue(one.value, one.said) for key, one in answer.changes.items()}
-    )

@@ -11,7 +11,8 @@ import numpy as np
 from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, fit_line
 from printctl.calibration.patterns import WrittenPattern
-from printctl.calibration.widths.result import Answer, Change, Replies
+from printctl.calibration.widths.result import Answer, Replies
+from printctl.calibration.writing import MeasuredValue
 
 OPEN: Final = 0.8
 """Of the ways across a gap that must be open for it to be."""
@@ -75,7 +76,7 @@ def fit_comb(written: WrittenPattern, replies: Replies) -> Answer:
         else:
             text += f", {bounds.no:g} mm closed"
             notes.append("the interval is that of the gaps tried, not a 95 % one")
-        changes["smallest_gap_mm"] = Change(bounds.yes, text)
+        changes["smallest_gap_mm"] = MeasuredValue(bounds.yes, text)
     if bounds.mixed:
         notes.append(
             "a smaller gap stayed open while a wider one closed: the teeth wander by more than the "
