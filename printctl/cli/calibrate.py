@@ -15,8 +15,8 @@ from design.files import atomic_replacement
 from printctl.calibration import Estimate
 from printctl.cli.calibrate_measured import backlash, lag, level, offset, print_estimates, weigh
 from printctl.cli.calibrate_pattern import pattern, widths
-from printctl.cli.declare import command, group
-from printctl.cli.options import JsonFlag, print_note, print_notes
+from printctl.cli.declare import command, group, json_command
+from printctl.cli.options import print_note, print_notes
 from printctl.cli.scan import voxel_mm
 from printctl.errors import UsageError
 from printctl.settings import arg, numbers_of, opt
@@ -45,7 +45,7 @@ _MEANING = {
 }  # fmt: skip
 
 
-@command
+@json_command
 def oct_device(
     grid: list[Path] | None = opt("Scan of a flat dot grid in air; again at another height."),
     pitch_um: float | None = opt("Of the grid's dots.", min=10),
@@ -64,7 +64,6 @@ def oct_device(
     write: Path | None = opt(
         "YAML file for `register --oct-calibration`; what it says of other targets stays."
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Fan, bow, scales and walls of a device: from a dot grid, a step, a part of known channels.
 
@@ -104,7 +103,7 @@ def oct_device(
             "no step in the medium: depth has no standard, so an error of the index and shrinkage "
             "along depth look the same"
         )
-    print_estimates(_estimates(calibration), notes, as_json)
+    print_estimates(_estimates(calibration), notes)
     if write is not None:
         write_calibration(write, calibration)
         print_note(f"wrote {write}")
@@ -180,18 +179,20 @@ def _told_reference(walls: WallCalibration, u_um: float) -> list[str]:
     return notes
 
 
-@command
+@json_command
 def walls(
     phantoms: list[Path] = arg("Report folders of a reference, as --reference takes them."),
     write: Path | None = opt("YAML file for `register --oct-calibration`."),
-    as_json: JsonFlag = False,
 ) -> None:
     """Old name of `calibrate oct --reference`, for one more release.
 
     The file that it writes is the device's, for `register --oct-calibration`.
     """
     print_notes(["the new name is printctl calibrate oct --reference"])
-    oct_device(reference=phantoms, write=write, as_json=as_json)
+    oct_device(
+        reference=phantoms,
+        write=write,
+    )
 
 
 _MARKER = 0.75
@@ -240,7 +241,7 @@ def board(
     print_note(f"wrote {out}: print it at 100 %")
 
 
-@command
+@json_command
 def camera(
     *,
     pictures: list[Path] = arg("Pictures of the board; in the first it lies where prints will."),
@@ -249,7 +250,6 @@ def camera(
     marker_mm: Marker = None,
     markers: Markers = "5X5_100",
     write: Path | None = opt("YAML file for --camera of widths and dye."),
-    as_json: JsonFlag = False,
 ) -> None:
     """Scale and distortion of a camera or microscope, from pictures of a ChArUco board.
 
@@ -273,7 +273,7 @@ def camera(
             "fill half of it or more"
         )
     print_estimates({"scale in the picture's middle": Estimate(lens.um_per_px, low, high, "µm/px")},
-         notes, as_json)  # fmt: skip
+         notes)  # fmt: skip
     if write is not None:
         write_lens(write, lens)
         print_note(f"wrote {write}")

@@ -32,10 +32,9 @@ from printctl.calibration.results import (
     weighing_result,
 )
 from printctl.calibration.writing import Job, make_test
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.options import (
     InkOption,
-    JsonFlag,
     PrinterOption,
     SyringeOption,
     print_lines,
@@ -64,7 +63,7 @@ def read_csv_argument(
     return read_readings(path, numbers, words)
 
 
-def print_estimates(lines: Mapping[str, Estimate], notes: Sequence[str], as_json: bool) -> None:
+def print_estimates(lines: Mapping[str, Estimate], notes: Sequence[str]) -> None:
     """Numbers with their 95 % intervals, then what they mean."""
     values = {
         name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
@@ -72,7 +71,7 @@ def print_estimates(lines: Mapping[str, Estimate], notes: Sequence[str], as_json
     }
     reported = [f"{name:<40} {estimate.text()}" for name, estimate in lines.items()]
     facts = {"estimates": values, "level": 0.95, "notes": notes}
-    print_result(as_json, facts, [*reported, "(95 % intervals)", *notes])
+    print_result(facts, [*reported, "(95 % intervals)", *notes])
 
 
 def write_test(job: Job) -> None:
@@ -88,15 +87,15 @@ def write_test(job: Job) -> None:
     )
 
 
-def finish(result: Result, as_json: bool, write: Path | None = None) -> None:
+def finish(result: Result, write: Path | None = None) -> None:
     """Print a result, and write a measured copy of its profile where one is wanted."""
     left = () if write is None else result.unwritten
-    print_estimates(result.lines, [*result.notes, *left], as_json)
+    print_estimates(result.lines, [*result.notes, *left])
     if write is not None:
         print_note(f"wrote {write}: {result.save(write)}")
 
 
-@command
+@json_command
 def backlash(
     readings: Csv = None,
     printer: PrinterOption = "generic_marlin",
@@ -108,7 +107,6 @@ def backlash(
     wait: float = opt("To read the dial, s.", 8.0, min=0),
     at: At = "100,100,50",
     gcode: Gcode = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Lost motion of an axis: CSV with target_mm, approach (1 or -1) and measured_mm.
 
@@ -127,7 +125,7 @@ def backlash(
         write_test(Job(gcode, test, machine, filled, three_numbers(at, "--at")))
         return
     data = read_csv_argument(readings, ("target_mm", "approach", "measured_mm"))
-    finish(backlash_result(data), as_json)
+    finish(backlash_result(data))
 
 
 def _axis(text: str) -> Axis:
@@ -137,7 +135,7 @@ def _axis(text: str) -> Axis:
     raise UsageError(f"--axis {text!r} is none of x, y, z, e")
 
 
-@command
+@json_command
 def lag(
     readings: Csv = None,
     printer: PrinterOption = "generic_marlin",
@@ -154,7 +152,6 @@ def lag(
     at: At = "40,100,1",
     gcode: Gcode = None,
     write: Write = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Pressure lag (K, τ) and flow factor: CSV with x_mm along the line and width_mm there.
 
@@ -171,16 +168,15 @@ def lag(
         return
     data = read_csv_argument(readings, ("x_mm", "width_mm"))
     tip = None if needle is None else load(Needle, needle)
-    finish(lag_result(data, line, material, tip, load(Syringe, syringe)), as_json, write)
+    finish(lag_result(data, line, material, tip, load(Syringe, syringe)), write)
 
 
-@command
+@json_command
 def offset(
     readings: Csv = None,
     printer: str | None = opt("Profile of a printer with several heads, all lowered."),
     head: int = opt("Whose needle is the second of the two.", 1, min=1),
     write: Write = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Offset of a needle: CSV with needle (two names), x_mm, y_mm and z_mm of touch-offs.
 
@@ -191,12 +187,12 @@ def offset(
         raise UsageError("--write needs the profile that is to be mended; give --printer")
     data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("needle",))
     if printer is not None:
-        finish(head_offset_result(data, load(Printer, printer), head), as_json, write)
+        finish(head_offset_result(data, load(Printer, printer), head), write)
         return
-    finish(offset_result(data), as_json)
+    finish(offset_result(data))
 
 
-@command
+@json_command
 def weigh(
     readings: Csv = None,
     printer: PrinterOption = "generic_marlin",
@@ -213,7 +209,6 @@ def weigh(
     at: At = "100,100,50",
     gcode: Gcode = None,
     write: Write = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Steps per µL, by weight: CSV with travel_mm and mass_mg of each dose.
 
@@ -230,19 +225,18 @@ def weigh(
     if head is not None:
         data = read_csv_argument(readings, ("open_s", "mass_mg"))
         used = load(Ink, ink), load(Needle, needle)
-        finish(flow_result(data, known, machine, *used), as_json, write)
+        finish(flow_result(data, known, machine, *used), write)
         return
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
     data = read_csv_argument(readings, ("travel_mm", "mass_mg"))
-    finish(weighing_result(data, known, machine, filled, mend), as_json, write)
+    finish(weighing_result(data, known, machine, filled, mend), write)
 
 
-@command
+@json_command
 def level(
     readings: Csv = None,
     part: str = opt("Size of the part, mm.", "20,20", metavar="X,Y"),
-    as_json: JsonFlag = False,
 ) -> None:
     """Level of bed and bath: CSV with surface (bed or bath), x_mm, y_mm and z_mm of touches.
 
@@ -250,4 +244,4 @@ def level(
     """
     data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("surface",))
     size = numbers_of(part, "--part")
-    finish(level_result(data, size[0], size[-1]), as_json)
+    finish(level_result(data, size[0], size[-1]))

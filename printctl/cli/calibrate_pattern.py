@@ -16,13 +16,7 @@ from printctl.calibration.pattern_job import (
     pattern_of,
     write_pattern_job,
 )
-from printctl.calibration.patterns import (
-    COLUMNS,
-    Bead,
-    PatternSetUp,
-    WrittenPattern,
-    read_pattern,
-)
+from printctl.calibration.patterns import COLUMNS, Bead, PatternSetUp, WrittenPattern, read_pattern
 from printctl.calibration.widths import (
     GivenValues,
     PictureFacts,
@@ -32,11 +26,10 @@ from printctl.calibration.widths import (
 )
 from printctl.checks.set_up import ProfileNames, set_up
 from printctl.cli.calibrate_measured import Write, print_estimates
-from printctl.cli.declare import command
+from printctl.cli.declare import command, json_command, wants_json
 from printctl.cli.options import (
     CameraFile,
     InkOption,
-    JsonFlag,
     SyringeOption,
     is_typed,
     print_lines,
@@ -172,7 +165,7 @@ def _tell(job: PatternJob, lines: int, seconds: float) -> None:
 _CORNERS = 4
 
 
-@command
+@json_command
 def widths(
     file: Path = arg("The sheet, filled in (.csv), or a picture."),
     pattern: Path | None = opt("The pattern's .json; FILE's name with .json if not."),
@@ -186,7 +179,6 @@ def widths(
     flow_factor: float | None = opt("Weighed; the swelling is told then.", min=0.2, max=5),
     ink: str | None = opt("For --write; the one it was printed with if not."),
     write: Write = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Widths of a calibration print, and what they say of the ink.
 
@@ -215,9 +207,9 @@ def widths(
         print_note(f"wrote {drawn} (judge by it) and {table}")
         measured, notes = seen.measured, seen.notes
     answer = fit_measured(written, measured, GivenValues(flow_factor))
-    if not as_json:
+    if not wants_json():
         print_lines(*answer.table)
-    print_estimates(dict(answer.estimates), [*notes, *answer.notes], as_json)
+    print_estimates(dict(answer.estimates), [*notes, *answer.notes])
     if write is not None:
         print_note(f"wrote {write}: {answer.save(write, load(Ink, ink or written.mounted.ink))}")
 

@@ -9,14 +9,8 @@ from typing import Final
 from pydantic import ValidationError
 
 from design.files import write_text
-from printctl.cli.declare import command
-from printctl.cli.options import (
-    JsonFlag,
-    OutFolder,
-    PdfFlag,
-    print_notes,
-    print_result,
-)
+from printctl.cli.declare import json_command
+from printctl.cli.options import OutFolder, PdfFlag, print_notes, print_result
 from printctl.corrections.compensation import (
     CompensationFile,
     GainPart,
@@ -28,13 +22,7 @@ from printctl.corrections.feedback import Choices, Mean, estimate, read_print
 from printctl.errors import UsageError
 from printctl.history.comparing import NewLimits, PrintNames, read_folders
 from printctl.settings import arg, of, opt
-from registration.comparison import (
-    compare,
-    comparison_csv,
-    comparison_dict,
-    gauge_csv,
-    verdict,
-)
+from registration.comparison import compare, comparison_csv, comparison_dict, gauge_csv, verdict
 from registration.report.comparison_page import comparison_figures, write_comparison_html
 from registration.report.print_page import print_page
 
@@ -45,7 +33,7 @@ HTML: Final = "compare.html"
 PDF: Final = "compare.pdf"
 
 
-@command
+@json_command
 def compare_prints(
     *,
     folders: list[Path] = arg(
@@ -73,7 +61,6 @@ def compare_prints(
         "Judge all prints anew by this limit, and tell the capability (Cp, Cpk).", min=0.1
     ),
     pdf: PdfFlag = False,
-    as_json: JsonFlag = False,
 ) -> None:
     """Hold several prints of one design against each other: what repeats, varies, drifts.
 
@@ -101,7 +88,7 @@ def compare_prints(
     if pdf:
         print_page(out / HTML, out / PDF)
     pages = [str(out / name) for name in (HTML, *([PDF] if pdf else []))]
-    print_result(as_json, data, [*verdict(found)["reasons"], *data["notes"], *pages])
+    print_result(data, [*verdict(found)["reasons"], *data["notes"], *pages])
 
 
 def _names(text: str | None, option: str, count: int) -> list[str] | None:
@@ -125,7 +112,7 @@ def _judged_note(judged: NewLimits | None) -> list[str]:
     ]
 
 
-@command
+@json_command
 def compensate(
     prints: list[Path] = arg(
         "Finished runs of one design, or folders of `register --model RUN --out`.", metavar="RUN..."
@@ -144,7 +131,6 @@ def compensate(
     local_gain: float = of(GainPart, "local", "--local-gain", max=None),
     without_vessel: list[int] | None = opt("A vessel to leave out; may be repeated."),
     whole_only: bool = opt("Nothing for single vessels and nodes.", False),
-    as_json: JsonFlag = False,
 ) -> None:
     """Make a compensation from registered prints, for a recipe's `toolpath.compensation`.
 
@@ -170,7 +156,7 @@ def compensate(
     print_notes(made.notes)
     facts = made.model_dump(mode="json", by_alias=True)
     lines = [*_measured(made), f"written instead: {changes_line(made)}", str(out)]
-    print_result(as_json, facts, lines)
+    print_result(facts, lines)
 
 
 def _measured(made: CompensationFile) -> list[str]:

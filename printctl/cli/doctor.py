@@ -6,16 +6,15 @@ from collections.abc import Iterator
 
 import typer
 
-from printctl.cli.declare import command
-from printctl.cli.options import JsonFlag, print_result
+from printctl.cli.declare import json_command
+from printctl.cli.options import print_result
 from printctl.doctor import Examination, examine
 from printctl.settings import opt
 
 
-@command
+@json_command
 def doctor(
     warm: bool = opt("Compile all kernels now, so that no run waits for them.", False),
-    as_json: JsonFlag = False,
 ) -> None:
     """Say whether this machine is fit: packages, extras, ports, disk, kernels, folders, clock.
 
@@ -30,7 +29,7 @@ def doctor(
         if rows:
             compile_with_bar(rows)
     examination = examine()
-    print_result(as_json, examination.as_dict(), _lines(examination))
+    print_result(examination.as_dict(), _lines(examination))
     if examination.blocked:
         raise typer.Exit(1)
 

@@ -9,10 +9,9 @@ import typer
 
 from printctl.analysis.flow import solver_cases
 from printctl.cli import flow_options as options
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.flow_options import SECTIONS, FlowOutput
 from printctl.cli.options import (
-    JsonFlag,
     SourceArg,
     UnitOption,
     folder_to_write,
@@ -29,7 +28,7 @@ from printctl.settings import opt
 _TYPED: Final[Any] = Sections(SECTIONS, dict)
 
 
-@command
+@json_command
 def flow(
     *,
     context: typer.Context,
@@ -56,7 +55,6 @@ def flow(
     results: Literal["csv", "npz"] | None = opt(
         "Tables as csv, or as arrays of one npz (NumPy, fast)."
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Solve the flow in a network: lumped; as waves (--one-d); in the lumens' space (--three-d).
 
@@ -72,7 +70,7 @@ def flow(
         summary, doubts = solver_cases.run_svzerod_case(case, network, file)
         for text in doubts:
             print_warning(text)
-        _say(FlowOutput(summary, [file]), as_json)
+        _say(FlowOutput(summary, [file]))
         return
     if (case := solver_cases.read_openbf(network)) is not None:
         known = ("network", "out", "results", "as_json", "cell_mm")
@@ -90,12 +88,12 @@ def flow(
             found = solver_cases.run_openbf_case(
                 case, network, where, context.params["cell_mm"], tell
             )
-        _say(FlowOutput(found[0], [found[1]]), as_json)
+        _say(FlowOutput(found[0], [found[1]]))
         return
     # Loaded late: a case of svZeroDSolver needs no network, mesh or figure.
     from printctl.cli.flow_network import run_network
 
-    _say(run_network(context, network, out, others, match), as_json)
+    _say(run_network(context, network, out, others, match))
 
 
 def _refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) -> None:
@@ -107,10 +105,10 @@ def _refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) ->
             )
 
 
-def _say(output: FlowOutput, as_json: bool) -> None:
+def _say(output: FlowOutput) -> None:
     print_notes(output.summary.get("notes", ()))
     files = map(str, output.files)
-    print_result(as_json, output.summary, lambda: [*_lines("", output.summary), *files])
+    print_result(output.summary, lambda: [*_lines("", output.summary), *files])
 
 
 def _lines(before: str, values: dict[str, object]) -> list[str]:

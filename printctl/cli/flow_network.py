@@ -24,13 +24,7 @@ from printctl.analysis.flow.ranks import run_on_ranks
 from printctl.analysis.flow.three_d import SHARP
 from printctl.analysis.flow.typed_over import conditions_said
 from printctl.analysis.networks import load_source
-from printctl.cli.flow_options import (
-    FlowOutput,
-    Match,
-    OtherSolvers,
-    part_of,
-    space_of,
-)
+from printctl.cli.flow_options import FlowOutput, Match, OtherSolvers, part_of, space_of
 from printctl.cli.options import messages, print_warning
 from printctl.errors import UsageError
 from printctl.recipe.parts import ThreeDPart

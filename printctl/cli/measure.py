@@ -17,10 +17,9 @@ from design.units import LengthUnit
 from printctl.analysis.measure_words import measure_lines
 from printctl.analysis.networks import Drive, load_source
 from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, known_flow, solve_and_write
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.options import (
     InletFlowOption,
-    JsonFlag,
     SourceArg,
     TissueOption,
     TissueUnitOption,
@@ -32,12 +31,7 @@ from printctl.cli.options import (
     print_result,
     refuse_input_as_output,
 )
-from printctl.cli.section_options import (
-    SectionOptions,
-    Sections,
-    section_values,
-    wrong_option,
-)
+from printctl.cli.section_options import SectionOptions, Sections, section_values, wrong_option
 from printctl.errors import UsageError
 from printctl.recipe.parts import OxygenPart
 from printctl.run_folder.artefacts import SURFACE
@@ -47,7 +41,7 @@ _ANY_SIZE = SizeLimits(0.5, 2000.0)
 """The network says where the tissue is, so that a wrong unit shows in the measures."""
 
 
-@command
+@json_command
 def measure(
     network: SourceArg,
     tissue: TissueOption = None,
@@ -63,7 +57,6 @@ def measure(
     ),
     inlet_flow_ml_min: InletFlowOption = None,
     viscosity_mpa_s: ViscosityOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Measure any network in a tissue: distances, densities, oxygen, orders, Murray's law, flow.
 
@@ -85,10 +78,9 @@ def measure(
         measures["against"] = compare_orders(source.network, against)
     if out is not None:
         write_text(out, json.dumps(measures, indent=1, allow_nan=False) + "\n")
-    if not as_json:
-        print_dim(source.notes)
+    print_dim(source.notes)
     written = [] if out is None else [str(out)]
-    print_result(as_json, measures, lambda: [*measure_lines(measures), *written])
+    print_result(measures, lambda: [*measure_lines(measures), *written])
 
 
 def tissue_around(path: Path, unit: LengthUnit | None) -> Tissue:
@@ -120,7 +112,7 @@ def _part(typed: dict[str, Any]) -> OxygenPart:
 _PART: Final[Any] = Sections([_SECTION], _part)
 
 
-@command
+@json_command
 def oxygen(
     *,
     network: SourceArg,
@@ -133,7 +125,6 @@ def oxygen(
     inlet_flow_ml_min: InletFlowOption = None,
     viscosity_mpa_s: ViscosityOption = None,
     part: OxygenPart = _PART,
-    as_json: JsonFlag = False,
 ) -> None:
     """Oxygen in vessels and tissue: what is hypoxic, what is left at the outlets.
 
@@ -149,12 +140,9 @@ def oxygen(
     out.mkdir(parents=True, exist_ok=True)
     numbers = solve_and_write(out, source.network, flow, around, part, _report_progress)
     write_text(out / NUMBERS, json.dumps(numbers, indent=1, allow_nan=False) + "\n")
-    if not as_json:
-        print_dim(source.notes)
+    print_dim(source.notes)
     files = [str(out / name) for name in (NUMBERS, TABLE, FIELD, SLICE)]
-    print_result(
-        as_json, numbers, lambda: [hypoxia(numbers, part), *_oxygen_lines(numbers), *files]
-    )
+    print_result(numbers, lambda: [hypoxia(numbers, part), *_oxygen_lines(numbers), *files])
 
 
 def _report_progress(fraction: float, note: str = "") -> None:

@@ -13,8 +13,8 @@ import typer
 from firmware_profiles import Needle, load
 from firmware_profiles.plates import Dish
 from printctl.calibration.patterns import read_printed_lines
-from printctl.cli.declare import command, group
-from printctl.cli.options import JsonFlag, folder_to_write, print_json, print_note, print_result
+from printctl.cli.declare import group, json_command, wants_json
+from printctl.cli.options import folder_to_write, print_json, print_note, print_result
 from printctl.cli.running_print import answer, looks
 from printctl.errors import UsageError
 from printctl.settings import arg, opt, three_numbers
@@ -52,7 +52,7 @@ _U_Z_OF_PRINT_MM: Final = 5.0
 FrameFile = Annotated[Path, opt("File of `printctl observe frame`.")]
 
 
-@command
+@json_command
 def insert(
     dish: str = opt("Dish profile: shipped name or .yaml file.", ...),
     out: Path = opt("Folder to write to.", ..., callback=folder_to_write),
@@ -62,7 +62,6 @@ def insert(
     hole_mm: float | None = opt(
         "Hole along x: the dish outside and 0.5 mm; 4 mm more than the dish inside if not."
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Write a plate with ArUco marks that lies around the dish: drawings at true size, and bodies.
 
@@ -80,7 +79,7 @@ def insert(
     write_files(out, drawn)
     left, right = (c for c in drawn.crosses if c.name in ("left", "right"))
     apart = right.x_mm - left.x_mm
-    if as_json:
+    if wants_json():
         print_json({
             "folder": str(out), "marks": len(drawn.marks), "plate_mm": drawn.plate_mm,
             "hole_mm": drawn.hole_mm, "left_to_right_mm": apart,
@@ -93,7 +92,7 @@ def insert(
     )
 
 
-@command
+@json_command
 def sweep(
     *,
     pictures: Path = arg(
@@ -105,7 +104,6 @@ def sweep(
         "Height of that face, printer's frame, mm: touch it with the needle.", ...
     ),
     out: Path = opt("YAML file to write.", ..., "-o", "--out"),
-    as_json: JsonFlag = False,
 ) -> None:  # fmt: skip
     """Fit how a laser line sweeps under a camera, so that pictures of its line become heights.
 
@@ -124,7 +122,7 @@ def sweep(
         "pictures": fitted.pictures, "of": traced.pictures, "off_um": laser.off_um,
         "height_95_um": at, "height_95_above_um": above, "point": laser.point,
     }  # fmt: skip
-    print_result(as_json, facts, [
+    print_result(facts, [
         f"pictures            {fitted.pictures} of {traced.pictures} used",
         f"flat face           told {laser.off_um:.0f} µm off its height, per picture (RMS)",
         f"heights             ± {at:.0f} µm at z {floor_z:g} mm, ± {above:.0f} µm 5 mm above "
@@ -133,13 +131,12 @@ def sweep(
     print_note(f"wrote {out}")
 
 
-@command
+@json_command
 def check(
     *,
     picture: Path = arg("Picture of the insert."),
     frame: FrameFile,
     limit_um: float = opt("Shift at the dish up to which a frame holds.", LIMIT_UM, min=1),
-    as_json: JsonFlag = False,
 ) -> None:
     """Compare a picture's marks with the frame's: a bumped camera, a moved insert, another focus.
 
@@ -161,12 +158,12 @@ def check(
     )  # fmt: skip
     verdict = "holds" if answer.holds else "does not hold"
     lines = [f"the frame of {age:.1f} days ago {verdict}{moved}", *answer.why, *answer.notes]
-    print_result(as_json, facts, lines)
+    print_result(facts, lines)
     if not answer.holds:
         raise typer.Exit(3)
 
 
-@command
+@json_command
 def frame(
     pictures: list[Path] = arg("Pictures of the insert, nothing moved between them."),
     lens: Path = opt("File of `printctl calibrate camera`.", ...),
@@ -196,7 +193,6 @@ def frame(
         "Surface of a clear bath above the ink, printer's frame: refraction is taken into account."
     ),
     index: float = opt("Refractive index of the bath.", 1.333, min=1, max=2),
-    as_json: JsonFlag = False,
 ) -> None:  # fmt: skip
     """Fit a camera's place over the printer to pictures of a dish insert.
 
@@ -229,7 +225,7 @@ def frame(
         "off_px": found.off_px, "insert_scale": found.insert_scale, "tied": found.tied,
         "eye_mm": found.eye_mm, "notes": notes,
     }  # fmt: skip
-    print_result(as_json, facts, [
+    print_result(facts, [
         f"camera to printer   ± {1e3 * _T95 * found.u_mm:.0f} µm (95 %, along the worst axis, in "
         "the dish)",
         f"scale               {found.um_per_px:.1f} µm a pixel in the dish's middle",
@@ -284,7 +280,7 @@ def _touch(word: str, u_mm: float) -> Touch:
     return Touch(name, x, y, z[0] if z else None, max(u_mm, 1e-4))
 
 
-@command
+@json_command
 def tip(
     pictures: list[Path] = arg("Pictures of the needle."),
     frame: list[Path] = opt(
@@ -303,7 +299,6 @@ def tip(
         "Standard uncertainty of Z, where the needle was touched off; one picture will do then.",
         min=0.001
     ),
-    as_json: JsonFlag = False,
 ) -> None:  # fmt: skip
     """Find where the needle's tip is: its offset from the printer's position, its width, its wear.
 
@@ -334,7 +329,7 @@ def tip(
         "misfit": found.misfit if np.isfinite(found.misfit) else None,
         "not_found": missed, "notes": notes,
     }  # fmt: skip
-    print_result(as_json, facts, [
+    print_result(facts, [
         *(
             f"tip {name}   {o:+.3f} ± {_T95 * u:.3f} mm from the printer's position"
             for name, o, u in zip("xyz", offset, u_mm, strict=True)

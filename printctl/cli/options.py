@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 
 from design.units import BLOOD_MPA_S, LengthUnit
+from printctl.cli.declare import wants_json
 from printctl.errors import UsageError
 from printctl.failures import JSON_PRINTED, message_and_code
 from printctl.pipeline.lock import run_lock
@@ -52,9 +53,6 @@ GcodeArg = Annotated[Path, arg("The G-code file.")]
 RunArg = Annotated[
     Path,
     arg("The print: its folder, its recipe's run folder, or its G-code file.", metavar="RUN"),
-]
-JsonFlag = Annotated[
-    bool, opt("Print one JSON object on stdout and nothing else there.", False, "--json")
 ]
 YesFlag = Annotated[bool, opt("Start a print on a real printer without asking first.")]
 OutFolder = Annotated[Path, opt("Folder for the files.", callback=folder_to_write)]
@@ -117,8 +115,8 @@ def print_notes(notes: Iterable[str]) -> None:
 
 
 def print_dim(notes: Iterable[str]) -> None:
-    """Say what was read and how, a line each."""
-    for note in notes:
+    """Say what was read and how, a line each; nothing beside JSON."""
+    for note in () if wants_json() else notes:
         messages().print(note, style="dim", markup=False)
 
 
@@ -138,11 +136,9 @@ def print_lines(*lines: str) -> None:
     sys.stdout.write("\n".join(lines) + "\n")
 
 
-def print_result(
-    as_json: bool, facts: Any, lines: Iterable[str] | Callable[[], Iterable[str]]
-) -> None:
-    """Print a result: one JSON object, or ``lines``, which are read or made only then."""
-    if as_json:
+def print_result(facts: Any, lines: Iterable[str] | Callable[[], Iterable[str]]) -> None:
+    """Print a result: with --json one object, else ``lines``, which are made only then."""
+    if wants_json():
         print_json(facts)
     else:
         print_lines(*(lines() if callable(lines) else lines))

@@ -13,11 +13,10 @@ from firmware_profiles import Printer, load
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.options import (
     GcodeArg,
     InkOption,
-    JsonFlag,
     PrinterOption,
     StartOption,
     SyringeOption,
@@ -95,7 +94,7 @@ class CareOptions:
         )
 
 
-@command
+@json_command
 def print_job(
     *,
     file: GcodeArg,
@@ -118,7 +117,6 @@ def print_job(
         False,
     ),
     yes: YesFlag = False,
-    as_json: JsonFlag = False,
 ) -> None:
     """Check a G-code file and print it; attach when its print is already going on.
 
@@ -146,7 +144,7 @@ def print_job(
     done = _print(order, profile, tip, yes)
     facts = {"state": done.state.value, "proved": done.proved, "lines": done.lines_done}
     facts |= {"message": done.message, "folder": str(place)}
-    print_result(as_json, facts, [f"{done.state.value}: {done.message}", str(place)])
+    print_result(facts, [f"{done.state.value}: {done.message}", str(place)])
     if not done.proved:
         raise typer.Exit(1)
 

@@ -29,13 +29,8 @@ from firmware_profiles import (
     shipped,
     shipped_text,
 )
-from printctl.cli.declare import command, group
-from printctl.cli.options import (
-    JsonFlag,
-    messages,
-    print_note,
-    print_result,
-)
+from printctl.cli.declare import group, json_command
+from printctl.cli.options import messages, print_note, print_result
 from printctl.errors import UsageError
 from printctl.machine.link.families import link_facts
 from printctl.machine.probing import Row, compare, corrected_profile, query_settings
@@ -62,11 +57,10 @@ class ProfileGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-@command
+@json_command
 def show(
     name: str | None = arg("Show one profile whole: its shipped name or a .yaml file.", None),
     write: Path | None = opt("Copy the shipped profile to this new file, to correct it."),
-    as_json: JsonFlag = False,
 ) -> None:
     """List the shipped profiles, or show one with its source.
 
@@ -75,7 +69,7 @@ def show(
     if write is not None:
         _copy(name, write)
     profiles = _all() if name is None else _one(name)
-    print_result(as_json, profiles, _profile_lines(profiles, whole=name is not None))
+    print_result(profiles, _profile_lines(profiles, whole=name is not None))
 
 
 def _profile_lines(profiles: dict[str, dict[str, Any]], whole: bool) -> Iterator[str]:
@@ -165,13 +159,12 @@ def _one(name: str) -> dict[str, dict[str, Any]]:
     return {kind: {name: facts.model_dump(mode="json")}}
 
 
-@command
+@json_command
 def probe(
     port: str = opt("Serial port or tcp:HOST:PORT.", ...),
     profile: str = opt("A shipped name or a .yaml file.", ...),
     baud: int | None = opt("In place of the profile's."),
     write: Path | None = opt("Write the profile with the printer's values to this file."),
-    as_json: JsonFlag = False,
 ) -> None:
     """Read a printer's settings and show where they differ from a profile.
 
@@ -193,7 +186,6 @@ def probe(
     }
     other = [] if kin else [f"DIFFERS firmware: the profile says {printer.firmware}"]
     print_result(
-        as_json,
         facts,
         [
             f"{settings.firmware or 'a firmware that says no name'} on {port}",
@@ -228,10 +220,9 @@ def _untold(printer: Printer, rows: list[Row]) -> list[str]:
     return [f"not told by the printer, measure: {', '.join(left)}"] if left else []
 
 
-@command
+@json_command
 def check(
     file: str = arg("A .yaml file, or a shipped name."),
-    as_json: JsonFlag = False,
 ) -> None:
     """Check a profile: keys, bounds, and keys against each other.
 
@@ -243,7 +234,7 @@ def check(
     found = {"file": file, "sort": kind, "passed": not grave, "doubts": list(map(asdict, doubts))}
     lines = [f"{kind} {facts.name}: {'not to be used so' if grave else 'sound'}"]
     lines += [f"{'FAIL' if one.grave else 'note'} {one.key}: {one.text}" for one in doubts]
-    print_result(as_json, found, lines)
+    print_result(found, lines)
     if grave:
         raise typer.Exit(1)
 

@@ -10,10 +10,9 @@ import typer
 from pydantic import BaseModel, ValidationError
 
 from design.units import LengthUnit
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
-    JsonFlag,
     OutFolder,
     PdfFlag,
     ProgressFileOption,
@@ -111,7 +110,7 @@ PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""
 
 
-@command
+@json_command
 def register(
     *,
     scan: ScanFile,
@@ -151,7 +150,6 @@ def register(
     conformance_percent: float | None = of(RegistrationPart, "conformance_percent", default=None),
     progress_file: ProgressFileOption = None,
     pdf: PdfFlag = False,
-    as_json: JsonFlag = False,
 ) -> None:
     """Align a scan with its design and report the deviation, vessel by vessel.
 
@@ -195,6 +193,6 @@ def register(
         steps.begin("writing")
         print_notes(made.write(out, data, pdf, second, drawn))
     files = [str(out / HTML), *([str(out / PDF)] if pdf else [])]
-    print_result(as_json, data, [*data["verdict"]["reasons"], *files])
+    print_result(data, [*data["verdict"]["reasons"], *files])
     if not data["verdict"]["passed"]:
         raise typer.Exit(1)

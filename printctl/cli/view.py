@@ -24,9 +24,8 @@ from printctl.analysis.film import (
 )
 from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import Drive, Source, load_source
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command, wants_json
 from printctl.cli.options import (
-    JsonFlag,
     UnitOption,
     is_typed,
     messages,
@@ -53,7 +52,7 @@ _FOR_NETWORKS = ("seen_from", *(one.name for one in fields(NetworkView)))
 _FOR_GCODE = tuple(one.name for one in fields(GcodeView))
 
 
-@command
+@json_command
 def view(
     *,
     context: typer.Context,
@@ -68,7 +67,6 @@ def view(
     ),
     network: NetworkView,
     gcode: GcodeView,
-    as_json: JsonFlag = False,
 ) -> None:
     """Show a network or G-code: a page that opens offline, or with --png a picture.
 
@@ -86,11 +84,11 @@ def view(
         written, notes = view_network(source, page, png, look, network, print_note)
     sizes = {kind: path.stat().st_size for kind, path in written.items()}
     files = {kind: {"file": str(path), "bytes": sizes[kind]} for kind, path in written.items()}
-    if not as_json:
-        print_dim(notes)
+    print_dim(notes)
     lines = [f"{path} ({_size(sizes[kind])})" for kind, path in written.items()]
-    print_result(as_json, {**files, "notes": list(notes)}, lines)
-    if "page" in written and (open_page or (open_page is None and not as_json and _on_desktop())):
+    print_result({**files, "notes": list(notes)}, lines)
+    wanted = not wants_json() and _on_desktop() if open_page is None else open_page
+    if wanted and "page" in written:
         webbrowser.open(written["page"].resolve().as_uri())
 
 
@@ -138,7 +136,7 @@ _OF_GROWTH: Final = ("by", "steps", "unit")
 _OF_PULSES: Final = ("solver", "frames", "cycles", "tables")
 
 
-@command
+@json_command
 def film(
     context: typer.Context,
     source: Path = arg(
@@ -166,7 +164,6 @@ def film(
     width: int = opt("Pixels.", 900, min=300, max=3000),
     fps: float = opt("Frames in 1 s of the film.", 12.0, min=1.0, max=60.0),
     unit: UnitOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Make a film of a network: how it grew, or with --show pulse a pulse through it.
 
@@ -182,7 +179,7 @@ def film(
     with messages().status("drawing") as status:
         count = write_film(path, _with_progress(made, status.update), fps)
     facts = {"file": str(path), "frames": count, "seconds": count / fps}
-    print_result(as_json, facts, [f"{path} ({count} frames, {count / fps:.1f} s)"])
+    print_result(facts, [f"{path} ({count} frames, {count / fps:.1f} s)"])
 
 
 def _frames(requested: dict[str, Any], loaded: Source, scene: FilmScene) -> Iterator[Frame]:
