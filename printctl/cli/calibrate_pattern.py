@@ -31,10 +31,10 @@ from printctl.cli.options import (
     CameraFile,
     InkOption,
     SyringeOption,
-    is_typed,
     print_lines,
     print_note,
     print_notes,
+    refuse_typed,
 )
 from printctl.errors import UsageError
 from printctl.settings import arg, numbers_of, of, opt, three_numbers
@@ -124,14 +124,13 @@ def _bead(wide: float, layer: float | None, round_bead: bool, ink: str) -> Bead:
 
 def _refuse_others(context: typer.Context, name: str) -> None:
     """Refuse what belongs to another pattern: it would do nothing."""
-    others = sorted(set().union(*_OWN.values()) - _OWN[name])
-    for option in others:
-        if is_typed(context, option):
-            own = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
-            raise UsageError(
-                f"--{option.replace('_', '-')} changes nothing about the pattern {name}, which "
-                f"has {own}; leave it out, or write another pattern"
-            )
+    own = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
+    refuse_typed(
+        context,
+        sorted(set().union(*_OWN.values()) - _OWN[name]),
+        f"changes nothing about the pattern {name}, which has {own}; leave it out, or write "
+        "another pattern",
+    )
 
 
 def _refuse_air(machine: Printer) -> None:

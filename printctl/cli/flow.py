@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import typer
 
@@ -20,12 +20,9 @@ from printctl.cli.options import (
     print_notes,
     print_result,
     print_warning,
+    refuse_typed,
 )
-from printctl.cli.section_options import Sections
-from printctl.errors import UsageError
 from printctl.settings import opt
-
-_TYPED: Final[Any] = Sections(SECTIONS, dict)
 
 
 @json_command
@@ -37,7 +34,7 @@ def flow(
     out: Path = opt(
         "Folder for the tables; made where it isn't.", Path("flow"), callback=folder_to_write
     ),
-    typed: dict[str, Any] = _TYPED,
+    typed: dict[str, Any] = SECTIONS,
     fluid: Path | None = opt("YAML with a recipe's flow.viscosity: model: carreau and so on."),
     stenosis: list[str] | None = opt(
         "Vessel, diameter left (0.1 to 1), length; may be given again.", metavar="VESSEL,SHARE,MM"
@@ -98,11 +95,8 @@ def flow(
 
 def _refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) -> None:
     """Refuse an option typed that isn't among ``known``: the case says all else by itself."""
-    for name in context.params:
-        if name not in known and is_typed(context, name):
-            raise UsageError(
-                f"--{name.replace('_', '-')} is for networks; a case of {solver} says all by itself"
-            )
+    others = (name for name in context.params if name not in known)
+    refuse_typed(context, others, f"is for networks; a case of {solver} says all by itself")
 
 
 def _say(output: FlowOutput) -> None:

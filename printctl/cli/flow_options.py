@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,13 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.analysis.flow.typed_over import section_over
-from printctl.cli.section_options import (
-    SectionOptions,
-    needs_another,
-    option,
-    section_values,
-    wrong_option,
-)
+from printctl.cli.section_options import SectionOptions, Sections, needs_another, option
 from printctl.errors import UsageError
 from printctl.recipe.parts import (
     ComparePart,
@@ -154,7 +148,7 @@ DRIVING: Final = (
     PULSE,
 )
 """What flows, and what drives it."""
-SECTIONS: Final = (*DRIVING, ONE_D, THREE_D, COMPARE)
+SECTIONS: Final[Any] = Sections((*DRIVING, ONE_D, THREE_D, COMPARE), what="flow")
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
 _HAS_NONE: Final = ", and the recipe has none"
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
@@ -196,7 +190,7 @@ def part_of(
     _refuse_without_wave(requested, waves or own_pulse, "" if base is None else _HAS_NONE)
     refuse_idle_options(requested)
     section = (
-        section_values(SECTIONS, _with_own_space(requested))
+        SECTIONS.section(_with_own_space(requested))
         | fluid_section(requested["fluid"])
         | shear_band(requested)
     )
@@ -205,18 +199,13 @@ def part_of(
     typed: list[str] = []
     if base is not None:
         section, typed = section_over(base, section, print_scale)
-    try:
-        return FlowPart(**section), typed
-    except ValidationError as exc:
-        raise wrong_option(exc, SECTIONS, "pulsatile flow" if waves else "flow") from exc
+    stated = replace(SECTIONS, what="pulsatile flow") if waves else SECTIONS
+    return stated.checked(FlowPart, section), typed
 
 
 def space_of(requested: Mapping[str, Any]) -> ThreeDPart:
     """What was typed of lumens in space, for those that don't solve as --three-d does."""
-    try:
-        return ThreeDPart(**_OTHERS.typed(requested))
-    except ValidationError as exc:
-        raise wrong_option(exc, [_OTHERS], "3D flow") from exc
+    return Sections([_OTHERS], what="3D flow").checked(ThreeDPart, _OTHERS.typed(requested))
 
 
 def _with_own_space(requested: Mapping[str, Any]) -> Mapping[str, Any]:

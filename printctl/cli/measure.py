@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pydantic import ValidationError
-
 from design.files import write_text
 from design.hemodynamics import solve_flow
 from design.measures import MeasureOptions, compare_orders, measure_network, measures_dict
@@ -31,7 +29,7 @@ from printctl.cli.options import (
     print_result,
     refuse_input_as_output,
 )
-from printctl.cli.section_options import SectionOptions, Sections, section_values, wrong_option
+from printctl.cli.section_options import SectionOptions, Sections
 from printctl.errors import UsageError
 from printctl.recipe.parts import OxygenPart
 from printctl.run_folder.artefacts import SURFACE
@@ -98,18 +96,7 @@ def tissue_around(path: Path, unit: LengthUnit | None) -> Tissue:
 
 
 NUMBERS = "oxygen.json"
-_SECTION: Final = SectionOptions(OxygenPart)
-
-
-def _part(typed: dict[str, Any]) -> OxygenPart:
-    """The options as a recipe's section, checked as it would be."""
-    try:
-        return OxygenPart(**section_values([_SECTION], typed))
-    except ValidationError as exc:
-        raise wrong_option(exc, [_SECTION], "oxygen") from exc
-
-
-_PART: Final[Any] = Sections([_SECTION], _part)
+_PART: Final[Any] = Sections([SectionOptions(OxygenPart)], OxygenPart, "oxygen")
 
 
 @json_command

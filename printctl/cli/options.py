@@ -150,6 +150,20 @@ def is_typed(context: typer.Context, name: str) -> bool:
     return source is not None and source.name == "COMMANDLINE"
 
 
+def refuse_typed(context: typer.Context, names: Iterable[str], why: str) -> None:
+    """Refuse the first of the options, by their parameters' names, that stands on the command line.
+
+    Raises
+    ------
+    UsageError
+        With ``why`` after the option, as it is typed.
+    """
+    words = {one.name: one.opts[0] for one in context.command.params}
+    for name in names:
+        if is_typed(context, name):
+            raise UsageError(f"{words[name]} {why}")
+
+
 def refuse_input_as_output(out: Path | None, *inputs: Path) -> None:
     """Refuse to write over a file that the command reads, by whatever name.
 

@@ -27,12 +27,12 @@ from printctl.analysis.networks import Drive, Source, load_source
 from printctl.cli.declare import json_command, wants_json
 from printctl.cli.options import (
     UnitOption,
-    is_typed,
     messages,
     print_dim,
     print_note,
     print_result,
     read_gcode_file,
+    refuse_typed,
 )
 from printctl.errors import UsageError
 from printctl.pipeline.viewing import (
@@ -108,12 +108,11 @@ def _check_suffix(source: Path) -> None:
 
 def _check_options(context: typer.Context, source: Path) -> None:
     """Refuse an option that does nothing for this source."""
-    for name in _FOR_NETWORKS if is_gcode(source) else _FOR_GCODE:
-        if is_typed(context, name):
-            (option,) = (p.opts[0] for p in context.command.params if p.name == name)
-            networks = "a network; this is G-code"
-            kind = networks if is_gcode(source) else f"G-code ({', '.join(SUFFIXES)})"
-            raise UsageError(f"{option} with {source}: it is for {kind}; drop it")
+    if is_gcode(source):
+        names, kind = _FOR_NETWORKS, "a network; this is G-code"
+    else:
+        names, kind = _FOR_GCODE, f"G-code ({', '.join(SUFFIXES)})"
+    refuse_typed(context, names, f"with {source}: it is for {kind}; drop it")
 
 
 def _default_page(source: Path) -> Path:
@@ -170,7 +169,8 @@ def film(
     Frames have a scale bar, axes and a colour bar; a pulse's the inlet's wave, too. Growth is that
     of the finished network: vessels come in the order in which they were grown.
     """
-    _refuse_idle(context, show)
+    idle, other = (_OF_PULSES, "pulse") if show == "growth" else (_OF_GROWTH, "growth")
+    refuse_typed(context, idle, f"is for --show {other}; drop it")
     path = out or (source if source.is_dir() else source.parent) / f"{show}.mp4"
     check_suffix(path)
     loaded = load_source(source, unit, Drive())
@@ -215,14 +215,6 @@ def _murray(source: Path) -> float:
         return 3.0
     part = recipe_of(source, "a film").vasculature
     return part.murray_exponent if isinstance(part, Growth) else 3.0
-
-
-def _refuse_idle(context: typer.Context, show: str) -> None:
-    """Refuse an option that does nothing for this film."""
-    for name in _OF_PULSES if show == "growth" else _OF_GROWTH:
-        if is_typed(context, name):
-            other = "pulse" if show == "growth" else "growth"
-            raise UsageError(f"--{name.replace('_', '-')} is for --show {other}; drop it")
 
 
 def _with_progress(frames: Iterator[Frame], tell: Any) -> Iterator[Frame]:
