@@ -10,7 +10,7 @@ import typer
 from printctl.analysis.flow import solver_cases
 from printctl.cli import flow_options as options
 from printctl.cli.declare import json_command
-from printctl.cli.flow_options import SECTIONS, FlowOutput
+from printctl.cli.flow_options import SECTIONS
 from printctl.cli.options import (
     SourceArg,
     UnitOption,
@@ -67,7 +67,7 @@ def flow(
         summary, doubts = solver_cases.run_svzerod_case(case, network, file)
         for text in doubts:
             print_warning(text)
-        _say(FlowOutput(summary, [file]))
+        _say(summary, [file])
         return
     if (case := solver_cases.read_openbf(network)) is not None:
         known = ("network", "out", "results", "as_json", "cell_mm")
@@ -85,12 +85,15 @@ def flow(
             found = solver_cases.run_openbf_case(
                 case, network, where, context.params["cell_mm"], tell
             )
-        _say(FlowOutput(found[0], [found[1]]))
+        _say(found[0], [found[1]])
         return
     # Loaded late: a case of svZeroDSolver needs no network, mesh or figure.
     from printctl.cli.flow_network import run_network
 
-    _say(run_network(context, network, out, others, match))
+    output = run_network(context, network, out, others, match)
+    for text in output.warnings:
+        print_warning(text)
+    _say(output.summary, output.files)
 
 
 def _refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) -> None:
@@ -99,10 +102,9 @@ def _refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) ->
     refuse_typed(context, others, f"is for networks; a case of {solver} says all by itself")
 
 
-def _say(output: FlowOutput) -> None:
-    print_notes(output.summary.get("notes", ()))
-    files = map(str, output.files)
-    print_result(output.summary, lambda: [*_lines("", output.summary), *files])
+def _say(summary: dict[str, Any], files: list[Path]) -> None:
+    print_notes(summary.get("notes", ()))
+    print_result(summary, lambda: [*_lines("", summary), *map(str, files)])
 
 
 def _lines(before: str, values: dict[str, object]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -46,14 +46,6 @@ class Match:
     want: list[str] | None = opt("Flow wanted at an outlet; again for more.", metavar="NODE,ML_MIN")
     match_percent: float | None = opt("Largest deviation, of the inlet's flow; 0.5.")
     least_lumen_mm: float | None = opt("Smallest diameter that can be printed.", min=0.0)
-
-
-@dataclass
-class FlowOutput:
-    """What is said at the end: numbers, those of other fidelities in dicts, and files."""
-
-    summary: dict[str, Any] = field(default_factory=dict)
-    files: list[Path] = field(default_factory=list)
 
 
 _FLUID: Final[TypeAdapter[Any]] = TypeAdapter(FluidPart)
