@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
 import typer
-from pydantic import BaseModel, ValidationError
 
 from design.units import LengthUnit
 from printctl.cli.declare import json_command
@@ -22,89 +21,13 @@ from printctl.cli.options import (
     print_result,
 )
 from printctl.cli.scan import ScanFile, ScanOptions
-from printctl.errors import UsageError
 from printctl.garbage_collection import collected_rarely
 from printctl.recipe.making import RegistrationPart
 from printctl.recipe.record import RecordPart
-from printctl.recipe.tolerances import TolerancesPart
 from printctl.run_folder.artefacts import HTML, PDF
 from printctl.second_process import SecondProcess
 from printctl.settings import of, opt
-from registration.measuring.judging.tolerance import DecisionRule, Tolerances
-
-PartT = TypeVar("PartT", bound=BaseModel)
-
-
-def read_part(path: Path, part: type[PartT], what: str, remedy: str) -> PartT:
-    """Read and check a YAML file of one section of a recipe.
-
-    ``what`` and ``remedy`` say what the file holds and how to write one, for messages.
-
-    Raises
-    ------
-    RecipeError
-        When it isn't there or isn't YAML.
-    UsageError
-        With each wrong key, its value and the remedy.
-    """
-    # Loads the schema of a whole recipe; without such a file nobody waits for it.
-    from printctl.recipe.load import read_mapping, refusal
-
-    data = read_mapping(path, what, remedy)
-    try:
-        return part.model_validate(data)
-    except ValidationError as exc:
-        raise UsageError(refusal(exc, str(path), list)) from exc
-
-
-def read_record(path: Path) -> RecordPart:
-    """Read a measurement record; see `read_part`."""
-    return read_part(path, RecordPart, "record", "one line does: `operator: A. Smith`")
-
-
-_REMEDY: Final = "one line does: `diameter_percent: 10`"
-
-
-def tolerances_of(
-    file: Path | None,
-    rms_um: float | None,
-    diameter_percent: str | None,
-    decision_rule: DecisionRule | None = None,
-    conformance_percent: float | None = None,
-) -> Tolerances:
-    """Read the limits that a print is judged by.
-
-    Raises
-    ------
-    UsageError
-        For a limit that can't be used, or one that is given twice.
-    """
-    # Loads the schema of a whole recipe; without such options nobody waits for it.
-    from printctl.recipe.load import refusal
-
-    given = {
-        "tolerance_um": rms_um,
-        "diameter_tolerance_percent": _number_or_text(diameter_percent),
-        "decision_rule": decision_rule,
-        "conformance_percent": conformance_percent,
-        "tolerances": None
-        if file is None
-        else read_part(file, TolerancesPart, "tolerances", _REMEDY),
-    }
-    try:
-        part = RegistrationPart.model_validate({k: v for k, v in given.items() if v is not None})
-    except ValidationError as exc:
-        raise UsageError(refusal(exc, "tolerances", list)) from exc
-    return part.all_tolerances()
-
-
-def _number_or_text(value: str | None) -> float | str | None:
-    """Return a number where the text is one; `RegistrationPart` judges the rest."""
-    try:
-        return None if value is None else float(value)
-    except ValueError:
-        return value
-
+from registration.measuring.judging.tolerance import DecisionRule
 
 PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""
@@ -164,11 +87,12 @@ def register(
         steps.begin("reading")
         # Help waits for no mesh library; the second process loads beside this one.
         from printctl.pipeline import registration_work as work
+        from printctl.recipe import load
 
         design = work.read_design(model, network, lumens, unit, printed_in, out, print_note)
         drawn = second.call(PAGES, "network_drawing", design.vessels)
-        stated = RecordPart() if record is None else read_record(record)
-        limits = tolerances_of(
+        stated = RecordPart() if record is None else load.read_record(record)
+        limits = load.tolerances_of(
             tolerance,
             tolerance_um,
             diameter_tolerance_percent,

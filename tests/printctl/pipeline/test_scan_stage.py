@@ -16,7 +16,7 @@ import pytest
 import tifffile
 from pydantic import TypeAdapter, ValidationError
 
-from printctl.cli.register import read_record
+from printctl.recipe.load import read_record
 from printctl.errors import UsageError
 from printctl.machine.link.history_entry import PrintEntry, entry_of
 from printctl.machine.link.journal import Journal

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from typer.testing import CliRunner
 
 from printctl.cli.main import app
-from printctl.cli.register import tolerances_of
+from printctl.recipe.load import tolerances_of
 from printctl.errors import RecipeError, UsageError
 from printctl.pipeline.facts import recipe_facts
 from printctl.recipe import Recipe, load, load_recipe, parse_recipe
