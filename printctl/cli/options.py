@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,8 +15,6 @@ from design.units import BLOOD_MPA_S, LengthUnit
 from printctl.cli.declare import wants_json
 from printctl.errors import UsageError
 from printctl.failures import JSON_PRINTED, message_and_code
-from printctl.pipeline.lock import run_lock
-from printctl.progress_file import ProgressFile
 from printctl.settings import arg, opt
 from sim.user_files import read_gcode_path
 
@@ -208,47 +204,3 @@ def message_of(exc: Exception) -> str | None:
     """Return the user's message for a failure; None for an internal error."""
     known = message_and_code(exc)
     return None if known is None else known[0]
-
-
-@dataclass
-class Steps:
-    """A command's few steps, told as a run's stages; nothing without a file.
-
-    Attributes
-    ----------
-    path : Path or None
-        Of --progress-file.
-    folder : Path
-        Which the command works in; locked meanwhile where progress is asked for.
-    names : sequence of str
-    """
-
-    path: Path | None
-    folder: Path
-    names: Sequence[str]
-    _at: list[str] = field(default_factory=list)
-    _told: ProgressFile | None = None
-
-    @contextmanager
-    def whole(self) -> Iterator[None]:
-        """Tell the end, too, whichever way it comes."""
-        if self.path is None:
-            yield
-            return
-        progress = ProgressFile(self.path)
-        with ExitStack() as stack:
-            stack.enter_context(progress.whole(message_of))
-            stack.enter_context(run_lock(self.folder))
-            progress.begin(self.names, self.names[-1])
-            self._told = progress
-            yield
-            progress.done(self._at[-1], "")
-
-    def begin(self, name: str) -> None:
-        """Say that a step begins, and that the one before has ended."""
-        if self._told is None:
-            return
-        if self._at:
-            self._told.done(self._at[-1], "")
-        self._at.append(name)
-        self._told.stage(name, 0.0)

@@ -14,18 +14,12 @@ from typer.core import TyperGroup
 
 from design.files import write_text
 from firmware_profiles import (
-    Bath,
-    Dish,
-    Facts,
-    Ink,
-    Needle,
-    Plate,
+    PROFILE_SORTS,
     Printer,
-    ProfileError,
     Syringe,
+    find_profile,
     load,
     profile_doubts,
-    read_keys,
     shipped,
     shipped_text,
 )
@@ -35,16 +29,6 @@ from printctl.errors import UsageError
 from printctl.machine.link.families import link_facts
 from printctl.machine.probing import Row, compare, corrected_profile, query_settings
 from printctl.settings import arg, opt
-
-KINDS: dict[str, type[Facts]] = {
-    "printer": Printer,
-    "needle": Needle,
-    "syringe": Syringe,
-    "ink": Ink,
-    "bath": Bath,
-    "dish": Dish,
-    "plate": Plate,
-}
 
 
 class ProfileGroup(TyperGroup):
@@ -95,7 +79,7 @@ def _copy(name: str | None, to: Path) -> None:
     if name is None or name.endswith((".yaml", ".yml")):
         raise UsageError("--write copies a shipped profile: name one of `printctl profiles`")
     kind, _ = find_profile(name)
-    write_text(to, shipped_text(KINDS[kind], name))
+    write_text(to, shipped_text(PROFILE_SORTS[kind], name))
     print_note(f"wrote {to}: give it in place of {name}")
 
 
@@ -111,46 +95,10 @@ def _sizes(kind: str, facts: dict[str, Any]) -> str:
     return ""
 
 
-def find_profile(name: str) -> tuple[str, Facts]:
-    """Sort and facts of a shipped name or of a file, which itself doesn't say its sort.
-
-    Raises
-    ------
-    ProfileError
-        When there is none; of a file that is no profile it says what the sort wants whose keys
-        it has most of.
-    """
-    if not name.endswith((".yaml", ".yml")):
-        for kind, model in KINDS.items():
-            if name in shipped(model):
-                return kind, load(model, name)
-        raise ProfileError(
-            f"no profile {name!r}; `printctl profiles` lists the shipped ones, a file of your own "
-            "ends in .yaml"
-        )
-    if not Path(name).is_file():
-        raise ProfileError(f"profile file {name} doesn't exist; check the path")
-    kind = _likeliest(name)
-    return kind, load(KINDS[kind], name)
-
-
-def _likeliest(file: str) -> str:
-    """The sort of profile that most of a file's keys belong to."""
-    keys = set(read_keys(file)) - set(Facts.model_fields)
-    shared = {kind: len(keys & set(model.model_fields)) for kind, model in KINDS.items()}
-    kind = max(shared, key=lambda one: shared[one])
-    if not shared[kind]:
-        raise ProfileError(
-            f"{file} has no key of any sort of profile ({', '.join(KINDS)}); "
-            "`printctl profiles NAME` shows a shipped one with all its keys"
-        )
-    return kind
-
-
 def _all() -> dict[str, dict[str, Any]]:
     return {
         kind: {entry: load(model, entry).model_dump(mode="json") for entry in shipped(model)}
-        for kind, model in KINDS.items()
+        for kind, model in PROFILE_SORTS.items()
     }
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -15,13 +17,15 @@ from printctl.cli.options import (
     OutFolder,
     PdfFlag,
     ProgressFileOption,
-    Steps,
+    message_of,
     print_note,
     print_notes,
     print_result,
 )
 from printctl.cli.scan import ScanFile, ScanOptions
 from printctl.garbage_collection import collected_rarely
+from printctl.pipeline.lock import run_lock
+from printctl.progress_file import ProgressFile
 from printctl.recipe.making import RegistrationPart
 from printctl.recipe.record import RecordPart
 from printctl.run_folder.artefacts import HTML, PDF
@@ -31,6 +35,27 @@ from registration.measuring.judging.tolerance import DecisionRule
 
 PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""
+_STEPS: Final = ("reading", "registration", "writing")
+
+
+@contextmanager
+def _told_steps(path: Path | None, folder: Path) -> Iterator[Callable[[str], None]]:
+    """Give what begins a step, told to a --progress-file; the folder is locked meanwhile."""
+    if path is None:
+        yield lambda name: None
+        return
+    progress, begun = ProgressFile(path), list[str]()
+
+    def begin(name: str) -> None:
+        if begun:
+            progress.done(begun[-1], "")
+        begun.append(name)
+        progress.stage(name, 0.0)
+
+    with progress.whole(message_of), run_lock(folder):
+        progress.begin(_STEPS, _STEPS[-1])
+        yield begin
+        progress.done(begun[-1], "")
 
 
 @json_command
@@ -78,13 +103,16 @@ def register(
 
     Exit code 1 when the print doesn't pass: a fail, or undecided.
     """
-    steps = Steps(progress_file, out, ("reading", "registration", "writing"))
     # Of matrices so small a second thread would do nothing but spin; numpy reads this once.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
     have_kernels("register")
-    with collected_rarely(), SecondProcess(PAGES) as second, steps.whole():
-        steps.begin("reading")
+    with (
+        collected_rarely(),
+        SecondProcess(PAGES) as second,
+        _told_steps(progress_file, out) as begin,
+    ):
+        begin("reading")
         # Help waits for no mesh library; the second process loads beside this one.
         from printctl.pipeline import registration_work as work
         from printctl.recipe import load
@@ -111,10 +139,10 @@ def register(
         )
         measured = how.read()
         print_notes(measured.notes)
-        steps.begin("registration")
+        begin("registration")
         made = how.register(measured, design)
         data = work.judge_registration(made, how, limits, stated)
-        steps.begin("writing")
+        begin("writing")
         print_notes(made.write(out, data, pdf, second, drawn))
     files = [str(out / HTML), *([str(out / PDF)] if pdf else [])]
     print_result(data, [*data["verdict"]["reasons"], *files])

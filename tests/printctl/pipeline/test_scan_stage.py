@@ -16,7 +16,6 @@ import pytest
 import tifffile
 from pydantic import TypeAdapter, ValidationError
 
-from printctl.recipe.load import read_record
 from printctl.errors import UsageError
 from printctl.machine.link.history_entry import PrintEntry, entry_of
 from printctl.machine.link.journal import Journal
@@ -27,6 +26,7 @@ from printctl.pipeline.print_scan import StatedPrint, scan_print
 from printctl.pipeline.simulated_scan import scan_size_words
 from printctl.pipeline.stages.scan import digest_scan, load_scan, scan_defects
 from printctl.pipeline.verdict import MOST_REASONS, verdict
+from printctl.recipe.load import read_record
 from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.recipe.record import RecordPart
 from registration import read_scan
