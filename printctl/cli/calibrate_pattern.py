@@ -8,15 +8,16 @@ from typing import Literal
 import numpy as np
 import typer
 
-from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Ink, load
 from printctl.calibration.pattern_job import (
-    BESIDE,
+    LineShape,
     PatternJob,
+    PatternMachine,
     PatternOptions,
-    pattern_of,
+    pattern_job,
     write_pattern_job,
 )
-from printctl.calibration.patterns import COLUMNS, Bead, PatternSetUp, WrittenPattern, read_pattern
+from printctl.calibration.patterns import COLUMNS, WrittenPattern, read_pattern
 from printctl.calibration.widths import (
     GivenValues,
     PictureFacts,
@@ -24,7 +25,7 @@ from printctl.calibration.widths import (
     measure_picture,
     read_sheet,
 )
-from printctl.checks.set_up import ProfileNames, set_up
+from printctl.checks.set_up import ProfileNames
 from printctl.cli.calibrate_measured import Write, print_estimates
 from printctl.cli.declare import command, json_command, wants_json
 from printctl.cli.options import (
@@ -86,40 +87,14 @@ def pattern(
     """
     _refuse_others(context, name)
     place = three_numbers(at, "--at")
-    _refuse_beside(output)
-    wide = load(Needle, needle).inner_mm if width is None else width
-    bead = _bead(wide, layer, bath is not None if round_bead is None else round_bead, ink)
-    machine, material = load(Printer, printer), load(Ink, ink)
-    _refuse_air(machine)
-    named = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
-    set_for = set_up(machine, syringe, ink, place, named)
-    used = PatternSetUp(printer, syringe, ink, needle, material.flow_factor, material.swell_factor)
-    made = pattern_of(name, bead, own, dish, needle)
-    job = PatternJob(
-        output, WrittenPattern(made, used, place), set_for, place, load(Syringe, syringe)
+    machine = PatternMachine(printer, syringe, ink, needle)
+    placed = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
+    job = pattern_job(
+        output, name, own, LineShape(width, layer, round_bead), machine, placed, place
     )
     lines, seconds, notes = write_pattern_job(job)
     print_notes(notes)
     _tell(job, lines, seconds)
-
-
-def _refuse_beside(output: Path) -> None:
-    """Refuse a name that a file beside the G-code gets."""
-    if output.suffix.lower() in BESIDE:
-        raise UsageError(
-            f"-o {output}: that is to be the G-code, and {', '.join(BESIDE)} are written beside "
-            "it; end it in .gcode"
-        )
-
-
-def _bead(wide: float, layer: float | None, round_bead: bool, ink: str) -> Bead:
-    high = wide / 2 if layer is None else layer
-    if not 0.02 <= wide <= 5 or not 0.01 <= high <= 5:
-        raise UsageError(
-            f"a line {wide:g} mm wide in layers of {high:g} mm: give 0.02 to 5 mm (--width) and "
-            "0.01 to 5 mm (--layer)"
-        )
-    return Bead(wide, high, round_bead, load(Ink, ink).bead)
 
 
 def _refuse_others(context: typer.Context, name: str) -> None:
@@ -131,14 +106,6 @@ def _refuse_others(context: typer.Context, name: str) -> None:
         f"changes nothing about the pattern {name}, which has {own}; leave it out, or write "
         "another pattern",
     )
-
-
-def _refuse_air(machine: Printer) -> None:
-    if machine.pneumatic is not None:
-        raise UsageError(
-            f"{machine.name} has a pneumatic head, and these prints vary what a plunger pushes; "
-            "weigh its flow instead: printctl calibrate weigh"
-        )
 
 
 def _tell(job: PatternJob, lines: int, seconds: float) -> None:

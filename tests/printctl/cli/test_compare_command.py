@@ -13,8 +13,8 @@ from pypdf import PdfReader
 
 from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.solids import write_stl
-from printctl.cli import compare as command
 from printctl.errors import UsageError
+from printctl.history import comparing
 from printctl.history.signing import lab_key
 from printctl.machine.link.journal import encode
 from printctl.machine.link.record import JOURNAL
@@ -44,7 +44,7 @@ def shell(
 @pytest.fixture(autouse=True)
 def _not_drawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if not request.node.name.startswith(DRAWN_FOR):
-        monkeypatch.setattr(command, "comparison_figures", lambda _: {})
+        monkeypatch.setattr(comparing, "comparison_figures", lambda _: {})
 
 
 def registration(errors_um: tuple[float, ...], design: str = DESIGN) -> dict[str, Any]:
