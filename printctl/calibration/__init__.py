@@ -18,6 +18,17 @@ if TYPE_CHECKING:
         weighing_test,
     )
     from printctl.calibration.readings import Readings, read_readings
+    from printctl.calibration.results import (
+        Result,
+        backlash_result,
+        flow_result,
+        head_offset_result,
+        lag_result,
+        level_result,
+        offset_result,
+        weighing_result,
+    )
+    from printctl.calibration.scanner import ScannerCalibration
     from printctl.calibration.touches import (
         Backlash,
         Level,
@@ -27,17 +38,22 @@ if TYPE_CHECKING:
         gap_between,
     )
     from printctl.calibration.weighing import FlowWeighing, Weighing, fit_flow, fit_weighing
+    from printctl.calibration.writing import Job, make_test
 
 __all__ = [
     "Backlash",
     "CalibrationTest",
     "Estimate",
     "FlowWeighing",
+    "Job",
     "Lag",
     "LagPattern",
     "Level",
     "Readings",
+    "Result",
+    "ScannerCalibration",
     "Weighing",
+    "backlash_result",
     "backlash_test",
     "fit_backlash",
     "fit_flow",
@@ -45,9 +61,16 @@ __all__ = [
     "fit_level",
     "fit_offset",
     "fit_weighing",
+    "flow_result",
     "gap_between",
+    "head_offset_result",
+    "lag_result",
     "lag_test",
+    "level_result",
+    "make_test",
+    "offset_result",
     "read_readings",
+    "weighing_result",
     "weighing_test",
 ]
 

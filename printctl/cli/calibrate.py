@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import cv2
 import typer
@@ -19,7 +19,7 @@ from printctl.cli.declare import command, group, json_command
 from printctl.cli.options import print_note, print_notes
 from printctl.cli.scan import voxel_mm
 from printctl.errors import UsageError
-from printctl.settings import arg, numbers_of, opt
+from printctl.settings import arg, numbers_of, opt, settings
 from registration import ScanOverrides, read_scan
 from registration.devices.lens import Board, board_picture, find_board, fit_lens, write_lens
 from registration.devices.optics import write_calibration
@@ -93,30 +93,37 @@ def walls(
     The file that it writes is the device's, for `register --oct-calibration`.
     """
     print_notes(["the new name is printctl calibrate oct --reference"])
-    oct_device(
-        reference=phantoms,
-        write=write,
-    )
+    oct_device(reference=phantoms, write=write)
 
 
 _MARKER = 0.75
 """Side of a marker, of its square's."""
 _MOST_PX = 30_000
 
-Squares = Annotated[str, opt("Squares of the board.", metavar="COLUMNS,ROWS")]
-Square = Annotated[float, opt("Side of a square.")]
-Marker = Annotated[float | None, opt("Side of a marker; 0.75 of a square's if not.")]
-Markers = Annotated[str, opt("OpenCV's name of the markers' set.")]
+
+@settings
+class BoardOptions:
+    """A ChArUco board, as it was printed."""
+
+    square_mm: float = opt("Side of a square.", ...)
+    squares: str = opt("Squares of the board.", "11,8", metavar="COLUMNS,ROWS")
+    marker_mm: float | None = opt("Side of a marker; 0.75 of a square's if not.")
+    markers: str = opt("OpenCV's name of the markers' set.", "5X5_100")
+
+    def board(self) -> Board:
+        """Raise `UsageError` for --squares that aren't two whole numbers."""
+        sides = numbers_of(self.squares, "--squares")
+        if len(sides) != 2 or any(side != int(side) for side in sides):
+            raise UsageError(f"--squares {self.squares!r} isn't columns,rows; write it like 11,8")
+        marker = _MARKER * self.square_mm if self.marker_mm is None else self.marker_mm
+        return Board(int(sides[0]), int(sides[1]), self.square_mm, marker, self.markers)
 
 
 @command
 def board(
     *,
     out: Path = arg("PNG to be written."),
-    square_mm: Square,
-    squares: Squares = "11,8",
-    marker_mm: Marker = None,
-    markers: Markers = "5X5_100",
+    drawn: BoardOptions,
     dpi: int = opt("Of the printer.", 1200, min=72, max=25400),
 ) -> None:
     """A ChArUco board to print at 100 % and glue onto something flat.
@@ -125,8 +132,8 @@ def board(
     """
     if out.suffix.lower() != ".png":
         raise UsageError(f"{out}: a board is written as .png")
-    requested = _board(squares, square_mm, marker_mm, markers)
-    longest = (max(requested.columns, requested.rows) + 2) * square_mm * dpi / 25.4
+    requested = drawn.board()
+    longest = (max(requested.columns, requested.rows) + 2) * drawn.square_mm * dpi / 25.4
     if longest > _MOST_PX:
         raise UsageError(
             f"the board would be {longest:.0f} px long ({_MOST_PX} at most); lower --dpi"
@@ -139,7 +146,7 @@ def board(
         )
     picture = board_picture(requested, dpi)
     # A square is a whole number of dots, so the file's dots differ a little from the printer's.
-    true_dpi = 25.4 * picture.shape[1] / ((requested.columns + 2) * square_mm)
+    true_dpi = 25.4 * picture.shape[1] / ((requested.columns + 2) * drawn.square_mm)
     with atomic_replacement(out) as draft:
         Image.fromarray(picture).save(draft, "PNG", dpi=(true_dpi, true_dpi))
     print_note(f"wrote {out}: print it at 100 %")
@@ -149,10 +156,7 @@ def board(
 def camera(
     *,
     pictures: list[Path] = arg("Pictures of the board; in the first it lies where prints will."),
-    square_mm: Square,
-    squares: Squares = "11,8",
-    marker_mm: Marker = None,
-    markers: Markers = "5X5_100",
+    printed: BoardOptions,
     write: Path | None = opt("YAML file for --camera of widths and dye."),
 ) -> None:
     """Scale and distortion of a camera or microscope, from pictures of a ChArUco board.
@@ -160,7 +164,7 @@ def camera(
     One picture will do where the camera looks down on a plane: fill it with the board. Focus,
     zoom and distance stay as they are from then on.
     """
-    requested = _board(squares, square_mm, marker_mm, markers)
+    requested = printed.board()
     views = [find_board(path, requested) for path in pictures]
     lens = fit_lens(views)
     low, high = lens.um_per_px_95
@@ -181,14 +185,6 @@ def camera(
     if write is not None:
         write_lens(write, lens)
         print_note(f"wrote {write}")
-
-
-def _board(squares: str, square_mm: float, marker_mm: float | None, markers: str) -> Board:
-    sides = numbers_of(squares, "--squares")
-    if len(sides) != 2 or any(side != int(side) for side in sides):
-        raise UsageError(f"--squares {squares!r} isn't columns,rows; write it like 11,8")
-    marker = _MARKER * square_mm if marker_mm is None else marker_mm
-    return Board(int(sides[0]), int(sides[1]), square_mm, marker, markers)
 
 
 calibrate = group(

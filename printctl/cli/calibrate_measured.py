@@ -13,25 +13,24 @@ from typing import Annotated, get_args
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration import (
     Estimate,
+    Job,
     LagPattern,
     Readings,
-    backlash_test,
-    lag_test,
-    read_readings,
-    weighing_test,
-)
-from printctl.calibration.paths import Axis
-from printctl.calibration.results import (
     Result,
     backlash_result,
+    backlash_test,
     flow_result,
     head_offset_result,
     lag_result,
+    lag_test,
     level_result,
+    make_test,
     offset_result,
+    read_readings,
     weighing_result,
+    weighing_test,
 )
-from printctl.calibration.writing import Job, make_test
+from printctl.calibration.paths import Axis
 from printctl.cli.declare import json_command
 from printctl.cli.options import (
     InkOption,

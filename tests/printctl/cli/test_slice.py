@@ -227,7 +227,6 @@ def test_a_modifier_s_filling_holds_inside_it_alone(assembly: list[str], cut: Sh
         (("--modifier", "core.stl:infill-percent=120"), "must be a number within 0 to 100"),
         (("--modifier", "core.stl:head=2"), "the printer has 2, counted from 0"),
         (("--modifier", "core.stl:infill-angles=45/nan"), "write degrees, layer after layer"),
-        (("--thinnest-layer-um", "60"), "must be at least a step lower"),
         (("--thinnest-layer-um", "2"), "--thinnest-layer-um"),
     ],
 )
@@ -236,6 +235,12 @@ def test_what_can_t_be_is_refused_with_its_remedy(
 ) -> None:
     cut.refuses(said, *assembly[:2], *UNIT, "--out", "part.gcode", *TWO, *words)
     assert not Path("part.gcode").exists()
+
+
+def test_a_thinnest_layer_as_high_as_the_highest_is_refused(cut: Shell) -> None:
+    words = ("cube.stl", *UNIT, "--out", "a.gcode", "--thinnest-layer-um", "60")
+    cut.refuses("must be at least a step lower", *words, code=1)
+    assert not Path("a.gcode").exists()
 
 
 def test_lumens_reads_what_each_head_s_own_syringe_pushes(assembly: list[str], cut: Shell) -> None:
