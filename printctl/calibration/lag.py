@@ -71,8 +71,10 @@ class LagPattern:
 
     def with_facts(self, facts: Mapping[str, float]) -> LagPattern:
         """The pattern with the numbers that stand above a sheet in place of its own."""
-        *numbers, round_bead = (facts.get(key, value) for key, value in self.facts().items())
-        return LagPattern(*numbers, "round" if round_bead else "flat")
+        slow, fast, length, width, layer, round_bead = (
+            facts.get(key, value) for key, value in self.facts().items()
+        )
+        return LagPattern(slow, fast, length, width, layer, "round" if round_bead else "flat")
 
 
 @dataclass(frozen=True)

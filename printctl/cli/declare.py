@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from contextvars import ContextVar
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import wraps
 from typing import Annotated, Any, Final, NamedTuple, Protocol, TypeVar, get_origin, get_type_hints
 
@@ -35,10 +35,11 @@ class _Fields(NamedTuple):
 
     def parameters(self) -> list[inspect.Parameter]:
         hints = get_type_hints(self.group, include_extras=True)
-        return [
-            keyword(one.name, hints[one.name], one.metadata.get("declared", one.default))
-            for one in fields(self.group)
-        ]
+        made = []
+        for one in fields(self.group):
+            default = inspect.Parameter.empty if one.default is MISSING else one.default
+            made.append(keyword(one.name, hints[one.name], one.metadata.get("declared", default)))
+        return made
 
     def value(self, typed: dict[str, Any]) -> Any:
         return self.group(**typed)

@@ -16,14 +16,19 @@ from printctl.errors import UsageError
 from printctl.history.bundle import filed, write_bundle
 from printctl.history.repeat import RepeatPlan, entry_of_bundle, make_job, plan_repeat
 from printctl.history.signing import known_lab_key, lab_key, read_public_file, signing_missing
-from printctl.history.table import csv_lines, day_begins, day_ends, local_time, outcome
+from printctl.history.table import (
+    csv_lines,
+    day_begins,
+    day_ends,
+    local_time,
+    outcome,
+    tell_running,
+)
 from printctl.history.timeline import time_line
 from printctl.history.verify import verify_bundle
-from printctl.machine.link.find_link import alive
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
 from printctl.machine.link.history_query import HistoryQuery, SortBy
-from printctl.machine.link.record import JOURNAL
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.evidence import evidence
 from printctl.settings import arg, opt, settings
@@ -278,7 +283,7 @@ def rebuild(
 
 def _show(query: HistoryQuery, as_csv: bool) -> None:
     matches = PrintHistory().find(query)
-    entries = [_running(entry) for entry in matches.entries]
+    entries = [tell_running(entry) for entry in matches.entries]
     if wants_json():
         print_json({"prints": [_plain(entry) for entry in entries], "total": matches.total})
     elif as_csv:
@@ -293,14 +298,6 @@ def _show(query: HistoryQuery, as_csv: bool) -> None:
 
 def _plain(entry: PrintEntry) -> dict[str, Any]:
     return asdict(entry) | {"journal": str(entry.journal)}
-
-
-def _running(entry: PrintEntry) -> PrintEntry:
-    """Tell a print that is going on from one whose link process died."""
-    latest = entry.journal.name == JOURNAL and entry.state == INTERRUPTED
-    if latest and entry.journal.exists() and alive(entry.journal.parent):
-        return replace(entry, state="running")
-    return entry
 
 
 def _lines(entry: PrintEntry) -> list[str]:

@@ -17,12 +17,8 @@ from printctl.analysis.networks import Drive, load_source
 from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, known_flow, solve_and_write
 from printctl.cli.declare import json_command
 from printctl.cli.options import (
-    InletFlowOption,
     SourceArg,
-    TissueOption,
-    TissueUnitOption,
     UnitOption,
-    ViscosityOption,
     folder_to_write,
     messages,
     print_dim,
@@ -33,18 +29,40 @@ from printctl.cli.section_options import SectionOptions, Sections
 from printctl.errors import UsageError
 from printctl.recipe.parts import OxygenPart
 from printctl.run_folder.artefacts import SURFACE
-from printctl.settings import opt
+from printctl.settings import opt, settings
 
 _ANY_SIZE = SizeLimits(0.5, 2000.0)
 """The network says where the tissue is, so that a wrong unit shows in the measures."""
 
 
+@settings
+class NetworkInTissue:
+    """A network, and the tissue around it."""
+
+    network: SourceArg
+    tissue: Path | None = opt("A closed mesh, or a run folder; a run has its own.")
+    tissue_unit: LengthUnit | None = opt("Of the tissue's mesh.")
+    unit: UnitOption = None
+
+    def around(self) -> Tissue:
+        """The tissue that the user names, or that of the run."""
+        path, unit = self.tissue or self.network, self.tissue_unit
+        if path.is_dir():
+            path, unit = path / SURFACE, "mm"
+            if not path.is_file():
+                raise UsageError(f"{path} isn't there; give --tissue a mesh or a run folder")
+        elif path.suffix.lower() in READ:
+            raise UsageError("a network alone has no tissue; give --tissue a mesh or a run folder")
+        if unit is None:
+            raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
+        messages().print("preparing the tissue ...")
+        return load_tissue(path, unit, limits=_ANY_SIZE)
+
+
 @json_command
 def measure(
-    network: SourceArg,
-    tissue: TissueOption = None,
-    tissue_unit: TissueUnitOption = None,
-    unit: UnitOption = None,
+    *,
+    design: NetworkInTissue,
     out: Path | None = opt("Write the JSON into a file."),
     printable_mm: float | None = opt("Measure again for lumens at least as wide."),
     murray_exponent: float = opt("That radii at junctions are held against.", 3.0, min=1, max=5),
@@ -53,22 +71,21 @@ def measure(
     against: Literal["coronary", "kidney", "lung", "liver"] | None = opt(
         "Compare orders and forks with published real vessels."
     ),
-    inlet_flow_ml_min: InletFlowOption = None,
-    viscosity_mpa_s: ViscosityOption = None,
+    drive: Drive,
 ) -> None:
     """Measure any network in a tissue: distances, densities, oxygen, orders, Murray's law, flow.
 
     A run folder brings its tissue and flow; beside a network's file name the tissue, too.
     """
-    refuse_input_as_output(out, network)
-    source = load_source(network, unit, Drive(inlet_flow_ml_min, viscosity_mpa_s))
+    refuse_input_as_output(out, design.network)
+    source = load_source(design.network, design.unit, drive)
     options = MeasureOptions(
         samples=samples,
         seed=seed,
         printable_diameter_mm=printable_mm,
         murray_exponent=murray_exponent,
     )
-    around = tissue_around(tissue if tissue is not None else network, tissue_unit)
+    around = design.around()
     measures = measures_dict(
         measure_network(source.network, around, options, source.known.flow.get("flow_ul_s"))
     )
@@ -81,20 +98,6 @@ def measure(
     print_result(measures, lambda: [*measure_lines(measures), *written])
 
 
-def tissue_around(path: Path, unit: LengthUnit | None) -> Tissue:
-    """The tissue that the user names, or that of the run."""
-    if path.is_dir():
-        path, unit = path / SURFACE, "mm"
-        if not path.is_file():
-            raise UsageError(f"{path} isn't there; give --tissue a mesh or a run folder")
-    elif path.suffix.lower() in READ:
-        raise UsageError("a network alone has no tissue; give --tissue a mesh or a run folder")
-    if unit is None:
-        raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
-    messages().print("preparing the tissue ...")
-    return load_tissue(path, unit, limits=_ANY_SIZE)
-
-
 NUMBERS = "oxygen.json"
 _PART: Final[Any] = Sections([SectionOptions(OxygenPart)], OxygenPart, "oxygen")
 
@@ -102,15 +105,11 @@ _PART: Final[Any] = Sections([SectionOptions(OxygenPart)], OxygenPart, "oxygen")
 @json_command
 def oxygen(
     *,
-    network: SourceArg,
-    tissue: TissueOption = None,
-    tissue_unit: TissueUnitOption = None,
-    unit: UnitOption = None,
+    design: NetworkInTissue,
     out: Path = opt(
         "Folder for the files; made where it isn't.", Path("oxygen"), callback=folder_to_write
     ),
-    inlet_flow_ml_min: InletFlowOption = None,
-    viscosity_mpa_s: ViscosityOption = None,
+    drive: Drive,
     part: OxygenPart = _PART,
 ) -> None:
     """Oxygen in vessels and tissue: what is hypoxic, what is left at the outlets.
@@ -118,12 +117,11 @@ def oxygen(
     What isn't given is assumed, and the assumptions stand in the result: cells and their uptake
     decide it, so give your own.
     """
-    drive = Drive(inlet_flow_ml_min, viscosity_mpa_s)
-    source = load_source(network, unit, drive)
+    source = load_source(design.network, design.unit, drive)
     flow = known_flow(source)
     if flow is None:
         flow = solve_flow(source.network, drive.conditions())
-    around = tissue_around(tissue if tissue is not None else network, tissue_unit)
+    around = design.around()
     out.mkdir(parents=True, exist_ok=True)
     numbers = solve_and_write(out, source.network, flow, around, part, _report_progress)
     write_text(out / NUMBERS, json.dumps(numbers, indent=1, allow_nan=False) + "\n")

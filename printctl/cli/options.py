@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from design.units import BLOOD_MPA_S, LengthUnit
+from design.units import LengthUnit
 from printctl.cli.declare import wants_json
 from printctl.errors import UsageError
 from printctl.failures import JSON_PRINTED, message_and_code
@@ -82,15 +82,6 @@ StartOption = Annotated[
 SourceArg = Annotated[Path, arg("A run folder, or a network: .csv, .vtp, .swc, .json, .npz, .txt.")]
 UnitOption = Annotated[
     LengthUnit | None, opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc).")
-]
-TissueOption = Annotated[Path | None, opt("A closed mesh, or a run folder; a run has its own.")]
-TissueUnitOption = Annotated[LengthUnit | None, opt("Of the tissue's mesh.")]
-InletFlowOption = Annotated[
-    float | None, opt("In place of a run's own; of a file 0.25 without it.", min=1e-9)
-]
-ViscosityOption = Annotated[
-    float | None,
-    opt(f"In place of a run's own; of a file {BLOOD_MPA_S:g}, blood's, without it.", min=1e-6),
 ]
 
 
