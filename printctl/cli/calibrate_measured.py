@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, Literal, get_args
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration import (
@@ -229,7 +229,8 @@ def weigh(
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
     data = read_csv_argument(readings, ("travel_mm", "mass_mg"))
-    finish(weighing_result(data, known, machine, filled, mend), write)
+    what: Literal["bore", "steps"] = "bore" if mend == "bore" else "steps"
+    finish(weighing_result(data, known, machine, filled, what), write)
 
 
 @json_command

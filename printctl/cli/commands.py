@@ -68,12 +68,7 @@ def _whole(write: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
 
 
 def _refuse_repeated(given: list[Any]) -> None:
-    """Refuse an option of one value that stands several times.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Refuse an option of one value that stands several times."""
     for param, times in Counter(given).items():
         flag = getattr(param, "is_flag", False) and not param.secondary_opts
         if times == 1 or param.param_type_name != "option" or param.multiple or param.count or flag:

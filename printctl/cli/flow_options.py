@@ -180,7 +180,7 @@ def part_of(
     waves = any(requested[key] is not None for key in _WAVES)
     own_pulse = base is not None and base.pulse is not None
     _refuse_without_wave(requested, waves or own_pulse, "" if base is None else _HAS_NONE)
-    refuse_idle_options(requested)
+    _refuse_idle_options(requested)
     section = (
         SECTIONS.section(_with_own_space(requested))
         | fluid_section(requested["fluid"])
@@ -218,13 +218,8 @@ def _with_own_space(requested: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**requested, **dict.fromkeys(typed)}
 
 
-def refuse_idle_options(requested: Mapping[str, Any]) -> None:
-    """Refuse an option that does nothing without another one.
-
-    Raises
-    ------
-    UsageError
-    """
+def _refuse_idle_options(requested: Mapping[str, Any]) -> None:
+    """Refuse an option that does nothing without another one."""
     for key, other in _NEED.items():
         # An option that may be given again is an empty list where it isn't given.
         if requested[key] not in (None, [], ()) and not requested[other]:

@@ -20,13 +20,7 @@ from sim.user_files import read_gcode_path
 
 
 def folder_to_write(folder: Path | None) -> Path | None:
-    """Return the folder of an --out, which may be there or not.
-
-    Raises
-    ------
-    UsageError
-        Where it is a file, or lies in one.
-    """
+    """Return the folder of an --out; raise `UsageError` where it is a file, or lies in one."""
     for place in () if folder is None else (folder, *folder.parents):
         if place.exists() and not place.is_dir():
             raise UsageError(f"--out {folder}: {place} is a file; give a folder's name")
@@ -138,12 +132,9 @@ def is_typed(context: typer.Context, name: str) -> bool:
 
 
 def refuse_typed(context: typer.Context, names: Iterable[str], why: str) -> None:
-    """Refuse the first of the options, by their parameters' names, that stands on the command line.
+    """Raise `UsageError` for the first of these parameters that stands on the command line.
 
-    Raises
-    ------
-    UsageError
-        With ``why`` after the option, as it is typed.
+    The message is ``why``, after the option as it is typed.
     """
     words = {one.name: one.opts[0] for one in context.command.params}
     for name in names:
@@ -152,12 +143,7 @@ def refuse_typed(context: typer.Context, names: Iterable[str], why: str) -> None
 
 
 def refuse_input_as_output(out: Path | None, *inputs: Path) -> None:
-    """Refuse to write over a file that the command reads, by whatever name.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Raise `UsageError` where a file that the command reads is to be written, by any name."""
     if out is None or not out.exists():
         return
     for one in inputs:
@@ -166,25 +152,14 @@ def refuse_input_as_output(out: Path | None, *inputs: Path) -> None:
 
 
 def gcode_to_write(out: Path, *inputs: Path) -> None:
-    """Refuse a folder, or a file that the command reads, as the G-code's name.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Raise `UsageError` for a folder, or a file that the command reads, as the G-code's name."""
     if out.is_dir():
         raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
     refuse_input_as_output(out, *inputs)
 
 
 def read_gcode_file(path: Path) -> bytes:
-    """Read a G-code file that the user named.
-
-    Raises
-    ------
-    UsageError
-        When it can't be read.
-    """
+    """Read a G-code file that the user named; raise `UsageError` when it can't be read."""
     try:
         return read_gcode_path(path)
     except OSError as exc:

@@ -151,18 +151,10 @@ def print_job(
 
 @dataclass(frozen=True)
 class AcceptedRisks:
-    """What the user chose of what the checks may refuse.
-
-    Attributes
-    ----------
-    care : Care
-    usable : sequence of float, mm
-        Plunger travel of each head's syringe.
-    reload, accept_crossings : bool
-    """
+    """What the user chose of what the checks may refuse."""
 
     care: Care
-    usable: Sequence[float]
+    usable: Sequence[float]  # plunger travel of each head's syringe, mm
     reload: bool
     accept_crossings: bool
 
@@ -170,10 +162,7 @@ class AcceptedRisks:
 def _check(
     file: Path, mounted: SetUp, tip: tuple[float, float, float], chosen: AcceptedRisks
 ) -> Care:
-    """Check the file before the first byte; the care with what follows from it.
-
-    That is: where a syringe must be changed and whose, and what failed and was accepted.
-    """
+    """Check the file before the first byte; return the care, syringe changes and risks included."""
     run = dry_run(read_gcode_file(file), mounted.printer, tip)
     job = load_job(file, mounted.printer)
     shaft = file_shaft(file, run, mounted, accepted=chosen.accept_crossings)

@@ -65,13 +65,7 @@ def _profile_lines(profiles: dict[str, dict[str, Any]], whole: bool) -> Iterator
 
 
 def _copy(name: str | None, to: Path) -> None:
-    """Write a shipped profile to a file of the user's.
-
-    Raises
-    ------
-    UsageError
-        When the file is there already, isn't called .yaml, or nothing shipped is named.
-    """
+    """Write a shipped profile to a new file of the user's."""
     if to.suffix not in (".yaml", ".yml"):
         raise UsageError(f"--write {to}: a profile's file ends in .yaml")
     if to.exists():

@@ -169,13 +169,7 @@ def design(
 
 
 def _last_stage(until: str | None) -> str:
-    """Name of the last stage that is run.
-
-    Raises
-    ------
-    UsageError
-        For a stage that isn't known, or comes after design.
-    """
+    """Name of the last stage that is run; one that comes after design is refused."""
     name = DESIGN_NAMES[-1] if until is None else names_until(until)[-1]
     if name not in DESIGN_NAMES:
         raise UsageError(

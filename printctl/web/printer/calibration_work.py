@@ -46,8 +46,7 @@ def fit_readings(
     if name == "weigh":
         density = (read.density_g_cm3, read.density_error)
         mounted = store.load(Printer, read.printer), store.load(Syringe, read.syringe)
-        what = "steps" if mend == "printer" else "bore"
-        return weighing_result(data, density, *mounted, what)
+        return weighing_result(data, density, *mounted, "steps" if mend == "printer" else "bore")
     if name == "level":
         return level_result(data, *read.part_mm)
     return offset_result(data) if name == "offset" else backlash_result(data)

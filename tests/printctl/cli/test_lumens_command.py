@@ -23,10 +23,8 @@ from tests.printctl.checks.lumens.small_gcode import (
 from tests.printctl.checks.lumens.test_openings import LAYERS_MODEL as LAYERS
 from tests.printctl.checks.lumens.test_openings import pipe
 from tests.printctl.cli.shell import Shell
-from tests.printctl.cli.test_slice import FORK
-from tests.printctl.cli.test_slice import HEADER as HEADER_SOLID_COMMAND
+from tests.printctl.cli.test_slice import FORK, HEADER
 
-HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 E_MEANS = ("--filament-mm", str(BORE_MM))
 PLUGGED = 6
 
@@ -161,7 +159,7 @@ def test_a_valves_file_is_read_by_its_flow(lumens: Shell, tmp_path: Path) -> Non
 # --- `printctl solid`, in an empty directory
 @pytest.fixture
 def solid(shell: Shell) -> Shell:
-    Path("a.csv").write_text(HEADER_SOLID_COMMAND + FORK)
+    Path("a.csv").write_text(HEADER + FORK)
     return shell.of("solid", "a.csv", "--unit", "mm", "--out")
 
 
