@@ -101,6 +101,14 @@ class Lag:
     linear: bool
     scatter_mm: float
 
+    def estimates(self) -> dict[str, Estimate]:
+        """Return τ up and down, and K, by their names."""
+        return {
+            "τ, flow going up": self.rise_s,
+            "τ, flow going down": self.fall_s,
+            "K (advance)": self.advance_s,
+        }
+
 
 def expected_width(
     x_mm: FloatArray, flow_factor: float, rise_s: float, fall_s: float, pattern: LagPattern

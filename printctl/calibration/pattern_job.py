@@ -10,7 +10,7 @@ import numpy as np
 
 from design.files import write_text
 from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
-from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Dish, Ink, Needle, Printer, load
 from printctl.calibration.patterns import (
     COLUMNS,
     Bead,
@@ -115,7 +115,6 @@ class PatternJob:
     written: WrittenPattern
     set_up: SetUp
     at_mm: tuple[float, float, float]
-    syringe: Syringe
 
     @property
     def beside(self) -> list[Path]:
@@ -189,8 +188,7 @@ def pattern_job(
     mounted = set_up(printer, machine.syringe, machine.ink, at_mm, placed)
     used = PatternSetUp(*machine, ink.flow_factor, ink.swell_factor)
     made = pattern_of(name, bead, own, placed.dish, machine.needle)
-    written = WrittenPattern(made, used, at_mm)
-    return PatternJob(path, written, mounted, at_mm, load(Syringe, machine.syringe))
+    return PatternJob(path, WrittenPattern(made, used, at_mm), mounted, at_mm)
 
 
 def write_pattern_job(job: PatternJob) -> tuple[int, float, tuple[str, ...]]:
@@ -210,7 +208,7 @@ def write_pattern_job(job: PatternJob) -> tuple[int, float, tuple[str, ...]]:
         flow_factor=ink.flow_factor,
     )
     place = np.array(job.at_mm) - middle
-    gcode = write_gcode(pattern_path(made, ink), setup.printer, job.syringe, place, options)
+    gcode = write_gcode(pattern_path(made, ink), setup.printer, setup.syringe, place, options)
     run = dry_run(gcode.data, setup.printer, job.at_mm)
     checks = file_checks(run, setup)
     refuse_failed(checks)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -13,14 +13,13 @@ from firmware_profiles import (
     Facts,
     Ink,
     MeasuredFlow,
-    MeasuredLag,
     Needle,
     Printer,
     Syringe,
     flow_ul_s,
 )
 from printctl.calibration.estimate import Estimate
-from printctl.calibration.lag import LagPattern, fit_lag
+from printctl.calibration.lag import Lag, LagPattern, fit_lag
 from printctl.calibration.readings import Readings
 from printctl.calibration.touches import fit_backlash, fit_level, fit_offset, gap_between
 from printctl.calibration.weighing import fit_flow, fit_weighing
@@ -34,27 +33,38 @@ class Result:
 
     Attributes
     ----------
-    lines : dict of str to Estimate
-    notes : tuple of str
+    lines : mapping of str to Estimate
+    notes : sequence of str
+        What it means, and what isn't known.
     profile : Facts, optional
         What a measured copy is written of.
     measured : mapping of str to MeasuredValue
         Keys of the profile that were measured.
     unwritten : tuple of str
         What the copy doesn't get, and why.
+    table : sequence of str
+        What was measured, line by line, for people.
     """
 
-    lines: dict[str, Estimate]
-    notes: tuple[str, ...]
+    lines: Mapping[str, Estimate]
+    notes: Sequence[str]
     profile: Facts | None = None
     measured: Mapping[str, MeasuredValue] = field(default_factory=dict)
     unwritten: tuple[str, ...] = ()
+    table: Sequence[str] = ()
 
-    def save(self, path: Path) -> str:
-        """Write a measured copy of the profile; return what was changed."""
-        if self.profile is None:
-            raise UsageError(f"{path} isn't written: this calibration changes no profile")
-        return save_measured(path, self.profile, self.measured)
+    def save(self, path: Path, profile: Facts | None = None) -> str:
+        """Write a measured copy of the profile, or of another one; return what was changed.
+
+        Raises
+        ------
+        UsageError
+            When no key of it was measured.
+        """
+        held = self.profile if profile is None else profile
+        if held is None or not self.measured:
+            raise UsageError(f"{path} isn't written: this print tells nothing that a profile holds")
+        return save_measured(path, held, self.measured)
 
 
 def weighing_result(
@@ -158,12 +168,7 @@ def lag_result(
     fit = fit_lag(x_mm, width_mm, pattern.with_facts(data.facts), data.last_digit["width_mm"])
     # The test was written with the ink's own factor.
     factor = fit.flow_factor.times(ink.flow_factor, "")
-    lines = {
-        "flow factor": factor,
-        "τ, flow going up": fit.rise_s,
-        "τ, flow going down": fit.fall_s,
-        "K (advance)": fit.advance_s,
-    }
+    lines = {"flow factor": factor, **fit.estimates()}
     notes = (
         f"one width scatters by {fit.scatter_mm * 1e3:.3g} µm",
         "rise and fall agree: the ink is linear here"
@@ -173,18 +178,22 @@ def lag_result(
         "printctl sends no advance: set it in the firmware (Marlin M900 K, RepRapFirmware M572 S, "
         "Klipper SET_PRESSURE_ADVANCE) and print the test again",
     )
-    lagging: Ink = ink
-    unwritten: tuple[str, ...] = ()
+    measured, unwritten = measured_key(ink, "flow_factor", factor), ""
+    if needle is not None:
+        measured |= measured_lag(fit, needle, syringe)
     if not fit.linear:
-        unwritten = ("the lag isn't written: rise and fall differ, so no single number says it",)
+        unwritten = "the lag isn't written: rise and fall differ, so no single number says it"
     elif needle is None:
-        unwritten = ("the lag isn't written: it holds for one needle; name it (--needle)",)
-    else:
-        lag = MeasuredLag(lag_s=fit.rise_s.value, needle=needle.name, syringe=syringe.name)
-        source = f"{ink.source} lag measured by printctl calibrate: {fit.rise_s.text()}, 95 %."
-        lagging = ink.model_copy(update={"lag": lag, "source": source})
-    measured = measured_key(lagging, "flow_factor", factor)
-    return Result(lines, notes, lagging, measured, unwritten)
+        unwritten = "the lag isn't written: it holds for one needle; name it (--needle)"
+    return Result(lines, notes, ink, measured, (unwritten,) if unwritten else ())
+
+
+def measured_lag(lag: Lag, needle: Needle, syringe: Syringe) -> dict[str, MeasuredValue]:
+    """Return an ink's ``lag`` for a needle and a syringe, where one number says it."""
+    if not lag.linear:
+        return {}
+    value = {"lag_s": lag.rise_s.value, "needle": needle.name, "syringe": syringe.name}
+    return {"lag": MeasuredValue(value, f"{lag.rise_s.text()}, 95 %, with {needle.name}")}
 
 
 def backlash_result(data: Readings) -> Result:

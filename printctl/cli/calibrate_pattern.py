@@ -175,7 +175,7 @@ def widths(
     answer = fit_measured(written, measured, GivenValues(flow_factor))
     if not wants_json():
         print_lines(*answer.table)
-    print_estimates(dict(answer.estimates), [*notes, *answer.notes])
+    print_estimates(answer.lines, [*notes, *answer.notes])
     if write is not None:
         print_note(f"wrote {write}: {answer.save(write, load(Ink, ink or written.mounted.ink))}")
 

@@ -10,14 +10,12 @@ from printctl.calibration.widths.picture_widths import (
     measure_picture,
 )
 from printctl.calibration.widths.result import (
-    Answer,
     Replies,
     Widths,
     read_sheet,
 )
 
 __all__ = [
-    "Answer",
     "GivenValues",
     "MeasuredPicture",
     "PictureFacts",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -15,8 +14,9 @@ from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, fit_line, quantile
 from printctl.calibration.lag import Lag, LagPattern, expected_width, fit_lag
 from printctl.calibration.patterns import CLEAR, Pattern, Stroke, WrittenPattern
+from printctl.calibration.results import Result, measured_lag
 from printctl.calibration.widths.meetings import fit_bridge, fit_comb, fit_joint
-from printctl.calibration.widths.result import END, Answer, Replies, Widths
+from printctl.calibration.widths.result import END, Replies, Widths
 from printctl.calibration.writing import MeasuredValue
 from printctl.errors import UsageError
 
@@ -172,17 +172,6 @@ def _widened(one: Estimate, times: float) -> Estimate:
     return Estimate(one.value, low, high, one.unit)
 
 
-def lag_estimates(lag: Lag | None) -> dict[str, Estimate]:
-    """Return τ up and down, and K; nothing where there is none."""
-    if lag is None:
-        return {}
-    return {
-        "τ, flow going up": lag.rise_s,
-        "τ, flow going down": lag.fall_s,
-        "K (advance)": lag.advance_s,
-    }
-
-
 def lag_notes(lag: Lag) -> list[str]:
     """Say whether one K holds."""
     if lag.linear:
@@ -191,15 +180,6 @@ def lag_notes(lag: Lag) -> list[str]:
         "rise and fall differ: the ink holds pressure by its yield stress, so no single K is "
         "right, and no lag is written"
     ]
-
-
-def lag_change(lag: Lag, written: WrittenPattern) -> Mapping[str, MeasuredValue]:
-    """Return the ink's ``lag`` for the print's needle and syringe, where one number says it."""
-    if not lag.linear:
-        return {}
-    needle, syringe = load(Needle, written.mounted.needle), load(Syringe, written.mounted.syringe)
-    value = {"lag_s": lag.rise_s.value, "needle": needle.name, "syringe": syringe.name}
-    return {"lag": MeasuredValue(value, f"{lag.rise_s.text()}, 95 %, with {needle.name}")}
 
 
 # Fit flow factor, swelling and lag from lines printed at several speeds and flows.
@@ -242,7 +222,7 @@ class LineWidth:
         return float(self.stroke.speed_mm_s[0])
 
 
-def fit_lines(written: WrittenPattern, widths: Widths, known: GivenValues) -> Answer:
+def fit_lines(written: WrittenPattern, widths: Widths, known: GivenValues) -> Result:
     """Fit all that lines tell.
 
     Raises
@@ -267,17 +247,19 @@ def fit_lines(written: WrittenPattern, widths: Widths, known: GivenValues) -> An
     estimates = {
         "cross-section over the commanded one": share,
         **factor_estimates,
-        **lag_estimates(lag),
+        **({} if lag is None else lag.estimates()),
     }
     if lag is not None:
         notes += lag_notes(lag)
-        changes = {**changes, **lag_change(lag, written)}
+        used = written.mounted
+        mounted = load(Needle, used.needle), load(Syringe, used.syringe)
+        changes = {**changes, **measured_lag(lag, *mounted)}
     missing = [why] if why else []
-    return Answer(
+    return Result(
         estimates,
-        table,
         [*more, *notes, *missing, *speed_notes, *_RHEOLOGY_UNKNOWN_NOTES],
-        {**changes, **speeds},
+        measured={**changes, **speeds},
+        table=table,
     )
 
 
@@ -409,7 +391,7 @@ _STARTS: Final = (0.1, 0.5, 2.0)
 _UNRESOLVED: Final = 3.0
 
 
-def fit_spiral(written: WrittenPattern, widths: Widths, known: GivenValues) -> Answer:
+def fit_spiral(written: WrittenPattern, widths: Widths, known: GivenValues) -> Result:
     """Fit flow factor, drift and, where its begin is thin, the lag.
 
     Raises
@@ -441,7 +423,7 @@ def fit_spiral(written: WrittenPattern, widths: Widths, known: GivenValues) -> A
         estimates["τ, from its begin"] = tau
     if not drift.holds(0.0):
         notes.append("the flow drifts: warmth, a syringe that gives way, ink that settles or sets")
-    return Answer(estimates, (), [*more, *notes], changes)
+    return Result(estimates, [*more, *notes], measured=changes)
 
 
 def _begin(time: FloatArray, share: FloatArray) -> tuple[Estimate | None, list[str]]:
@@ -489,7 +471,7 @@ VAGUE: Final = 0.05
 _BY_WIDTH: Final = ("bead", "flow_factor", "swell_factor")
 
 
-def fit_measured(written: WrittenPattern, measured: Widths | Replies, known: GivenValues) -> Answer:
+def fit_measured(written: WrittenPattern, measured: Widths | Replies, known: GivenValues) -> Result:
     """Fit a pattern's widths (lines, spiral) or replies (comb, joints, bridges).
 
     Raises
@@ -505,11 +487,11 @@ def fit_measured(written: WrittenPattern, measured: Widths | Replies, known: Giv
     return answer if optics <= VAGUE else _kept_from_profiles(answer, optics)
 
 
-def _kept_from_profiles(answer: Answer, optics: float) -> Answer:
+def _kept_from_profiles(answer: Result, optics: float) -> Result:
     """Without the factors, which rest on the absolute width; a lag rests on its changes."""
-    changes = {key: one for key, one in answer.changes.items() if key not in _BY_WIDTH}
+    changes = {key: one for key, one in answer.measured.items() if key not in _BY_WIDTH}
     note = (
         f"flow factor and swelling aren't written: the picture leaves all widths uncertain by "
         f"{optics:.0%} ({VAGUE:.0%} at most)"
     )
-    return replace(answer, changes=changes, notes=[*answer.notes, note])
+    return replace(answer, measured=changes, notes=[*answer.notes, note])

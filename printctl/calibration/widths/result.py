@@ -1,8 +1,8 @@
-"""Measured widths, the sheet they are typed into, and the values fitted to them."""
+"""Measured widths and replies, and the sheet that they are typed into."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -10,49 +10,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Ink
 from kernels.arrays import FloatArray
-from printctl.calibration.estimate import Estimate
 from printctl.calibration.patterns import COLUMNS, Pattern, WrittenPattern
 from printctl.calibration.readings import Readings, read_readings
-from printctl.calibration.writing import MeasuredValue, save_measured
 from printctl.errors import UsageError
 
 END: Final = 0.93
 """Of a line's length: beyond lies what its end does."""
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Result of a calibration pattern.
-
-    Attributes
-    ----------
-    estimates : dict of str to Estimate
-    table : list of str
-        Line by line, for people.
-    notes : list of str
-        What it means, and what this print can't tell.
-    changes : dict of str to MeasuredValue
-        Keys of the ink's profile.
-    """
-
-    estimates: Mapping[str, Estimate] = field(default_factory=dict)
-    table: Sequence[str] = ()
-    notes: Sequence[str] = ()
-    changes: Mapping[str, MeasuredValue] = field(default_factory=dict)
-
-    def save(self, path: Path, ink: Ink) -> str:
-        """Write a copy of the ink with what was measured; return what was changed.
-
-        Raises
-        ------
-        UsageError
-            When this print measured no key of it.
-        """
-        if not self.changes:
-            raise UsageError(f"{path} isn't written: this print tells nothing that a profile holds")
-        return save_measured(path, ink, self.changes)
 
 
 @dataclass(frozen=True)
