@@ -188,8 +188,6 @@ def test_only_the_layers_that_are_asked_for(tmp_path: Path, overlay: Shell) -> N
         (2, "--layer 9: the run has layers 1 to 5", ("run", *POSE, "--layer", "9")),
         (2, "isn't a folder", ("nowhere", *POSE)),
         (2, "has no manifest.json", (".", *POSE)),
-        (1, "none.json can't be read", ("run", "--pose", "none.json")),
-        (1, "isn't JSON", ("run", "--pose", "scan.tif")),
         (1, "holds no scaled_scan_to_part", ("run", "--pose", "run/manifest.json")),
         (
             1,
