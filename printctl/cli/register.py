@@ -115,12 +115,12 @@ def register(
         begin("reading")
         # Help waits for no mesh library; the second process loads beside this one.
         from printctl.pipeline import registration_work as work
-        from printctl.recipe import load
+        from printctl.recipe import section_files
 
         design = work.read_design(model, network, lumens, unit, printed_in, out, print_note)
         drawn = second.call(PAGES, "network_drawing", design.vessels)
-        stated = RecordPart() if record is None else load.read_record(record)
-        limits = load.tolerances_of(
+        stated = RecordPart() if record is None else section_files.read_record(record)
+        limits = section_files.tolerances_of(
             tolerance,
             tolerance_um,
             diameter_tolerance_percent,

@@ -26,9 +26,9 @@ from printctl.pipeline.print_scan import StatedPrint, scan_print
 from printctl.pipeline.simulated_scan import scan_size_words
 from printctl.pipeline.stages.scan import digest_scan, load_scan, scan_defects
 from printctl.pipeline.verdict import MOST_REASONS, verdict
-from printctl.recipe.load import read_record
 from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.recipe.record import RecordPart
+from printctl.recipe.section_files import read_record
 from registration import read_scan
 from registration.files.writers import write_scan_zarr
 from registration.measuring.judging import Tolerances, VesselLimits, judge, judge_plain
