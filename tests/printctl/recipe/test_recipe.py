@@ -16,9 +16,10 @@ from printctl.errors import RecipeError, UsageError
 from printctl.pipeline.facts import recipe_facts
 from printctl.recipe import Recipe, load, load_recipe, parse_recipe
 from printctl.recipe.growth import GrownNetwork
-from printctl.recipe.load import Change, Step, migrated_text, tolerances_of
+from printctl.recipe.load import Change, Step, migrated_text
 from printctl.recipe.making import RegistrationPart
 from printctl.recipe.model import LatticeNetwork
+from printctl.recipe.section_files import tolerances_of
 from printctl.recipe.tissue import CylinderPart, DepthDemandPart, MeshPart
 
 ROOT = Path(__file__).parents[3]
