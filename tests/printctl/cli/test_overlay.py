@@ -169,7 +169,7 @@ def test_a_calibration_of_walls_moves_gels_border(tmp_path: Path, overlay: Shell
     assert share[2] < 0.05
     page = (tmp_path / "out/overlay.html").read_text(encoding="utf-8")
     assert "Walls were moved +20.0 µm into the gel" in page
-    overlay.refuses("scan.tif: not YAML", "run", *POSE, "--walls", "scan.tif", code=1)
+    overlay.refuses("scan.tif: no calibration there", "run", *POSE, "--walls", "scan.tif", code=1)
 
 
 def test_only_the_layers_that_are_asked_for(tmp_path: Path, overlay: Shell) -> None:
