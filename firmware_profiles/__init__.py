@@ -20,11 +20,13 @@ from firmware_profiles.materials import (
 from firmware_profiles.plates import Dish, Plate
 from firmware_profiles.printers import Axes, Printer, WatchedGauge
 from firmware_profiles.rheology import flow_ul_s, pressure_pa, wall_stress_pa, yield_pressure_pa
+from firmware_profiles.sorts import PROFILE_SORTS, find_profile
 from firmware_profiles.strict_model import Facts, Span
 from firmware_profiles.tools import Needle, Syringe
 
 __all__ = [
     "MOST_HEADS",
+    "PROFILE_SORTS",
     "Axes",
     "Bath",
     "Dish",
@@ -46,6 +48,7 @@ __all__ = [
     "SteadyFlow",
     "Syringe",
     "WatchedGauge",
+    "find_profile",
     "flow_ul_s",
     "load",
     "pressure_pa",

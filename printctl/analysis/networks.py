@@ -26,7 +26,7 @@ from design.network_files.csv_format import read_network_csv
 from design.network_files.merge import NetworkWithNotes
 from design.network_files.simvascular import write_simvascular_paths
 from design.solids import read_solid
-from design.units import MM_PER, PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
+from design.units import BLOOD_MPA_S, MM_PER, PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
 from kernels.arrays import FloatArray
 from printctl.analysis.flow import TABLE, steady_conditions
 from printctl.analysis.flow.conditions import driven_by_run, recipe_of
@@ -34,6 +34,7 @@ from printctl.errors import UsageError
 from printctl.recipe.parts import FlowPart
 from printctl.run_folder.artefacts import NETWORK, NUMBERS, SURFACE
 from printctl.run_folder.manifest import Manifest
+from printctl.settings import opt, settings
 from registration.report.network_view import columns
 from registration.report.picture import FLOW, GAUGED, VesselQuantities
 
@@ -134,12 +135,16 @@ def write_network(path: Path, network: VesselNetwork) -> None:
 _FLOW: Final = ("flow_ul_s", *FLOW)
 
 
-@dataclass(frozen=True)
+@settings
 class Drive:
     """Inlet flow and viscosity in place of a run's own, or of the defaults."""
 
-    inlet_flow_ml_min: float | None = None
-    viscosity_mpa_s: float | None = None
+    inlet_flow_ml_min: float | None = opt(
+        "In place of a run's own; of a file 0.25 without it.", min=1e-9
+    )
+    viscosity_mpa_s: float | None = opt(
+        f"In place of a run's own; of a file {BLOOD_MPA_S:g}, blood's, without it.", min=1e-6
+    )
 
     def conditions(self, own: FlowConditions | None = None) -> FlowConditions:
         """Conditions of a run, or the defaults, and in their place what is given here."""

@@ -11,8 +11,24 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from printctl.calibration.estimate import Estimate
     from printctl.calibration.lag import Lag, LagPattern, fit_lag
-    from printctl.calibration.paths import backlash_path, lag_path, weighing_path
+    from printctl.calibration.paths import (
+        CalibrationTest,
+        backlash_test,
+        lag_test,
+        weighing_test,
+    )
     from printctl.calibration.readings import Readings, read_readings
+    from printctl.calibration.results import (
+        Result,
+        backlash_result,
+        flow_result,
+        head_offset_result,
+        lag_result,
+        level_result,
+        offset_result,
+        weighing_result,
+    )
+    from printctl.calibration.scanner import ScannerCalibration
     from printctl.calibration.touches import (
         Backlash,
         Level,
@@ -22,27 +38,40 @@ if TYPE_CHECKING:
         gap_between,
     )
     from printctl.calibration.weighing import FlowWeighing, Weighing, fit_flow, fit_weighing
+    from printctl.calibration.writing import Job, make_test
 
 __all__ = [
     "Backlash",
+    "CalibrationTest",
     "Estimate",
     "FlowWeighing",
+    "Job",
     "Lag",
     "LagPattern",
     "Level",
     "Readings",
+    "Result",
+    "ScannerCalibration",
     "Weighing",
-    "backlash_path",
+    "backlash_result",
+    "backlash_test",
     "fit_backlash",
     "fit_flow",
     "fit_lag",
     "fit_level",
     "fit_offset",
     "fit_weighing",
+    "flow_result",
     "gap_between",
-    "lag_path",
+    "head_offset_result",
+    "lag_result",
+    "lag_test",
+    "level_result",
+    "make_test",
+    "offset_result",
     "read_readings",
-    "weighing_path",
+    "weighing_result",
+    "weighing_test",
 ]
 
 __getattr__ = on_demand(__name__)

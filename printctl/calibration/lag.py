@@ -16,6 +16,7 @@ ink holds pressure by its yield stress, and no single K is right.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -63,6 +64,18 @@ class LagPattern:
             return self.width_mm * self.layer_mm
         return math.pi / 4 * self.width_mm**2
 
+    def facts(self) -> dict[str, float]:
+        """Numbers that stand above a test's sheet."""
+        numbers = {key: value for key, value in vars(self).items() if key != "bead"}
+        return numbers | {"round": float(self.bead == "round")}
+
+    def with_facts(self, facts: Mapping[str, float]) -> LagPattern:
+        """The pattern with the numbers that stand above a sheet in place of its own."""
+        slow, fast, length, width, layer, round_bead = (
+            facts.get(key, value) for key, value in self.facts().items()
+        )
+        return LagPattern(slow, fast, length, width, layer, "round" if round_bead else "flat")
+
 
 @dataclass(frozen=True)
 class Lag:
@@ -87,6 +100,14 @@ class Lag:
     advance_s: Estimate
     linear: bool
     scatter_mm: float
+
+    def estimates(self) -> dict[str, Estimate]:
+        """Return τ up and down, and K, by their names."""
+        return {
+            "τ, flow going up": self.rise_s,
+            "τ, flow going down": self.fall_s,
+            "K (advance)": self.advance_s,
+        }
 
 
 def expected_width(

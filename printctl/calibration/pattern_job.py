@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from design.files import write_text
 from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
-from firmware_profiles import Dish, Needle, Syringe, load
+from firmware_profiles import Dish, Ink, Needle, Printer, load
 from printctl.calibration.patterns import (
     COLUMNS,
     Bead,
     LineSeries,
     Pattern,
+    PatternSetUp,
     WrittenPattern,
     bridge_pattern,
     comb_pattern,
@@ -28,6 +29,8 @@ from printctl.calibration.patterns import (
     squares_pattern,
 )
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
+from printctl.checks.set_up import ProfileNames, set_up
+from printctl.errors import UsageError
 from printctl.settings import numbers_of, opt, settings
 from sim.gcode.dry_run.run import dry_run
 
@@ -112,13 +115,80 @@ class PatternJob:
     written: WrittenPattern
     set_up: SetUp
     at_mm: tuple[float, float, float]
-    syringe: Syringe
 
     @property
     def beside(self) -> list[Path]:
         """Files that are written beside the G-code, but for its map."""
         ends = BESIDE if self.written.pattern.name in COLUMNS else (".svg", ".json")
         return [self.path.with_suffix(end) for end in ends]
+
+
+@dataclass(frozen=True)
+class LineShape:
+    """A line's width and height, mm, and whether it is a filament; None for what follows.
+
+    The width follows from the needle's bore, the height from the width; with a bath it is a
+    filament, else a line on a plate.
+    """
+
+    width_mm: float | None = None
+    layer_mm: float | None = None
+    round_bead: bool | None = None
+
+    def bead(self, needle: Needle, ink: Ink, in_bath: bool) -> Bead:
+        """Raise `UsageError` for a line that can't be."""
+        wide = needle.inner_mm if self.width_mm is None else self.width_mm
+        high = wide / 2 if self.layer_mm is None else self.layer_mm
+        if not 0.02 <= wide <= 5 or not 0.01 <= high <= 5:
+            raise UsageError(
+                f"a line {wide:g} mm wide in layers of {high:g} mm: give 0.02 to 5 mm (--width) "
+                "and 0.01 to 5 mm (--layer)"
+            )
+        return Bead(wide, high, in_bath if self.round_bead is None else self.round_bead, ink.bead)
+
+
+class PatternMachine(NamedTuple):
+    """Names of the profiles that a pattern is printed with."""
+
+    printer: str
+    syringe: str
+    ink: str
+    needle: str
+
+
+def pattern_job(
+    path: Path,
+    name: str,
+    own: PatternOptions,
+    shape: LineShape,
+    machine: PatternMachine,
+    placed: ProfileNames,
+    at_mm: tuple[float, float, float],
+) -> PatternJob:
+    """Make the job of a pattern; nothing is written.
+
+    Raises
+    ------
+    UsageError
+        For a pneumatic head, a line that can't be, a name that a file beside the G-code gets.
+    ProfileError
+    """
+    if path.suffix.lower() in BESIDE:
+        raise UsageError(
+            f"-o {path}: that is to be the G-code, and {', '.join(BESIDE)} are written beside "
+            "it; end it in .gcode"
+        )
+    printer, ink = load(Printer, machine.printer), load(Ink, machine.ink)
+    bead = shape.bead(load(Needle, machine.needle), ink, placed.bath is not None)
+    if printer.pneumatic is not None:
+        raise UsageError(
+            f"{printer.name} has a pneumatic head, and these prints vary what a plunger pushes; "
+            "weigh its flow instead: printctl calibrate weigh"
+        )
+    mounted = set_up(printer, machine.syringe, machine.ink, at_mm, placed)
+    used = PatternSetUp(*machine, ink.flow_factor, ink.swell_factor)
+    made = pattern_of(name, bead, own, placed.dish, machine.needle)
+    return PatternJob(path, WrittenPattern(made, used, at_mm), mounted, at_mm)
 
 
 def write_pattern_job(job: PatternJob) -> tuple[int, float, tuple[str, ...]]:
@@ -138,7 +208,7 @@ def write_pattern_job(job: PatternJob) -> tuple[int, float, tuple[str, ...]]:
         flow_factor=ink.flow_factor,
     )
     place = np.array(job.at_mm) - middle
-    gcode = write_gcode(pattern_path(made, ink), setup.printer, job.syringe, place, options)
+    gcode = write_gcode(pattern_path(made, ink), setup.printer, setup.syringe, place, options)
     run = dry_run(gcode.data, setup.printer, job.at_mm)
     checks = file_checks(run, setup)
     refuse_failed(checks)

@@ -13,10 +13,10 @@ from typing import Any
 import yaml
 
 from design.files import write_bytes, write_text
-from design.toolpath import Toolpath
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Facts, Printer, Syringe
 from printctl.calibration.estimate import Estimate
+from printctl.calibration.paths import CalibrationTest
 from printctl.checks.preflight import gcode_checks, refuse_failed, syringe_checks, warnings
 from printctl.errors import UsageError
 from sim.gcode.dry_run.run import dry_run
@@ -26,16 +26,14 @@ from sim.gcode.dry_run.run import dry_run
 class Job:
     """A test: where it goes, what it does, on what, from where.
 
-    ``doses`` says that it weighs doses, the one test that a pneumatic head's valve opens for;
     ``flow_factor`` is the ink's, where the test writes with it as a print does.
     """
 
     path: Path
-    toolpath: Toolpath
+    test: CalibrationTest
     printer: Printer
     syringe: Syringe
     at_mm: tuple[float, float, float]
-    doses: bool = False
     flow_factor: float = 1.0
 
     @property
@@ -62,9 +60,7 @@ class CalibrationOutput:
     notes: tuple[str, ...]
 
 
-def make_test(
-    job: Job, columns: tuple[str, ...], rows: list[list[str]], facts: dict[str, float]
-) -> CalibrationOutput:
+def make_test(job: Job) -> CalibrationOutput:
     """Write the G-code and the CSV file beside it, after the same checks as a print's.
 
     Raises
@@ -74,7 +70,9 @@ def make_test(
     UsageError
         When it needs a plunger, and there is none.
     """
-    if job.printer.pneumatic and not job.doses and job.toolpath.volume_ul.any():
+    test = job.test
+    # Doses are the one test that a pneumatic head's valve opens for.
+    if job.printer.pneumatic and test.columns[0] != "open_s" and test.toolpath.volume_ul.any():
         raise UsageError(
             f"{job.printer.name} has a pneumatic head, and this test drives a plunger; weigh its "
             "flow instead: printctl calibrate weigh"
@@ -88,14 +86,15 @@ def make_test(
         flow_ul_s=flow,
         standing_doses=flow is not None,
     )
-    gcode = write_gcode(job.toolpath, job.printer, job.syringe, job.at_mm, options)
+    gcode = write_gcode(test.toolpath, job.printer, job.syringe, job.at_mm, options)
     run = dry_run(gcode.data, job.printer, job.at_mm)
     checks = [*gcode_checks(run, job.printer), *syringe_checks(run, job.printer, job.syringe)]
     refuse_failed(checks)
     write_bytes(job.path, gcode.data)
     table = io.StringIO()
-    table.writelines(f"# {key}={value:g}\n" for key, value in facts.items())
-    csv.writer(table, lineterminator="\n").writerows([list(columns), *rows])
+    table.writelines(f"# {key}={value:g}\n" for key, value in test.facts.items())
+    rows = [test.columns, *([*row, ""] for row in test.rows)]
+    csv.writer(table, lineterminator="\n").writerows(rows)
     write_text(job.sheet, table.getvalue())
     return CalibrationOutput(gcode.line_count, run.duration_s, tuple(warnings(checks)))
 

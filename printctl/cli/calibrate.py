@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import cv2
 import typer
@@ -13,39 +12,21 @@ from PIL import Image
 
 from design.files import atomic_replacement
 from printctl.calibration import Estimate
+from printctl.calibration.scanner import ScannerCalibration
 from printctl.cli.calibrate_measured import backlash, lag, level, offset, print_estimates, weigh
 from printctl.cli.calibrate_pattern import pattern, widths
-from printctl.cli.declare import command, group
-from printctl.cli.options import JsonFlag, print_note, print_notes
+from printctl.cli.declare import command, group, json_command
+from printctl.cli.options import print_note, print_notes
 from printctl.cli.scan import voxel_mm
 from printctl.errors import UsageError
-from printctl.settings import arg, numbers_of, opt
-from registration import Scan, ScanOverrides, read_scan
+from printctl.settings import arg, numbers_of, opt, settings
+from registration import ScanOverrides, read_scan
 from registration.devices.lens import Board, board_picture, find_board, fit_lens, write_lens
-from registration.devices.optics import (
-    GridFit,
-    OctCalibration,
-    Step,
-    find_grid,
-    fit_grid,
-    measure_step,
-    read_calibration,
-    with_step,
-    write_calibration,
-)
-from registration.wall_reference import WallCalibration, measured_walls, read_reference
-
-_MEANING = {
-    "scale_x": ("scale along x", ""), "shear": ("shear of y along x", ""),
-    "scale_y": ("scale along y", ""), "bow_xx": ("bow along x", "1/mm"),
-    "bow_xy": ("bow, mixed", "1/mm"), "bow_yy": ("bow along y", "1/mm"),
-    "fan_x": ("fan along x", "1/mm"), "fan_y": ("fan along y", "1/mm"),
-    "depth_scale": ("scale of depth in air", ""),
-    "refractive_index": ("group index of the medium", ""),
-}  # fmt: skip
+from registration.devices.optics import write_calibration
+from registration.wall_reference import read_reference
 
 
-@command
+@json_command
 def oct_device(
     grid: list[Path] | None = opt("Scan of a flat dot grid in air; again at another height."),
     pitch_um: float | None = opt("Of the grid's dots.", min=10),
@@ -64,7 +45,6 @@ def oct_device(
     write: Path | None = opt(
         "YAML file for `register --oct-calibration`; what it says of other targets stays."
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Fan, bow, scales and walls of a device: from a dot grid, a step, a part of known channels.
 
@@ -72,146 +52,78 @@ def oct_device(
     The step in air gives the scale of depth; under the medium (--immersed) its group index.
     The part's diameters give the offset of walls: register it with the model that it truly is.
     """
+    voxel = voxel_mm(voxel_um)
     overrides = ScanOverrides(
-        voxel_mm=voxel_mm(voxel_um), refractive_index=1.0, scale=scale, modality="oct", axes=axes
+        voxel_mm=voxel,
+        optical_depth=None if voxel is None else True,
+        refractive_index=1.0,
+        scale=scale,
+        modality="oct",
+        axes=axes,
     )
-    if overrides.voxel_mm is not None:
-        overrides = ScanOverrides(**{**overrides.__dict__, "optical_depth": True})
     if not grid and step is None and not reference:
         raise UsageError(
             "give scans of a grid (--grid), of a step (--step) or reports of a part of known "
             "diameters (--reference)"
         )
-    kept = write is not None and write.exists()
-    calibration = read_calibration(write) if write and kept else OctCalibration()
-    notes = [f"with what {write} said of other targets"] if kept else []
+    scanner = ScannerCalibration.beside(write)
     if step is not None:
-        heights = height_um, height_u_um
-        measured, calibration = _step(read_scan(step, overrides), heights, calibration, immersed)
-        notes.append(_told_step(measured, immersed, height_u_um))
+        if height_um is None:
+            raise UsageError("--step needs the step's height: give --height-um")
+        scanner.add_step(read_scan(step, overrides), height_um, height_u_um, immersed=immersed)
     if grid:
-        fit = _grid(
-            [read_scan(path, overrides) for path in grid], (pitch_um, pitch_u_um), calibration
-        )
-        calibration = fit.calibration
-        notes.append(_told_grid(fit))
+        if pitch_um is None:
+            raise UsageError("--grid needs the distance of its dots: give --pitch-um")
+        scanner.add_grid([read_scan(path, overrides) for path in grid], pitch_um, pitch_u_um)
     if reference:
-        walls = measured_walls([read_reference(path) for path in reference], reference_u_um)
-        calibration = replace(calibration, walls=walls)
-        notes += _told_reference(walls, reference_u_um)
-    if (grid or step) and not calibration.depth_standard:
-        notes.append(
-            "no step in the medium: depth has no standard, so an error of the index and shrinkage "
-            "along depth look the same"
-        )
-    print_estimates(_estimates(calibration), notes, as_json)
+        scanner.add_reference([read_reference(path) for path in reference], reference_u_um)
+    print_estimates(scanner.estimates(), scanner.all_notes())
     if write is not None:
-        write_calibration(write, calibration)
+        write_calibration(write, scanner.calibration)
         print_note(f"wrote {write}")
 
 
-def _step(
-    scan: Scan, heights: tuple[float | None, float], base: OctCalibration, immersed: bool
-) -> tuple[Step, OctCalibration]:
-    height_um, u_um = heights
-    if height_um is None:
-        raise UsageError("--step needs the step's height: give --height-um")
-    measured = measure_step(scan)
-    return measured, with_step(
-        base, measured, height_um * 1e-3, immersed=immersed, height_u_mm=u_um * 1e-3
-    )
-
-
-def _grid(scans: list[Scan], pitches: tuple[float | None, float], base: OctCalibration) -> GridFit:
-    pitch_um, u_um = pitches
-    if pitch_um is None:
-        raise UsageError("--grid needs the distance of its dots: give --pitch-um")
-    views = [find_grid(scan, pitch_um * 1e-3) for scan in scans]
-    return fit_grid(views, pitch_um * 1e-3, base, u_um * 1e-3)
-
-
-def _estimates(calibration: OctCalibration) -> dict[str, Estimate]:
-    (scale_x, shear), (_, scale_y) = calibration.lateral
-    bow, fan = calibration.bow_per_mm, calibration.fan_per_mm
-    values = {
-        "scale_x": scale_x, "shear": shear, "scale_y": scale_y,
-        "bow_xx": bow[0], "bow_xy": bow[1], "bow_yy": bow[2], "fan_x": fan[0], "fan_y": fan[1],
-        "depth_scale": calibration.depth_scale, "refractive_index": calibration.refractive_index,
-    }  # fmt: skip
-    lines = {}
-    for name, (low, high) in calibration.intervals.items():
-        value = values[name]
-        if value is not None:
-            meaning, unit = _MEANING[name]
-            lines[meaning] = Estimate(value, low, high, unit)
-    if calibration.walls is not None:
-        value, half = calibration.walls.offset_um, calibration.walls.interval_um
-        lines["walls lie further into the gel by"] = Estimate(
-            value, value - half, value + half, "µm"
-        )
-    return lines
-
-
-def _told_step(step: Step, immersed: bool, u_um: float) -> str:
-    where = "in the medium" if immersed else "in air"
-    return (
-        f"step {where}: {1e3 * step.path_mm:.1f} µm of path, columns scatter by "
-        f"{1e3 * step.scatter_mm:.1f} µm, tilted by {step.tilt_deg:.1f}°; its height is "
-        + (f"known to ± {u_um:g} µm by its certificate" if u_um else "taken as exact")
-    )
-
-
-def _told_grid(fit: GridFit) -> str:
-    fan = "" if fit.fan_known else "; one height, so the fan is unknown and taken as 0"
-    return (
-        f"grid: {fit.dots} dots, {fit.before_um:.1f} µm off as the device says, "
-        f"{fit.lateral_um:.1f} µm in the plane and {fit.depth_um:.1f} µm in depth after it{fan}"
-    )
-
-
-def _told_reference(walls: WallCalibration, u_um: float) -> list[str]:
-    notes = [
-        f"reference: {walls.scans} scan(s), lumens of {walls.from_um:.0f} to {walls.to_um:.0f} µm, "
-        + (f"known to ± {u_um:g} µm by their certificate" if u_um else "taken as exact")
-        + "; holds for this device, voxel size and material alone"
-    ]
-    if walls.scans == 1:
-        notes.append("one scan: its interval doesn't hold what differs from scan to scan")
-    return notes
-
-
-@command
+@json_command
 def walls(
     phantoms: list[Path] = arg("Report folders of a reference, as --reference takes them."),
     write: Path | None = opt("YAML file for `register --oct-calibration`."),
-    as_json: JsonFlag = False,
 ) -> None:
     """Old name of `calibrate oct --reference`, for one more release.
 
     The file that it writes is the device's, for `register --oct-calibration`.
     """
     print_notes(["the new name is printctl calibrate oct --reference"])
-    oct_device(reference=phantoms, write=write, as_json=as_json)
+    oct_device(reference=phantoms, write=write)
 
 
 _MARKER = 0.75
 """Side of a marker, of its square's."""
 _MOST_PX = 30_000
 
-Squares = Annotated[str, opt("Squares of the board.", metavar="COLUMNS,ROWS")]
-Square = Annotated[float, opt("Side of a square.")]
-Marker = Annotated[float | None, opt("Side of a marker; 0.75 of a square's if not.")]
-Markers = Annotated[str, opt("OpenCV's name of the markers' set.")]
+
+@settings
+class BoardOptions:
+    """A ChArUco board, as it was printed."""
+
+    square_mm: float = opt("Side of a square.", ...)
+    squares: str = opt("Squares of the board.", "11,8", metavar="COLUMNS,ROWS")
+    marker_mm: float | None = opt("Side of a marker; 0.75 of a square's if not.")
+    markers: str = opt("OpenCV's name of the markers' set.", "5X5_100")
+
+    def board(self) -> Board:
+        """Raise `UsageError` for --squares that aren't two whole numbers."""
+        sides = numbers_of(self.squares, "--squares")
+        if len(sides) != 2 or any(side != int(side) for side in sides):
+            raise UsageError(f"--squares {self.squares!r} isn't columns,rows; write it like 11,8")
+        marker = _MARKER * self.square_mm if self.marker_mm is None else self.marker_mm
+        return Board(int(sides[0]), int(sides[1]), self.square_mm, marker, self.markers)
 
 
 @command
 def board(
     *,
     out: Path = arg("PNG to be written."),
-    square_mm: Square,
-    squares: Squares = "11,8",
-    marker_mm: Marker = None,
-    markers: Markers = "5X5_100",
+    drawn: BoardOptions,
     dpi: int = opt("Of the printer.", 1200, min=72, max=25400),
 ) -> None:
     """A ChArUco board to print at 100 % and glue onto something flat.
@@ -220,8 +132,8 @@ def board(
     """
     if out.suffix.lower() != ".png":
         raise UsageError(f"{out}: a board is written as .png")
-    requested = _board(squares, square_mm, marker_mm, markers)
-    longest = (max(requested.columns, requested.rows) + 2) * square_mm * dpi / 25.4
+    requested = drawn.board()
+    longest = (max(requested.columns, requested.rows) + 2) * drawn.square_mm * dpi / 25.4
     if longest > _MOST_PX:
         raise UsageError(
             f"the board would be {longest:.0f} px long ({_MOST_PX} at most); lower --dpi"
@@ -234,29 +146,25 @@ def board(
         )
     picture = board_picture(requested, dpi)
     # A square is a whole number of dots, so the file's dots differ a little from the printer's.
-    true_dpi = 25.4 * picture.shape[1] / ((requested.columns + 2) * square_mm)
+    true_dpi = 25.4 * picture.shape[1] / ((requested.columns + 2) * drawn.square_mm)
     with atomic_replacement(out) as draft:
         Image.fromarray(picture).save(draft, "PNG", dpi=(true_dpi, true_dpi))
     print_note(f"wrote {out}: print it at 100 %")
 
 
-@command
+@json_command
 def camera(
     *,
     pictures: list[Path] = arg("Pictures of the board; in the first it lies where prints will."),
-    square_mm: Square,
-    squares: Squares = "11,8",
-    marker_mm: Marker = None,
-    markers: Markers = "5X5_100",
+    printed: BoardOptions,
     write: Path | None = opt("YAML file for --camera of widths and dye."),
-    as_json: JsonFlag = False,
 ) -> None:
     """Scale and distortion of a camera or microscope, from pictures of a ChArUco board.
 
     One picture will do where the camera looks down on a plane: fill it with the board. Focus,
     zoom and distance stay as they are from then on.
     """
-    requested = _board(squares, square_mm, marker_mm, markers)
+    requested = printed.board()
     views = [find_board(path, requested) for path in pictures]
     lens = fit_lens(views)
     low, high = lens.um_per_px_95
@@ -273,18 +181,10 @@ def camera(
             "fill half of it or more"
         )
     print_estimates({"scale in the picture's middle": Estimate(lens.um_per_px, low, high, "µm/px")},
-         notes, as_json)  # fmt: skip
+         notes)  # fmt: skip
     if write is not None:
         write_lens(write, lens)
         print_note(f"wrote {write}")
-
-
-def _board(squares: str, square_mm: float, marker_mm: float | None, markers: str) -> Board:
-    sides = numbers_of(squares, "--squares")
-    if len(sides) != 2 or any(side != int(side) for side in sides):
-        raise UsageError(f"--squares {squares!r} isn't columns,rows; write it like 11,8")
-    marker = _MARKER * square_mm if marker_mm is None else marker_mm
-    return Board(int(sides[0]), int(sides[1]), square_mm, marker, markers)
 
 
 calibrate = group(

@@ -5,54 +5,37 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 import typer
 
-from design.files import write_bytes, write_text
-from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Ink, load
 from printctl.calibration.pattern_job import (
-    BESIDE,
+    LineShape,
     PatternJob,
+    PatternMachine,
     PatternOptions,
-    pattern_of,
+    pattern_job,
     write_pattern_job,
 )
-from printctl.calibration.patterns import (
-    COLUMNS,
-    Bead,
-    PatternSetUp,
-    WrittenPattern,
-    read_pattern,
-)
+from printctl.calibration.patterns import COLUMNS, WrittenPattern, read_pattern
 from printctl.calibration.widths import (
-    Answer,
     GivenValues,
-    MeasuredPicture,
     PictureFacts,
-    fit_replies,
-    fit_widths,
+    fit_measured,
     measure_picture,
-    typed_replies,
-    typed_widths,
+    read_sheet,
 )
-from printctl.calibration.writing import MeasuredValue
-from printctl.checks.set_up import ProfileNames, set_up
-from printctl.cli.calibrate_measured import (
-    Write,
-    print_estimates,
-    write_measured,
-)
-from printctl.cli.declare import command
+from printctl.checks.set_up import ProfileNames
+from printctl.cli.calibrate_measured import Write, print_estimates
+from printctl.cli.declare import command, json_command, wants_json
 from printctl.cli.options import (
     CameraFile,
     InkOption,
-    JsonFlag,
     SyringeOption,
-    is_typed,
     print_lines,
     print_note,
     print_notes,
+    refuse_typed,
 )
 from printctl.errors import UsageError
 from printctl.settings import arg, numbers_of, of, opt, three_numbers
@@ -104,60 +87,25 @@ def pattern(
     """
     _refuse_others(context, name)
     place = three_numbers(at, "--at")
-    _refuse_beside(output)
-    wide = load(Needle, needle).inner_mm if width is None else width
-    bead = _bead(wide, layer, bath is not None if round_bead is None else round_bead, ink)
-    machine, material = load(Printer, printer), load(Ink, ink)
-    _refuse_air(machine)
-    named = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
-    set_for = set_up(machine, syringe, ink, place, named)
-    used = PatternSetUp(printer, syringe, ink, needle, material.flow_factor, material.swell_factor)
-    made = pattern_of(name, bead, own, dish, needle)
-    job = PatternJob(
-        output, WrittenPattern(made, used, place), set_for, place, load(Syringe, syringe)
+    machine = PatternMachine(printer, syringe, ink, needle)
+    placed = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
+    job = pattern_job(
+        output, name, own, LineShape(width, layer, round_bead), machine, placed, place
     )
     lines, seconds, notes = write_pattern_job(job)
     print_notes(notes)
     _tell(job, lines, seconds)
 
 
-def _refuse_beside(output: Path) -> None:
-    """Refuse a name that a file beside the G-code gets."""
-    if output.suffix.lower() in BESIDE:
-        raise UsageError(
-            f"-o {output}: that is to be the G-code, and {', '.join(BESIDE)} are written beside "
-            "it; end it in .gcode"
-        )
-
-
-def _bead(wide: float, layer: float | None, round_bead: bool, ink: str) -> Bead:
-    high = wide / 2 if layer is None else layer
-    if not 0.02 <= wide <= 5 or not 0.01 <= high <= 5:
-        raise UsageError(
-            f"a line {wide:g} mm wide in layers of {high:g} mm: give 0.02 to 5 mm (--width) and "
-            "0.01 to 5 mm (--layer)"
-        )
-    return Bead(wide, high, round_bead, load(Ink, ink).bead)
-
-
 def _refuse_others(context: typer.Context, name: str) -> None:
     """Refuse what belongs to another pattern: it would do nothing."""
-    others = sorted(set().union(*_OWN.values()) - _OWN[name])
-    for option in others:
-        if is_typed(context, option):
-            own = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
-            raise UsageError(
-                f"--{option.replace('_', '-')} changes nothing about the pattern {name}, which "
-                f"has {own}; leave it out, or write another pattern"
-            )
-
-
-def _refuse_air(machine: Printer) -> None:
-    if machine.pneumatic is not None:
-        raise UsageError(
-            f"{machine.name} has a pneumatic head, and these prints vary what a plunger pushes; "
-            "weigh its flow instead: printctl calibrate weigh"
-        )
+    own = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
+    refuse_typed(
+        context,
+        sorted(set().union(*_OWN.values()) - _OWN[name]),
+        f"changes nothing about the pattern {name}, which has {own}; leave it out, or write "
+        "another pattern",
+    )
 
 
 def _tell(job: PatternJob, lines: int, seconds: float) -> None:
@@ -183,7 +131,7 @@ def _tell(job: PatternJob, lines: int, seconds: float) -> None:
 _CORNERS = 4
 
 
-@command
+@json_command
 def widths(
     file: Path = arg("The sheet, filled in (.csv), or a picture."),
     pattern: Path | None = opt("The pattern's .json; FILE's name with .json if not."),
@@ -197,7 +145,6 @@ def widths(
     flow_factor: float | None = opt("Weighed; the swelling is told then.", min=0.2, max=5),
     ink: str | None = opt("For --write; the one it was printed with if not."),
     write: Write = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Widths of a calibration print, and what they say of the ink.
 
@@ -211,26 +158,26 @@ def widths(
     if um_per_px is not None and camera is not None:
         raise UsageError("--camera has the scale: leave --um-per-px out, or --camera")
     written = _pattern(file, pattern)
-    known = GivenValues(flow_factor)
     if written.pattern.name not in ("lines", "spiral") and flow_factor is not None:
-        raise UsageError(f"--flow-factor belongs to lines or a spiral; this is a {_name(written)}")
+        raise UsageError(
+            "--flow-factor belongs to lines or a spiral; this is a pattern of "
+            f"{written.pattern.name}"
+        )
     notes: list[str] = []
     if typed:
-        answer = _from_sheet(file, written, known)
+        measured = read_sheet(file, written)
     else:
-        seen = measure_picture(
-            file,
-            written,
-            PictureFacts(um_per_px, _corners(marks), None if camera is None else read_lens(camera)),
-        )
-        _keep(file, seen)
-        notes = seen.notes
-        answer = _from_picture(seen, written, known)
-    if not as_json:
+        lens = None if camera is None else read_lens(camera)
+        seen = measure_picture(file, written, PictureFacts(um_per_px, _corners(marks), lens))
+        drawn, table = seen.save(file)
+        print_note(f"wrote {drawn} (judge by it) and {table}")
+        measured, notes = seen.measured, seen.notes
+    answer = fit_measured(written, measured, GivenValues(flow_factor))
+    if not wants_json():
         print_lines(*answer.table)
-    print_estimates(dict(answer.estimates), [*notes, *answer.notes], as_json)
+    print_estimates(answer.lines, [*notes, *answer.notes])
     if write is not None:
-        _write_widths(write, answer, load(Ink, ink or written.mounted.ink))
+        print_note(f"wrote {write}: {answer.save(write, load(Ink, ink or written.mounted.ink))}")
 
 
 def _pattern(file: Path, named: Path | None) -> WrittenPattern:
@@ -252,10 +199,6 @@ def _pattern(file: Path, named: Path | None) -> WrittenPattern:
     return written
 
 
-def _name(written: WrittenPattern) -> str:
-    return f"pattern of {written.pattern.name}"
-
-
 def _corners(text: str | None) -> np.ndarray | None:
     if text is None:
         return None
@@ -266,33 +209,3 @@ def _corners(text: str | None) -> np.ndarray | None:
             "left, lower right, upper right and upper left corner"
         )
     return np.array(values).reshape(_CORNERS, 2)
-
-
-def _from_sheet(file: Path, written: WrittenPattern, known: GivenValues) -> Answer:
-    if written.pattern.name in ("lines", "spiral"):
-        return fit_widths(written, typed_widths(file, written), known)
-    return fit_replies(written, typed_replies(file, written))
-
-
-def _from_picture(seen: MeasuredPicture, written: WrittenPattern, known: GivenValues) -> Answer:
-    if seen.widths is not None:
-        return fit_widths(written, seen.widths, known)
-    assert seen.replies is not None  # one of the two
-    return fit_replies(written, seen.replies)
-
-
-def _keep(file: Path, seen: MeasuredPicture) -> None:
-    """Write the annotated picture and the filled sheet beside the picture."""
-    drawn, table = file.with_suffix(".measured.png"), file.with_suffix(".widths.csv")
-    _, data = cv2.imencode(".png", seen.picture)
-    write_bytes(drawn, data.tobytes())
-    write_text(table, seen.table)
-    print_note(f"wrote {drawn} (judge by it) and {table}")
-
-
-def _write_widths(path: Path, answer: Answer, ink: Ink) -> None:
-    if not answer.changes:
-        raise UsageError(f"{path} isn't written: this print tells nothing that a profile holds")
-    write_measured(
-        path, ink, {key: MeasuredValue(one.value, one.said) for key, one in answer.changes.items()}
-    )

@@ -15,17 +15,27 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from printctl.cli.declare import declared
-from printctl.cli.help_examples import with_manual
+from printctl.cli.help_examples import MANUAL
 from printctl.errors import PrintctlError, UsageError
 
-# Refuse options given twice, and keep names whole in help, in every command.
 
+def equipped(command: Any, name: str) -> Any:
+    """Give a command, and those in it, what all have in common.
 
-def with_common_behaviour(command: Any) -> Any:
-    """Give it to a command and those in it; a group has no options of its own."""
+    That is the end of its help (`Manual`), the shipped names for options of profiles, the refusal
+    of options given twice, and names that help keeps whole. A group has no options of its own.
+    """
     inner = getattr(command, "commands", {})
-    for one in inner.values():
-        with_common_behaviour(one)
+    for word, one in inner.items():
+        equipped(one, f"{name} {word}")
+    if name in MANUAL:
+        command.epilog = MANUAL[name].epilog()
+        command.rich_markup_mode = "markdown"
+    for param in command.params:
+        kind = PROFILES.get(param.opts[0])
+        if kind is not None and (command.name, param.opts[0]) not in OTHERWISE:
+            # Typer's own way in is where an option is declared: these are, in many places.
+            param._custom_shell_complete = _names_of(kind)
     if not inner:
         command.parse_args = _once(command)
     command.format_help = _whole(command.format_help)
@@ -58,12 +68,7 @@ def _whole(write: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
 
 
 def _refuse_repeated(given: list[Any]) -> None:
-    """Refuse an option of one value that stands several times.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Refuse an option of one value that stands several times."""
     for param, times in Counter(given).items():
         flag = getattr(param, "is_flag", False) and not param.secondary_opts
         if times == 1 or param.param_type_name != "option" or param.multiple or param.count or flag:
@@ -106,18 +111,6 @@ class CompletionWord(NamedTuple):
 def matching_words(words: Iterable[str], begun: str) -> list[CompletionWord]:
     """Those of the words that begin as what was typed."""
     return [CompletionWord(word) for word in words if word.startswith(begun)]
-
-
-def with_profiles(command: Any) -> Any:
-    """Have the options for profiles, of a command and of those in it, offer the shipped names."""
-    for param in command.params:
-        kind = PROFILES.get(param.opts[0])
-        if kind is not None and (command.name, param.opts[0]) not in OTHERWISE:
-            # Typer's own way in is where an option is declared: these are, in many places.
-            param._custom_shell_complete = _names_of(kind)
-    for inner in getattr(command, "commands", {}).values():
-        with_profiles(inner)
-    return command
 
 
 def _names_of(kind: str) -> Callable[[Any, Any, str], list[CompletionWord]]:
@@ -259,7 +252,7 @@ class LazyGroup(TyperGroup):
             alone.command(cmd_name, context_settings=CALLED_WITH.get(cmd_name))(declared(loaded))
             command = typer.main.get_command(alone)
         command.name = cmd_name
-        return with_common_behaviour(with_profiles(with_manual(command, cmd_name)))
+        return equipped(command, cmd_name)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help, with each command's summary."""

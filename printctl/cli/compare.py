@@ -2,50 +2,27 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Final
 
 from pydantic import ValidationError
 
-from design.files import write_text
-from printctl.cli.declare import command
-from printctl.cli.options import (
-    JsonFlag,
-    OutFolder,
-    PdfFlag,
-    print_notes,
-    print_result,
-)
+from printctl.cli.declare import json_command
+from printctl.cli.options import OutFolder, PdfFlag, print_notes, print_result
 from printctl.corrections.compensation import (
-    CompensationFile,
     GainPart,
     changes_line,
     check_suffix,
+    evidence_lines,
     save_compensation,
 )
 from printctl.corrections.feedback import Choices, Mean, estimate, read_print
 from printctl.errors import UsageError
-from printctl.history.comparing import NewLimits, PrintNames, read_folders
+from printctl.history.comparing import NewLimits, PrintNames, read_folders, write_comparison
 from printctl.settings import arg, of, opt
-from registration.comparison import (
-    compare,
-    comparison_csv,
-    comparison_dict,
-    gauge_csv,
-    verdict,
-)
-from registration.report.comparison_page import comparison_figures, write_comparison_html
-from registration.report.print_page import print_page
-
-JSON: Final = "compare.json"
-CSV: Final = "compare.csv"
-GAUGE_CSV: Final = "gauge.csv"
-HTML: Final = "compare.html"
-PDF: Final = "compare.pdf"
+from registration.comparison import compare, verdict
 
 
-@command
+@json_command
 def compare_prints(
     *,
     folders: list[Path] = arg(
@@ -73,7 +50,6 @@ def compare_prints(
         "Judge all prints anew by this limit, and tell the capability (Cp, Cpk).", min=0.1
     ),
     pdf: PdfFlag = False,
-    as_json: JsonFlag = False,
 ) -> None:
     """Hold several prints of one design against each other: what repeats, varies, drifts.
 
@@ -88,20 +64,9 @@ def compare_prints(
         anew = NewLimits(tolerance_um or 100.0, diameter_tolerance_percent or 10.0)
     scans = read_folders(folders, named, anew)
     found = compare(scans, diameter_tolerance_percent, repeatability)
-    data = comparison_dict(found)
-    notes = _judged_note(anew)
-    data["notes"] = [*notes, *data["notes"]]
-    out.mkdir(parents=True, exist_ok=True)
-    write_text(out / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
-    write_text(out / CSV, comparison_csv(found))
-    if found.gauge is not None:
-        write_text(out / GAUGE_CSV, gauge_csv(found.gauge))
     title = " to ".join(folders[end].resolve().name for end in (0, -1))
-    write_comparison_html(out / HTML, found, title, notes, comparison_figures(found))
-    if pdf:
-        print_page(out / HTML, out / PDF)
-    pages = [str(out / name) for name in (HTML, *([PDF] if pdf else []))]
-    print_result(as_json, data, [*verdict(found)["reasons"], *data["notes"], *pages])
+    data, pages = write_comparison(out, found, title, anew, pdf=pdf)
+    print_result(data, [*verdict(found)["reasons"], *data["notes"], *map(str, pages)])
 
 
 def _names(text: str | None, option: str, count: int) -> list[str] | None:
@@ -116,16 +81,7 @@ def _names(text: str | None, option: str, count: int) -> list[str] | None:
     return names
 
 
-def _judged_note(judged: NewLimits | None) -> list[str]:
-    if judged is None:
-        return []
-    return [
-        f"All prints are judged anew: RMS deviation at most {judged.tolerance_um:g} µm, diameters "
-        f"within ±{judged.diameter_percent:g} %."
-    ]
-
-
-@command
+@json_command
 def compensate(
     prints: list[Path] = arg(
         "Finished runs of one design, or folders of `register --model RUN --out`.", metavar="RUN..."
@@ -144,7 +100,6 @@ def compensate(
     local_gain: float = of(GainPart, "local", "--local-gain", max=None),
     without_vessel: list[int] | None = opt("A vessel to leave out; may be repeated."),
     whole_only: bool = opt("Nothing for single vessels and nodes.", False),
-    as_json: JsonFlag = False,
 ) -> None:
     """Make a compensation from registered prints, for a recipe's `toolpath.compensation`.
 
@@ -169,23 +124,8 @@ def compensate(
     save_compensation(out, made)
     print_notes(made.notes)
     facts = made.model_dump(mode="json", by_alias=True)
-    lines = [*_measured(made), f"written instead: {changes_line(made)}", str(out)]
-    print_result(as_json, facts, lines)
-
-
-def _measured(made: CompensationFile) -> list[str]:
-    """What was found, each with its interval."""
-    scale, diameter = made.evidence["scale"], made.evidence["diameter"]
-    sizes = ", ".join(
-        f"{axis} {100 * (one['size'] - 1):+.2f} ± {100 * one['interval_95']:.2f} %"
-        for axis, one in scale.items()
-    )
-    count = len(made.prints)
-    return [
-        f"{count} print{'' if count == 1 else 's'}: size {sizes}",
-        f"diameters {diameter['excess_um']:+.1f} ± {diameter['interval_95_um']:.1f} µm "
-        f"once size is corrected ({'corrected' if diameter['corrected'] else 'not corrected'})",
-    ]
+    lines = [*evidence_lines(made), f"written instead: {changes_line(made)}", str(out)]
+    print_result(facts, lines)
 
 
 def _gain(whole: float, local: float) -> GainPart:

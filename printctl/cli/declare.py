@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from contextvars import ContextVar
+from dataclasses import MISSING, fields, is_dataclass
 from functools import wraps
-from typing import (
-    Annotated,
-    Any,
-    NamedTuple,
-    Protocol,
-    TypeVar,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, Final, NamedTuple, Protocol, TypeVar, get_origin, get_type_hints
 
 import typer
 
-from printctl.settings import Declared
+from printctl.settings import Declared, opt
 
 F = TypeVar("F", bound=Callable[..., Any])
-T = TypeVar("T")
+_WANTS_JSON: Final[ContextVar[bool]] = ContextVar("wants_json", default=False)
+_JSON: Final = opt("Print one JSON object on stdout and nothing else there.", False, "--json")
 
 
 class OptionGroup(Protocol):
@@ -41,10 +35,11 @@ class _Fields(NamedTuple):
 
     def parameters(self) -> list[inspect.Parameter]:
         hints = get_type_hints(self.group, include_extras=True)
-        return [
-            keyword(one.name, hints[one.name], one.metadata.get("declared", one.default))
-            for one in fields(self.group)
-        ]
+        made = []
+        for one in fields(self.group):
+            default = inspect.Parameter.empty if one.default is MISSING else one.default
+            made.append(keyword(one.name, hints[one.name], one.metadata.get("declared", default)))
+        return made
 
     def value(self, typed: dict[str, Any]) -> Any:
         return self.group(**typed)
@@ -57,10 +52,21 @@ def keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
     )
 
 
-def command(function: F) -> F:
+def wants_json() -> bool:
+    """Whether the command that runs was given --json."""
+    return _WANTS_JSON.get()
+
+
+def json_command(function: F) -> F:
+    """`command` with the option --json, for `wants_json`."""
+    return command(function, keyword("as_json", bool, _JSON))
+
+
+def command(function: F, *more: inspect.Parameter) -> F:
     """Give a function the signature that typer reads, of what its parameters declare.
 
     A parameter of a dataclass, or whose default is an `OptionGroup`, stands for several options.
+    ``more`` options aren't handed to the function.
     """
     groups: dict[str, tuple[OptionGroup, list[str]]] = {}
     made: list[inspect.Parameter] = []
@@ -73,13 +79,18 @@ def command(function: F) -> F:
         if group is not None:
             groups[one.name] = (group, [member.name for member in members])
     usual = {one.name: one.default for one in made if one.default is not one.empty}
+    made += map(_plain, more)
 
     @wraps(function)
     def called(*placed: Any, **named: Any) -> Any:
         given = usual | dict(zip((one.name for one in made), placed, strict=False)) | named
         for name, (group, members) in groups.items():
             given[name] = group.value({member: given.pop(member) for member in members})
-        return function(**given)
+        token = _WANTS_JSON.set(given.pop("as_json", wants_json()))
+        try:
+            return function(**given)
+        finally:
+            _WANTS_JSON.reset(token)
 
     called.__signature__ = inspect.Signature(made)  # type: ignore[attr-defined]
     return called  # type: ignore[return-value]

@@ -6,16 +6,16 @@ from collections.abc import Iterator
 
 import typer
 
-from printctl.cli.declare import command
-from printctl.cli.options import JsonFlag, print_result
+from printctl.cli.declare import json_command
+from printctl.cli.kernels_ready import have_kernels
+from printctl.cli.options import print_result
 from printctl.doctor import Examination, examine
 from printctl.settings import opt
 
 
-@command
+@json_command
 def doctor(
     warm: bool = opt("Compile all kernels now, so that no run waits for them.", False),
-    as_json: JsonFlag = False,
 ) -> None:
     """Say whether this machine is fit: packages, extras, ports, disk, kernels, folders, clock.
 
@@ -23,14 +23,9 @@ def doctor(
     is opened.
     """
     if warm:
-        from kernels.ahead import missing, needed_kernels
-        from printctl.cli.kernels_ready import compile_with_bar
-
-        rows = missing(needed_kernels())
-        if rows:
-            compile_with_bar(rows)
+        have_kernels(fewest=1)
     examination = examine()
-    print_result(as_json, examination.as_dict(), _lines(examination))
+    print_result(examination.as_dict(), _lines(examination))
     if examination.blocked:
         raise typer.Exit(1)
 
@@ -40,11 +35,7 @@ def _lines(examination: Examination) -> Iterator[str]:
         yield section
         yield from [f"  {key:<20} {value}" for key, value in entries.items()] or ["  none"]
     yield ""
-    yield from _verdict(examination)
-
-
-def _verdict(examination: Examination) -> list[str]:
     if not examination.findings:
-        return ["nothing to complain of"]
-    order = sorted(examination.findings, key=lambda one: not one.blocks)
-    return [f"{'BLOCKS' if one.blocks else 'note'}: {one.text}" for one in order]
+        yield "nothing to complain of"
+    for one in sorted(examination.findings, key=lambda one: not one.blocks):
+        yield f"{'BLOCKS' if one.blocks else 'note'}: {one.text}"

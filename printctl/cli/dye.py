@@ -14,15 +14,8 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from design.units import UL_S_PER_ML_MIN
 from printctl.analysis.dye import CURVES, FRONT, PICTURE, FrontOptions, predict_front
-from printctl.cli.declare import command
-from printctl.cli.options import (
-    CameraFile,
-    JsonFlag,
-    OutFolder,
-    print_notes,
-    print_result,
-    print_warning,
-)
+from printctl.cli.declare import json_command
+from printctl.cli.options import CameraFile, OutFolder, print_notes, print_result, print_warning
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK
 from printctl.settings import arg, opt
@@ -34,7 +27,7 @@ from registration.report.dye_page import write_dye_html
 NUMBERS, PLACES, PAGE = "dye.json", "dye.csv", "dye.html"
 
 
-@command
+@json_command
 def dye(
     *,
     model: Path = opt("A run folder, or its network.csv in mm.", ...),
@@ -47,7 +40,6 @@ def dye(
     camera: CameraFile = None,
     predict: bool = opt("No film yet: when dye will come to each vessel.", False),
     front: FrontOptions,
-    as_json: JsonFlag = False,
 ) -> None:
     """Arrival of dye along the vessels against the prediction, and which vessels are open.
 
@@ -57,7 +49,7 @@ def dye(
     if predict:
         if video is not None or marks is not None:
             raise UsageError("--predict takes no film and no marks; leave them out, or --predict")
-        _tell_front(predict_front(model, out, flow_ml_min, front), out, as_json)
+        _tell_front(predict_front(model, out, flow_ml_min, front), out)
         return
     idle = {"as-printed": front.as_printed, "at": front.at, "unit": front.unit not in (None, "mm")}
     if any(idle.values()):
@@ -80,12 +72,12 @@ def dye(
     write_text(out / PLACES, as_csv(place_rows(report)))
     write_dye_html(out / PAGE, video.name, data, report, network)
     verdict = data["verdict"]
-    print_result(as_json, data, [verdict["outcome"], *verdict["reasons"], str(out / PAGE)])
+    print_result(data, [verdict["outcome"], *verdict["reasons"], str(out / PAGE)])
     if not verdict["passed"]:
         raise typer.Exit(1)
 
 
-def _tell_front(summary: dict[str, Any], out: Path, as_json: bool) -> None:
+def _tell_front(summary: dict[str, Any], out: Path) -> None:
     if summary["warning"]:
         print_warning(f"warning: {summary['warning']}")
     if unsure := summary["vessels_between"] + summary["vessels_dispersed"]:
@@ -94,7 +86,7 @@ def _tell_front(summary: dict[str, Any], out: Path, as_json: bool) -> None:
             "0.01), so that its tip comes later and its front is steeper than foreseen, between "
             "tip and mean"
         ])  # fmt: skip
-    print_result(as_json, summary, lambda: _front_lines(summary, out))
+    print_result(summary, lambda: _front_lines(summary, out))
 
 
 def _front_lines(summary: dict[str, Any], out: Path) -> Iterator[str]:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import typer
 
 from printctl.analysis.flow import solver_cases
 from printctl.cli import flow_options as options
-from printctl.cli.declare import command
-from printctl.cli.flow_options import SECTIONS, FlowOutput
+from printctl.cli.declare import json_command
+from printctl.cli.flow_options import SECTIONS
 from printctl.cli.options import (
-    JsonFlag,
     SourceArg,
     UnitOption,
     folder_to_write,
@@ -21,15 +20,12 @@ from printctl.cli.options import (
     print_notes,
     print_result,
     print_warning,
+    refuse_typed,
 )
-from printctl.cli.section_options import Sections
-from printctl.errors import UsageError
 from printctl.settings import opt
 
-_TYPED: Final[Any] = Sections(SECTIONS, dict)
 
-
-@command
+@json_command
 def flow(
     *,
     context: typer.Context,
@@ -38,7 +34,7 @@ def flow(
     out: Path = opt(
         "Folder for the tables; made where it isn't.", Path("flow"), callback=folder_to_write
     ),
-    typed: dict[str, Any] = _TYPED,
+    typed: dict[str, Any] = SECTIONS,
     fluid: Path | None = opt("YAML with a recipe's flow.viscosity: model: carreau and so on."),
     stenosis: list[str] | None = opt(
         "Vessel, diameter left (0.1 to 1), length; may be given again.", metavar="VESSEL,SHARE,MM"
@@ -56,7 +52,6 @@ def flow(
     results: Literal["csv", "npz"] | None = opt(
         "Tables as csv, or as arrays of one npz (NumPy, fast)."
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Solve the flow in a network: lumped; as waves (--one-d); in the lumens' space (--three-d).
 
@@ -72,7 +67,7 @@ def flow(
         summary, doubts = solver_cases.run_svzerod_case(case, network, file)
         for text in doubts:
             print_warning(text)
-        _say(FlowOutput(summary, [file]), as_json)
+        _say(summary, [file])
         return
     if (case := solver_cases.read_openbf(network)) is not None:
         known = ("network", "out", "results", "as_json", "cell_mm")
@@ -90,27 +85,26 @@ def flow(
             found = solver_cases.run_openbf_case(
                 case, network, where, context.params["cell_mm"], tell
             )
-        _say(FlowOutput(found[0], [found[1]]), as_json)
+        _say(found[0], [found[1]])
         return
     # Loaded late: a case of svZeroDSolver needs no network, mesh or figure.
     from printctl.cli.flow_network import run_network
 
-    _say(run_network(context, network, out, others, match), as_json)
+    output = run_network(context, network, out, others, match)
+    for text in output.warnings:
+        print_warning(text)
+    _say(output.summary, output.files)
 
 
 def _refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) -> None:
     """Refuse an option typed that isn't among ``known``: the case says all else by itself."""
-    for name in context.params:
-        if name not in known and is_typed(context, name):
-            raise UsageError(
-                f"--{name.replace('_', '-')} is for networks; a case of {solver} says all by itself"
-            )
+    others = (name for name in context.params if name not in known)
+    refuse_typed(context, others, f"is for networks; a case of {solver} says all by itself")
 
 
-def _say(output: FlowOutput, as_json: bool) -> None:
-    print_notes(output.summary.get("notes", ()))
-    files = map(str, output.files)
-    print_result(as_json, output.summary, lambda: [*_lines("", output.summary), *files])
+def _say(summary: dict[str, Any], files: list[Path]) -> None:
+    print_notes(summary.get("notes", ()))
+    print_result(summary, lambda: [*_lines("", summary), *map(str, files)])
 
 
 def _lines(before: str, values: dict[str, object]) -> list[str]:

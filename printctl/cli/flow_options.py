@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,13 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.analysis.flow.typed_over import section_over
-from printctl.cli.section_options import (
-    SectionOptions,
-    needs_another,
-    option,
-    section_values,
-    wrong_option,
-)
+from printctl.cli.section_options import SectionOptions, Sections, needs_another, option
 from printctl.errors import UsageError
 from printctl.recipe.parts import (
     ComparePart,
@@ -52,14 +46,6 @@ class Match:
     want: list[str] | None = opt("Flow wanted at an outlet; again for more.", metavar="NODE,ML_MIN")
     match_percent: float | None = opt("Largest deviation, of the inlet's flow; 0.5.")
     least_lumen_mm: float | None = opt("Smallest diameter that can be printed.", min=0.0)
-
-
-@dataclass
-class FlowOutput:
-    """What is said at the end: numbers, those of other fidelities in dicts, and files."""
-
-    summary: dict[str, Any] = field(default_factory=dict)
-    files: list[Path] = field(default_factory=list)
 
 
 _FLUID: Final[TypeAdapter[Any]] = TypeAdapter(FluidPart)
@@ -154,7 +140,7 @@ DRIVING: Final = (
     PULSE,
 )
 """What flows, and what drives it."""
-SECTIONS: Final = (*DRIVING, ONE_D, THREE_D, COMPARE)
+SECTIONS: Final[Any] = Sections((*DRIVING, ONE_D, THREE_D, COMPARE), what="flow")
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
 _HAS_NONE: Final = ", and the recipe has none"
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
@@ -194,9 +180,9 @@ def part_of(
     waves = any(requested[key] is not None for key in _WAVES)
     own_pulse = base is not None and base.pulse is not None
     _refuse_without_wave(requested, waves or own_pulse, "" if base is None else _HAS_NONE)
-    refuse_idle_options(requested)
+    _refuse_idle_options(requested)
     section = (
-        section_values(SECTIONS, _with_own_space(requested))
+        SECTIONS.section(_with_own_space(requested))
         | fluid_section(requested["fluid"])
         | shear_band(requested)
     )
@@ -205,18 +191,13 @@ def part_of(
     typed: list[str] = []
     if base is not None:
         section, typed = section_over(base, section, print_scale)
-    try:
-        return FlowPart(**section), typed
-    except ValidationError as exc:
-        raise wrong_option(exc, SECTIONS, "pulsatile flow" if waves else "flow") from exc
+    stated = replace(SECTIONS, what="pulsatile flow") if waves else SECTIONS
+    return stated.checked(FlowPart, section), typed
 
 
 def space_of(requested: Mapping[str, Any]) -> ThreeDPart:
     """What was typed of lumens in space, for those that don't solve as --three-d does."""
-    try:
-        return ThreeDPart(**_OTHERS.typed(requested))
-    except ValidationError as exc:
-        raise wrong_option(exc, [_OTHERS], "3D flow") from exc
+    return Sections([_OTHERS], what="3D flow").checked(ThreeDPart, _OTHERS.typed(requested))
 
 
 def _with_own_space(requested: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -237,13 +218,8 @@ def _with_own_space(requested: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**requested, **dict.fromkeys(typed)}
 
 
-def refuse_idle_options(requested: Mapping[str, Any]) -> None:
-    """Refuse an option that does nothing without another one.
-
-    Raises
-    ------
-    UsageError
-    """
+def _refuse_idle_options(requested: Mapping[str, Any]) -> None:
+    """Refuse an option that does nothing without another one."""
     for key, other in _NEED.items():
         # An option that may be given again is an empty list where it isn't given.
         if requested[key] not in (None, [], ()) and not requested[other]:

@@ -57,16 +57,6 @@ MANUAL: Final = _manual(Path(__file__).with_name("manual.txt").read_text(encodin
 """By the words that follow `printctl`."""
 
 
-def with_manual(command: Any, name: str) -> Any:
-    """Give a command, and those in it, the end of its help; what has no manual stays as it is."""
-    if name in MANUAL:
-        command.epilog = MANUAL[name].epilog()
-        command.rich_markup_mode = "markdown"
-    for word, inner in getattr(command, "commands", {}).items():
-        with_manual(inner, f"{name} {word}")
-    return command
-
-
 # Help tables in which option names stay whole; imported when help is asked for.
 #
 # Typer's tables have a column each for long, short and negative names, and cut them with an

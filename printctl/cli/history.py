@@ -10,20 +10,25 @@ from typing import Annotated, Any
 import typer
 
 from design.files import write_bytes
-from printctl.cli.declare import command, group
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines, print_result
+from printctl.cli.declare import command, group, json_command, wants_json
+from printctl.cli.options import messages, print_json, print_lines, print_result
 from printctl.errors import UsageError
 from printctl.history.bundle import filed, write_bundle
 from printctl.history.repeat import RepeatPlan, entry_of_bundle, make_job, plan_repeat
 from printctl.history.signing import known_lab_key, lab_key, read_public_file, signing_missing
-from printctl.history.table import csv_lines, day_begins, day_ends, local_time, outcome
+from printctl.history.table import (
+    csv_lines,
+    day_begins,
+    day_ends,
+    local_time,
+    outcome,
+    tell_running,
+)
 from printctl.history.timeline import time_line
 from printctl.history.verify import verify_bundle
-from printctl.machine.link.find_link import alive
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
 from printctl.machine.link.history_query import HistoryQuery, SortBy
-from printctl.machine.link.record import JOURNAL
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.evidence import evidence
 from printctl.settings import arg, opt, settings
@@ -80,7 +85,8 @@ class Sorted(Which):
         return replace(plain, sort=self.sort, descending=not self.reverse, limit=self.limit)
 
 
-def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
+@json_command
+def show(print_id: IdArg) -> None:
     """Show one print: what, when, what happened, what there is of it.
 
     Example: `printctl history show 1795267901`
@@ -102,7 +108,7 @@ def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
         "missing": list(record.missing),
         "events": [asdict(event) for event in line.events] if line else [],
     }
-    print_result(as_json, facts, [
+    print_result(facts, [
         f"{entry.file}, {entry.state}: {entry.message}",
         f"id       {entry.id}",
         f"sha256   {entry.sha256}",
@@ -119,12 +125,11 @@ def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
     ])  # fmt: skip
 
 
-@command
+@json_command
 def bundle(
     print_id: IdArg,
     out: Path | None = opt("The zip; print_ID.zip by default."),
     unsigned: bool = opt("Without a signature.", False),
-    as_json: JsonFlag = False,
 ) -> None:
     """Pack a print's journal, G-code, recipe, profiles and report into one signed zip.
 
@@ -139,7 +144,6 @@ def bundle(
     signed = f"signed by key {manifest.signed_by}" if manifest.signed_by else "unsigned"
     missing_lines = manifest.missing or ("nothing is missing",)
     print_result(
-        as_json,
         {"bundle": str(path), "manifest": manifest.model_dump(mode="json")},
         [
             f"{path}: {len(manifest.files)} files, {signed}",
@@ -148,7 +152,7 @@ def bundle(
     )
 
 
-@command
+@json_command
 def verify(
     file: Path = arg("The bundle."),
     keys: list[Path] | None = opt(
@@ -156,7 +160,6 @@ def verify(
         None,
         "--key",
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Tell whether a bundle is as it was filed, and who signed it; nothing is unpacked.
 
@@ -178,7 +181,7 @@ def verify(
     lines = [*result.lines()]
     if result.whole and entry:
         lines.append(f"  {entry.file}, {entry.state}, {local_time(entry.started)}, {entry.who}")
-    print_result(as_json, facts, lines)
+    print_result(facts, lines)
     if not result.good:
         raise typer.Exit(1)
 
@@ -200,13 +203,12 @@ def key(
     )
 
 
-@command
+@json_command
 def repeat(
     print_id: str = arg("The print; not needed with --bundle.", "", metavar="[ID]"),
     out: Path = opt("Folder for the job; of a page's workspace, its jobs.", Path("jobs"), "--to"),
     bundle: Path | None = opt("Take the G-code from this bundle."),
     check_only: bool = opt("Only tell what differs from then.", False, "--check"),
-    as_json: JsonFlag = False,
 ) -> None:
     """Make a job of the same bytes again, and tell what isn't as it was then; nothing is started.
 
@@ -223,7 +225,7 @@ def repeat(
         "unknown": list(plan.unknown),
         "set_up": plan.set_up,
     }
-    print_result(as_json, facts, _plan_lines(plan, made))
+    print_result(facts, _plan_lines(plan, made))
 
 
 def _plan_lines(plan: RepeatPlan, made: Path | None) -> list[str]:
@@ -233,25 +235,24 @@ def _plan_lines(plan: RepeatPlan, made: Path | None) -> list[str]:
     return [*lines, *([f"job: {made}; nothing was started"] if made else [])]
 
 
-@command
+@json_command
 def overview(
     context: typer.Context,
     search: SearchOption = "",
     as_csv: CsvFlag = False,
-    as_json: JsonFlag = False,
 ) -> None:
     """List past prints, the latest first; `list --help` has more ways to narrow."""
     if context.invoked_subcommand is None:
-        _show(Which(search=search).query(), as_csv, as_json)
+        _show(Which(search=search).query(), as_csv)
 
 
-@command
-def list_prints(which: Sorted, as_csv: CsvFlag = False, as_json: JsonFlag = False) -> None:
+@json_command
+def list_prints(which: Sorted, as_csv: CsvFlag = False) -> None:
     """List past prints that fit.
 
     Example: `printctl history list --state killed --state failed --since 2026-11-01`
     """
-    _show(which.query(), as_csv, as_json)
+    _show(which.query(), as_csv)
 
 
 @command
@@ -260,13 +261,12 @@ def as_table(which: Which) -> None:
 
     Example: `printctl history csv --since 2026-11-01 > november.csv`
     """
-    _show(which.query(), as_csv=True, as_json=False)
+    _show(which.query(), as_csv=True)
 
 
-@command
+@json_command
 def rebuild(
     folders: list[Path] | None = arg("Search these too, with all folders below.", None),
-    as_json: JsonFlag = False,
 ) -> None:
     """Make the list again from the journals, which are the truth.
 
@@ -278,13 +278,13 @@ def rebuild(
     kept = PrintHistory()
     count = kept.rebuild(folders or ())
     facts = {"prints": count, "index": str(kept.path)}
-    print_result(as_json, facts, [f"{count} prints in {kept.path}"])
+    print_result(facts, [f"{count} prints in {kept.path}"])
 
 
-def _show(query: HistoryQuery, as_csv: bool, as_json: bool) -> None:
+def _show(query: HistoryQuery, as_csv: bool) -> None:
     matches = PrintHistory().find(query)
-    entries = [_running(entry) for entry in matches.entries]
-    if as_json:
+    entries = [tell_running(entry) for entry in matches.entries]
+    if wants_json():
         print_json({"prints": [_plain(entry) for entry in entries], "total": matches.total})
     elif as_csv:
         sys.stdout.writelines(csv_lines(entries))
@@ -298,14 +298,6 @@ def _show(query: HistoryQuery, as_csv: bool, as_json: bool) -> None:
 
 def _plain(entry: PrintEntry) -> dict[str, Any]:
     return asdict(entry) | {"journal": str(entry.journal)}
-
-
-def _running(entry: PrintEntry) -> PrintEntry:
-    """Tell a print that is going on from one whose link process died."""
-    latest = entry.journal.name == JOURNAL and entry.state == INTERRUPTED
-    if latest and entry.journal.exists() and alive(entry.journal.parent):
-        return replace(entry, state="running")
-    return entry
 
 
 def _lines(entry: PrintEntry) -> list[str]:

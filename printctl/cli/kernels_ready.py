@@ -18,25 +18,25 @@ if TYPE_CHECKING:
 
 MIN_KERNELS: Final = 20
 """Fewer are compiled when they are called: processes of their own take seconds to begin."""
-
-
 _CALLED_LAST: Final = "registration."
 """Packages that a run's last stage alone calls: a quarter of what a run compiles."""
 
 
-def have_kernels(*works: str, listener: Listener | None = None) -> None:
+def have_kernels(*works: str, listener: Listener | None = None, fewest: int | None = None) -> None:
     """Compile what these kinds of work need (`kernels.ahead`) and the store lacks.
 
     Parameters
     ----------
     works : str
-        Names in the list of kernels.
+        Names in the list of kernels; all of it without.
     listener : Listener, optional
         Notified of a stage "kernels" if there is anything to compile.
+    fewest : int, optional
+        Fewer are left; `MIN_KERNELS` if not given.
     """
-    rows = _missing(works)
-    if rows:
-        compile_with_bar(rows, listener=listener)
+    rows = _missing(works, fewest)
+    with _compiling(rows, (), listener) if rows else nullcontext():
+        pass
 
 
 @contextmanager
@@ -47,25 +47,19 @@ def kernels_for_a_run(*works: str, listener: Listener | None = None) -> Iterator
     soon = [one for one in rows if one not in late]
     if not soon:
         soon, late = late, []
-    with compiling_with_bar(soon, late, listener) if rows else nullcontext():
+    with _compiling(soon, late, listener) if rows else nullcontext():
         yield
 
 
-def _missing(works: Sequence[str]) -> list[NeededKernel]:
+def _missing(works: Sequence[str], fewest: int | None = None) -> list[NeededKernel]:
     from kernels.ahead import missing, needed_kernels
 
     rows = missing(needed_kernels(*works))
-    return rows if len(rows) >= MIN_KERNELS else []
-
-
-def compile_with_bar(rows: Sequence[NeededKernel], listener: Listener | None = None) -> None:
-    """Compile ``rows``, showing progress."""
-    with compiling_with_bar(rows, (), listener):
-        pass
+    return rows if len(rows) >= (MIN_KERNELS if fewest is None else fewest) else []
 
 
 @contextmanager
-def compiling_with_bar(
+def _compiling(
     rows: Sequence[NeededKernel], late: Sequence[NeededKernel], listener: Listener | None
 ) -> Iterator[None]:
     """Compile ``rows``, showing progress, then ``late`` while the body runs."""

@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pydantic import ValidationError
-
 from design.files import write_text
 from design.hemodynamics import solve_flow
 from design.measures import MeasureOptions, compare_orders, measure_network, measures_dict
@@ -17,42 +15,54 @@ from design.units import LengthUnit
 from printctl.analysis.measure_words import measure_lines
 from printctl.analysis.networks import Drive, load_source
 from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, known_flow, solve_and_write
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.options import (
-    InletFlowOption,
-    JsonFlag,
     SourceArg,
-    TissueOption,
-    TissueUnitOption,
     UnitOption,
-    ViscosityOption,
     folder_to_write,
     messages,
     print_dim,
     print_result,
     refuse_input_as_output,
 )
-from printctl.cli.section_options import (
-    SectionOptions,
-    Sections,
-    section_values,
-    wrong_option,
-)
+from printctl.cli.section_options import SectionOptions, Sections
 from printctl.errors import UsageError
 from printctl.recipe.parts import OxygenPart
 from printctl.run_folder.artefacts import SURFACE
-from printctl.settings import opt
+from printctl.settings import opt, settings
 
 _ANY_SIZE = SizeLimits(0.5, 2000.0)
 """The network says where the tissue is, so that a wrong unit shows in the measures."""
 
 
-@command
+@settings
+class NetworkInTissue:
+    """A network, and the tissue around it."""
+
+    network: SourceArg
+    tissue: Path | None = opt("A closed mesh, or a run folder; a run has its own.")
+    tissue_unit: LengthUnit | None = opt("Of the tissue's mesh.")
+    unit: UnitOption = None
+
+    def around(self) -> Tissue:
+        """The tissue that the user names, or that of the run."""
+        path, unit = self.tissue or self.network, self.tissue_unit
+        if path.is_dir():
+            path, unit = path / SURFACE, "mm"
+            if not path.is_file():
+                raise UsageError(f"{path} isn't there; give --tissue a mesh or a run folder")
+        elif path.suffix.lower() in READ:
+            raise UsageError("a network alone has no tissue; give --tissue a mesh or a run folder")
+        if unit is None:
+            raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
+        messages().print("preparing the tissue ...")
+        return load_tissue(path, unit, limits=_ANY_SIZE)
+
+
+@json_command
 def measure(
-    network: SourceArg,
-    tissue: TissueOption = None,
-    tissue_unit: TissueUnitOption = None,
-    unit: UnitOption = None,
+    *,
+    design: NetworkInTissue,
     out: Path | None = opt("Write the JSON into a file."),
     printable_mm: float | None = opt("Measure again for lumens at least as wide."),
     murray_exponent: float = opt("That radii at junctions are held against.", 3.0, min=1, max=5),
@@ -61,23 +71,21 @@ def measure(
     against: Literal["coronary", "kidney", "lung", "liver"] | None = opt(
         "Compare orders and forks with published real vessels."
     ),
-    inlet_flow_ml_min: InletFlowOption = None,
-    viscosity_mpa_s: ViscosityOption = None,
-    as_json: JsonFlag = False,
+    drive: Drive,
 ) -> None:
     """Measure any network in a tissue: distances, densities, oxygen, orders, Murray's law, flow.
 
     A run folder brings its tissue and flow; beside a network's file name the tissue, too.
     """
-    refuse_input_as_output(out, network)
-    source = load_source(network, unit, Drive(inlet_flow_ml_min, viscosity_mpa_s))
+    refuse_input_as_output(out, design.network)
+    source = load_source(design.network, design.unit, drive)
     options = MeasureOptions(
         samples=samples,
         seed=seed,
         printable_diameter_mm=printable_mm,
         murray_exponent=murray_exponent,
     )
-    around = tissue_around(tissue if tissue is not None else network, tissue_unit)
+    around = design.around()
     measures = measures_dict(
         measure_network(source.network, around, options, source.known.flow.get("flow_ul_s"))
     )
@@ -85,76 +93,41 @@ def measure(
         measures["against"] = compare_orders(source.network, against)
     if out is not None:
         write_text(out, json.dumps(measures, indent=1, allow_nan=False) + "\n")
-    if not as_json:
-        print_dim(source.notes)
+    print_dim(source.notes)
     written = [] if out is None else [str(out)]
-    print_result(as_json, measures, lambda: [*measure_lines(measures), *written])
-
-
-def tissue_around(path: Path, unit: LengthUnit | None) -> Tissue:
-    """The tissue that the user names, or that of the run."""
-    if path.is_dir():
-        path, unit = path / SURFACE, "mm"
-        if not path.is_file():
-            raise UsageError(f"{path} isn't there; give --tissue a mesh or a run folder")
-    elif path.suffix.lower() in READ:
-        raise UsageError("a network alone has no tissue; give --tissue a mesh or a run folder")
-    if unit is None:
-        raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
-    messages().print("preparing the tissue ...")
-    return load_tissue(path, unit, limits=_ANY_SIZE)
+    print_result(measures, lambda: [*measure_lines(measures), *written])
 
 
 NUMBERS = "oxygen.json"
-_SECTION: Final = SectionOptions(OxygenPart)
+_PART: Final[Any] = Sections([SectionOptions(OxygenPart)], OxygenPart, "oxygen")
 
 
-def _part(typed: dict[str, Any]) -> OxygenPart:
-    """The options as a recipe's section, checked as it would be."""
-    try:
-        return OxygenPart(**section_values([_SECTION], typed))
-    except ValidationError as exc:
-        raise wrong_option(exc, [_SECTION], "oxygen") from exc
-
-
-_PART: Final[Any] = Sections([_SECTION], _part)
-
-
-@command
+@json_command
 def oxygen(
     *,
-    network: SourceArg,
-    tissue: TissueOption = None,
-    tissue_unit: TissueUnitOption = None,
-    unit: UnitOption = None,
+    design: NetworkInTissue,
     out: Path = opt(
         "Folder for the files; made where it isn't.", Path("oxygen"), callback=folder_to_write
     ),
-    inlet_flow_ml_min: InletFlowOption = None,
-    viscosity_mpa_s: ViscosityOption = None,
+    drive: Drive,
     part: OxygenPart = _PART,
-    as_json: JsonFlag = False,
 ) -> None:
     """Oxygen in vessels and tissue: what is hypoxic, what is left at the outlets.
 
     What isn't given is assumed, and the assumptions stand in the result: cells and their uptake
     decide it, so give your own.
     """
-    drive = Drive(inlet_flow_ml_min, viscosity_mpa_s)
-    source = load_source(network, unit, drive)
+    source = load_source(design.network, design.unit, drive)
     flow = known_flow(source)
     if flow is None:
         flow = solve_flow(source.network, drive.conditions())
-    around = tissue_around(tissue if tissue is not None else network, tissue_unit)
+    around = design.around()
     out.mkdir(parents=True, exist_ok=True)
     numbers = solve_and_write(out, source.network, flow, around, part, _report_progress)
     write_text(out / NUMBERS, json.dumps(numbers, indent=1, allow_nan=False) + "\n")
-    if not as_json:
-        print_dim(source.notes)
+    print_dim(source.notes)
     files = [str(out / name) for name in (NUMBERS, TABLE, FIELD, SLICE)]
-    print_result(
-        as_json, numbers, lambda: [hypoxia(numbers, part), *_oxygen_lines(numbers), *files]
-    )
+    print_result(numbers, lambda: [hypoxia(numbers, part), *_oxygen_lines(numbers), *files])
 
 
 def _report_progress(fraction: float, note: str = "") -> None:

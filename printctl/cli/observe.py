@@ -4,74 +4,55 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime
-from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Final, cast, get_args
+from typing import Annotated, Final, cast, get_args
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
-from design.solids.write import write_stl
 from firmware_profiles import Needle, load
 from firmware_profiles.plates import Dish
-from printctl.calibration.patterns import read_pattern
-from printctl.cli.declare import command, group
-from printctl.cli.options import (
-    JsonFlag,
-    folder_to_write,
-    print_json,
-    print_note,
-    print_result,
-)
+from printctl.calibration.patterns import read_printed_lines
+from printctl.cli.declare import group, json_command, wants_json
+from printctl.cli.options import folder_to_write, print_json, print_note, print_result
 from printctl.cli.running_print import answer, looks
 from printctl.errors import UsageError
 from printctl.settings import arg, opt, three_numbers
 from registration.devices.camera_frame import (
     Bath,
-    CameraFrame,
     Insert,
     PrintedLine,
-    SeenMarks,
     Ties,
-    TipView,
     Touch,
     check_frame,
     design_insert,
-    find_crossings,
     find_marks,
-    find_tip,
+    find_tips,
     fit_frame,
-    grounds,
-    insert_solids,
+    fit_printed_frame,
+    frame_notes,
     locate_tip,
     merged,
     read_frame,
     read_insert,
-    write_dots,
-    write_insert,
-    write_svg,
+    write_files,
 )
 from registration.devices.camera_frame.check import LIMIT_UM
-from registration.devices.camera_frame.insert import Process
+from registration.devices.camera_frame.insert import SOLID, Process
 from registration.devices.laser_sweep import fit_laser, trace
-from registration.devices.lens import Lens, read_lens
+from registration.devices.lens import read_lens
 from registration.devices.lens.board import decoded
 from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 
-_SOLID: Final = ("fdm", "resin")
-_DPI: Final = 1200
 _T95: Final = 1.96
-_MISFIT_PX: Final = 1.0
-_SURE_MM: Final = 0.02
 _U_Z_MM: Final = 0.2
 _U_Z_OF_PRINT_MM: Final = 5.0
 """How far the marks may lie above or below a print whose --at wasn't given."""
 FrameFile = Annotated[Path, opt("File of `printctl observe frame`.")]
 
 
-@command
+@json_command
 def insert(
     dish: str = opt("Dish profile: shipped name or .yaml file.", ...),
     out: Path = opt("Folder to write to.", ..., callback=folder_to_write),
@@ -81,7 +62,6 @@ def insert(
     hole_mm: float | None = opt(
         "Hole along x: the dish outside and 0.5 mm; 4 mm more than the dish inside if not."
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Write a plate with ArUco marks that lies around the dish: drawings at true size, and bodies.
 
@@ -91,23 +71,15 @@ def insert(
     """
     if made not in get_args(Process):
         raise UsageError(f"--made {made!r} isn't one of {', '.join(get_args(Process))}")
-    thick = thickness_mm if thickness_mm is not None else 3.0 if made in _SOLID else 1.0
+    thick = thickness_mm if thickness_mm is not None else 3.0 if made in SOLID else 1.0
     drawn = design_insert(
         load(Dish, dish), mark_mm=mark_mm, thickness_mm=thick, hole_mm=hole_mm,
         process=cast(Process, made),
     )  # fmt: skip
-    solids = insert_solids(drawn) if made in _SOLID else None
-    out.mkdir(parents=True, exist_ok=True)
-    write_insert(out / "insert.yaml", drawn)
-    write_svg(out / "insert.svg", drawn)
-    write_dots(out / "insert.png", drawn, _DPI)
-    write_dots(out / "insert.pdf", drawn, _DPI)
-    if solids is not None:
-        write_stl(out / "insert_white.stl", solids[0])
-        write_stl(out / "insert_black.stl", solids[1])
+    write_files(out, drawn)
     left, right = (c for c in drawn.crosses if c.name in ("left", "right"))
     apart = right.x_mm - left.x_mm
-    if as_json:
+    if wants_json():
         print_json({
             "folder": str(out), "marks": len(drawn.marks), "plate_mm": drawn.plate_mm,
             "hole_mm": drawn.hole_mm, "left_to_right_mm": apart,
@@ -120,7 +92,7 @@ def insert(
     )
 
 
-@command
+@json_command
 def sweep(
     *,
     pictures: Path = arg(
@@ -132,7 +104,6 @@ def sweep(
         "Height of that face, printer's frame, mm: touch it with the needle.", ...
     ),
     out: Path = opt("YAML file to write.", ..., "-o", "--out"),
-    as_json: JsonFlag = False,
 ) -> None:  # fmt: skip
     """Fit how a laser line sweeps under a camera, so that pictures of its line become heights.
 
@@ -151,7 +122,7 @@ def sweep(
         "pictures": fitted.pictures, "of": traced.pictures, "off_um": laser.off_um,
         "height_95_um": at, "height_95_above_um": above, "point": laser.point,
     }  # fmt: skip
-    print_result(as_json, facts, [
+    print_result(facts, [
         f"pictures            {fitted.pictures} of {traced.pictures} used",
         f"flat face           told {laser.off_um:.0f} µm off its height, per picture (RMS)",
         f"heights             ± {at:.0f} µm at z {floor_z:g} mm, ± {above:.0f} µm 5 mm above "
@@ -160,13 +131,12 @@ def sweep(
     print_note(f"wrote {out}")
 
 
-@command
+@json_command
 def check(
     *,
     picture: Path = arg("Picture of the insert."),
     frame: FrameFile,
     limit_um: float = opt("Shift at the dish up to which a frame holds.", LIMIT_UM, min=1),
-    as_json: JsonFlag = False,
 ) -> None:
     """Compare a picture's marks with the frame's: a bumped camera, a moved insert, another focus.
 
@@ -188,12 +158,12 @@ def check(
     )  # fmt: skip
     verdict = "holds" if answer.holds else "does not hold"
     lines = [f"the frame of {age:.1f} days ago {verdict}{moved}", *answer.why, *answer.notes]
-    print_result(as_json, facts, lines)
+    print_result(facts, lines)
     if not answer.holds:
         raise typer.Exit(3)
 
 
-@command
+@json_command
 def frame(
     pictures: list[Path] = arg("Pictures of the insert, nothing moved between them."),
     lens: Path = opt("File of `printctl calibrate camera`.", ...),
@@ -223,7 +193,6 @@ def frame(
         "Surface of a clear bath above the ink, printer's frame: refraction is taken into account."
     ),
     index: float = opt("Refractive index of the bath.", 1.333, min=1, max=2),
-    as_json: JsonFlag = False,
 ) -> None:  # fmt: skip
     """Fit a camera's place over the printer to pictures of a dish insert.
 
@@ -233,13 +202,11 @@ def frame(
         raise UsageError("give crosses (--touched) or a print (--printed), not both")
     optics, drawn = read_lens(lens), _measured(read_insert(insert), measured)
     images = [decoded(path) for path in pictures]
-    marks = merged(
-        [
-            find_marks(image, drawn, optics, path)
-            for image, path in zip(images, pictures, strict=True)
-        ]
-    )
-    lines = [] if printed is None else _lines(printed)
+    marks = merged([
+        find_marks(image, drawn, optics, path)
+        for image, path in zip(images, pictures, strict=True)
+    ])  # fmt: skip
+    lines = [] if printed is None else [PrintedLine(*one) for one in read_printed_lines(printed)]
     (x, y, z), u_z = _about(at, u_z_mm, lines)
     bath = None if bath_surface_z_mm is None else Bath(surface_z_mm=bath_surface_z_mm, index=index)
     ties = Ties(
@@ -248,12 +215,25 @@ def frame(
     )  # fmt: skip
     now = datetime.now(UTC)
     if lines:
-        first = fit_frame(marks, drawn, optics, ties, now)
-        crossings = find_crossings(images[0], first.view, lines)
-        ties = Ties(printed=crossings, z_mm=z, u_z_mm=u_z, at_mm=(x, y), bath=bath)
-    found = fit_frame(marks, drawn, optics, ties, now)
+        found, ties = fit_printed_frame(images[0], lines, marks, drawn, optics, ties, now)
+    else:
+        found = fit_frame(marks, drawn, optics, ties, now)
     write_model(out, found)
-    _tell(found, marks, optics, drawn, as_json, _height_note(found, ties))
+    notes = frame_notes(found, drawn, optics, ties)
+    facts = {
+        "um_per_px": found.um_per_px, "u_um": 1e3 * found.u_mm, "marks": len(marks.index),
+        "off_px": found.off_px, "insert_scale": found.insert_scale, "tied": found.tied,
+        "eye_mm": found.eye_mm, "notes": notes,
+    }  # fmt: skip
+    print_result(facts, [
+        f"camera to printer   ± {1e3 * _T95 * found.u_mm:.0f} µm (95 %, along the worst axis, in "
+        "the dish)",
+        f"scale               {found.um_per_px:.1f} µm a pixel in the dish's middle",
+        f"marks               {len(marks.index)} of {len(drawn.marks)}, off by "
+        f"{found.off_px:.2f} pixels",
+        f"insert              {100 * (found.insert_scale - 1):+.2f} % against its drawing",
+        *notes,
+    ])  # fmt: skip
     print_note(f"wrote {out}")
 
 
@@ -275,28 +255,16 @@ def _about(
     return (x / 2, y / 2, z / 2), u_z_mm or _U_Z_OF_PRINT_MM
 
 
-def _height_note(found: CameraFrame, ties: Ties) -> list[str]:
-    off = found.middle_mm[2] - ties.z_mm
-    if found.tied != "printed" or abs(off) < 3 * ties.u_z_mm:
-        return []
-    return [
-        f"the marks seem to lie {off:+.1f} mm from --at's Z ({ties.z_mm:g} ± {ties.u_z_mm:g} mm), "
-        "and the frame is a compromise of both: leave --at out, or give the marks' height"
-    ]
-
-
 def _measured(drawn: Insert, stated: str | None) -> Insert:
     if stated is None:
         return drawn
     try:
-        length, *more = (float(word) for word in stated.split(","))
-    except ValueError as exc:
-        raise UsageError(
-            f"--measured {stated!r} isn't MM or MM,U; write it like 66.61,0.03"
-        ) from exc
-    if len(more) > 1 or length <= 0 or any(u <= 0 for u in more):
+        length, u_mm = (float(word) for word in f"{stated},0.03".split(",")[:2])
+    except ValueError:
+        length = u_mm = 0.0
+    if stated.count(",") > 1 or not (length > 0 and u_mm > 0):
         raise UsageError(f"--measured {stated!r} isn't MM or MM,U; write it like 66.61,0.03")
-    return drawn.measured("left", length, more[0] if more else 0.03)
+    return drawn.measured("left", length, u_mm)
 
 
 def _touch(word: str, u_mm: float) -> Touch:
@@ -312,55 +280,7 @@ def _touch(word: str, u_mm: float) -> Touch:
     return Touch(name, x, y, z[0] if z else None, max(u_mm, 1e-4))
 
 
-def _lines(path: Path) -> list[PrintedLine]:
-    """The straight lines of a calibration pattern's squares or frame, printer's frame."""
-    written = read_pattern(path)
-    pattern, at = written.pattern, written.at_mm
-    if at is None:
-        raise UsageError(
-            f"{path} doesn't say where it was printed: a former printctl wrote it; write and print "
-            "the pattern again (printctl calibrate pattern squares)"
-        )
-    corner = np.array([at[0] - pattern.size_mm[0] / 2, at[1] - pattern.size_mm[1] / 2, at[2]])
-    found = []
-    for stroke in pattern.of_role("side", "frame"):
-        ends = (stroke.points + corner).tolist()
-        found += [PrintedLine(tuple(a), tuple(b), pattern.bead.width_mm) for a, b in pairwise(ends)]
-    return found
-
-
-def _tell(
-    found: CameraFrame, marks: SeenMarks, lens: Lens, drawn: Insert, as_json: bool, notes: list[str]
-) -> None:
-    if lens.covariance is None:
-        notes.append(
-            "the lens file doesn't say how well its numbers are known; fit it to five pictures of "
-            "a board, tilted by 20 to 40 degrees to different sides (printctl calibrate camera)"
-        )
-    if found.tied == "insert":
-        notes.append("places are the insert's, moved to --at: nothing ties them to the printer")
-    if found.off_px > _MISFIT_PX:
-        notes.append(f"marks are off by {found.off_px:.1f} pixels: is the insert flat?")
-    scale = found.insert_scale / drawn.scale - 1
-    if abs(scale) > 3 * drawn.u_scale:
-        notes.append(f"the insert is {100 * scale:+.2f} % larger than it should be; measure it")
-    facts = {
-        "um_per_px": found.um_per_px, "u_um": 1e3 * found.u_mm, "marks": len(marks.index),
-        "off_px": found.off_px, "insert_scale": found.insert_scale, "tied": found.tied,
-        "eye_mm": found.eye_mm, "notes": notes,
-    }  # fmt: skip
-    print_result(as_json, facts, [
-        f"camera to printer   ± {1e3 * _T95 * found.u_mm:.0f} µm (95 %, along the worst axis, in "
-        "the dish)",
-        f"scale               {found.um_per_px:.1f} µm a pixel in the dish's middle",
-        f"marks               {len(marks.index)} of {len(drawn.marks)}, off by "
-        f"{found.off_px:.2f} pixels",
-        f"insert              {100 * (found.insert_scale - 1):+.2f} % against its drawing",
-        *notes,
-    ])  # fmt: skip
-
-
-@command
+@json_command
 def tip(
     pictures: list[Path] = arg("Pictures of the needle."),
     frame: list[Path] = opt(
@@ -379,7 +299,6 @@ def tip(
         "Standard uncertainty of Z, where the needle was touched off; one picture will do then.",
         min=0.001
     ),
-    as_json: JsonFlag = False,
 ) -> None:  # fmt: skip
     """Find where the needle's tip is: its offset from the printer's position, its width, its wear.
 
@@ -394,28 +313,23 @@ def tip(
     files = {path: read_frame(path) for path in frame}
     frames = [files[path] for path in (frame if len(frame) > 1 else frame * len(pictures))]
     places = np.array([three_numbers(word, "--at") for word in at])
-    views, missed = _views(pictures, frames, places, rod, reach_mm, ground)
+    images, names = [decoded(path) for path in pictures], list(map(str, pictures))
+    scene = None if ground is None else decoded(ground)
+    views, missed = find_tips(images, names, frames, places, rod, reach_mm=reach_mm, ground=scene)
     for stated in missed:
         print_note(stated)
     if not views:
         raise PictureError("the tip is not found in any picture")
     first = None if known_z_mm is None else np.array([5.0, 5.0, known_z_mm])
     found = locate_tip(views, rod.outer_mm, u_first_mm=first)
-    u_mm, offset = found.u_mm, found.offset_mm
-    notes = list(found.worn)
-    if u_mm.max() > _SURE_MM:
-        axis = "xyz"[int(u_mm.argmax())]
-        notes.append(
-            f"{axis} is known to {_T95 * 1e3 * u_mm.max():.0f} µm only: give more pictures with "
-            "the needle farther apart, or one from another side"
-        )
+    u_mm, offset, notes = found.u_mm, found.offset_mm, found.notes()
     facts = {
         "offset_mm": offset.tolist(), "u_mm": u_mm.tolist(), "outer_mm": found.outer_mm,
         "u_outer_mm": found.u_outer_mm, "worn": found.worn, "views": found.views,
         "misfit": found.misfit if np.isfinite(found.misfit) else None,
         "not_found": missed, "notes": notes,
     }  # fmt: skip
-    print_result(as_json, facts, [
+    print_result(facts, [
         *(
             f"tip {name}   {o:+.3f} ± {_T95 * u:.3f} mm from the printer's position"
             for name, o, u in zip("xyz", offset, u_mm, strict=True)
@@ -425,38 +339,6 @@ def tip(
         f"(95 %, {found.views} of {len(pictures)} pictures)",
         *notes,
     ])  # fmt: skip
-
-
-def _views(
-    pictures: list[Path],
-    frames: list[CameraFrame],
-    places: NDArray[np.float64],
-    rod: Needle,
-    reach_mm: float,
-    ground: Path | None,
-) -> tuple[list[TipView], list[str]]:
-    """Pictures in which the tip is found, and what is said of the others."""
-    images = [decoded(path) for path in pictures]
-    scene = None if ground is None else decoded(ground)
-    behind: list[NDArray[Any] | None] = [scene] * len(images)
-    if ground is None:
-        for one in {id(each): each for each in frames}.values():
-            own = [n for n, each in enumerate(frames) if each is one]
-            picked = grounds([images[n] for n in own], one, places[own], rod.outer_mm, reach_mm)
-            for n, other in zip(own, picked, strict=True):
-                behind[n] = other
-    views, missed = [], []
-    for n, path in enumerate(pictures):
-        try:
-            seen = find_tip(
-                images[n], frames[n], places[n], rod.outer_mm, reach_mm=reach_mm,
-                length_mm=rod.length_mm, ground=behind[n], source=str(path),
-            )  # fmt: skip
-        except PictureError as exc:
-            missed.append(f"{path}: not found: {exc}")
-            continue
-        views.append(TipView(frames[n], seen, places[n]))
-    return views, missed
 
 
 observe = group(

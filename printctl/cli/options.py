@@ -4,32 +4,23 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
-from design.units import BLOOD_MPA_S, LengthUnit
+from design.units import LengthUnit
+from printctl.cli.declare import wants_json
 from printctl.errors import UsageError
 from printctl.failures import JSON_PRINTED, message_and_code
-from printctl.pipeline.lock import run_lock
-from printctl.progress_file import ProgressFile
 from printctl.settings import arg, opt
 from sim.user_files import read_gcode_path
 
 
 def folder_to_write(folder: Path | None) -> Path | None:
-    """Return the folder of an --out, which may be there or not.
-
-    Raises
-    ------
-    UsageError
-        Where it is a file, or lies in one.
-    """
+    """Return the folder of an --out; raise `UsageError` where it is a file, or lies in one."""
     for place in () if folder is None else (folder, *folder.parents):
         if place.exists() and not place.is_dir():
             raise UsageError(f"--out {folder}: {place} is a file; give a folder's name")
@@ -52,9 +43,6 @@ GcodeArg = Annotated[Path, arg("The G-code file.")]
 RunArg = Annotated[
     Path,
     arg("The print: its folder, its recipe's run folder, or its G-code file.", metavar="RUN"),
-]
-JsonFlag = Annotated[
-    bool, opt("Print one JSON object on stdout and nothing else there.", False, "--json")
 ]
 YesFlag = Annotated[bool, opt("Start a print on a real printer without asking first.")]
 OutFolder = Annotated[Path, opt("Folder for the files.", callback=folder_to_write)]
@@ -89,15 +77,6 @@ SourceArg = Annotated[Path, arg("A run folder, or a network: .csv, .vtp, .swc, .
 UnitOption = Annotated[
     LengthUnit | None, opt("Of the file, where it doesn't say (.csv, .vtp, .stl, .swc).")
 ]
-TissueOption = Annotated[Path | None, opt("A closed mesh, or a run folder; a run has its own.")]
-TissueUnitOption = Annotated[LengthUnit | None, opt("Of the tissue's mesh.")]
-InletFlowOption = Annotated[
-    float | None, opt("In place of a run's own; of a file 0.25 without it.", min=1e-9)
-]
-ViscosityOption = Annotated[
-    float | None,
-    opt(f"In place of a run's own; of a file {BLOOD_MPA_S:g}, blood's, without it.", min=1e-6),
-]
 
 
 def messages() -> Console:
@@ -117,8 +96,8 @@ def print_notes(notes: Iterable[str]) -> None:
 
 
 def print_dim(notes: Iterable[str]) -> None:
-    """Say what was read and how, a line each."""
-    for note in notes:
+    """Say what was read and how, a line each; nothing beside JSON."""
+    for note in () if wants_json() else notes:
         messages().print(note, style="dim", markup=False)
 
 
@@ -138,11 +117,9 @@ def print_lines(*lines: str) -> None:
     sys.stdout.write("\n".join(lines) + "\n")
 
 
-def print_result(
-    as_json: bool, facts: Any, lines: Iterable[str] | Callable[[], Iterable[str]]
-) -> None:
-    """Print a result: one JSON object, or ``lines``, which are read or made only then."""
-    if as_json:
+def print_result(facts: Any, lines: Iterable[str] | Callable[[], Iterable[str]]) -> None:
+    """Print a result: with --json one object, else ``lines``, which are made only then."""
+    if wants_json():
         print_json(facts)
     else:
         print_lines(*(lines() if callable(lines) else lines))
@@ -154,13 +131,19 @@ def is_typed(context: typer.Context, name: str) -> bool:
     return source is not None and source.name == "COMMANDLINE"
 
 
-def refuse_input_as_output(out: Path | None, *inputs: Path) -> None:
-    """Refuse to write over a file that the command reads, by whatever name.
+def refuse_typed(context: typer.Context, names: Iterable[str], why: str) -> None:
+    """Raise `UsageError` for the first of these parameters that stands on the command line.
 
-    Raises
-    ------
-    UsageError
+    The message is ``why``, after the option as it is typed.
     """
+    words = {one.name: one.opts[0] for one in context.command.params}
+    for name in names:
+        if is_typed(context, name):
+            raise UsageError(f"{words[name]} {why}")
+
+
+def refuse_input_as_output(out: Path | None, *inputs: Path) -> None:
+    """Raise `UsageError` where a file that the command reads is to be written, by any name."""
     if out is None or not out.exists():
         return
     for one in inputs:
@@ -169,25 +152,14 @@ def refuse_input_as_output(out: Path | None, *inputs: Path) -> None:
 
 
 def gcode_to_write(out: Path, *inputs: Path) -> None:
-    """Refuse a folder, or a file that the command reads, as the G-code's name.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Raise `UsageError` for a folder, or a file that the command reads, as the G-code's name."""
     if out.is_dir():
         raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
     refuse_input_as_output(out, *inputs)
 
 
 def read_gcode_file(path: Path) -> bytes:
-    """Read a G-code file that the user named.
-
-    Raises
-    ------
-    UsageError
-        When it can't be read.
-    """
+    """Read a G-code file that the user named; raise `UsageError` when it can't be read."""
     try:
         return read_gcode_path(path)
     except OSError as exc:
@@ -198,47 +170,3 @@ def message_of(exc: Exception) -> str | None:
     """Return the user's message for a failure; None for an internal error."""
     known = message_and_code(exc)
     return None if known is None else known[0]
-
-
-@dataclass
-class Steps:
-    """A command's few steps, told as a run's stages; nothing without a file.
-
-    Attributes
-    ----------
-    path : Path or None
-        Of --progress-file.
-    folder : Path
-        Which the command works in; locked meanwhile where progress is asked for.
-    names : sequence of str
-    """
-
-    path: Path | None
-    folder: Path
-    names: Sequence[str]
-    _at: list[str] = field(default_factory=list)
-    _told: ProgressFile | None = None
-
-    @contextmanager
-    def whole(self) -> Iterator[None]:
-        """Tell the end, too, whichever way it comes."""
-        if self.path is None:
-            yield
-            return
-        progress = ProgressFile(self.path)
-        with ExitStack() as stack:
-            stack.enter_context(progress.whole(message_of))
-            stack.enter_context(run_lock(self.folder))
-            progress.begin(self.names, self.names[-1])
-            self._told = progress
-            yield
-            progress.done(self._at[-1], "")
-
-    def begin(self, name: str) -> None:
-        """Say that a step begins, and that the one before has ended."""
-        if self._told is None:
-            return
-        if self._at:
-            self._told.done(self._at[-1], "")
-        self._at.append(name)
-        self._told.stage(name, 0.0)

@@ -6,13 +6,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Literal
 
-from printctl.cli.declare import command
-from printctl.cli.options import (
-    JsonFlag,
-    OutFolder,
-    messages,
-    print_result,
-)
+from printctl.cli.declare import json_command
+from printctl.cli.options import OutFolder, messages, print_result
 from printctl.cli.scan import ScanFile, ScanOptions
 from printctl.pipeline.overlaying import (
     HTML,
@@ -30,7 +25,7 @@ from registration.overlay import align_pose, read_pose
 from registration.segmentation import segment
 
 
-@command
+@json_command
 def overlay(
     *,
     scan: ScanFile,
@@ -44,7 +39,6 @@ def overlay(
     ),
     layer: list[int] | None = opt("Only this one, from 1; may be given more than once.", min=1),
     scan_said: ScanOptions,
-    as_json: JsonFlag = False,
 ) -> None:
     """Lay a scan over the lines that a print in layers wrote: gaps, and gel in lumens.
 
@@ -77,4 +71,4 @@ def overlay(
             facts |= {"walls": None if measured.walls is None else asdict(measured.walls)}
             data = write_overlay(out, laid, chosen, facts, report)
     lines = [known.said, *known.notes, *summary_lines(data), str(out / HTML)]
-    print_result(as_json, data, lines)
+    print_result(data, lines)

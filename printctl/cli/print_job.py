@@ -13,11 +13,10 @@ from firmware_profiles import Printer, load
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.options import (
     GcodeArg,
     InkOption,
-    JsonFlag,
     PrinterOption,
     StartOption,
     SyringeOption,
@@ -95,7 +94,7 @@ class CareOptions:
         )
 
 
-@command
+@json_command
 def print_job(
     *,
     file: GcodeArg,
@@ -118,7 +117,6 @@ def print_job(
         False,
     ),
     yes: YesFlag = False,
-    as_json: JsonFlag = False,
 ) -> None:
     """Check a G-code file and print it; attach when its print is already going on.
 
@@ -146,25 +144,17 @@ def print_job(
     done = _print(order, profile, tip, yes)
     facts = {"state": done.state.value, "proved": done.proved, "lines": done.lines_done}
     facts |= {"message": done.message, "folder": str(place)}
-    print_result(as_json, facts, [f"{done.state.value}: {done.message}", str(place)])
+    print_result(facts, [f"{done.state.value}: {done.message}", str(place)])
     if not done.proved:
         raise typer.Exit(1)
 
 
 @dataclass(frozen=True)
 class AcceptedRisks:
-    """What the user chose of what the checks may refuse.
-
-    Attributes
-    ----------
-    care : Care
-    usable : sequence of float, mm
-        Plunger travel of each head's syringe.
-    reload, accept_crossings : bool
-    """
+    """What the user chose of what the checks may refuse."""
 
     care: Care
-    usable: Sequence[float]
+    usable: Sequence[float]  # plunger travel of each head's syringe, mm
     reload: bool
     accept_crossings: bool
 
@@ -172,10 +162,7 @@ class AcceptedRisks:
 def _check(
     file: Path, mounted: SetUp, tip: tuple[float, float, float], chosen: AcceptedRisks
 ) -> Care:
-    """Check the file before the first byte; the care with what follows from it.
-
-    That is: where a syringe must be changed and whose, and what failed and was accepted.
-    """
+    """Check the file before the first byte; return the care, syringe changes and risks included."""
     run = dry_run(read_gcode_file(file), mounted.printer, tip)
     job = load_job(file, mounted.printer)
     shaft = file_shaft(file, run, mounted, accepted=chosen.accept_crossings)

@@ -14,42 +14,21 @@ from typer.core import TyperGroup
 
 from design.files import write_text
 from firmware_profiles import (
-    Bath,
-    Dish,
-    Facts,
-    Ink,
-    Needle,
-    Plate,
+    PROFILE_SORTS,
     Printer,
-    ProfileError,
     Syringe,
+    find_profile,
     load,
     profile_doubts,
-    read_keys,
     shipped,
     shipped_text,
 )
-from printctl.cli.declare import command, group
-from printctl.cli.options import (
-    JsonFlag,
-    messages,
-    print_note,
-    print_result,
-)
+from printctl.cli.declare import group, json_command
+from printctl.cli.options import messages, print_note, print_result
 from printctl.errors import UsageError
 from printctl.machine.link.families import link_facts
 from printctl.machine.probing import Row, compare, corrected_profile, query_settings
 from printctl.settings import arg, opt
-
-KINDS: dict[str, type[Facts]] = {
-    "printer": Printer,
-    "needle": Needle,
-    "syringe": Syringe,
-    "ink": Ink,
-    "bath": Bath,
-    "dish": Dish,
-    "plate": Plate,
-}
 
 
 class ProfileGroup(TyperGroup):
@@ -62,11 +41,10 @@ class ProfileGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-@command
+@json_command
 def show(
     name: str | None = arg("Show one profile whole: its shipped name or a .yaml file.", None),
     write: Path | None = opt("Copy the shipped profile to this new file, to correct it."),
-    as_json: JsonFlag = False,
 ) -> None:
     """List the shipped profiles, or show one with its source.
 
@@ -75,7 +53,7 @@ def show(
     if write is not None:
         _copy(name, write)
     profiles = _all() if name is None else _one(name)
-    print_result(as_json, profiles, _profile_lines(profiles, whole=name is not None))
+    print_result(profiles, _profile_lines(profiles, whole=name is not None))
 
 
 def _profile_lines(profiles: dict[str, dict[str, Any]], whole: bool) -> Iterator[str]:
@@ -87,13 +65,7 @@ def _profile_lines(profiles: dict[str, dict[str, Any]], whole: bool) -> Iterator
 
 
 def _copy(name: str | None, to: Path) -> None:
-    """Write a shipped profile to a file of the user's.
-
-    Raises
-    ------
-    UsageError
-        When the file is there already, isn't called .yaml, or nothing shipped is named.
-    """
+    """Write a shipped profile to a new file of the user's."""
     if to.suffix not in (".yaml", ".yml"):
         raise UsageError(f"--write {to}: a profile's file ends in .yaml")
     if to.exists():
@@ -101,7 +73,7 @@ def _copy(name: str | None, to: Path) -> None:
     if name is None or name.endswith((".yaml", ".yml")):
         raise UsageError("--write copies a shipped profile: name one of `printctl profiles`")
     kind, _ = find_profile(name)
-    write_text(to, shipped_text(KINDS[kind], name))
+    write_text(to, shipped_text(PROFILE_SORTS[kind], name))
     print_note(f"wrote {to}: give it in place of {name}")
 
 
@@ -117,46 +89,10 @@ def _sizes(kind: str, facts: dict[str, Any]) -> str:
     return ""
 
 
-def find_profile(name: str) -> tuple[str, Facts]:
-    """Sort and facts of a shipped name or of a file, which itself doesn't say its sort.
-
-    Raises
-    ------
-    ProfileError
-        When there is none; of a file that is no profile it says what the sort wants whose keys
-        it has most of.
-    """
-    if not name.endswith((".yaml", ".yml")):
-        for kind, model in KINDS.items():
-            if name in shipped(model):
-                return kind, load(model, name)
-        raise ProfileError(
-            f"no profile {name!r}; `printctl profiles` lists the shipped ones, a file of your own "
-            "ends in .yaml"
-        )
-    if not Path(name).is_file():
-        raise ProfileError(f"profile file {name} doesn't exist; check the path")
-    kind = _likeliest(name)
-    return kind, load(KINDS[kind], name)
-
-
-def _likeliest(file: str) -> str:
-    """The sort of profile that most of a file's keys belong to."""
-    keys = set(read_keys(file)) - set(Facts.model_fields)
-    shared = {kind: len(keys & set(model.model_fields)) for kind, model in KINDS.items()}
-    kind = max(shared, key=lambda one: shared[one])
-    if not shared[kind]:
-        raise ProfileError(
-            f"{file} has no key of any sort of profile ({', '.join(KINDS)}); "
-            "`printctl profiles NAME` shows a shipped one with all its keys"
-        )
-    return kind
-
-
 def _all() -> dict[str, dict[str, Any]]:
     return {
         kind: {entry: load(model, entry).model_dump(mode="json") for entry in shipped(model)}
-        for kind, model in KINDS.items()
+        for kind, model in PROFILE_SORTS.items()
     }
 
 
@@ -165,13 +101,12 @@ def _one(name: str) -> dict[str, dict[str, Any]]:
     return {kind: {name: facts.model_dump(mode="json")}}
 
 
-@command
+@json_command
 def probe(
     port: str = opt("Serial port or tcp:HOST:PORT.", ...),
     profile: str = opt("A shipped name or a .yaml file.", ...),
     baud: int | None = opt("In place of the profile's."),
     write: Path | None = opt("Write the profile with the printer's values to this file."),
-    as_json: JsonFlag = False,
 ) -> None:
     """Read a printer's settings and show where they differ from a profile.
 
@@ -193,7 +128,6 @@ def probe(
     }
     other = [] if kin else [f"DIFFERS firmware: the profile says {printer.firmware}"]
     print_result(
-        as_json,
         facts,
         [
             f"{settings.firmware or 'a firmware that says no name'} on {port}",
@@ -228,10 +162,9 @@ def _untold(printer: Printer, rows: list[Row]) -> list[str]:
     return [f"not told by the printer, measure: {', '.join(left)}"] if left else []
 
 
-@command
+@json_command
 def check(
     file: str = arg("A .yaml file, or a shipped name."),
-    as_json: JsonFlag = False,
 ) -> None:
     """Check a profile: keys, bounds, and keys against each other.
 
@@ -243,7 +176,7 @@ def check(
     found = {"file": file, "sort": kind, "passed": not grave, "doubts": list(map(asdict, doubts))}
     lines = [f"{kind} {facts.name}: {'not to be used so' if grave else 'sound'}"]
     lines += [f"{'FAIL' if one.grave else 'note'} {one.key}: {one.text}" for one in doubts]
-    print_result(as_json, found, lines)
+    print_result(found, lines)
     if grave:
         raise typer.Exit(1)
 

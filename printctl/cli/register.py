@@ -3,115 +3,62 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
 import typer
-from pydantic import BaseModel, ValidationError
 
 from design.units import LengthUnit
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
-    JsonFlag,
     OutFolder,
     PdfFlag,
     ProgressFileOption,
-    Steps,
+    message_of,
     print_note,
     print_notes,
     print_result,
 )
 from printctl.cli.scan import ScanFile, ScanOptions
-from printctl.errors import UsageError
 from printctl.garbage_collection import collected_rarely
+from printctl.pipeline.lock import run_lock
+from printctl.progress_file import ProgressFile
 from printctl.recipe.making import RegistrationPart
 from printctl.recipe.record import RecordPart
-from printctl.recipe.tolerances import TolerancesPart
 from printctl.run_folder.artefacts import HTML, PDF
 from printctl.second_process import SecondProcess
 from printctl.settings import of, opt
-from registration.measuring.judging.tolerance import DecisionRule, Tolerances
-
-PartT = TypeVar("PartT", bound=BaseModel)
-
-
-def read_part(path: Path, part: type[PartT], what: str, remedy: str) -> PartT:
-    """Read and check a YAML file of one section of a recipe.
-
-    ``what`` and ``remedy`` say what the file holds and how to write one, for messages.
-
-    Raises
-    ------
-    RecipeError
-        When it isn't there or isn't YAML.
-    UsageError
-        With each wrong key, its value and the remedy.
-    """
-    # Loads the schema of a whole recipe; without such a file nobody waits for it.
-    from printctl.recipe.load import read_mapping, refusal
-
-    data = read_mapping(path, what, remedy)
-    try:
-        return part.model_validate(data)
-    except ValidationError as exc:
-        raise UsageError(refusal(exc, str(path), list)) from exc
-
-
-def read_record(path: Path) -> RecordPart:
-    """Read a measurement record; see `read_part`."""
-    return read_part(path, RecordPart, "record", "one line does: `operator: A. Smith`")
-
-
-_REMEDY: Final = "one line does: `diameter_percent: 10`"
-
-
-def tolerances_of(
-    file: Path | None,
-    rms_um: float | None,
-    diameter_percent: str | None,
-    decision_rule: DecisionRule | None = None,
-    conformance_percent: float | None = None,
-) -> Tolerances:
-    """Read the limits that a print is judged by.
-
-    Raises
-    ------
-    UsageError
-        For a limit that can't be used, or one that is given twice.
-    """
-    # Loads the schema of a whole recipe; without such options nobody waits for it.
-    from printctl.recipe.load import refusal
-
-    given = {
-        "tolerance_um": rms_um,
-        "diameter_tolerance_percent": _number_or_text(diameter_percent),
-        "decision_rule": decision_rule,
-        "conformance_percent": conformance_percent,
-        "tolerances": None
-        if file is None
-        else read_part(file, TolerancesPart, "tolerances", _REMEDY),
-    }
-    try:
-        part = RegistrationPart.model_validate({k: v for k, v in given.items() if v is not None})
-    except ValidationError as exc:
-        raise UsageError(refusal(exc, "tolerances", list)) from exc
-    return part.all_tolerances()
-
-
-def _number_or_text(value: str | None) -> float | str | None:
-    """Return a number where the text is one; `RegistrationPart` judges the rest."""
-    try:
-        return None if value is None else float(value)
-    except ValueError:
-        return value
-
+from registration.measuring.judging.tolerance import DecisionRule
 
 PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""
+_STEPS: Final = ("reading", "registration", "writing")
 
 
-@command
+@contextmanager
+def _told_steps(path: Path | None, folder: Path) -> Iterator[Callable[[str], None]]:
+    """Give what begins a step, told to a --progress-file; the folder is locked meanwhile."""
+    if path is None:
+        yield lambda name: None
+        return
+    progress, begun = ProgressFile(path), list[str]()
+
+    def begin(name: str) -> None:
+        if begun:
+            progress.done(begun[-1], "")
+        begun.append(name)
+        progress.stage(name, 0.0)
+
+    with progress.whole(message_of), run_lock(folder):
+        progress.begin(_STEPS, _STEPS[-1])
+        yield begin
+        progress.done(begun[-1], "")
+
+
+@json_command
 def register(
     *,
     scan: ScanFile,
@@ -151,26 +98,29 @@ def register(
     conformance_percent: float | None = of(RegistrationPart, "conformance_percent", default=None),
     progress_file: ProgressFileOption = None,
     pdf: PdfFlag = False,
-    as_json: JsonFlag = False,
 ) -> None:
     """Align a scan with its design and report the deviation, vessel by vessel.
 
     Exit code 1 when the print doesn't pass: a fail, or undecided.
     """
-    steps = Steps(progress_file, out, ("reading", "registration", "writing"))
     # Of matrices so small a second thread would do nothing but spin; numpy reads this once.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
     have_kernels("register")
-    with collected_rarely(), SecondProcess(PAGES) as second, steps.whole():
-        steps.begin("reading")
+    with (
+        collected_rarely(),
+        SecondProcess(PAGES) as second,
+        _told_steps(progress_file, out) as begin,
+    ):
+        begin("reading")
         # Help waits for no mesh library; the second process loads beside this one.
         from printctl.pipeline import registration_work as work
+        from printctl.recipe import section_files
 
         design = work.read_design(model, network, lumens, unit, printed_in, out, print_note)
         drawn = second.call(PAGES, "network_drawing", design.vessels)
-        stated = RecordPart() if record is None else read_record(record)
-        limits = tolerances_of(
+        stated = RecordPart() if record is None else section_files.read_record(record)
+        limits = section_files.tolerances_of(
             tolerance,
             tolerance_um,
             diameter_tolerance_percent,
@@ -189,12 +139,12 @@ def register(
         )
         measured = how.read()
         print_notes(measured.notes)
-        steps.begin("registration")
+        begin("registration")
         made = how.register(measured, design)
         data = work.judge_registration(made, how, limits, stated)
-        steps.begin("writing")
+        begin("writing")
         print_notes(made.write(out, data, pdf, second, drawn))
     files = [str(out / HTML), *([str(out / PDF)] if pdf else [])]
-    print_result(as_json, data, [*data["verdict"]["reasons"], *files])
+    print_result(data, [*data["verdict"]["reasons"], *files])
     if not data["verdict"]["passed"]:
         raise typer.Exit(1)

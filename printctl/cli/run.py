@@ -14,10 +14,9 @@ import typer
 from design.files import atomic_replacement, write_text
 from firmware_profiles.yaml_file import read_yaml
 from printctl.checks import preflight
-from printctl.cli.declare import command, group
+from printctl.cli.declare import command, group, json_command
 from printctl.cli.kernels_ready import have_kernels, kernels_for_a_run
 from printctl.cli.options import (
-    JsonFlag,
     OutFolder,
     PdfFlag,
     ProgressFileOption,
@@ -73,7 +72,7 @@ def _ink(facts: Mapping[str, Any]) -> str:
     )
 
 
-@command
+@json_command
 def run(
     recipe: RecipeArg,
     out: Path | None = opt("Run folder; runs/NAME by default.", callback=folder_to_write),
@@ -93,7 +92,6 @@ def run(
     progress_file: ProgressFileOption = None,
     yes: YesFlag = False,
     pdf: PdfFlag = False,
-    as_json: JsonFlag = False,
 ) -> None:
     """Run a recipe from tissue to report; a stage whose inputs are as before isn't done again.
 
@@ -109,7 +107,7 @@ def run(
                          rehearse=rehearse)  # fmt: skip
         with kernels_for_a_run(*_works(loaded, until), listener=progress):
             data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
-    print_result(as_json, data, lambda: _ended(data, folder, until, pdf))
+    print_result(data, lambda: _ended(data, folder, until, pdf))
     if until is None and not data["verdict"]["passed"]:
         raise typer.Exit(1)
 
@@ -149,7 +147,7 @@ def pdfs(data: dict[str, Any], folder: Path) -> list[str]:
     return [str((folder / row["report"]).parent / PDF) for row in data["scanned"]]
 
 
-@command
+@json_command
 def design(
     recipe: RecipeArg,
     out: OutFolder,
@@ -157,7 +155,6 @@ def design(
         f"Last stage: {', '.join(DESIGN_NAMES[:-1])} or {DESIGN_NAMES[-1]} (default).",
         metavar="STAGE",
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Design only: network.csv, network.vtp, lumen.stl, solid.stl, solid.3mf and flow.csv.
 
@@ -169,17 +166,11 @@ def design(
     have_kernels("design")
     data = design_recipe(loaded, recipe.resolve().parent, out, messages(), last)
     reached = [f"done as far as {last}"] if until else []
-    print_result(as_json, data, lambda: [*_made(data), *reached, str(out)])
+    print_result(data, lambda: [*_made(data), *reached, str(out)])
 
 
 def _last_stage(until: str | None) -> str:
-    """Name of the last stage that is run.
-
-    Raises
-    ------
-    UsageError
-        For a stage that isn't known, or comes after design.
-    """
+    """Name of the last stage that is run; one that comes after design is refused."""
     name = DESIGN_NAMES[-1] if until is None else names_until(until)[-1]
     if name not in DESIGN_NAMES:
         raise UsageError(
@@ -249,11 +240,10 @@ def _place(one: Mapping[str, Any]) -> str:
     return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
 
 
-@command
+@json_command
 def toolpath(
     recipe: RecipeArg,
     out: Path = opt("G-code file to write.", ...),
-    as_json: JsonFlag = False,
 ) -> None:
     """Write a recipe's G-code after its dry run, with FILE.map.npz (line to vessel or layer).
 
@@ -274,7 +264,6 @@ def toolpath(
                 shutil.copyfile(Path(scratch) / name, draft)
     made = data["toolpath"]
     print_result(
-        as_json,
         data,
         lambda: [
             f"{made['lines']} lines, {made['written_ul']:.4g} µL, "

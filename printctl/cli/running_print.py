@@ -9,15 +9,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from printctl.cli.declare import command
-from printctl.cli.options import (
-    JsonFlag,
-    RunArg,
-    messages,
-    print_lines,
-    print_result,
-    refuse_input_as_output,
-)
+from printctl.cli.declare import command, json_command, wants_json
+from printctl.cli.options import RunArg, messages, print_lines, print_result, refuse_input_as_output
 from printctl.errors import SafetyError, UsageError
 from printctl.machine.link.client import attach
 from printctl.machine.link.errors import LinkError
@@ -65,7 +58,8 @@ _COMMANDS = {
 }
 
 
-def status(run: RunArg, as_json: JsonFlag = False) -> None:
+@json_command
+def status(run: RunArg) -> None:
     """Say how a print stands, whether it goes on, is paused or has ended, and what may be done.
 
     Only looks: the print isn't touched, and of one that has ended the journal tells.
@@ -73,7 +67,6 @@ def status(run: RunArg, as_json: JsonFlag = False) -> None:
     folder = print_folder(run)
     state = read_print(folder)
     print_result(
-        as_json,
         state.to_dict(),
         lambda: [*status_lines(state, str(run)), *asking_lines(folder, state.status)],
     )
@@ -281,7 +274,7 @@ def confirm_presence(run: RunArg) -> None:
         print_lines(f"heard; confirm again within {left / 60:.1f} min")
 
 
-@command
+@json_command
 def recover(
     run: RunArg,
     out: Path | None = opt("File for the rest of the job; FILE.rest.gcode by default."),
@@ -289,7 +282,6 @@ def recover(
         "Line of the job to go on with, in place of the checkpoint.", min=1
     ),
     yes: bool = opt("Write the file without asking.", False),
-    as_json: JsonFlag = False,
 ) -> None:
     """Plan how to go on after a power cut or a reset, from the last checkpoint.
 
@@ -307,7 +299,7 @@ def recover(
     _confirm(file, yes)
     written = write_rest(folder, plan, file)
     lines = [str(file), f"when all that is done: {written['command']}"]
-    print_result(as_json, written, lines)
+    print_result(written, lines)
 
 
 def _confirm(file: Path, assume_yes: bool) -> None:
@@ -334,18 +326,18 @@ def give_up(run: RunArg) -> None:
 # Looks at an observed print: `printctl observe looks` and `answer`.
 
 
-def looks(run: RunArg, as_json: JsonFlag = False) -> None:
+@json_command
+def looks(run: RunArg) -> None:
     """List the looks at a print: what was found, decided and asked.
 
     Pictures, with what was expected and found drawn in, are in the print's folder, under looks.
     """
     folder = print_folder(run)
     found = _looks(folder)
-    if not (found or as_json):
+    if not (found or wants_json()):
         none_yet = unlooked_lines(folder) or ["observe is a recipe's part"]
         raise UsageError(f"nobody has looked at the print in {folder}; {none_yet[0]}")
     print_result(
-        as_json,
         [asdict(one) for one in found],
         lambda: [
             *(_words(one, answer_of(folder, one.number)) for one in found),

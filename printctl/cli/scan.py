@@ -5,13 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
-from printctl.cli.options import (
-    JsonFlag,
-    print_note,
-    print_result,
-)
+from printctl.cli.options import print_note, print_result
 from printctl.errors import UsageError
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import PrintEntry, entry_of
@@ -79,7 +75,7 @@ def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
     return (z * 1e-3, y * 1e-3, x * 1e-3)
 
 
-@command
+@json_command
 def scan(
     printed: str = arg(
         "The print: its folder, its run folder, its G-code file, its journal, or its id "
@@ -101,7 +97,6 @@ def scan(
     record: Path | None = opt(
         "What the motors did, where `printctl sim-printer --record` wrote it."
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Simulate an OCT or micro-CT scan of any print made on the simulated printer.
 
@@ -120,7 +115,7 @@ def scan(
     }
     stated = StatedPrint(syringe, ink, needle, faults, record)
     facts = scan_print(find_print(printed), stated, wanted, out, print_note)
-    print_result(as_json, facts, (facts[name] for name in ("scan", "sidecar", "truth")))
+    print_result(facts, (facts[name] for name in ("scan", "sidecar", "truth")))
 
 
 def find_print(text: str) -> PrintEntry:

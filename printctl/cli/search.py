@@ -6,20 +6,15 @@ from pathlib import Path
 
 import typer
 
-from printctl.cli.declare import command
-from printctl.cli.options import (
-    JsonFlag,
-    folder_to_write,
-    messages,
-    print_result,
-)
+from printctl.cli.declare import json_command
+from printctl.cli.options import folder_to_write, messages, print_result
 from printctl.search import load_search, run_search
 from printctl.search.results import count_lines, result_dict, table_lines, write_results
 from printctl.search.workers import WAIT_MIN, Workers
 from printctl.settings import arg, opt
 
 
-@command
+@json_command
 def search(
     search_file: Path = arg("A YAML file.", metavar="SEARCH"),
     out: Path = opt("Folder; what it knows is kept.", ..., callback=folder_to_write),
@@ -31,7 +26,6 @@ def search(
     scheduler: str | None = opt("A Dask cluster's, like tcp://HOST:8786.", metavar="ADDRESS"),
     wait_min: float = opt("For --scheduler, its first worker.", WAIT_MIN, min=0.0),
     limit: int | None = opt("Grow so many new candidates at most.", min=0),
-    as_json: JsonFlag = False,
 ) -> None:
     """Grow and measure many variants of a recipe, rank them, and write the best as a recipe.
 
@@ -42,6 +36,6 @@ def search(
     result = run_search(requested, search_file.resolve().parent, out, messages(), who, limit)
     written = [str(path) for path in write_results(result, out)]
     lines = [*table_lines(result), *count_lines(result), *written]
-    print_result(as_json, result_dict(result) | {"written": written}, lines)
+    print_result(result_dict(result) | {"written": written}, lines)
     if result.broken or (result.best is None and not result.left):
         raise typer.Exit(1)

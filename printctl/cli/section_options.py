@@ -5,12 +5,11 @@ from __future__ import annotations
 import inspect
 import re
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-import typer
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
@@ -18,6 +17,9 @@ from firmware_profiles.errors import wording
 from printctl.cli.declare import keyword
 from printctl.errors import UsageError
 from printctl.recipe.parts import FILE
+from printctl.settings import Declared, opt
+
+Part = TypeVar("Part", bound=BaseModel)
 
 
 @dataclass(frozen=True)
@@ -78,78 +80,72 @@ class Sections:
     Attributes
     ----------
     groups : sequence of SectionOptions
-    make : callable
-        Takes what was typed, by the options' names; returns what the parameter gets.
-    """
-
-    groups: Sequence[SectionOptions]
-    make: Callable[[dict[str, Any]], Any]
-
-    def parameters(self) -> list[inspect.Parameter]:
-        """See `parameters`."""
-        return parameters(self.groups)
-
-    def value(self, typed: dict[str, Any]) -> Any:
-        """What the parameter gets."""
-        return self.make(typed)
-
-
-def parameters(groups: Sequence[SectionOptions]) -> list[inspect.Parameter]:
-    """The sections' options, as typer takes them of a command's signature; all may be left out."""
-    names = _plain_names(groups)
-    made = []
-    for group in groups:
-        if group.flag:
-            stated = typer.Option(
-                option(group.at[-1]), help=group.flag, rich_help_panel=group.panel
-            )
-            made.append(keyword(group.at[-1], Annotated[bool, stated], False))
-        made += [
-            _parameter(name, group.model.model_fields[key], group.panel, names)
-            for name, key in group.fields().items()
-        ]
-    return made
-
-
-def section_values(
-    groups: Sequence[SectionOptions], requested: Mapping[str, Any]
-) -> dict[str, Any]:
-    """What was typed, as a recipe's section would say it.
-
-    Raises
-    ------
-    UsageError
-        As `SectionOptions.typed`.
-    """
-    section: dict[str, Any] = {}
-    for group in groups:
-        typed, place = group.typed(requested), section
-        begun = typed or (group.flag and requested[group.at[-1]])
-        for key in group.at if begun else ():
-            place = place.setdefault(key, {})
-        place |= typed
-    return section
-
-
-def wrong_option(exc: ValidationError, groups: Sequence[SectionOptions], what: str) -> UsageError:
-    """The first thing that is wrong with a section, said of the option that stands for it.
-
-    Parameters
-    ----------
+    model : type of BaseModel, optional
+        What the parameter gets, made of what was typed; without it the words typed, by option.
     what : str
         Named where no single option is wrong.
     """
-    first = exc.errors()[0]
-    place = tuple(map(str, first["loc"]))
-    options = {
-        (*group.at, key): option(name) for group in groups for name, key in group.fields().items()
-    }
-    if place not in options:
-        stated = _with_options(wording(first), _plain_names(groups))
-        return UsageError(f"{'.'.join(place) or what}: {stated}")
-    if first["type"] == "missing":
-        return UsageError(f"{options[place]} {wording(first)}; give it")
-    return UsageError(f"{options[place]}: {wording(first)} (is {first['input']!r})")
+
+    groups: Sequence[SectionOptions]
+    model: type[BaseModel] | None = None
+    what: str = ""
+
+    def parameters(self) -> list[inspect.Parameter]:
+        """The options; all may be left out."""
+        names = {
+            key: name for one in self.groups for name, key in one.fields().items() if name == key
+        }
+        made = []
+        for group in self.groups:
+            panel = {"rich_help_panel": group.panel or None}
+            if group.flag:
+                made.append(keyword(group.at[-1], bool, opt(group.flag, False, **panel)))
+            for name, key in group.fields().items():
+                info = group.model.model_fields[key]
+                declared = _declared(option(name), info, names, panel)
+                made.append(keyword(name, _kind(info) | None, declared))
+        return made
+
+    def value(self, typed: dict[str, Any]) -> Any:
+        """What the parameter gets.
+
+        Raises
+        ------
+        UsageError
+            For the first thing that is wrong, said of the option that stands for it.
+        """
+        return typed if self.model is None else self.checked(self.model, self.section(typed))
+
+    def checked(self, model: type[Part], section: Mapping[str, Any]) -> Part:
+        """The section as its model; see `value`."""
+        try:
+            return model(**section)
+        except ValidationError as exc:
+            raise self._wrong(exc) from exc
+
+    def section(self, requested: Mapping[str, Any]) -> dict[str, Any]:
+        """What was typed, as a recipe's section would say it; raises as `SectionOptions.typed`."""
+        section: dict[str, Any] = {}
+        for group in self.groups:
+            typed, place = group.typed(requested), section
+            begun = typed or (group.flag and requested[group.at[-1]])
+            for key in group.at if begun else ():
+                place = place.setdefault(key, {})
+            place |= typed
+        return section
+
+    def _wrong(self, exc: ValidationError) -> UsageError:
+        first = exc.errors()[0]
+        place = tuple(map(str, first["loc"]))
+        names = {(*one.at, key): name for one in self.groups for name, key in one.fields().items()}
+        if place not in names:
+            same = {path[-1]: name for path, name in names.items() if path[-1] == name}
+            where = ".".join(place) or self.what
+            return UsageError(f"{where}: {_with_options(wording(first), same)}")
+        stated = option(names[place])
+        if first["type"] == "missing":
+            return UsageError(f"{stated} {wording(first)}; give it")
+        return UsageError(f"{stated}: {wording(first)} (is {first['input']!r})")
 
 
 def needs_another(name: str, other: str) -> UsageError:
@@ -162,27 +158,17 @@ def option(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
-def _parameter(
-    name: str, info: FieldInfo, panel: str, names: Mapping[str, str]
-) -> inspect.Parameter:
+def _declared(
+    word: str, info: FieldInfo, names: Mapping[str, str], panel: Mapping[str, Any]
+) -> Declared:
+    """The option of a field, whose default the help alone gives."""
     kind, default = _kind(info), info.get_default(call_default_factory=True)
-    typed = option(name)
-    if kind is bool and default:
-        typed = f"{typed}/--no-{typed[2:]}"
-    hidden = info.is_required() or default is None or kind is bool
-    shown = "" if hidden else _shown(default)
-    stated = typer.Option(
-        typed,
-        help=_with_options(info.description or "", names),
-        show_default=shown or False,
-        rich_help_panel=panel or None,
-    )
-    return keyword(name, Annotated[kind | None, stated], None)
-
-
-def _plain_names(groups: Sequence[SectionOptions]) -> dict[str, str]:
-    """Options, by their fields, that are named like these."""
-    return {key: name for group in groups for name, key in group.fields().items() if name == key}
+    typed = f"{word}/--no-{word[2:]}" if kind is bool and default else word
+    shown: str | bool = f"{default:g}" if isinstance(default, float) else str(default)
+    if info.is_required() or default is None or kind is bool:
+        shown = False
+    text = _with_options(info.description or "", names)
+    return opt(text, None, typed, show_default=shown, **panel)
 
 
 def _with_options(words: str, names: Mapping[str, str]) -> str:
@@ -190,10 +176,6 @@ def _with_options(words: str, names: Mapping[str, str]) -> str:
     return re.sub(
         r"\w+_\w+", lambda one: option(names[one[0]]) if one[0] in names else one[0], words
     )
-
-
-def _shown(default: Any) -> str:
-    return f"{default:g}" if isinstance(default, float) else str(default)
 
 
 def _kind(info: FieldInfo) -> Any:

@@ -11,12 +11,11 @@ from firmware_profiles import Printer, load
 from printctl.checks.preflight import file_checks, placed_failures, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, refusal_of, set_up
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command, wants_json
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     GcodeArg,
     InkOption,
-    JsonFlag,
     PrinterOption,
     StartOption,
     SyringeOption,
@@ -75,7 +74,7 @@ def _declared(file: Path, printer: Printer, given: Place | None) -> Place | None
         raise UsageError(f"{file}: {exc}, or give --start X,Y,Z") from exc
 
 
-@command
+@json_command
 def simulate(
     *,
     file: GcodeArg,
@@ -93,7 +92,6 @@ def simulate(
         "The part's origin in the printer's frame, mm; found from what is written if not.",
         metavar="X,Y,Z",
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Run a G-code file through the planner without a printer: time, limits, ink.
 
@@ -136,8 +134,8 @@ def simulate(
         *shaft.lines(),
         *(check.row() for check in checks),
     ]
-    print_result(as_json, facts, lambda: [*lines, *_prediction_lines(found or [])])
-    if not as_json:
+    print_result(facts, lambda: [*lines, *_prediction_lines(found or [])])
+    if not wants_json():
         print_notes([*warnings(checks), *_prediction_notes(found or [])])
     if refusal:
         raise refusal

@@ -10,15 +10,9 @@ from firmware_profiles import Dish, Printer, load
 from kernels import freed_memory_returned
 from printctl.checks.preflight.bore import bore_check
 from printctl.checks.set_up import ProfileNames, loads_of, of_each, refuse_failed
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
-from printctl.cli.options import (
-    JsonFlag,
-    PrinterOption,
-    gcode_to_write,
-    print_notes,
-    print_result,
-)
+from printctl.cli.options import PrinterOption, gcode_to_write, print_notes, print_result
 from printctl.errors import UsageError
 from printctl.pipeline.slicing import (
     SliceJob,
@@ -35,7 +29,7 @@ from printctl.settings import arg, of, opt
 _LINES_UM = (10.0, 5000.0)
 
 
-@command
+@json_command
 def slice_mesh(
     models: list[Path] = arg(
         "STL, 3MF, PLY, OBJ or OFF; closed. Several, in one frame: each by a head of its own; "
@@ -67,7 +61,6 @@ def slice_mesh(
         metavar="MESH:SETTING=VALUE,...",
     ),
     speed: float = of(Fresh, "write_speed_mm_s", "--speed", min=0.01),
-    as_json: JsonFlag = False,
 ) -> None:
     """Slice meshes into FRESH layers whose lumens keep their size; write G-code and its line map.
 
@@ -107,7 +100,7 @@ def slice_mesh(
         written = slice_parts(job, out)
     print_notes(job_notes(job, written))
     facts = job_facts(job, written, models, out)
-    print_result(as_json, facts, [
+    print_result(facts, [
         f"{facts['layers']} layers{_span(facts['layer_um'])}, {facts['lines']} lines of G-code, "
         f"{facts['written_ul']:.4g} µL, {facts['unfilled_percent']:.2f} % of the part unfilled",
         *(

@@ -9,9 +9,8 @@ from design.solids import lumen_solid, tube_solid, validate_file, write_step
 from design.solids.read import SUFFIXES
 from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import LOSSES, check_target, load_source, read_noted, write_network
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command
 from printctl.cli.options import (
-    JsonFlag,
     SourceArg,
     UnitOption,
     print_dim,
@@ -24,7 +23,7 @@ from printctl.recipe.solid import SolidPart
 from printctl.settings import arg, of, opt
 
 
-@command
+@json_command
 def solid(
     source: SourceArg,
     out: Path = opt("A .stl, .3mf, .step, .ply, .obj or .vtp file.", ...),
@@ -33,7 +32,6 @@ def solid(
         SolidPart, "fillet_ratio", default=None, otherwise="0, or the run's own"
     ),
     wall_mm: float | None = opt("Tubes of this wall, not the lumens.", min=1e-3, max=50),
-    as_json: JsonFlag = False,
 ) -> None:
     """Make a solid of a vessel network, and read the file back to check it.
 
@@ -67,10 +65,10 @@ def solid(
     crossing = facts.get("crossing_faces", 0)
     shown = f"{out}: {facts['volume']:.6g} mm³, {facts['faces']} faces"
     shown += f", {crossing} of which cross others" if crossing else ""
-    print_result(as_json, facts, [shown])
+    print_result(facts, [shown])
 
 
-@command
+@json_command
 def convert(
     source: Path = arg("Network: .csv, .vtp, .swc, .json, .npz, or X-CAVATE's .txt."),
     target: Path = arg(
@@ -80,7 +78,6 @@ def convert(
     ends: Path | None = opt(
         "Inlets and outlets that come with X-CAVATE's .txt.", None, "--inlet-outlet"
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """Convert a vessel network between CSV, VTP, SWC, JSON and npz, and to SimVascular paths.
 
@@ -93,7 +90,6 @@ def convert(
     write_network(target, network)
     loss = LOSSES.get(target.suffix.lower())
     facts = {"file": str(target), "vessels": network.vessel_count, "loses": loss}
-    if not as_json:
-        print_dim([*notes, loss] if loss else notes)
+    print_dim([*notes, loss] if loss else notes)
     made = f"{target}: {network.vessel_count} vessels, {len(network.points)} points"
-    print_result(as_json, facts | {"notes": list(notes)}, [made])
+    print_result(facts | {"notes": list(notes)}, [made])

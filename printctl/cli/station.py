@@ -10,14 +10,8 @@ import typer
 
 from firmware_profiles import Printer, load, shipped
 from printctl.checks.set_up import read_dish_centre
-from printctl.cli.declare import command, group
-from printctl.cli.options import (
-    JsonFlag,
-    PrinterOption,
-    messages,
-    print_lines,
-    print_result,
-)
+from printctl.cli.declare import command, group, json_command, wants_json
+from printctl.cli.options import PrinterOption, messages, print_lines, print_result
 from printctl.errors import PrintctlError, UsageError
 from printctl.machine.link.port_detection import AUTO, locate, matches, read_baud
 from printctl.machine.link.ports import PortInfo, list_ports
@@ -41,9 +35,9 @@ def the_station(folder: Path | None) -> Station:
     return attach(folder or usual_folder())
 
 
-def print_status(status: StationStatus, as_json: bool) -> None:
+def print_status(status: StationStatus) -> None:
     """Say how the station stands."""
-    print_result(as_json, status.to_dict(), status_text(status))
+    print_result(status.to_dict(), status_text(status))
 
 
 def status_text(status: StationStatus) -> list[str]:
@@ -72,7 +66,7 @@ def status_text(status: StationStatus) -> list[str]:
     return lines
 
 
-@command
+@json_command
 def connect(
     *,
     printer: PrinterOption,
@@ -82,7 +76,6 @@ def connect(
     start: str = opt("Where a simulated printer's tip stands.", "0,0,0", metavar="X,Y,Z"),
     discard: bool = opt("Although the last print was interrupted; it is given up.", False),
     folder: FolderOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Connect a printer and stand by, in a process that goes on when this command ends.
 
@@ -98,18 +91,19 @@ def connect(
         start_mm=three_numbers(start, "--start"),
         discard_interrupted=discard,
     )
-    print_status(station.status, as_json)
+    print_status(station.status)
 
 
-def status(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
+@json_command
+def status(folder: FolderOption = None) -> None:
     """Say where the tip is, how warm it is, what is mounted, and what goes on.
 
     Only looks. Exit code 0 whatever the state is, so that a script can read it with --json.
     """
-    print_status(the_station(folder).status, as_json)
+    print_status(the_station(folder).status)
 
 
-@command
+@json_command
 def mount(
     needle: str | None = opt(f"Needle: {_OF_A_PROFILE}"),
     syringe: str | None = opt(f"Syringe, full: {_OF_A_PROFILE}"),
@@ -120,7 +114,6 @@ def mount(
     bath_level: float | None = opt("Z of the bath's surface, mm."),
     plunger: float | None = opt("Travel of the syringe that is used up.", None, "--plunger-mm"),
     folder: FolderOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Say what is mounted; the soft limits go by it.
 
@@ -132,10 +125,10 @@ def mount(
     named = {key: value for key, value in {**names, **numbers}.items() if value is not None}
     if not named:
         raise UsageError("nothing is named; give --needle, --dish or the like")
-    print_status(the_station(folder).mount(**named), as_json)
+    print_status(the_station(folder).mount(**named))
 
 
-@command
+@json_command
 def jog(
     x: ByOption = None,
     y: ByOption = None,
@@ -143,7 +136,6 @@ def jog(
     to: bool = opt("The numbers are places, not steps.", False),
     speed: float | None = opt("In mm/s; 5 without, or what Z can."),
     folder: FolderOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Move the tip in a straight line, by steps or to a place, and wait until it is there.
 
@@ -154,102 +146,98 @@ def jog(
         raise UsageError("no axis is named; give --x, --y or --z in mm")
     station = the_station(folder)
     if to:
-        print_status(station.move_to(**given, speed_mm_s=speed), as_json)
+        print_status(station.move_to(**given, speed_mm_s=speed))
     else:
-        print_status(station.jog(given, speed_mm_s=speed), as_json)
+        print_status(station.jog(given, speed_mm_s=speed))
 
 
-@command
+@json_command
 def home(
     axes: str = arg("Which, such as xy.", "xyz"),
     needle_off: bool = opt("The needle is off the machine.", False),
     folder: FolderOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Home axes; refused as long as a needle is mounted: it would be driven into what is below.
 
     Axes that are homed are trusted from then on; what the needle may do follows from that.
     """
-    print_status(the_station(folder).home(list(axes), needle_off=needle_off), as_json)
+    print_status(the_station(folder).home(list(axes), needle_off=needle_off))
 
 
+@json_command
 def where(
     x: PlaceOption = None,
     y: PlaceOption = None,
     z: PlaceOption = None,
     folder: FolderOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Tell the printer where its tip stands; nothing moves. Nobody can check it for you.
 
     Said by a person who looked: nothing moves, and the soft limits go by it from then on.
     """
-    print_status(the_station(folder).set_position(x, y, z), as_json)
+    print_status(the_station(folder).set_position(x, y, z))
 
 
-@command
+@json_command
 def touch_off(
     foil: float = opt("Thickness of the foil between tip and floor, mm.", 0.0),
     folder: FolderOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Take the tip's height for the dish's floor, below which it isn't let from now on.
 
     Another needle or another dish forgets the floor; touch off again.
     """
-    print_status(the_station(folder).touch_off(foil_mm=foil), as_json)
+    print_status(the_station(folder).touch_off(foil_mm=foil))
 
 
-@command
+@json_command
 def push(
     ul: float = opt("So much, µL; below 0 draws back.", ...),
     speed: float | None = opt("In µL/s; the ink's own without."),
     folder: FolderOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Push ink, or draw the plunger back, within what the syringe mounted has left.
 
     The station counts what is left; a full syringe is told it by `printctl station mount`.
     """
-    print_status(the_station(folder).plunger(ul, speed), as_json)
+    print_status(the_station(folder).plunger(ul, speed))
 
 
-@command
+@json_command
 def heat(
     name: str = arg("nozzle, bed or chamber."),
     celsius: float = arg("Target, °C; 0 is off."),
     folder: FolderOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Set a heater's target, within what ink and bath bear; doesn't wait until it is warm.
 
     Heaters keep their target when this command ends, until it is set to 0 or the station is
     disconnected.
     """
-    print_status(the_station(folder).heat(name, celsius), as_json)
+    print_status(the_station(folder).heat(name, celsius))
 
 
-@command
+@json_command
 def send(
     command: str = arg("Such as M503."),
     folder: FolderOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Send a command and print the reply; moves and heat go by the same limits as jog and heat.
 
     While a print goes on it is sent between two of its lines.
     """
     lines = the_station(folder).command(command)
-    if as_json or lines:
-        print_result(as_json, {"command": command, "lines": lines}, lines)
+    if wants_json() or lines:
+        print_result({"command": command, "lines": lines}, lines)
 
 
-def stop(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
+@json_command
+def stop(folder: FolderOption = None) -> None:
     """End the move that goes on, after at most half a second of it; the position stays known.
 
     Sending it twice does no harm. For a halt at once there is `printctl station kill`.
     """
-    print_status(the_station(folder).stop_motion(), as_json)
+    print_status(the_station(folder).stop_motion())
 
 
 def kill(folder: FolderOption = None) -> None:
@@ -262,12 +250,13 @@ def kill(folder: FolderOption = None) -> None:
     print_lines("a halt is sent; `printctl station status` tells whether the printer has halted")
 
 
-def reconnect(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
+@json_command
+def reconnect(folder: FolderOption = None) -> None:
     """Open the port again and check the printer; see first what its needle stands in.
 
     After a kill or a lost port. The position isn't trusted until it is homed or said again.
     """
-    print_status(the_station(folder).reconnect(), as_json)
+    print_status(the_station(folder).reconnect())
 
 
 def disconnect(folder: FolderOption = None) -> None:
@@ -290,13 +279,12 @@ station = group(
 )
 
 
-@command
+@json_command
 def ports(
     printer: str | None = opt("Profile to look for, beside the shipped ones."),
     find: bool = opt(
         "Open the port that is --printer's, and try baud rates until it answers.", False
     ),
-    as_json: JsonFlag = False,
 ) -> None:
     """List serial ports with their USB ids and the profiles that these match.
 
@@ -308,13 +296,13 @@ def ports(
                 "--find needs --printer: only a port with its USB id is opened"
             )
         place = locate(AUTO, AUTO, load(Printer, printer))
-        print_result(as_json, vars(place), [f"{place.port}\t{place.baud} Bd"])
+        print_result(vars(place), [f"{place.port}\t{place.baud} Bd"])
         return
     known = {name: load(Printer, name) for name in [*shipped(Printer), *filter(None, [printer])]}
     rows = [(p, [n for n, facts in known.items() if matches(facts, p)]) for p in list_ports()]
     facts = {"ports": [vars(port) | {"profiles": names} for port, names in rows]}
-    if rows or as_json:
-        print_result(as_json, facts, (_port_line(port, names) for port, names in rows))
+    if rows or wants_json():
+        print_result(facts, (_port_line(port, names) for port, names in rows))
     else:
         messages().print(
             "no serial port found; plug the printer in, or use port: simulated in the recipe"

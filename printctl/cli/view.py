@@ -24,16 +24,15 @@ from printctl.analysis.film import (
 )
 from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import Drive, Source, load_source
-from printctl.cli.declare import command
+from printctl.cli.declare import json_command, wants_json
 from printctl.cli.options import (
-    JsonFlag,
     UnitOption,
-    is_typed,
     messages,
     print_dim,
     print_note,
     print_result,
     read_gcode_file,
+    refuse_typed,
 )
 from printctl.errors import UsageError
 from printctl.pipeline.viewing import (
@@ -53,7 +52,7 @@ _FOR_NETWORKS = ("seen_from", *(one.name for one in fields(NetworkView)))
 _FOR_GCODE = tuple(one.name for one in fields(GcodeView))
 
 
-@command
+@json_command
 def view(
     *,
     context: typer.Context,
@@ -68,7 +67,6 @@ def view(
     ),
     network: NetworkView,
     gcode: GcodeView,
-    as_json: JsonFlag = False,
 ) -> None:
     """Show a network or G-code: a page that opens offline, or with --png a picture.
 
@@ -86,11 +84,11 @@ def view(
         written, notes = view_network(source, page, png, look, network, print_note)
     sizes = {kind: path.stat().st_size for kind, path in written.items()}
     files = {kind: {"file": str(path), "bytes": sizes[kind]} for kind, path in written.items()}
-    if not as_json:
-        print_dim(notes)
+    print_dim(notes)
     lines = [f"{path} ({_size(sizes[kind])})" for kind, path in written.items()]
-    print_result(as_json, {**files, "notes": list(notes)}, lines)
-    if "page" in written and (open_page or (open_page is None and not as_json and _on_desktop())):
+    print_result({**files, "notes": list(notes)}, lines)
+    wanted = not wants_json() and _on_desktop() if open_page is None else open_page
+    if wanted and "page" in written:
         webbrowser.open(written["page"].resolve().as_uri())
 
 
@@ -110,12 +108,11 @@ def _check_suffix(source: Path) -> None:
 
 def _check_options(context: typer.Context, source: Path) -> None:
     """Refuse an option that does nothing for this source."""
-    for name in _FOR_NETWORKS if is_gcode(source) else _FOR_GCODE:
-        if is_typed(context, name):
-            (option,) = (p.opts[0] for p in context.command.params if p.name == name)
-            networks = "a network; this is G-code"
-            kind = networks if is_gcode(source) else f"G-code ({', '.join(SUFFIXES)})"
-            raise UsageError(f"{option} with {source}: it is for {kind}; drop it")
+    if is_gcode(source):
+        names, kind = _FOR_NETWORKS, "a network; this is G-code"
+    else:
+        names, kind = _FOR_GCODE, f"G-code ({', '.join(SUFFIXES)})"
+    refuse_typed(context, names, f"with {source}: it is for {kind}; drop it")
 
 
 def _default_page(source: Path) -> Path:
@@ -138,7 +135,7 @@ _OF_GROWTH: Final = ("by", "steps", "unit")
 _OF_PULSES: Final = ("solver", "frames", "cycles", "tables")
 
 
-@command
+@json_command
 def film(
     context: typer.Context,
     source: Path = arg(
@@ -166,14 +163,14 @@ def film(
     width: int = opt("Pixels.", 900, min=300, max=3000),
     fps: float = opt("Frames in 1 s of the film.", 12.0, min=1.0, max=60.0),
     unit: UnitOption = None,
-    as_json: JsonFlag = False,
 ) -> None:
     """Make a film of a network: how it grew, or with --show pulse a pulse through it.
 
     Frames have a scale bar, axes and a colour bar; a pulse's the inlet's wave, too. Growth is that
     of the finished network: vessels come in the order in which they were grown.
     """
-    _refuse_idle(context, show)
+    idle, other = (_OF_PULSES, "pulse") if show == "growth" else (_OF_GROWTH, "growth")
+    refuse_typed(context, idle, f"is for --show {other}; drop it")
     path = out or (source if source.is_dir() else source.parent) / f"{show}.mp4"
     check_suffix(path)
     loaded = load_source(source, unit, Drive())
@@ -182,7 +179,7 @@ def film(
     with messages().status("drawing") as status:
         count = write_film(path, _with_progress(made, status.update), fps)
     facts = {"file": str(path), "frames": count, "seconds": count / fps}
-    print_result(as_json, facts, [f"{path} ({count} frames, {count / fps:.1f} s)"])
+    print_result(facts, [f"{path} ({count} frames, {count / fps:.1f} s)"])
 
 
 def _frames(requested: dict[str, Any], loaded: Source, scene: FilmScene) -> Iterator[Frame]:
@@ -218,14 +215,6 @@ def _murray(source: Path) -> float:
         return 3.0
     part = recipe_of(source, "a film").vasculature
     return part.murray_exponent if isinstance(part, Growth) else 3.0
-
-
-def _refuse_idle(context: typer.Context, show: str) -> None:
-    """Refuse an option that does nothing for this film."""
-    for name in _OF_PULSES if show == "growth" else _OF_GROWTH:
-        if is_typed(context, name):
-            other = "pulse" if show == "growth" else "growth"
-            raise UsageError(f"--{name.replace('_', '-')} is for --show {other}; drop it")
 
 
 def _with_progress(frames: Iterator[Frame], tell: Any) -> Iterator[Frame]:

@@ -224,6 +224,20 @@ def changes_line(made: CompensationFile) -> str:
     return "; ".join(parts).replace("-", "\N{MINUS SIGN}")
 
 
+def evidence_lines(made: CompensationFile) -> list[str]:
+    """What prints were like, each number with its interval."""
+    scale, diameter = made.evidence["scale"], made.evidence["diameter"]
+    sizes = ", ".join(
+        f"{axis} {100 * (one['size'] - 1):+.2f} ± {100 * one['interval_95']:.2f} %"
+        for axis, one in scale.items()
+    )
+    return [
+        f"{_count(len(made.prints), 'print')}: size {sizes}",
+        f"diameters {diameter['excess_um']:+.1f} ± {diameter['interval_95_um']:.1f} µm "
+        f"once size is corrected ({'corrected' if diameter['corrected'] else 'not corrected'})",
+    ]
+
+
 def _radial(made: CompensationFile) -> str:
     radial = made.radial
     if not radial.offset_um and not radial.slope_um_per_mm:

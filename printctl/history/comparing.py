@@ -1,6 +1,6 @@
-"""Read registrations of several prints from folders, for `printctl compare`.
+"""Read registrations of several prints from folders; write what their comparison finds.
 
-Goes in: folders. Comes out: registrations as `registration.comparison` takes them.
+Goes in: folders. Comes out: registrations as `registration.comparison` takes them, and its files.
 """
 
 from __future__ import annotations
@@ -11,13 +11,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from design.files import write_text
 from printctl.errors import UsageError
 from printctl.machine.link.print_identity import print_identity
 from printctl.pipeline.verdict import verdict
 from printctl.run_folder.artefacts import JOURNAL_FOLDER, NUMBERS
 from printctl.run_folder.artefacts import JSON as REPORT
-from registration.comparison import GaugedScan, Origin, gauged_scan
+from registration.comparison import (
+    Comparison,
+    GaugedScan,
+    Origin,
+    comparison_csv,
+    comparison_dict,
+    gauge_csv,
+    gauged_scan,
+)
 from registration.measuring.judging import judge_plain
+from registration.report.comparison_page import comparison_figures, write_comparison_html
+from registration.report.print_page import print_page
 
 # Read the registration results of several prints' folders; judge them by new limits if given.
 
@@ -34,6 +45,13 @@ class NewLimits:
 
     tolerance_um: float
     diameter_percent: float
+
+    def note(self) -> str:
+        """For the report."""
+        return (
+            f"All prints are judged anew: RMS deviation at most {self.tolerance_um:g} µm, "
+            f"diameters within ±{self.diameter_percent:g} %."
+        )
 
 
 @dataclass(frozen=True)
@@ -176,3 +194,31 @@ def _report_verdict(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError, KeyError, TypeError):
         return None
     return judged if isinstance(judged, dict) else None
+
+
+def write_comparison(
+    folder: Path, found: Comparison, title: str, judged: NewLimits | None, *, pdf: bool = False
+) -> tuple[dict[str, Any], list[Path]]:
+    """Write compare.json, compare.csv, gauge.csv of a study, and the page; return data and pages.
+
+    Parameters
+    ----------
+    judged : NewLimits or None
+        By which the verdicts are, if they aren't those that were given.
+    pdf : bool
+        Print the page to a PDF, too.
+    """
+    notes = [] if judged is None else [judged.note()]
+    data = comparison_dict(found)
+    data["notes"] = [*notes, *data["notes"]]
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(folder / "compare.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_text(folder / "compare.csv", comparison_csv(found))
+    if found.gauge is not None:
+        write_text(folder / "gauge.csv", gauge_csv(found.gauge))
+    page = folder / "compare.html"
+    write_comparison_html(page, found, title, notes, comparison_figures(found))
+    if not pdf:
+        return data, [page]
+    print_page(page, folder / "compare.pdf")
+    return data, [page, folder / "compare.pdf"]

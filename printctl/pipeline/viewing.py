@@ -12,7 +12,7 @@ from design.files import write_bytes
 from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from design.solids import read_solid
-from design.units import BLOOD_MPA_S, LengthUnit
+from design.units import LengthUnit
 from firmware_profiles import Printer, Syringe, load
 from printctl.analysis.networks import Drive, Source, load_source
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
@@ -20,7 +20,7 @@ from printctl.checks.gcode_view.outline import PartOutlines
 from printctl.errors import UsageError
 from printctl.pipeline.lumens_in_gcode import read_part
 from printctl.run_folder.artefacts import SURFACE
-from printctl.settings import opt, settings, three_numbers
+from printctl.settings import of, opt, settings, three_numbers
 from registration.report import NetworkPage, ReportSurface, write_network_html
 from registration.report.gcode import GcodeJob, GcodePage, draw_layer, write_gcode_html
 from registration.report.gcode.colouring import PLAIN, Colouring, colourings
@@ -70,12 +70,8 @@ class NetworkView:
 
     tissue: Path | None = opt("A closed mesh, or a run folder; a run has its own.")
     tissue_unit: LengthUnit | None = opt("Of the tissue's mesh.")
-    inlet_flow_ml_min: float | None = opt(
-        "In place of a run's own; of a file 0.25 without it.", min=1e-9
-    )
-    viscosity_mpa_s: float | None = opt(
-        f"In place of a run's own; of a file {BLOOD_MPA_S:g}, blood's, without it.", min=1e-6
-    )
+    inlet_flow_ml_min: float | None = of(Drive, "inlet_flow_ml_min")
+    viscosity_mpa_s: float | None = of(Drive, "viscosity_mpa_s")
     most_pieces: int = opt("Beyond it the page leaves out the thinnest.", MAX_PIECES, min=1)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -80,19 +79,3 @@ def test_a_file_becomes_a_picture(lattice: Path) -> None:
     assert "page" not in told
     with Image.open(lattice / "fork.png") as picture:
         assert picture.size[0] == 500
-
-
-def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
-    """One message without a traceback, and nothing on stdout."""
-    assert done.returncode == code, done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
-    for word in words:
-        assert word in done.stderr
-
-
-def test_wrong_input_is_told_in_one_message_and_leaves_nothing(tmp_path: Path) -> None:
-    (tmp_path / "b.csv").write_text(HEADER + FORK.replace("0.4,0.4", "nan,0.4"))
-    done = printctl("convert", "b.csv", "b.json", "--unit", "mm", cwd=tmp_path)
-    refused(done, 1, "b.csv", "line 3", "NaN")
-    assert [path.name for path in tmp_path.iterdir()] == ["b.csv"]

@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +22,7 @@ from printctl.errors import UsageError
 VERSION: Final = 1
 _MOST_ID: Final = 1_000_000
 _KEY: Final = "printctl_pattern"
+Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class WrittenPattern:
 
     pattern: Pattern
     mounted: PatternSetUp
-    at_mm: tuple[float, float, float] | None = None
+    at_mm: Point | None = None
 
     @property
     def number(self) -> int:
@@ -101,6 +103,31 @@ def read_pattern(path: Path) -> WrittenPattern:
             "the pattern again"
         )
     return pattern
+
+
+def read_printed_lines(path: Path) -> list[tuple[Point, Point, float]]:
+    """Read the straight lines of a pattern's squares or frame: both ends and width, mm.
+
+    The ends are the printer's.
+
+    Raises
+    ------
+    UsageError
+        As `read_pattern`, and of a file that doesn't say where it was printed.
+    """
+    written = read_pattern(path)
+    pattern, at = written.pattern, written.at_mm
+    if at is None:
+        raise UsageError(
+            f"{path} doesn't say where it was printed: a former printctl wrote it; write and print "
+            "the pattern again (printctl calibrate pattern squares)"
+        )
+    corner = np.array([at[0] - pattern.size_mm[0] / 2, at[1] - pattern.size_mm[1] / 2, at[2]])
+    return [
+        (tuple(one), tuple(other), pattern.bead.width_mm)
+        for stroke in pattern.of_role("side", "frame")
+        for one, other in pairwise((stroke.points + corner).tolist())
+    ]
 
 
 def _text(written: WrittenPattern, more: dict[str, Any] | None = None) -> str:

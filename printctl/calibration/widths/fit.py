@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -15,8 +14,10 @@ from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, fit_line, quantile
 from printctl.calibration.lag import Lag, LagPattern, expected_width, fit_lag
 from printctl.calibration.patterns import CLEAR, Pattern, Stroke, WrittenPattern
+from printctl.calibration.results import Result, measured_lag
 from printctl.calibration.widths.meetings import fit_bridge, fit_comb, fit_joint
-from printctl.calibration.widths.result import END, Answer, Change, Replies, Widths
+from printctl.calibration.widths.result import END, Replies, Widths
+from printctl.calibration.writing import MeasuredValue
 from printctl.errors import UsageError
 
 # Derive flow factor, filament swelling or line bead model from a measured cross-section.
@@ -41,7 +42,7 @@ class GivenValues:
 
 def factors(
     share: Estimate, written: WrittenPattern, known: GivenValues
-) -> tuple[dict[str, Estimate], dict[str, Change], list[str]]:
+) -> tuple[dict[str, Estimate], dict[str, MeasuredValue], list[str]]:
     """Flow factor; where that is known, a filament's swelling or a line's bead.
 
     Raises
@@ -63,7 +64,7 @@ def factors(
             "comes out (printctl calibrate weigh), give --flow-factor, and the swelling (of lines "
             "on a plate their bead) is told instead"
         ]
-        change = {"flow_factor": Change(flow.value, f"{flow.text()}, 95 %")}
+        change = {"flow_factor": MeasuredValue(flow.value, f"{flow.text()}, 95 %")}
         return {"flow factor": flow}, change, notes
     if not bead.round_bead:
         return _bead(share, written, known.flow_factor)
@@ -75,15 +76,15 @@ def factors(
         f"the flow factor {known.flow_factor:g} is taken as exact: its error isn't in the swelling"
     )
     change = {
-        "swell_factor": Change(value, f"{swelling.text()}, 95 %"),
-        "flow_factor": Change(known.flow_factor, f"{known.flow_factor:g}, as given"),
+        "swell_factor": MeasuredValue(value, f"{swelling.text()}, 95 %"),
+        "flow_factor": MeasuredValue(known.flow_factor, f"{known.flow_factor:g}, as given"),
     }
     return {"swelling (diameter over that written)": swelling}, change, [note]
 
 
 def _bead(
     share: Estimate, written: WrittenPattern, flow_factor: float
-) -> tuple[dict[str, Estimate], dict[str, Change], list[str]]:
+) -> tuple[dict[str, Estimate], dict[str, MeasuredValue], list[str]]:
     """How much wider lines on a plate are than their area over their height, µm."""
     line = written.pattern.bead
     mean = line.area_mm2 / line.layer_mm * flow_factor / written.mounted.flow_factor
@@ -102,8 +103,8 @@ def _bead(
         "their error isn't in the bead"
     )
     change = {
-        "bead": Change(round(value, 2), f"{excess.text()}, 95 %"),
-        "flow_factor": Change(flow_factor, f"{flow_factor:g}, as given"),
+        "bead": MeasuredValue(round(value, 2), f"{excess.text()}, 95 %"),
+        "flow_factor": MeasuredValue(flow_factor, f"{flow_factor:g}, as given"),
     }
     return {"width over area / height (bead)": excess}, change, [note]
 
@@ -171,17 +172,6 @@ def _widened(one: Estimate, times: float) -> Estimate:
     return Estimate(one.value, low, high, one.unit)
 
 
-def lag_estimates(lag: Lag | None) -> dict[str, Estimate]:
-    """Return τ up and down, and K; nothing where there is none."""
-    if lag is None:
-        return {}
-    return {
-        "τ, flow going up": lag.rise_s,
-        "τ, flow going down": lag.fall_s,
-        "K (advance)": lag.advance_s,
-    }
-
-
 def lag_notes(lag: Lag) -> list[str]:
     """Say whether one K holds."""
     if lag.linear:
@@ -190,15 +180,6 @@ def lag_notes(lag: Lag) -> list[str]:
         "rise and fall differ: the ink holds pressure by its yield stress, so no single K is "
         "right, and no lag is written"
     ]
-
-
-def lag_change(lag: Lag, written: WrittenPattern) -> Mapping[str, Change]:
-    """Return the ink's ``lag`` for the print's needle and syringe, where one number says it."""
-    if not lag.linear:
-        return {}
-    needle, syringe = load(Needle, written.mounted.needle), load(Syringe, written.mounted.syringe)
-    value = {"lag_s": lag.rise_s.value, "needle": needle.name, "syringe": syringe.name}
-    return {"lag": Change(value, f"{lag.rise_s.text()}, 95 %, with {needle.name}")}
 
 
 # Fit flow factor, swelling and lag from lines printed at several speeds and flows.
@@ -241,7 +222,7 @@ class LineWidth:
         return float(self.stroke.speed_mm_s[0])
 
 
-def fit_lines(written: WrittenPattern, widths: Widths, known: GivenValues) -> Answer:
+def fit_lines(written: WrittenPattern, widths: Widths, known: GivenValues) -> Result:
     """Fit all that lines tell.
 
     Raises
@@ -266,17 +247,19 @@ def fit_lines(written: WrittenPattern, widths: Widths, known: GivenValues) -> An
     estimates = {
         "cross-section over the commanded one": share,
         **factor_estimates,
-        **lag_estimates(lag),
+        **({} if lag is None else lag.estimates()),
     }
     if lag is not None:
         notes += lag_notes(lag)
-        changes = {**changes, **lag_change(lag, written)}
+        used = written.mounted
+        mounted = load(Needle, used.needle), load(Syringe, used.syringe)
+        changes = {**changes, **measured_lag(lag, *mounted)}
     missing = [why] if why else []
-    return Answer(
+    return Result(
         estimates,
-        table,
         [*more, *notes, *missing, *speed_notes, *_RHEOLOGY_UNKNOWN_NOTES],
-        {**changes, **speeds},
+        measured={**changes, **speeds},
+        table=table,
     )
 
 
@@ -346,7 +329,7 @@ def _follows(name: str, slope: Estimate) -> str:
     return f"the cross-section doesn't follow the {name} (power beyond it: {slope.text()}): {why}"
 
 
-def _speeds(lines: list[LineWidth], widths: Widths) -> tuple[dict[str, Change], list[str]]:
+def _speeds(lines: list[LineWidth], widths: Widths) -> tuple[dict[str, MeasuredValue], list[str]]:
     """Speeds at which every line of at least the commanded flow holds together."""
     if not widths.found:
         return {}, ["typed widths don't say whether a line is whole (write_speed_mm_s): look"]
@@ -366,7 +349,7 @@ def _speeds(lines: list[LineWidth], widths: Widths) -> tuple[dict[str, Change], 
     if broken:
         text = f"lines hold together from {held[0]:g} to {held[-1]:g} mm/s"
     value = {"low": held[0], "high": held[-1]}
-    change = Change(value, f"{held[0]:g} to {held[-1]:g} mm/s hold together")
+    change = MeasuredValue(value, f"{held[0]:g} to {held[-1]:g} mm/s hold together")
     return {"write_speed_mm_s": change}, [*notes, text]
 
 
@@ -408,7 +391,7 @@ _STARTS: Final = (0.1, 0.5, 2.0)
 _UNRESOLVED: Final = 3.0
 
 
-def fit_spiral(written: WrittenPattern, widths: Widths, known: GivenValues) -> Answer:
+def fit_spiral(written: WrittenPattern, widths: Widths, known: GivenValues) -> Result:
     """Fit flow factor, drift and, where its begin is thin, the lag.
 
     Raises
@@ -440,7 +423,7 @@ def fit_spiral(written: WrittenPattern, widths: Widths, known: GivenValues) -> A
         estimates["τ, from its begin"] = tau
     if not drift.holds(0.0):
         notes.append("the flow drifts: warmth, a syringe that gives way, ink that settles or sets")
-    return Answer(estimates, (), [*more, *notes], changes)
+    return Result(estimates, [*more, *notes], measured=changes)
 
 
 def _begin(time: FloatArray, share: FloatArray) -> tuple[Estimate | None, list[str]]:
@@ -488,30 +471,27 @@ VAGUE: Final = 0.05
 _BY_WIDTH: Final = ("bead", "flow_factor", "swell_factor")
 
 
-def fit_widths(written: WrittenPattern, widths: Widths, known: GivenValues) -> Answer:
-    """Fit lines, or a spiral.
+def fit_measured(written: WrittenPattern, measured: Widths | Replies, known: GivenValues) -> Result:
+    """Fit a pattern's widths (lines, spiral) or replies (comb, joints, bridges).
 
     Raises
     ------
     UsageError
         With too few widths, or widths that no ink has.
     """
+    if isinstance(measured, Replies):
+        fit_answers = {"comb": fit_comb, "joint": fit_joint}.get(written.pattern.name, fit_bridge)
+        return fit_answers(written, measured)
     fit = fit_spiral if written.pattern.name == "spiral" else fit_lines
-    answer = fit(written, widths, known)
-    return answer if widths.optics <= VAGUE else _kept_from_profiles(answer, widths.optics)
+    answer, optics = fit(written, measured, known), measured.optics
+    return answer if optics <= VAGUE else _kept_from_profiles(answer, optics)
 
 
-def _kept_from_profiles(answer: Answer, optics: float) -> Answer:
+def _kept_from_profiles(answer: Result, optics: float) -> Result:
     """Without the factors, which rest on the absolute width; a lag rests on its changes."""
-    changes = {key: one for key, one in answer.changes.items() if key not in _BY_WIDTH}
+    changes = {key: one for key, one in answer.measured.items() if key not in _BY_WIDTH}
     note = (
         f"flow factor and swelling aren't written: the picture leaves all widths uncertain by "
         f"{optics:.0%} ({VAGUE:.0%} at most)"
     )
-    return replace(answer, changes=changes, notes=[*answer.notes, note])
-
-
-def fit_replies(written: WrittenPattern, replies: Replies) -> Answer:
-    """Fit a comb, joints or bridges."""
-    fit = {"comb": fit_comb, "joint": fit_joint}.get(written.pattern.name, fit_bridge)
-    return fit(written, replies)
+    return replace(answer, measured=changes, notes=[*answer.notes, note])

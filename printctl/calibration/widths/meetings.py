@@ -11,7 +11,9 @@ import numpy as np
 from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, fit_line
 from printctl.calibration.patterns import WrittenPattern
-from printctl.calibration.widths.result import Answer, Change, Replies
+from printctl.calibration.results import Result
+from printctl.calibration.widths.result import Replies
+from printctl.calibration.writing import MeasuredValue
 
 OPEN: Final = 0.8
 """Of the ways across a gap that must be open for it to be."""
@@ -53,7 +55,7 @@ def _interval(name: str, bounds: _Bounds, unit: str) -> dict[str, Estimate]:
     return {name: Estimate(bounds.yes, low, high, unit)}
 
 
-def fit_comb(written: WrittenPattern, replies: Replies) -> Answer:
+def fit_comb(written: WrittenPattern, replies: Replies) -> Result:
     """Smallest gap that stays open, between the widest that closed and the next."""
     gap = _asked(written, replies)
     is_open = replies.part >= OPEN
@@ -75,7 +77,7 @@ def fit_comb(written: WrittenPattern, replies: Replies) -> Answer:
         else:
             text += f", {bounds.no:g} mm closed"
             notes.append("the interval is that of the gaps tried, not a 95 % one")
-        changes["smallest_gap_mm"] = Change(bounds.yes, text)
+        changes["smallest_gap_mm"] = MeasuredValue(bounds.yes, text)
     if bounds.mixed:
         notes.append(
             "a smaller gap stayed open while a wider one closed: the teeth wander by more than the "
@@ -88,10 +90,10 @@ def fit_comb(written: WrittenPattern, replies: Replies) -> Answer:
         fit = fit_line(np.ones((len(wider), 1)), wider, "gaps")
         estimates["teeth wider than commanded by"] = fit.estimate(0, "mm")
     notes.append("of two lines side by side; a gap closed all round (a lumen) may close sooner")
-    return Answer(estimates, table, notes, changes)
+    return Result(estimates, notes, table=table, measured=changes)
 
 
-def fit_joint(written: WrittenPattern, replies: Replies) -> Answer:
+def fit_joint(written: WrittenPattern, replies: Replies) -> Result:
     """Least overlap that joins."""
     return _yes_no(
         written,
@@ -107,7 +109,7 @@ def fit_joint(written: WrittenPattern, replies: Replies) -> Answer:
     )
 
 
-def fit_bridge(written: WrittenPattern, replies: Replies) -> Answer:
+def fit_bridge(written: WrittenPattern, replies: Replies) -> Result:
     """Estimate the longest unsupported bridge from measured spans."""
     return _yes_no(
         written,
@@ -135,7 +137,7 @@ class _Question:
     note: str
 
 
-def _yes_no(written: WrittenPattern, replies: Replies, asked: _Question) -> Answer:
+def _yes_no(written: WrittenPattern, replies: Replies, asked: _Question) -> Result:
     value = _asked(written, replies)
     good = np.asarray(asked.good(replies.part))
     bounds = _bounds(value, good, rising=asked.rising)
@@ -151,4 +153,4 @@ def _yes_no(written: WrittenPattern, replies: Replies, asked: _Question) -> Answ
         notes.append("the answers aren't in order: one print isn't enough, repeat it")
     if estimates:
         notes.append("the interval is that of the values tried, not a 95 % one")
-    return Answer(estimates, table, [*notes, asked.note])
+    return Result(estimates, [*notes, asked.note], table=table)

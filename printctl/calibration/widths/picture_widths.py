@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import cv2
 import numpy as np
 
+from design.files import write_bytes, write_text
 from kernels.arrays import FloatArray
 from printctl.calibration.patterns import (
     Pattern,
@@ -52,10 +54,8 @@ class MeasuredPicture:
 
     Attributes
     ----------
-    widths : Widths or None
-        Of lines and spiral.
-    replies : Replies or None
-        Of comb and joint.
+    measured : Widths or Replies
+        Replies of comb and joint.
     table : str
         The sheet, filled in.
     picture : (h, w, 3) uint8
@@ -63,11 +63,18 @@ class MeasuredPicture:
     notes : list of str
     """
 
-    widths: Widths | None
-    replies: Replies | None
+    measured: Widths | Replies
     table: str
     picture: Any
     notes: list[str]
+
+    def save(self, path: Path) -> tuple[Path, Path]:
+        """Write NAME.measured.png and the filled sheet, NAME.widths.csv, beside the picture."""
+        drawn, sheet = path.with_suffix(".measured.png"), path.with_suffix(".widths.csv")
+        _, data = cv2.imencode(".png", self.picture)
+        write_bytes(drawn, data.tobytes())
+        write_text(sheet, self.table)
+        return drawn, sheet
 
 
 @dataclass(frozen=True)
@@ -120,14 +127,14 @@ def measure_picture(path: Path, written: WrittenPattern, given: PictureFacts) ->
     if not gaps:
         drawn = annotated(picture, view, target, lines, [])
         widths = _widths(lines, scale, shade)
-        return MeasuredPicture(widths, None, _table_of_widths(written, widths), drawn, notes)
+        return MeasuredPicture(widths, _table_of_widths(written, widths), drawn, notes)
     bead = float(np.nanmedian(np.concatenate([one.width_mm for one in lines])))
     contrast = float(np.nanmedian(np.concatenate([one.height for one in lines])))
     wider = bead - float(shade.half_width(np.array([bead]))[0])
     gap_widths = measure_gaps(picture, view, gaps, contrast, wider)
     drawn = annotated(picture, view, target, [], list(zip(gaps, gap_widths, strict=True)))
     replies = _replies(gap_widths, scale, shade.least_gap_mm + 0.5e-3 * view.um_per_px)
-    return MeasuredPicture(None, replies, _table_of_gaps(written, replies), drawn, notes)
+    return MeasuredPicture(replies, _table_of_gaps(written, replies), drawn, notes)
 
 
 def _target(pattern: Pattern, swell: float) -> Target:

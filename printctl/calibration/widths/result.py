@@ -1,60 +1,22 @@
-"""Measured widths, the sheet they are typed into, and the values fitted to them."""
+"""Measured widths and replies, and the sheet that they are typed into."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
-from printctl.calibration.estimate import Estimate
 from printctl.calibration.patterns import COLUMNS, Pattern, WrittenPattern
 from printctl.calibration.readings import Readings, read_readings
 from printctl.errors import UsageError
 
 END: Final = 0.93
 """Of a line's length: beyond lies what its end does."""
-
-
-@dataclass(frozen=True)
-class Change:
-    """A key of the ink's profile.
-
-    Attributes
-    ----------
-    value : Any
-        As the profile holds it.
-    said : str
-        For its source: the number with its interval.
-    """
-
-    value: Any
-    said: str
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Result of a calibration pattern.
-
-    Attributes
-    ----------
-    estimates : dict of str to Estimate
-    table : list of str
-        Line by line, for people.
-    notes : list of str
-        What it means, and what this print can't tell.
-    changes : dict of str to Change
-        Keys of the ink's profile.
-    """
-
-    estimates: Mapping[str, Estimate] = field(default_factory=dict)
-    table: Sequence[str] = ()
-    notes: Sequence[str] = ()
-    changes: Mapping[str, Change] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -116,14 +78,20 @@ _MICRONS: Final = 100.0
 """Times wider: typed in µm."""
 
 
-def typed_widths(path: Path, written: WrittenPattern) -> Widths:
-    """Read the sheet of lines or a spiral.
+def read_sheet(path: Path, written: WrittenPattern) -> Widths | Replies:
+    """Read a pattern's sheet: widths of lines or a spiral, replies of a comb, joints or bridges.
 
     Raises
     ------
     UsageError
-        For another print's sheet, a width that isn't above 0 or can't be one in mm.
+        For another print's sheet, or a number that can't be one in mm or an answer.
     """
+    if written.pattern.name in ("lines", "spiral"):
+        return _typed_widths(path, written)
+    return _typed_replies(path, written)
+
+
+def _typed_widths(path: Path, written: WrittenPattern) -> Widths:
     data = _read(path, written, ("line", "x_mm", "width_mm"))
     strokes = {stroke.number: stroke for stroke in written.pattern.strokes if stroke.number}
     number, x = data.numbers["line"], data.numbers["x_mm"]
@@ -138,14 +106,7 @@ def typed_widths(path: Path, written: WrittenPattern) -> Widths:
     return Widths(number.astype(np.int64), x, width, data.last_digit["width_mm"])
 
 
-def typed_replies(path: Path, written: WrittenPattern) -> Replies:
-    """Read the sheet of a comb, joints or bridges.
-
-    Raises
-    ------
-    UsageError
-        For another print's sheet, a gap below 0 or in µm, an answer that is neither 0 nor 1.
-    """
+def _typed_replies(path: Path, written: WrittenPattern) -> Replies:
     pattern = written.pattern
     first, last = COLUMNS[pattern.name][0], COLUMNS[pattern.name][-1]
     data = _read(path, written, (first, last))

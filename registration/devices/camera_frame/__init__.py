@@ -7,7 +7,13 @@ needle's tip is. Begin with `fit.py`.
 
 from registration.devices.camera_frame.bundle import PrintedPoints, Touch
 from registration.devices.camera_frame.check import FrameCheck, check_frame
-from registration.devices.camera_frame.fit import Ties, fit_frame, merged
+from registration.devices.camera_frame.fit import (
+    Ties,
+    fit_frame,
+    fit_printed_frame,
+    frame_notes,
+    merged,
+)
 from registration.devices.camera_frame.frame import Bath, CameraFrame, read_frame
 from registration.devices.camera_frame.insert import (
     Insert,
@@ -15,13 +21,20 @@ from registration.devices.camera_frame.insert import (
     insert_solids,
     read_insert,
     write_dots,
+    write_files,
     write_insert,
     write_svg,
 )
 from registration.devices.camera_frame.marks import SeenMarks, find_marks
 from registration.devices.camera_frame.printed_lines import PrintedLine, find_crossings
 from registration.devices.camera_frame.tip import SeenTip, find_tip
-from registration.devices.camera_frame.tip_place import Tip, TipView, grounds, locate_tip
+from registration.devices.camera_frame.tip_place import (
+    Tip,
+    TipView,
+    find_tips,
+    grounds,
+    locate_tip,
+)
 
 __all__ = [
     "Bath",
@@ -41,7 +54,10 @@ __all__ = [
     "find_crossings",
     "find_marks",
     "find_tip",
+    "find_tips",
     "fit_frame",
+    "fit_printed_frame",
+    "frame_notes",
     "grounds",
     "insert_solids",
     "locate_tip",
@@ -49,6 +65,7 @@ __all__ = [
     "read_frame",
     "read_insert",
     "write_dots",
+    "write_files",
     "write_insert",
     "write_svg",
 ]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
 from registration.devices.camera_frame.bundle import (
@@ -30,6 +31,7 @@ from registration.devices.camera_frame.frame import (
 )
 from registration.devices.camera_frame.insert import Insert
 from registration.devices.camera_frame.marks import FEWEST, SeenMarks
+from registration.devices.camera_frame.printed_lines import PrintedLine, find_crossings
 from registration.devices.lens import Lens
 from registration.errors import PictureError
 
@@ -40,6 +42,8 @@ _MOVED_PX: Final = 0.5
 """Between pictures of one frame, in which nothing may move."""
 _ALIKE: Final = 4.0
 """Ratio of errors up to which both poses that a plane allows are tried."""
+_MISFIT_PX: Final = 1.0
+"""RMS of the marks from which the insert may be bent."""
 _WORST_TOUCH: Final = 4.0
 _TOUCH_CHANCE: Final = 1e-3
 _MARKS_OFF: Final = 2.0
@@ -146,6 +150,53 @@ def fit_frame(
     best = min(fits, key=lambda fitted: fitted.misfit)
     _refuse_misfits(best, insert, ties)
     return _frame(best, marks, insert, lens, ties, made)
+
+
+def fit_printed_frame(
+    image: NDArray[Any],
+    lines: Sequence[PrintedLine],
+    marks: SeenMarks,
+    insert: Insert,
+    lens: Lens,
+    ties: Ties,
+    made: datetime,
+) -> tuple[CameraFrame, Ties]:
+    """Fit a frame by the crossings of printed lines in a picture; return it, and its ties.
+
+    The first fit, by ``ties`` alone, tells where to look for the lines.
+
+    Raises
+    ------
+    PictureError
+        As `fit_frame` and `find_crossings`.
+    """
+    first = fit_frame(marks, insert, lens, ties, made)
+    ties = replace(ties, printed=find_crossings(image, first.view, lines))
+    return fit_frame(marks, insert, lens, ties, made), ties
+
+
+def frame_notes(frame: CameraFrame, insert: Insert, lens: Lens, ties: Ties) -> list[str]:
+    """What a user should know of a fitted frame."""
+    notes = []
+    off = frame.middle_mm[2] - ties.z_mm
+    if frame.tied == "printed" and abs(off) >= 3 * ties.u_z_mm:
+        notes.append(
+            f"the marks seem to lie {off:+.1f} mm from --at's Z ({ties.z_mm:g} ± {ties.u_z_mm:g} "
+            "mm), and the frame is a compromise of both: leave --at out, or give the marks' height"
+        )
+    if lens.covariance is None:
+        notes.append(
+            "the lens file doesn't say how well its numbers are known; fit it to five pictures of "
+            "a board, tilted by 20 to 40 degrees to different sides (printctl calibrate camera)"
+        )
+    if frame.tied == "insert":
+        notes.append("places are the insert's, moved to --at: nothing ties them to the printer")
+    if frame.off_px > _MISFIT_PX:
+        notes.append(f"marks are off by {frame.off_px:.1f} pixels: is the insert flat?")
+    scale = frame.insert_scale / insert.scale - 1
+    if abs(scale) > 3 * insert.u_scale:
+        notes.append(f"the insert is {100 * scale:+.2f} % larger than it should be; measure it")
+    return notes
 
 
 def _refuse_misfits(best: Fitted, insert: Insert, ties: Ties) -> None:

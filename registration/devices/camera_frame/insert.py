@@ -15,12 +15,16 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import atomic_replacement, write_text
 from design.solids.solid import Solid
+from design.solids.write import write_stl
 from firmware_profiles.plates import Dish
 from kernels.arrays import FloatArray
 from registration.devices.lens.lens import read_model
 from registration.errors import PictureError
 
 Process = Literal["fdm", "resin", "paper", "engraved"]
+SOLID: Final = ("fdm", "resin")
+"""Ways of making that print bodies."""
+_DPI: Final = 1200
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 DICTIONARY: Final = "4X4_50"
@@ -454,3 +458,18 @@ def _solid(body: Manifold) -> Solid:
     mesh = body.to_mesh64()
     vertices = np.asarray(mesh.vert_properties)[:, :3].astype(np.float32).astype(np.float64)
     return Solid(vertices, np.asarray(mesh.tri_verts, dtype=np.int32))
+
+
+def write_files(folder: Path, insert: Insert) -> None:
+    """Write `insert.yaml`, `insert.svg`, `.pdf` and `.png`; of a printed one its two bodies, too.
+
+    The bodies, `insert_white.stl` and `insert_black.stl`, lie flush in one another.
+    """
+    solids = insert_solids(insert) if insert.process in SOLID else None
+    folder.mkdir(parents=True, exist_ok=True)
+    write_insert(folder / "insert.yaml", insert)
+    write_svg(folder / "insert.svg", insert)
+    write_dots(folder / "insert.png", insert, _DPI)
+    write_dots(folder / "insert.pdf", insert, _DPI)
+    for name, solid in zip(("white", "black"), solids or (), strict=False):
+        write_stl(folder / f"insert_{name}.stl", solid)

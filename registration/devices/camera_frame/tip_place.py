@@ -9,9 +9,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles import Needle
 from kernels.arrays import FloatArray
 from registration.devices.camera_frame.frame import CameraFrame, View, project, varied
-from registration.devices.camera_frame.tip import SeenTip
+from registration.devices.camera_frame.tip import SeenTip, find_tip
 from registration.errors import PictureError
 
 # Make a needle-free background for each picture from other pictures of the same camera.
@@ -69,6 +70,8 @@ _WORST: Final = 4.0
 """Root mean square deviation of the pictures, of their standard uncertainties."""
 _ROUNDS: Final = 20
 _STEP_MM: Final = 1e-3
+_SURE_MM: Final = 0.02
+_T95: Final = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +121,68 @@ class Tip:
     def u_mm(self) -> FloatArray:
         """Standard uncertainties along x, y, z, (3,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance_mm2)))
+
+    def notes(self) -> list[str]:
+        """What is odd about the tip, and which axis the pictures don't tell well enough."""
+        if self.u_mm.max() <= _SURE_MM:
+            return list(self.worn)
+        axis = "xyz"[int(self.u_mm.argmax())]
+        return [
+            *self.worn,
+            f"{axis} is known to {_T95 * 1e3 * self.u_mm.max():.0f} µm only: give more pictures "
+            "with the needle farther apart, or one from another side",
+        ]
+
+
+def find_tips(
+    images: Sequence[NDArray[Any]],
+    names: Sequence[str],
+    frames: Sequence[CameraFrame],
+    places_mm: FloatArray,
+    needle: Needle,
+    *,
+    reach_mm: float = 2.0,
+    ground: NDArray[Any] | None = None,
+) -> tuple[list[TipView], list[str]]:
+    """Find the tip in each picture; return where it is found, and why not in the others.
+
+    Parameters
+    ----------
+    images : sequence of (h, w) or (h, w, 3)
+    names : sequence of str
+        Of the pictures, for messages.
+    frames : sequence of CameraFrame
+        Of the camera that took each; the same object for the same camera.
+    places_mm : (n, 3) float64, mm
+        The printer's positions.
+    needle : Needle
+    reach_mm : float, mm
+        How far off the tip may be.
+    ground : (h, w) or (h, w, 3), optional
+        The scene without the needle, of one camera; else pictures are each other's (`grounds`).
+    """
+    behind: list[NDArray[Any] | None] = [ground] * len(images)
+    cameras = {id(each): each for each in frames} if ground is None else {}
+    for camera in cameras.values():
+        own = [n for n, each in enumerate(frames) if each is camera]
+        pictures = [images[n] for n in own]
+        picked = grounds(pictures, camera, places_mm[own], needle.outer_mm, reach_mm)
+        for n, other in zip(own, picked, strict=True):
+            behind[n] = other
+    views, missed = [], []
+    for image, name, frame, place, back in zip(
+        images, names, frames, places_mm, behind, strict=True
+    ):
+        try:
+            seen = find_tip(
+                image, frame, place, needle.outer_mm, reach_mm=reach_mm,
+                length_mm=needle.length_mm, ground=back, source=name,
+            )  # fmt: skip
+        except PictureError as exc:
+            missed.append(f"{name}: not found: {exc}")
+            continue
+        views.append(TipView(frame, seen, place))
+    return views, missed
 
 
 def locate_tip(

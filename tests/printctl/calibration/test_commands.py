@@ -213,8 +213,7 @@ right,60.08,80.49,12.29
 def offset(folder: Path, *words: str) -> str:
     sheet = folder / "offset.csv"
     sheet.write_text(SHEET)
-    command = ["calibrate", "offset", str(sheet), *words]
-    done = CliRunner().invoke(app, command, catch_exceptions=False)
+    done = calibrate("offset", sheet, *words)
     assert done.exit_code == 0, done.output
     return str(done.output)
 
@@ -245,12 +244,6 @@ AT = (100.0, 100.0, 5.0)
 BATH = ("--bath", "gelatin_support", "--dish", "petri_60mm", "--bath-depth", "10")
 
 
-def pattern(*words: str | Path) -> Result:
-    return CliRunner().invoke(
-        app, ["calibrate", "pattern", *map(str, words)], catch_exceptions=False
-    )
-
-
 def written(run: DryRun) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Begin, end, µL and mm/s of each move that pushes ink on its way."""
     ends = np.vstack([run.program.start[None, :3], run.program.target[:, :3]])
@@ -262,7 +255,7 @@ def written(run: DryRun) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
 def test_lines_are_written_as_the_sheet_says(tmp_path: Path) -> None:
     job = tmp_path / "lines.gcode"
     asked = ("--speeds", "2,6", "--flow-factors", "0.8,1.2", "--steps", "1", "--width", "0.4")
-    done = pattern("lines", "--needle", "25g", *BATH, *asked, "-o", job)
+    done = calibrate("pattern", "lines", "--needle", "25g", *BATH, *asked, "-o", job)
     assert done.exit_code == 0, done.output
     begin, end, volume, speed = written(dry_run(job.read_bytes(), PRINTER, AT))
     way = np.linalg.norm(end - begin, axis=1)
@@ -299,7 +292,7 @@ def test_other_patterns_stay_in_their_frame_and_write_what_they_say(
     job = tmp_path / "job.gcode"
     short = {"bridge": ("--height", "0.5", "--spans", "1,2"), "spiral": ("--turns", "2")}
     words = (*BATH, *short.get(name, ()))
-    assert pattern(name, "--needle", "25g", *words, "-o", job).exit_code == 0
+    assert calibrate("pattern", name, "--needle", "25g", *words, "-o", job).exit_code == 0
     run = dry_run(job.read_bytes(), PRINTER, AT)
     begin, end, volume, _ = written(run)
     found = read_pattern(job.with_suffix(".json")).pattern
@@ -326,7 +319,18 @@ def test_a_print_that_does_not_fit_is_refused(
 ) -> None:
     job = tmp_path / "lines.gcode"
     with pytest.raises(SafetyError, match=says):
-        pattern("lines", "--needle", "25g", *BATH, "--dish-centre", "100,100", *words, "-o", job)
+        calibrate(
+            "pattern",
+            "lines",
+            "--needle",
+            "25g",
+            *BATH,
+            "--dish-centre",
+            "100,100",
+            *words,
+            "-o",
+            job,
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -352,12 +356,12 @@ def test_a_print_that_does_not_fit_is_refused(
 def test_what_cannot_be_printed_is_named(words: tuple[str, ...], says: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=says):
         out = () if "-o" in words else ("-o", tmp_path / "job.gcode")
-        pattern("--needle", "25g", *out, *words)
+        calibrate("pattern", "--needle", "25g", *out, *words)
 
 
 def test_a_pattern_s_file_that_was_changed_is_refused(tmp_path: Path) -> None:
     job = tmp_path / "comb.gcode"
-    assert pattern("comb", "--needle", "25g", "-o", job).exit_code == 0
+    assert calibrate("pattern", "comb", "--needle", "25g", "-o", job).exit_code == 0
     path = job.with_suffix(".json")
     said = json.loads(path.read_text())
     said["bead"]["width_mm"] = 0.3

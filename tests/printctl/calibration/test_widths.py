@@ -11,26 +11,21 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner, Result
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration.lag import LagPattern, expected_width
 from printctl.calibration.patterns import WrittenPattern, read_pattern
 from printctl.checks.bead import predict_job
 from printctl.checks.set_up import HeadLoading
-from printctl.cli.main import app
 from printctl.errors import UsageError
 from registration.devices.lens import Board, Lens, find_board, read_lens, write_lens
 from sim.gcode.dry_run.run import dry_run
+from tests.printctl.calibration.test_commands import calibrate
 from tests.registration.devices.lens.rendered import Rig, photographed
 from tests.registration.devices.microscope.rendered import Camera, Painted, paint
 
 NEEDLE = ("--needle", "25g")
 FEW = ("--speeds", "2,8", "--flow-factors", "0.9,1.2", "--round", "--width", "0.3")
-
-
-def calibrate(*words: str | Path) -> Result:
-    return CliRunner().invoke(app, ["calibrate", *map(str, words)], catch_exceptions=False)
 
 
 def printed(folder: Path, *words: str) -> WrittenPattern:

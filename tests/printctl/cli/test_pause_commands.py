@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from benchmarks.checkers.dish_camera import photograph
 from firmware_profiles import Printer, load
 from printctl.calibration.patterns import Pattern, PatternSetUp, WrittenPattern, read_pattern
 from printctl.cli import print_job
-from printctl.cli.main import app, main
+from printctl.cli.main import app
 from printctl.cli.running_print import (
     PauseAfter,
     kill,
@@ -37,6 +36,7 @@ from registration.devices.lens import write_lens
 from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 from sim.gcode.dry_run.run import dry_run
+from tests.printctl.cli.shell import Shell
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, zigzag
 from tests.printctl.machine.link.layered import layered
 from tests.registration.devices.camera_frame import scene
@@ -168,33 +168,21 @@ def test_rest_of_a_print_that_lost_its_position_is_written_when_confirmed(
         recover(job, yes=True)
 
 
-def told(words: list[str], monkeypatch, capsys) -> tuple[int, str]:
-    """Exit code and message of a command, as a user calls it."""
-    monkeypatch.setattr(sys, "argv", ["printctl", *words])
-    with pytest.raises(SystemExit) as left:
-        main()
-    return int(left.value.code or 0), capsys.readouterr().err
-
-
-def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(
-    tmp_path, profile, monkeypatch, capsys
-):
-    job = tmp_path / "job.gcode"
+def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(profile, shell: Shell):
+    job = Path("job.gcode")
     job.write_bytes(b"\n".join([b"G92 E0", *zigzag(300)]) + b"\n")
     with pty_printer(FakeMarlin(), hold_at=40) as served:
-        client = start_print(job, profile, served.name, tmp_path / "job.gcode.print")
+        client = start_print(job, profile, served.name, Path("job.gcode.print"))
         assert served.held.wait(10)
         for words, why in (
-            (["pause", str(job), "--after", "vessel"], "marks no end of a vessel"),
-            (["reload", str(job)], "marks no safe reload point"),
-            (["resume", str(job), "--plunger-mm", "0"], "isn't paused for a change of syringe"),
+            (("pause", "job.gcode", "--after", "vessel"), "marks no end of a vessel"),
+            (("reload", "job.gcode"), "marks no safe reload point"),
+            (("resume", "job.gcode", "--plunger-mm", "0"), "isn't paused for a change of syringe"),
         ):
-            code, message = told(words, monkeypatch, capsys)
-            assert (code, why in message) == (1, True), message
+            shell.refuses(why, *words, code=1)
         served.gate.set()
         assert client.wait(300).state is LinkState.DONE
-    code, message = told(["resume", str(job)], monkeypatch, capsys)
-    assert (code, "has ended (done" in message) == (1, True), message
+    shell.refuses("has ended (done", "resume", "job.gcode", code=1)
 
 
 # --- print disturbed by another program's commands: not reported as proven complete
@@ -202,18 +190,14 @@ JOB = "M85 S600\nM302 P1\nG90\nM82\nG1 X1 Y5 E0.1 F600\nG1 X2 Y5 E0.2 F600\n"
 
 
 @pytest.mark.parametrize(("known", "code"), [(True, 0), (False, 1)])
-def test_exit_code_tells_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, known: bool, code: int
-) -> None:
+def test_exit_code_tells_it(shell: Shell, known: bool, code: int) -> None:
     ended = PrintOutcome(LinkState.DONE, 6, 6, "all 6 lines done", position_known=known)
-    monkeypatch.setattr(print_job, "_print", lambda *given: ended)
-    file = tmp_path / "job.gcode"
-    file.write_text(JOB)
-    words = ["print", str(file), "--printer", "generic_marlin", "--port", "simulated", "--json"]
-    found = CliRunner().invoke(app, words, catch_exceptions=False)
-    assert found.exit_code == code, found.output
-    told = json.loads(found.stdout)
-    assert (told["state"], told["proved"]) == ("done", known)
+    shell.monkeypatch.setattr(print_job, "_print", lambda *given: ended)
+    Path("job.gcode").write_text(JOB)
+    words = ("print", "job.gcode", "--printer", "generic_marlin", "--port", "simulated", "--json")
+    found, out, _ = shell(*words)
+    told = json.loads(out)
+    assert (found, told["state"], told["proved"]) == (code, "done", known)
 
 
 @pytest.mark.parametrize("state", [LinkState.FAILED, LinkState.STOPPED])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,66 +12,56 @@ from manifold3d import Manifold
 
 from design.solids import block_solid, write_3mf, write_stl
 from firmware_profiles import Printer, load
-from printctl.cli.main import main
 from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.cli.shell import Shell
 
-
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["printctl", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
+UNIT = ("--unit", "mm")
 
 
-def test_a_mesh_becomes_checked_gcode_in_the_middle_of_the_bed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    model, out = tmp_path / "cube.stl", tmp_path / "cube.gcode"
-    write_stl(model, block_solid(np.array([3.0, 2.0, 0.6]), np.array([40.0, 50.0, 7.0])))
-    assert run(monkeypatch, "slice", str(model), "--unit", "mm", "--out", str(out), "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+@pytest.fixture
+def cut(shell: Shell) -> Shell:
+    """Slices in a folder with a box of 3 by 2 by 0.6 mm."""
+    write_stl(Path("cube.stl"), block_solid(np.array([3.0, 2.0, 0.6])))
+    return shell.of("slice")
+
+
+def test_a_mesh_becomes_checked_gcode_in_the_middle_of_the_bed(cut: Shell) -> None:
+    write_stl(Path("far.stl"), block_solid(np.array([3.0, 2.0, 0.6]), np.array([40.0, 50.0, 7.0])))
+    told = cut.json("far.stl", *UNIT, "--out", "far.gcode")
     assert told["layers"] == 10
     assert told["written_ul"] == pytest.approx(3.6, rel=0.02)
-    program = dry_run(out.read_bytes(), load(Printer, "generic_marlin"), (100.0, 100.0, 5.6))
-    made = program.executed
+    job = Path("far.gcode").read_bytes()
+    made = dry_run(job, load(Printer, "generic_marlin"), (100.0, 100.0, 5.6)).executed
     moved = np.linalg.norm(made.end - made.start, axis=1) > 0
     written = made.end[(made.plunger_end > made.plunger_start) & moved]
     low, high = written[:, :2].min(axis=0), written[:, :2].max(axis=0)
     assert (low + high) / 2 == pytest.approx([100.0, 100.0], abs=0.02)
     assert high - low == pytest.approx([2.85, 1.85], abs=0.03)
-    with np.load(tmp_path / "cube.map.npz") as lines:
+    with np.load("far.map.npz") as lines:
         assert lines["source"].max() == 9
 
 
-def test_a_3mf_says_its_unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    model, out = tmp_path / "cube.3mf", tmp_path / "cube.gcode"
-    write_3mf(model, block_solid(np.array([3.0, 2.0, 0.6])))
-    assert run(monkeypatch, "slice", str(model), "--out", str(out)) == 0
-    assert out.stat().st_size > 1000
+def test_a_3mf_says_its_unit(cut: Shell) -> None:
+    write_3mf(Path("cube.3mf"), block_solid(np.array([3.0, 2.0, 0.6])))
+    assert cut("cube.3mf", "--out", "cube.gcode")[0] == 0
+    assert Path("cube.gcode").stat().st_size > 1000
 
 
-def test_a_syringe_too_small_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    model, out = tmp_path / "cube.stl", tmp_path / "cube.gcode"
-    write_stl(model, block_solid(np.array([20.0, 20.0, 3.0])))
-    words = ["slice", str(model), "--unit", "mm", "--out", str(out), "--layer-um", "300"]
-    assert run(monkeypatch, *words, "--line-um", "600") == 0
-    assert "more than Hamilton" in capsys.readouterr().err
+def test_a_syringe_too_small_is_told(cut: Shell) -> None:
+    write_stl(Path("large.stl"), block_solid(np.array([20.0, 20.0, 3.0])))
+    coarse = ("--layer-um", "300", "--line-um", "600")
+    code, _, err = cut("large.stl", *UNIT, "--out", "large.gcode", *coarse)
+    assert code == 0
+    assert "more than Hamilton" in err
 
 
 @pytest.mark.parametrize("name", ["cube.stl", "./cube.stl"])
-def test_a_mesh_is_never_written_over(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    write_stl(tmp_path / "cube.stl", block_solid(np.array([3.0, 2.0, 0.6])))
-    before = (tmp_path / "cube.stl").read_bytes()
-    assert run(monkeypatch, "slice", "cube.stl", "--unit", "mm", "--out", name) == 2
-    assert "is what this command reads; give another name" in capsys.readouterr().err
-    assert (tmp_path / "cube.stl").read_bytes() == before
+def test_a_mesh_is_never_written_over(cut: Shell, name: str) -> None:
+    before = Path("cube.stl").read_bytes()
+    said = "is what this command reads; give another name"
+    cut.refuses(said, "cube.stl", *UNIT, "--out", name)
+    assert Path("cube.stl").read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -84,17 +72,10 @@ def test_a_mesh_is_never_written_over(
         (0.6, ""),
     ],
 )
-def test_a_height_that_layers_cant_make_is_told(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    height: float,
-    told: str,
-) -> None:
-    model, out = tmp_path / "flat.stl", tmp_path / "flat.gcode"
-    write_stl(model, block_solid(np.array([3.0, 2.0, height])))
-    assert run(monkeypatch, "slice", str(model), "--unit", "mm", "--out", str(out)) == 0
-    said = capsys.readouterr().err
+def test_a_height_that_layers_cant_make_is_told(cut: Shell, height: float, told: str) -> None:
+    write_stl(Path("flat.stl"), block_solid(np.array([3.0, 2.0, height])))
+    code, _, said = cut("flat.stl", *UNIT, "--out", "flat.gcode")
+    assert code == 0
     assert told in said
     assert bool(told) == ("than designed" in said)
 
@@ -110,7 +91,7 @@ def sliced(tmp_path: Path, shell: Shell) -> bytes:
     corners += [(x, y, 0.96) for x in (0, 3 + 0.6 * away) for y in (0, 2)]
     body = block(3, 2, 0.36) + as_hull(corners) + block(3, 2, 0.3).translate([0, 0, 1.26])
     write_stl(tmp_path / "part.stl", as_solid(body))
-    words = ("--unit", "mm", "--out", "part.gcode", "--thinnest-layer-um", "20")
+    words = (*UNIT, "--out", "part.gcode", "--thinnest-layer-um", "20")
     code, out, _ = shell("slice", "part.stl", *words)
     assert code == 0
     assert "layers of 25 to 60 µm" in out
@@ -142,23 +123,6 @@ def test_each_layer_says_its_height_before_it_is_written(sliced: bytes) -> None:
     assert heights[below_cap + 1] == pytest.approx(0.06)
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--thinnest-layer-um", "60"), "must be at least a step lower"),
-        (("--thinnest-layer-um", "2"), "--thinnest-layer-um"),
-    ],
-)
-def test_heights_that_can_t_be_are_refused(
-    tmp_path: Path, shell: Shell, words: tuple[str, str], said: str
-) -> None:
-    write_stl(tmp_path / "part.stl", as_solid(block(3, 2, 0.36)))
-    code, _, err = shell("slice", "part.stl", "--unit", "mm", "--out", "a.gcode", *words)
-    assert code in (1, 2)
-    assert said in " ".join(err.split())
-    assert not (tmp_path / "a.gcode").exists()
-
-
 # --- `printctl slice` of several meshes and modifiers: heads and infill per region
 OFFSET_MM = 40.0
 """Of the second head of two_syringe_marlin, along x."""
@@ -171,16 +135,14 @@ def rod(radius: float, sides: int) -> Manifold:
 
 
 @pytest.fixture
-def assembly(tmp_path: Path) -> list[str]:
+def assembly(cut: Shell) -> list[str]:
     """A block with a hole, a lining in it whose outside was made of other triangles, a core."""
     body = block(6, 4, 0.36) - rod(0.9, 96)
     lining = (rod(0.9, 67) - rod(0.4, 96)) ^ block(6, 4, 0.36)
     core = block(1, 1, 1).translate([4.5, 0.5, -0.3])
-    paths = []
     for name, made in (("body", body), ("lining", lining), ("core", core)):
-        write_stl(tmp_path / f"{name}.stl", as_solid(made))
-        paths.append(str(tmp_path / f"{name}.stl"))
-    return paths
+        write_stl(Path(f"{name}.stl"), as_solid(made))
+    return ["body.stl", "lining.stl", "core.stl"]
 
 
 def written(gcode: str) -> list[np.ndarray]:
@@ -204,17 +166,11 @@ def written(gcode: str) -> list[np.ndarray]:
 
 
 def test_each_mesh_is_written_by_its_own_head_within_itself(
-    assembly: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    assembly: list[str], cut: Shell
 ) -> None:
-    out = tmp_path / "part.gcode"
     inks = ("--ink", "collagen_fresh,gelatin_sacrificial")
-    words = ("slice", *assembly[:2], "--unit", "mm", "--out", str(out), *TWO, *inks, "--json")
-    assert run(monkeypatch, *words) == 0
-    told = json.loads(capsys.readouterr().out)
-    outer, inner = written(out.read_text())
+    told = cut.json(*assembly[:2], *UNIT, "--out", "part.gcode", *TWO, *inks)
+    outer, inner = written(Path("part.gcode").read_text())
     centre = np.array(told["place_mm"][:2]) + [3.0, 2.0]
     away = np.hypot(*(inner[:, :2] - centre).T)
     # Half a line inside the lining's walls, but for the 67-gon's own sag of 1 µm.
@@ -231,12 +187,11 @@ def test_each_mesh_is_written_by_its_own_head_within_itself(
 
 
 def test_meshes_of_one_head_close_the_gap_between_their_triangles(
-    assembly: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    assembly: list[str], cut: Shell
 ) -> None:
     """One ink: no wall along the border, so no place of it stays without a line."""
-    out = tmp_path / "part.gcode"
-    assert run(monkeypatch, "slice", *assembly[:2], "--unit", "mm", "--out", str(out)) == 0
-    rows, none = written(out.read_text())
+    assert cut(*assembly[:2], *UNIT, "--out", "part.gcode")[0] == 0
+    rows, none = written(Path("part.gcode").read_text())
     assert not len(none)
     whole = 6 * 4 * 0.36 - np.pi * 0.4**2 * 0.36
     assert rows[:, 3].sum() == pytest.approx(whole, rel=0.02)
@@ -245,15 +200,13 @@ def test_meshes_of_one_head_close_the_gap_between_their_triangles(
     assert rows[near & (rows[:, 2] < 0.3), 2].sum() < 2.0
 
 
-def test_a_modifier_s_filling_holds_inside_it_alone(
-    assembly: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plain, thinned = tmp_path / "plain.gcode", tmp_path / "thinned.gcode"
-    words = ("slice", assembly[0], "--unit", "mm", "--out")
+def test_a_modifier_s_filling_holds_inside_it_alone(assembly: list[str], cut: Shell) -> None:
+    words = (assembly[0], *UNIT, "--out")
     core = f"{assembly[2]}:infill-percent=25,infill-angles=45"
-    assert run(monkeypatch, *words, str(plain)) == 0
-    assert run(monkeypatch, *words, str(thinned), "--modifier", core) == 0
-    all_over, (rows, _) = written(plain.read_text())[0], written(thinned.read_text())
+    assert cut(*words, "plain.gcode")[0] == 0
+    assert cut(*words, "thinned.gcode", "--modifier", core)[0] == 0
+    all_over, _ = written(Path("plain.gcode").read_text())
+    rows, _ = written(Path("thinned.gcode").read_text())
     assert all_over[:, 3].sum() - rows[:, 3].sum() == pytest.approx(0.75 * 0.36, rel=0.25)
     inside = (np.abs(rows[:, :2] - [102.0, 99.0]) < 0.5).all(axis=1)
     long = rows[:, 2] > 0.6
@@ -274,39 +227,29 @@ def test_a_modifier_s_filling_holds_inside_it_alone(
         (("--modifier", "core.stl:infill-percent=120"), "must be a number within 0 to 100"),
         (("--modifier", "core.stl:head=2"), "the printer has 2, counted from 0"),
         (("--modifier", "core.stl:infill-angles=45/nan"), "write degrees, layer after layer"),
+        (("--thinnest-layer-um", "2"), "--thinnest-layer-um"),
     ],
 )
 def test_what_can_t_be_is_refused_with_its_remedy(
-    assembly: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    words: tuple[str, str],
-    said: str,
+    assembly: list[str], cut: Shell, words: tuple[str, str], said: str
 ) -> None:
-    out = tmp_path / "part.gcode"
-    known = ("slice", *assembly[:2], "--unit", "mm", "--out", str(out), *TWO)
-    assert run(monkeypatch, *known, *words) == 2
-    assert said in " ".join(capsys.readouterr().err.split())
-    assert not out.exists()
+    cut.refuses(said, *assembly[:2], *UNIT, "--out", "part.gcode", *TWO, *words)
+    assert not Path("part.gcode").exists()
 
 
-def test_lumens_reads_what_each_head_s_own_syringe_pushes(
-    assembly: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_thinnest_layer_as_high_as_the_highest_is_refused(cut: Shell) -> None:
+    words = ("cube.stl", *UNIT, "--out", "a.gcode", "--thinnest-layer-um", "60")
+    cut.refuses("must be at least a step lower", *words, code=1)
+    assert not Path("a.gcode").exists()
+
+
+def test_lumens_reads_what_each_head_s_own_syringe_pushes(assembly: list[str], cut: Shell) -> None:
     """The lining's head holds another syringe: by the first one's bore the lumen would close in."""
-    out, whole = tmp_path / "part.gcode", tmp_path / "whole.stl"
-    write_stl(whole, as_solid(block(6, 4, 0.36) - rod(0.4, 96)))
+    write_stl(Path("whole.stl"), as_solid(block(6, 4, 0.36) - rod(0.4, 96)))
     syringes = ("--syringe", "hamilton_1ml,hamilton_2_5ml")
-    known = ("slice", *assembly[:2], "--unit", "mm", "--out", str(out), *TWO, *syringes)
-    assert run(monkeypatch, *known) == 0
-    capsys.readouterr()
-    words = ("lumens", str(out), "--model", str(whole), "--unit", "mm", *TWO[:2], *syringes)
-    assert run(monkeypatch, *words, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+    assert cut(*assembly[:2], *UNIT, "--out", "part.gcode", *TWO, *syringes)[0] == 0
+    words = ("part.gcode", "--model", "whole.stl", *UNIT, *TWO[:2], *syringes)
+    told = cut.of("lumens").json(*words)
     assert told["passed"]
     assert told["lumens"][0]["narrowest_mm"] == pytest.approx(0.8, abs=0.01)
 
@@ -347,16 +290,11 @@ def test_a_page_stands_beside_the_file(tmp_path: Path, shell: Shell) -> None:
 
 
 @pytest.mark.parametrize("to", ["--out=a.html", "--png=a.png"])
-def test_one_level_behind_a_line_that_cant_be_read_is_shown(
-    tmp_path: Path,
-    shell: Shell,
-    to: str,
-) -> None:
+def test_one_level_behind_a_line_that_cant_be_read_is_shown(shell: Shell, to: str) -> None:
     text = 'G21\nG90\nM82\nM862.3 P "MK3S"\nG1 Z0.3 F120\nG1 X10 Y10 F600\nG1 X30 E1 F300\n'
-    (tmp_path / "part.gcode").write_text(text)
-    code, out, _ = shell("view", "part.gcode", "--no-open", to, "--json")
-    assert code == 0
-    assert "line 4: 'M862.3 P" in json.loads(out)["notes"][0]
+    Path("part.gcode").write_text(text)
+    notes = shell.json("view", "part.gcode", "--no-open", to)["notes"]
+    assert "line 4: 'M862.3 P" in notes[0]
 
 
 @pytest.mark.parametrize(
@@ -368,26 +306,18 @@ def test_one_level_behind_a_line_that_cant_be_read_is_shown(
     ],
 )
 def test_the_bore_is_the_users_or_a_default_that_is_named(
-    options: tuple[str, ...],
-    words: str,
-    tmp_path: Path,
-    shell: Shell,
+    options: tuple[str, ...], words: str, shell: Shell
 ) -> None:
-    (tmp_path / "part.gcode").write_text(THREE_LAYERS)
-    code, out, _ = shell("view", "part.gcode", "--no-open", "--json", *options)
-    assert code == 0
-    assert words in json.loads(out)["notes"][0]
+    Path("part.gcode").write_text(THREE_LAYERS)
+    assert words in shell.json("view", "part.gcode", "--no-open", *options)["notes"][0]
 
 
-def test_a_pneumatic_job_is_shown_with_its_printer(tmp_path: Path, shell: Shell) -> None:
-    (tmp_path / "air.gcode").write_text(PNEUMATIC)
-    command = ("view", "air.gcode", "--no-open", "--printer", "pneumatic_marlin", "--json")
-    code, out, _ = shell(*command, "--flow-ul-s", "0.1")
-    assert code == 0
-    assert "0.1 µL/s" in json.loads(out)["notes"][0]
-    code, _, err = shell("view", "air.gcode", "--no-open")
-    assert code == 2
-    assert "--printer" in err
+def test_a_pneumatic_job_is_shown_with_its_printer(shell: Shell) -> None:
+    Path("air.gcode").write_text(PNEUMATIC)
+    words = ("view", "air.gcode", "--no-open")
+    told = shell.json(*words, "--printer", "pneumatic_marlin", "--flow-ul-s", "0.1")
+    assert "0.1 µL/s" in told["notes"][0]
+    shell.refuses("--printer", *words)
 
 
 CASES: tuple[tuple[tuple[str, ...], str], ...] = (
@@ -412,49 +342,35 @@ CASES: tuple[tuple[tuple[str, ...], str], ...] = (
 
 @pytest.mark.parametrize(("words", "command"), CASES, ids=[case[1] for case in CASES])
 def test_wrong_input_is_told_in_one_message_and_leaves_nothing(
-    words: tuple[str, ...],
-    command: str,
-    tmp_path: Path,
-    shell: Shell,
+    words: tuple[str, ...], command: str, tmp_path: Path, shell: Shell
 ) -> None:
-    (tmp_path / "part.gcode").write_text(THREE_LAYERS)
-    (tmp_path / "text.gcode").write_text("hello\nthere\n")
-    (tmp_path / "empty.gcode").write_text("")
+    Path("part.gcode").write_text(THREE_LAYERS)
+    Path("text.gcode").write_text("hello\nthere\n")
+    Path("empty.gcode").write_text("")
     for name in ("picture.png", "fake.gcode"):
-        (tmp_path / name).write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR")
-    (tmp_path / "folder.gcode").mkdir()
+        Path(name).write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR")
+    Path("folder.gcode").mkdir()
     before = sorted(tmp_path.iterdir())
-    ended, out, err = shell(*command.split())
-    assert ended == 2
-    assert out == ""
-    for word in words:
-        assert word in err
+    shell.refuses(words, *command.split())
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_the_models_outline_goes_onto_a_picture_and_a_page(tmp_path: Path, shell: Shell) -> None:
-    (tmp_path / "part.gcode").write_text(THREE_LAYERS)
-    write_stl(tmp_path / "part.stl", block_solid((10, 0.2, 0.3)))
-    model = ("--model", "part.stl", "--unit", "mm")
-    code, _, _ = shell("view", "part.gcode", "--png", "a.png", *model, "--place", "0,-0.1,0")
-    assert code == 0
-    code, _, err = shell("view", "part.gcode", "--png", "b.png", *model, "--place", "0,-0.1,1")
-    assert code == 2
-    assert "layer 2" in err
-    assert "--place 0,-0.1,1" in err
-    code, _, _ = shell("view", "part.gcode", "--no-open", *model, "--place", "0,-0.1,0")
-    assert code == 0
-    page = (tmp_path / "part.view.html").read_text()
+def test_the_models_outline_goes_onto_a_picture_and_a_page(shell: Shell) -> None:
+    Path("part.gcode").write_text(THREE_LAYERS)
+    write_stl(Path("part.stl"), block_solid((10, 0.2, 0.3)))
+    view, model = shell.of("view", "part.gcode"), ("--model", "part.stl", *UNIT)
+    assert view("--png", "a.png", *model, "--place", "0,-0.1,0")[0] == 0
+    assert view("--no-open", *model, "--place", "0,-0.1,0")[0] == 0
+    page = Path("part.view.html").read_text()
     assert page.count('class="outline"') == 3
     assert '"colour":"line"' in page.replace(" ", "")
     for words, said in (
-        (("--png", "b.png", "--place", "0,0,0"), "it is of the --model"),
-        (("--png", "b.png", *model, "--colour", "speed"), "both colour the picture"),
+        ((*model, "--place", "0,-0.1,1"), ("layer 2", "--place 0,-0.1,1")),
+        (("--place", "0,0,0"), "it is of the --model"),
+        ((*model, "--colour", "speed"), "both colour the picture"),
     ):
-        code, _, err = shell("view", "part.gcode", *words)
-        assert code == 2
-        assert said in " ".join(err.split())
-    assert not (tmp_path / "b.png").exists()
+        view.refuses(said, "--png", "b.png", *words)
+    assert not Path("b.png").exists()
 
 
 # --- `printctl view`, `convert` and `measure`, in an empty directory
@@ -531,11 +447,7 @@ def test_wrong_networks_are_told_in_one_message_and_leave_nothing(
     (tmp_path / "d.vtp").write_text("no xml at all")
     (tmp_path / "e.txt").write_text("Vessel: 0, Number of Points: 2\n0, 0, 0, 0.1")
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    ended, out, err = shell(*command.split())
-    assert ended == code
-    assert out == ""
-    for word in words:
-        assert word in err
+    shell.refuses(words, *command.split(), code=code)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 

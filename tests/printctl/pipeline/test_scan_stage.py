@@ -16,7 +16,6 @@ import pytest
 import tifffile
 from pydantic import TypeAdapter, ValidationError
 
-from printctl.cli.register import read_record
 from printctl.errors import UsageError
 from printctl.machine.link.history_entry import PrintEntry, entry_of
 from printctl.machine.link.journal import Journal
@@ -29,6 +28,7 @@ from printctl.pipeline.stages.scan import digest_scan, load_scan, scan_defects
 from printctl.pipeline.verdict import MOST_REASONS, verdict
 from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.recipe.record import RecordPart
+from printctl.recipe.section_files import read_record
 from registration import read_scan
 from registration.files.writers import write_scan_zarr
 from registration.measuring.judging import Tolerances, VesselLimits, judge, judge_plain

@@ -12,7 +12,6 @@ from pydantic import ValidationError
 from typer.testing import CliRunner
 
 from printctl.cli.main import app
-from printctl.cli.register import tolerances_of
 from printctl.errors import RecipeError, UsageError
 from printctl.pipeline.facts import recipe_facts
 from printctl.recipe import Recipe, load, load_recipe, parse_recipe
@@ -20,6 +19,7 @@ from printctl.recipe.growth import GrownNetwork
 from printctl.recipe.load import Change, Step, migrated_text
 from printctl.recipe.making import RegistrationPart
 from printctl.recipe.model import LatticeNetwork
+from printctl.recipe.section_files import tolerances_of
 from printctl.recipe.tissue import CylinderPart, DepthDemandPart, MeshPart
 
 ROOT = Path(__file__).parents[3]
