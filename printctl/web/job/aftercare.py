@@ -71,19 +71,6 @@ def keep_photo(folder: Path, data: bytes) -> str:
     return name
 
 
-def photo_file(folder: Path, name: str) -> Path:
-    """File of a photo.
-
-    Raises
-    ------
-    NotFoundError, BadRequestError
-    """
-    path = folder / checked_name(name)
-    if path.suffix != ".jpg" or not path.is_file():
-        raise NotFoundError(f"there is no photo {name!r} of this print")
-    return path
-
-
 # Read checklists; warm the bath slowly; compute the safe flushing pressure.
 
 _EVERY_S: Final = 2.0
@@ -97,15 +84,6 @@ def checklist() -> dict[str, Any]:
     return steps
 
 
-def steps_for(bath: Bath | None) -> list[dict[str, str]]:
-    """Steps after a print; those that the bath has no use for are left out."""
-    return [
-        {"id": step["id"], "text": step["text"]}
-        for step in checklist()["after"]
-        if bath is None or "needs" not in step or getattr(bath, step["needs"]) is not None
-    ]
-
-
 @dataclass(frozen=True)
 class FlushLimit:
     """How hard the channels may be flushed.
@@ -115,9 +93,7 @@ class FlushLimit:
     pressure_pa : float, Pa
         Between inlet and outlet.
     wall_shear_pa : float, Pa
-        That is allowed at the wall of the vessel that is sheared most.
-    vessel : str
-        That vessel.
+        That is allowed at the wall of ``vessel``, which is sheared most.
     """
 
     pressure_pa: float
@@ -153,31 +129,6 @@ def flush_limit(flow_csv: Path, wall_shear_pa: float) -> FlushLimit | None:
     return FlushLimit(drop * wall_shear_pa / shear[worst], wall_shear_pa, str(name))
 
 
-@dataclass(frozen=True)
-class RampState:
-    """Warming as it stands.
-
-    Attributes
-    ----------
-    heater : str
-    target_c : float, °C
-    rate_c_min : float, °C/min
-    now_c, set_c : float or None, °C
-        What the heater has, and is set to now.
-    going_on : bool
-        Whether the target is still being raised.
-    message : str
-    """
-
-    heater: str
-    target_c: float
-    rate_c_min: float
-    now_c: float | None
-    set_c: float | None
-    going_on: bool
-    message: str
-
-
 class Warming(BaseModel):
     """A heater to be warmed at a rate."""
 
@@ -188,15 +139,17 @@ class Warming(BaseModel):
     rate_c_min: Annotated[float, Field(gt=0, le=20, description="°C/min.")] = 1.0
 
 
+class RampState(Warming):
+    """Warming as it stands."""
+
+    now_c: float | None = Field(description="What the heater has, °C.")
+    set_c: float | None = Field(description="What it is set to now, °C.")
+    going_on: bool = Field(description="Whether the target is still being raised.")
+    message: str
+
+
 class Ramp:
     """Warms one heater at a rate; at its end, or let go of, the heater keeps its target.
-
-    Parameters
-    ----------
-    printing : Printing
-    heater : str
-    target_c : float, °C
-    rate_c_min : float, °C/min
 
     Raises
     ------
@@ -204,18 +157,17 @@ class Ramp:
         When the printer has no such heater.
     """
 
-    def __init__(self, printing: Printing, heater: str, target_c: float, rate_c_min: float) -> None:
+    def __init__(self, printing: Printing, warming: Warming) -> None:
         there = printing.temperatures()
-        if heater not in there:
+        if warming.heater not in there:
             raise ConflictError(
-                f"there is no heater {heater!r} (there is {', '.join(there) or 'none'}); connect "
-                "the printer, or warm the bath by hand"
+                f"there is no heater {warming.heater!r} (there is {', '.join(there) or 'none'}); "
+                "connect the printer, or warm the bath by hand"
             )
-        self.heater, self.target_c, self.rate_c_min = heater, target_c, rate_c_min
-        self._printing = printing
-        self._from_c, self._since = there[heater][0], time.monotonic()
+        self._printing, self._warming = printing, warming
+        self._from_c, self._since = there[warming.heater][0], time.monotonic()
         self._ended = threading.Event()
-        self.message = "warming"
+        self._message = "warming"
         self._thread = threading.Thread(target=self._work, name="ramp", daemon=True)
         self._thread.start()
 
@@ -224,47 +176,36 @@ class Ramp:
         self._ended.set()
         self._thread.join(5.0)
 
-    @property
-    def going_on(self) -> bool:
-        """Whether the target is still being raised."""
-        return self._thread.is_alive()
-
     def state(self) -> RampState:
         """Return it as it stands, with what the heater has now."""
-        now_c, set_c = self._printing.temperatures().get(self.heater, (None, None))
+        now_c, set_c = self._printing.temperatures().get(self._warming.heater, (None, None))
         return RampState(
-            self.heater,
-            self.target_c,
-            self.rate_c_min,
-            now_c,
-            set_c,
-            self.going_on,
-            self.message,
+            **self._warming.model_dump(),
+            now_c=now_c,
+            set_c=set_c,
+            going_on=self._thread.is_alive(),
+            message=self._message,
         )
 
     def _work(self) -> None:
         while not self._ended.is_set():
-            wanted = ramped_c(
-                self._from_c, self.target_c, self.rate_c_min, time.monotonic() - self._since
-            )
+            wanted = ramped_c(self._from_c, self._warming, time.monotonic() - self._since)
             try:
-                self._printing.heat(self.heater, round(wanted, 1))
+                self._printing.heat(self._warming.heater, round(wanted, 1))
             except (LinkError, ConflictError) as exc:
-                self.message = f"given up: {exc}"
+                self._message = f"given up: {exc}"
                 return
-            if wanted == self.target_c:
-                self.message = "the target is set"
+            if wanted == self._warming.target_c:
+                self._message = "the target is set"
                 return
             self._ended.wait(_EVERY_S)
-        self.message = "let go of; the heater keeps its target"
+        self._message = "let go of; the heater keeps its target"
 
 
-def ramped_c(from_c: float, target_c: float, rate_c_min: float, seconds: float) -> float:
+def ramped_c(from_c: float, warming: Warming, seconds: float) -> float:
     """Where a ramp stands after so many seconds, °C; it never goes beyond its target."""
-    way = rate_c_min * seconds / 60.0
-    if target_c >= from_c:
-        return min(from_c + way, target_c)
-    return max(from_c - way, target_c)
+    way, target_c = warming.rate_c_min * seconds / 60.0, warming.target_c
+    return min(from_c + way, target_c) if target_c >= from_c else max(from_c - way, target_c)
 
 
 # Compare the time since cells were mixed in with their limit and the print's remaining time.
@@ -298,7 +239,7 @@ class Viability:
 def viability(
     record: PrintRecord, budget: Budget | None, now: float, remaining_s: float | None
 ) -> Viability:
-    """Tell it.
+    """Compare the time since mixing with the cells' limit.
 
     Parameters
     ----------
@@ -319,40 +260,23 @@ def viability(
     if limit is None:
         text = f"{minutes:.0f} min since mixing; how long the cells have isn't known."
         return Viability(minutes, None, "", text, "unknown")
-    of = f"{minutes:.0f} of {limit:.0f} min since mixing ({source})"
+    text = f"{minutes:.0f} of {limit:.0f} min since mixing ({source})"
     end = minutes + (remaining_s or 0.0) / 60.0
+    late, close = end > limit, end > 0.9 * limit
     if minutes > limit:
-        return Viability(
-            minutes, limit, source, f"{of}: {minutes - limit:.0f} min too long already.", "late"
-        )
-    if end > limit:
-        late = f"{of}: the print is expected to end after {end:.0f} min, too late."
-        return Viability(minutes, limit, source, late, "late")
-    close = end > 0.9 * limit
+        text += f": {minutes - limit:.0f} min too long already."
+    elif late:
+        text += f": the print is expected to end after {end:.0f} min, too late."
+    else:
+        text += f"; {limit - end:.0f} min to spare{', which is close' if close else ''}."
     return Viability(
-        minutes,
-        limit,
-        source,
-        f"{of}; {limit - end:.0f} min to spare{', which is close' if close else ''}.",
-        "close" if close else "in time",
+        minutes, limit, source, text, "late" if late else "close" if close else "in time"
     )
-
-
-_LONGEST_NOTE = 10_000
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step after the print.
-
-    Attributes
-    ----------
-    id, text : str
-    done : bool
-    at : float or None
-        When that was said, s since 1970.
-    who : str
-    """
+    """A step after the print; when that was ticked last, s since 1970, and by whom."""
 
     id: str
     text: str
@@ -403,26 +327,14 @@ class Aftercare:
         self._lock = threading.Lock()
         self._ramp: Ramp | None = None
 
-    def close(self) -> None:
-        """Let go of the heater, which keeps its target."""
-        if self._ramp is not None:
-            self._ramp.end()
-
     def steps(self, job: str) -> list[Step]:
-        """Steps after the job's last print, each with who ticked it when."""
+        """Steps after the job's last print that its bath has use for, each with who ticked it."""
         ticks = {one["step"]: one for one in self._listed(job, "steps")}
-        steps = []
-        for step in steps_for(self.bath(job)):
-            tick = ticks.get(step["id"], {})
-            steps.append(
-                Step(
-                    step["id"],
-                    step["text"],
-                    bool(tick.get("done")),
-                    tick.get("at"),
-                    tick.get("who", ""),
-                )
-            )
+        bath, steps = self._bath(job), []
+        for one in checklist()["after"]:
+            if bath is None or "needs" not in one or getattr(bath, one["needs"]) is not None:
+                tick = ticks.get(one["id"], {"done": False, "at": None, "who": ""})
+                steps.append(Step(one["id"], one["text"], tick["done"], tick["at"], tick["who"]))
         return steps
 
     def tick(self, who: Principal, job: str, step: str, done: bool) -> list[Step]:
@@ -431,40 +343,41 @@ class Aftercare:
         if step not in now:
             raise NotFoundError(f"there is no step {step[:80]!r}; there are {', '.join(now)}")
         if now[step] is not done:
-            self._records.add(self._last(job), _name(who), "steps", {"step": step, "done": done})
+            self._records.add(self._last(job), who.by, "steps", {"step": step, "done": done})
         return self.steps(job)
 
     def note(self, who: Principal, job: str, text: str) -> list[Note]:
         """Write a note down; gives all."""
-        if not text.strip() or len(text) > _LONGEST_NOTE:
-            raise BadRequestError(f"a note has 1 to {_LONGEST_NOTE} characters, not {len(text)}")
-        self._records.add(self._last(job), _name(who), "notes", {"text": text})
+        if not text.strip():
+            raise BadRequestError("the note is empty; write a word")
+        self._records.add(self._last(job), who.by, "notes", {"text": text})
         return self.notes(job)
 
     def notes(self, job: str) -> list[Note]:
         """Notes of the job's last print."""
-        listed = self._listed(job, "notes")
-        return [Note(one["at"], one["who"], one["text"]) for one in listed]
+        return [Note(**one) for one in self._listed(job, "notes")]
 
     def add_photo(self, who: Principal, job: str, data: bytes) -> list[Photo]:
         """Keep a photo; gives all."""
         name = keep_photo(self._photos(job), data)
-        self._records.add(self._last(job), _name(who), "photos", {"name": name})
+        self._records.add(self._last(job), who.by, "photos", {"name": name})
         return self.photos(job)
 
     def photos(self, job: str) -> list[Photo]:
         """Photos of the job's last print."""
-        listed = self._listed(job, "photos")
-        return [Photo(one["at"], one["who"], one["name"]) for one in listed]
+        return [Photo(**one) for one in self._listed(job, "photos")]
 
     def photo(self, job: str, name: str) -> Path:
-        """File of a photo."""
-        return self._core.workspace.inside(photo_file(self._photos(job), name))
+        """File of a photo.
 
-    def bath(self, job: str) -> Bath | None:
-        """The bath that the job was printed in, as far as that was said."""
-        name = self._set_up(job).bath
-        return load(Bath, name) if name else None
+        Raises
+        ------
+        NotFoundError, BadRequestError
+        """
+        path = self._photos(job) / checked_name(name)
+        if path.suffix != ".jpg" or not path.is_file():
+            raise NotFoundError(f"there is no photo {name!r} of this print")
+        return self._core.workspace.inside(path)
 
     def flush(self, job: str, wall_shear_pa: float | None = None) -> FlushLimit | None:
         """How hard the channels may be flushed; None where no flow was solved."""
@@ -473,7 +386,7 @@ class Aftercare:
 
     def warming_of(self, job: str) -> Warming:
         """Return how the bath of a job's print is melted out; 37 °C where its profile is silent."""
-        bath = self.bath(job)
+        bath = self._bath(job)
         target = bath.melt_out_c if bath is not None and bath.melt_out_c else 37.0
         return Warming(target_c=target, rate_c_min=checklist()["melt_out"]["rate_c_min"])
 
@@ -481,9 +394,8 @@ class Aftercare:
         """Warm slowly; a ramp that goes on is replaced."""
         self._core.controls.require(who)
         with self._lock:
-            if self._ramp is not None:
-                self._ramp.end()
-            self._ramp = Ramp(self._printing, warming.heater, warming.target_c, warming.rate_c_min)
+            self.close()
+            self._ramp = Ramp(self._printing, warming)
             return self._ramp.state()
 
     def melting(self) -> RampState | None:
@@ -494,9 +406,18 @@ class Aftercare:
     def stop_melting(self) -> RampState | None:
         """Raise the target no further; needs no controls."""
         with self._lock:
-            if self._ramp is not None:
-                self._ramp.end()
-            return None if self._ramp is None else self._ramp.state()
+            self.close()
+        return self.melting()
+
+    def close(self) -> None:
+        """Let go of the heater, which keeps its target."""
+        if self._ramp is not None:
+            self._ramp.end()
+
+    def _bath(self, job: str) -> Bath | None:
+        """The bath that the job was printed in, as far as that was said."""
+        name = self._set_up(job).bath
+        return load(Bath, name) if name else None
 
     def _last(self, job: str) -> str:
         """Record of the last print that was started, else the one being filled in."""
@@ -517,7 +438,3 @@ class Aftercare:
     def _photos(self, job: str) -> Path:
         workspace = self._core.workspace
         return workspace.inside(workspace.print_folder(job) / "photos")
-
-
-def _name(who: Principal) -> str:
-    return who.name or who.id

@@ -6,6 +6,7 @@ import hashlib
 import json
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -30,7 +31,7 @@ from printctl.failures import message_and_code
 from printctl.machine.link.job import Job, parse_job
 from printctl.machine.printing import with_reloads_of
 from printctl.machine.printing.job_table import NONE, JobTable
-from printctl.web.job.set_up import Question
+from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import lower_priority
 from registration.report.gcode import Act, GcodeJob
 from sim.gcode.dry_run.run import DryRun, dry_run
@@ -151,7 +152,7 @@ _BUDGET: Final = "print time"
 """How the names of the checks begin that `file_checks` makes without changes of syringe."""
 
 
-def check_job(asked: Question) -> dict[str, Any]:
+def check_job(gcode: Path, set_up: JobSetUp, table_file: Path) -> dict[str, Any]:
     """Check a job as `printctl print` does, and make its table.
 
     Returns
@@ -164,18 +165,30 @@ def check_job(asked: Question) -> dict[str, Any]:
     ------
     PrintctlError, ProfileError, OSError
     """
-    data = asked.gcode.read_bytes()
-    mounted = asked.set_up.mounted()
-    run = dry_run(data, mounted.printer, asked.set_up.start_mm)
-    job = parse_job(data, asked.gcode.name, mounted.printer)
-    checks, at, heads, accepted = _checks(asked, run, job, mounted)
-    table = _table(asked, data, run, job, mounted)
-    table.save(asked.table)
-    time = PrintTime(run.duration_s, len(at), asked.set_up.care.reload_min)
+    data = gcode.read_bytes()
+    mounted = set_up.mounted()
+    run = dry_run(data, mounted.printer, set_up.start_mm)
+    job = parse_job(data, gcode.name, mounted.printer)
+    shaft = file_shaft(gcode, run, mounted, accepted=set_up.accept_crossings)
+    results = [*file_checks(run, mounted, gcode.with_suffix(".map.npz")), *shaft.checks]
+    checks, at, heads = with_reloads_of(
+        [one for one in results if _BUDGET not in one.check],
+        job,
+        set_up.usable_mm(mounted),
+        wanted=set_up.care.reload,
+        by="allow changes of syringe",
+    )
+    budget = set_up.budget(mounted)
+    time = PrintTime(run.duration_s, len(at), set_up.care.reload_min)
+    checks += viability_checks(time, budget)
+    loads = [mounted.load_of(k) for k in range(mounted.printer.head_count)]
+    view = _view(gcode, data, mounted)
+    table = make_table(job, run, volumes(run, mounted.printer, loads), view)
+    table.save(table_file)
     return {
         "sha256": hashlib.sha256(data).hexdigest(),
-        "checks": [check.as_dict() for check in checks],
-        "accepted": list(accepted),
+        "checks": [_with_accepted(one, shaft.accepted).as_dict() for one in checks],
+        "accepted": list(shaft.accepted),
         "reload_at": list(at),
         "reload_heads": list(heads),
         "duration_s": run.duration_s,
@@ -185,50 +198,25 @@ def check_job(asked: Question) -> dict[str, Any]:
         "passes": table.passes,
         "ink_ul": float(table.ink_ul[-1]),
         **_ink_of_check(run, mounted, len(at)),
-        **viability_facts(time, asked.set_up.budget(mounted)),
+        **viability_facts(time, budget),
     }
 
 
-def _checks(
-    asked: Question, run: DryRun, job: Job, mounted: SetUp
-) -> tuple[list[Check], tuple[int, ...], tuple[int, ...], tuple[str, ...]]:
-    set_up = asked.set_up
-    shaft = file_shaft(asked.gcode, run, mounted, accepted=set_up.accept_crossings)
-    results = [*file_checks(run, mounted, asked.gcode.with_suffix(".map.npz")), *shaft.checks]
-    checks, at, heads = with_reloads_of(
-        [one for one in results if _BUDGET not in one.check],
-        job,
-        set_up.usable_mm(mounted),
-        wanted=set_up.care.reload,
-        by="allow changes of syringe",
-    )
-    time = PrintTime(run.duration_s, len(at), set_up.care.reload_min)
-    checks += viability_checks(time, set_up.budget(mounted))
-    accepted = shaft.accepted
-    if accepted:  # allowed, and still to be read by whoever allows it
-        checks = [_told(one, accepted) for one in checks]
-    return checks, at, heads, accepted
-
-
-def _told(check: Check, accepted: tuple[str, ...]) -> Check:
-    if check.passed or check.refuses:
+def _with_accepted(check: Check, accepted: tuple[str, ...]) -> Check:
+    """Let a warning say what is accepted: it is still to be read by whoever accepts it."""
+    if not accepted or check.passed or check.refuses:
         return check
     return replace(check, remedy=check.remedy or accepted[0])
 
 
-def _table(asked: Question, data: bytes, run: DryRun, job: Job, mounted: SetUp) -> JobTable:
-    loads = [mounted.load_of(k) for k in range(mounted.printer.head_count)]
-    return make_table(job, run, volumes(run, mounted.printer, loads), _view(asked, data, mounted))
-
-
-def _view(asked: Question, data: bytes, mounted: SetUp) -> GcodeJob | None:
+def _view(gcode: Path, data: bytes, mounted: SetUp) -> GcodeJob | None:
     """Layers and vessels of the job; None where nothing is written."""
     lines = data.count(b"\n") + (not data.endswith(b"\n"))
-    said_by_map, _ = read_line_map(asked.gcode, lines)
+    mapped, _ = read_line_map(gcode, lines)
     syringe = mounted.syringe
     pushing = Pushing(mounted.printer, None, "", syringe.inner_mm, syringe.name)
     try:
-        return read_job(data, asked.gcode.name, pushing, said_by_map)
+        return read_job(data, gcode.name, pushing, mapped)
     except UsageError:
         return None
 
@@ -244,7 +232,9 @@ def main() -> None:
     """Answer one question."""
     lower_priority()
     try:
-        answer = check_job(Question.from_json(sys.stdin.readline()))
+        asked = json.loads(sys.stdin.readline())
+        set_up = JobSetUp.model_validate(asked["set_up"])
+        answer = check_job(Path(asked["gcode"]), set_up, Path(asked["table"]))
     except Exception as exc:
         known = message_and_code(exc)
         if known is None and not isinstance(exc, (PrintctlError, ProfileError, OSError)):

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Query, Response
 from fastapi import Path as PathParam
 from PIL import Image
+from pydantic import Field
 
 from printctl.observe.look_words import outcome_words, proposal_words, seen_words
 from printctl.observe.records import (
@@ -28,7 +29,7 @@ from printctl.observe.records import (
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.job.following import PrintReport
+from printctl.web.job.prints import PrintReport
 from printctl.web.rest import Asking, Body
 
 _KEPT: Final = 64
@@ -63,29 +64,12 @@ def small_picture(path: Path, changed_ns: int, width_px: int) -> bytes | None:
 # Service behind the Job page's Looks card: inspection records, pictures, operator's answer.
 
 
-@dataclass(frozen=True)
-class LookReport:
-    """One look at an observed print.
+@dataclass(frozen=True, kw_only=True)
+class LookReport(LookRecord):
+    """One look at an observed print, but for the state that only the observer needs.
 
     Attributes
     ----------
-    number : int
-        From 1.
-    mark : str
-        What had ended there.
-    done, job_line : int
-        Command lines of the growing job that were taken; the same without inserts.
-    at : float, s since 1970
-    decision : "go_on", "flow", "mend", "pause" or "stop"
-    why : str
-    asked : "mend", "flow", "pause" or empty
-        What the operator is asked to approve; empty for nothing.
-    factor : float or None
-        Flow factor that was put in force, or is proposed.
-    found : dict
-        Figures: seen_share, coverage, width_ratio, gaps, shift_mm, blobs, ink.
-    seconds : dict of str to float
-        How long each part of the look took.
     answer : "approve", "go_on", "stop" or None
         The operator's word; None while there is none.
     waits : bool
@@ -96,17 +80,7 @@ class LookReport:
         How much was seen, what is proposed and what came of it, in words; empty for nothing.
     """
 
-    number: int
-    mark: str
-    done: int
-    job_line: int
-    at: float
-    decision: str
-    why: str
-    asked: str
-    factor: float | None
-    found: dict[str, Any]
-    seconds: dict[str, float]
+    control: Annotated[dict[str, Any], Field(exclude=True)] = field(default_factory=dict)
     answer: Answer | None
     waits: bool
     pictured: float
@@ -178,7 +152,14 @@ class LookService:
         if look.answer == word:
             return look
         heard = self._print(job)
-        _refuse_unanswerable(heard, look)
+        if look.answer is not None:
+            raise ConflictError(f"look {number} was answered before: {look.answer}")
+        if not look.waits:
+            raise ConflictError(
+                f"the print doesn't wait for a word on look {number} (it is "
+                f"{heard.status.state.value}); nothing was done. Words are {', '.join(ANSWERS)}, "
+                "while it is paused by that look"
+            )
         try:
             refuse_unheard(heard.folder)
             answer_look(heard.folder, number, word)
@@ -197,9 +178,8 @@ def _reported(heard: PrintReport, record: LookRecord) -> LookReport:
     """Return a look with the operator's word and what is read."""
     answer = answer_of(heard.folder, record.number) if record.asked else None
     picture = look_picture(heard.folder, record.number)
-    values = {name: value for name, value in vars(record).items() if name != "control"}
     return LookReport(
-        **values,
+        **vars(record),
         answer=answer,
         waits=bool(record.asked) and answer is None and held_for(heard.status, record.number),
         pictured=0.0 if picture is None else picture.stat().st_mtime,
@@ -207,19 +187,6 @@ def _reported(heard: PrintReport, record: LookRecord) -> LookReport:
         proposed=proposal_words(record),
         outcome=outcome_words(record, answer),
     )
-
-
-def _refuse_unanswerable(heard: PrintReport, look: LookReport) -> None:
-    """Refuse an answer that nobody waits for."""
-    number = look.number
-    if look.answer is not None:
-        raise ConflictError(f"look {number} was answered before: {look.answer}")
-    if not look.waits:
-        raise ConflictError(
-            f"the print doesn't wait for a word on look {number} (it is "
-            f"{heard.status.state.value}); nothing was done. Words are {', '.join(ANSWERS)}, while "
-            "it is paused by that look"
-        )
 
 
 # REST routes for a print's inspections (looks): records, pictures, the operator's answer.
@@ -232,19 +199,18 @@ Width = Annotated[int, Query(ge=64, le=4096, description="At most so wide, px.")
 class AnswerRequest(Body):
     """The operator's word on a look, as ``printctl observe answer`` takes it."""
 
-    answer: Literal["approve", "go_on", "stop"]
+    answer: Answer
 
 
 def add_routes(routes: APIRouter, service: LookService) -> None:
     """Add them to the job's room."""
 
-    @routes.get("/prints/{job}/looks", tags=["looks"], summary="Looks at the last print")
+    @routes.get("/prints/{job}/looks", summary="Looks at the last print")
     def looks(job: Job) -> list[LookReport]:
         return service.looks(job)
 
     @routes.get(
         "/prints/{job}/looks/{number}/picture",
-        tags=["looks"],
         summary="A look's picture, with what was expected and found",
         response_class=Response,
         responses={200: {"content": {"image/jpeg": {}}}},
@@ -255,7 +221,6 @@ def add_routes(routes: APIRouter, service: LookService) -> None:
 
     @routes.post(
         "/prints/{job}/looks/{number}/answer",
-        tags=["looks"],
         summary="Answer a look that asks; 409 where the print doesn't wait for it",
     )
     def answer(job: Job, number: Number, given: AnswerRequest, who: Asking) -> LookReport:

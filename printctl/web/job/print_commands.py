@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
+
+from pydantic import Field
 
 from printctl.machine.link.client import PrintClient, attach
 from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.recovering import Recovery
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.print_state.give_up import give_up
 from printctl.machine.printing.recovery import planned, write_rest
@@ -23,6 +24,7 @@ from printctl.observe.starting import ensure_observer
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
+from printctl.web.rest import Body
 from printctl.web.workspace import checked_name
 
 After = Literal["now", "layer", "vessel"]
@@ -30,16 +32,26 @@ _HELD: Final = (LinkState.PAUSED, LinkState.PAUSING)
 _GOING: Final = (LinkState.PRINTING, LinkState.RESUMING)
 
 
+class ResumeRequest(Body):
+    """What was put in at a change of syringe."""
+
+    plunger_mm: Annotated[float, Field(ge=0, le=1000)] | None = Field(
+        default=None, description="Travel that the new syringe's plunger has used up; 0 when full."
+    )
+    syringe: Annotated[str, Field(max_length=300)] | None = Field(
+        default=None, description="Its profile, where it is another."
+    )
+    unchanged: bool = Field(default=False, description="The syringe wasn't changed after all.")
+
+
 @dataclass(frozen=True)
 class RestPlan:
-    """How to go on after the position was lost.
+    """How to go on after the position was lost; ``steps`` are what a person does first, in order.
 
     Attributes
     ----------
     lines_left_out : int
         Commands of the job that aren't printed again.
-    steps : tuple of str
-        What a person does first, in order.
     start_mm : (x, y, z) or None, mm
     """
 
@@ -50,14 +62,7 @@ class RestPlan:
 
 @dataclass(frozen=True)
 class Rest:
-    """The rest of a print, as a job of its own.
-
-    Attributes
-    ----------
-    job : str
-    steps : tuple of str
-        What a person does first, in order.
-    """
+    """The rest of a print, as a job of its own; ``steps`` are what a person does first."""
 
     job: str
     steps: tuple[str, ...]
@@ -82,25 +87,8 @@ class PrintCommands:
                 client.pause(None if after == "now" else MarkKind(after))
             return client.status
 
-    def resume(
-        self,
-        who: Principal,
-        job: str,
-        *,
-        plunger_mm: float | None = None,
-        syringe: str | None = None,
-        unchanged: bool = False,
-    ) -> Status:
+    def resume(self, who: Principal, job: str, given: ResumeRequest | None = None) -> Status:
         """Go on; after a change of syringe with what was put in.
-
-        Parameters
-        ----------
-        plunger_mm : float, mm
-            Travel that the new syringe's plunger has used up; 0 for a full one.
-        syringe : str
-            Its profile, where it is another.
-        unchanged : bool
-            The syringe wasn't changed after all.
 
         Raises
         ------
@@ -111,7 +99,9 @@ class PrintCommands:
         Refused
         """
         self._core.controls.require(who)
-        changed = plunger_mm is not None or bool(syringe)
+        given = given or ResumeRequest()
+        syringe, plunger_mm, unchanged = given.syringe or None, given.plunger_mm, given.unchanged
+        changed = plunger_mm is not None or syringe is not None
         if unchanged and changed:
             raise ConflictError("the syringe is either unchanged or a new one; say one of both")
         folder = self._core.workspace.print_folder(job)
@@ -121,13 +111,11 @@ class PrintCommands:
                 return status
             if not status.ended:
                 started = ensure_observer(folder)
-                change = new_syringe_of(client, syringe or None, plunger_mm) if changed else None
+                change = new_syringe_of(client, syringe, plunger_mm) if changed else None
                 if not awaits_observer(folder, client.status, started):
                     client.resume(change, unchanged)
                 return client.status
-        return continue_print(
-            folder, syringe=syringe or None, plunger_mm=plunger_mm, unchanged=unchanged
-        )
+        return continue_print(folder, syringe=syringe, plunger_mm=plunger_mm, unchanged=unchanged)
 
     def go_on(self, who: Principal, job: str) -> Status:
         """Go on with a print that was broken off: the printer is asked for its last line first.
@@ -146,13 +134,9 @@ class PrintCommands:
         with restart(folder) as client:
             return client.status
 
-    def recovery(self, job: str, from_line: int | None = None) -> Recovery:
-        """Plan the rest of a print that can't be gone on with; nothing is written or sent."""
-        return planned(self._core.workspace.print_folder(job), from_line)
-
     def rest_plan(self, job: str, from_line: int | None = None) -> RestPlan:
-        """Return what a person is told of `recovery`."""
-        plan = self.recovery(job, from_line)
+        """Plan the rest of a print that can't be gone on with; nothing is written or sent."""
+        plan = planned(self._core.workspace.print_folder(job), from_line)
         return RestPlan(plan.begin, tuple(plan.steps), plan.start)
 
     def recover(self, who: Principal, job: str, from_line: int | None = None) -> Rest:
@@ -163,8 +147,8 @@ class PrintCommands:
         self._core.controls.require(who)
         workspace = self._core.workspace
         name = f"{job.partition('~')[2].removesuffix('.gcode')}.rest.gcode"
-        file = workspace.root / "jobs" / checked_name(name)
-        written = write_rest(workspace.print_folder(job), self.recovery(job, from_line), file)
+        file, folder = workspace.root / "jobs" / checked_name(name), workspace.print_folder(job)
+        written = write_rest(folder, planned(folder, from_line), file)
         return Rest(f"file~{name}", tuple(written["steps"]))
 
     def give_up(self, who: Principal, job: str) -> Status:
@@ -174,7 +158,7 @@ class PrintCommands:
         with attach(folder) as client:
             if client.status.state is LinkState.GIVEN_UP:
                 return client.status
-        return give_up(folder, who.name or who.id)
+        return give_up(folder, who.by)
 
     def reload(self, who: Principal, job: str, head: int | None = None) -> Status:
         """Make room to change the syringe: at the next reload point, or here when it is paused."""

@@ -44,11 +44,6 @@ class Refusal:
     ----------
     what : str
         What was looked at.
-    value, limit : float or None
-        What was found and what is allowed, in `unit`; None for a question to a person.
-    unit : str
-    place : str
-        Line of the G-code, or key of a profile; empty for none.
     remedy : str
         What to do.
     action : str
@@ -57,8 +52,10 @@ class Refusal:
         part), ``set_position``, ``to_start`` (move the tip), ``touch_off``, ``fill`` (say that
         a full syringe was put in), ``reload`` (allow changes of syringe), ``accept_crossings``,
         ``operator``, ``tick`` (`about` is the point).
-    about : str
-        Part or point that the action is for.
+    value, limit : float or None
+        What was found and what is allowed, in `unit`; None for a question to a person.
+    place : str
+        Line of the G-code, or key of a profile; empty for none.
     """
 
     what: str
@@ -80,17 +77,8 @@ class Refusal:
 
     def as_row(self) -> CheckRow:
         """Return it as a failed check."""
-        return CheckRow(
-            check=self.what,
-            result="failed",
-            value=self.value,
-            limit=self.limit,
-            unit=self.unit,
-            passed=False,
-            place=self.place,
-            remedy=self.remedy,
-            weight="refuses",
-        )
+        numbers = self.value, self.limit, self.unit
+        return CheckRow(self.what, "failed", *numbers, False, self.place, self.remedy, "refuses")
 
 
 @dataclass(frozen=True)
@@ -99,15 +87,12 @@ class Readiness:
 
     Attributes
     ----------
-    job : str
     ready : bool
         Whether it was checked and nothing refuses it.
     checked : bool
         Whether the job itself has been checked with this set-up; its refusals are unknown before.
     key : str
         Of the job's content and the set-up; empty for a set-up that can't be used.
-    refusals : tuple of Refusal
-    machine : Machine or None
     preflight : PreflightReport or None
         The job's own checks; None before.
     """
@@ -122,14 +107,7 @@ class Readiness:
 
 
 def machine_refusals(machine: Machine | None, set_up: JobSetUp) -> Iterator[Refusal]:
-    """Yield what the printer's state, what is mounted and the tip's place refuse.
-
-    Parameters
-    ----------
-    machine : Machine or None
-    set_up : JobSetUp
-        With which the job is checked.
-    """
+    """Yield what the printer's state, what is mounted and the tip's place refuse."""
     if machine is None:
         yield Refusal("printer", "none is connected: connect it in step 2, or rehearse", "connect")
         return
@@ -241,27 +219,15 @@ def record_refusals(machine: Machine | None, record: PrintRecord) -> Iterator[Re
 
 def check_refusal(check: Check) -> Refusal:
     """Return a failed check of the job, with what helps."""
-    shown = row(check)
-    action, about = _helps(check)
-    remedy = shown.remedy
-    if action == "accept_crossings":  # its other remedies are options of the command line
+    shown, remedy, about = row(check), check.remedy, ""
+    action: Action = ""
+    if check.check.endswith(_SHAFT):  # its other remedies are options of the command line
+        action = "accept_crossings"
         remedy = f"{remedy.partition(';')[0]}; use a thinner needle, or accept it"
+    elif _LONG_ENOUGH in remedy:
+        action = "reload"
+    elif about := next((one for one in PARTS if f"{one}:" in check.place), ""):
+        action = "mount"
     return Refusal(
-        shown.check,
-        remedy,
-        action,
-        about,
-        value=shown.value,
-        limit=shown.limit,
-        unit=shown.unit,
-        place=shown.place,
+        check.check, remedy, action, about, shown.value, shown.limit, check.unit, check.place
     )
-
-
-def _helps(check: Check) -> tuple[Action, str]:
-    if check.check.endswith(_SHAFT):
-        return "accept_crossings", ""
-    if _LONG_ENOUGH in check.remedy:
-        return "reload", ""
-    part = next((one for one in PARTS if f"{one}:" in check.place), "")
-    return ("mount", part) if part else ("", "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 from urllib.parse import quote
 
 from fastapi import APIRouter, File, Path, Query, Request, UploadFile
@@ -31,20 +31,18 @@ from printctl.web.job.aftercare import (
     checklist,
 )
 from printctl.web.job.camera.routes import add_routes
-from printctl.web.job.following import PrintReport
-from printctl.web.job.jobs import JobEntry
+from printctl.web.job.jobs import JobEntry, entry_of, list_jobs
 from printctl.web.job.machine import Machine
 from printctl.web.job.preflight import PreflightReport
-from printctl.web.job.print_commands import Rest, RestPlan
+from printctl.web.job.print_commands import After, Rest, RestPlan, ResumeRequest
+from printctl.web.job.prints import PrintReport
 from printctl.web.job.readiness import Readiness
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
-from printctl.web.job.set_up import JobSetUp, Millimetre
+from printctl.web.job.set_up import PROFILES, JobSetUp, Place
 from printctl.web.live.routes import preload
 from printctl.web.live.routes import router as live_router
 from printctl.web.rest import API, REFUSALS, Asking, Body
-
-# Request and response types of the Job page's REST routes.
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,6 @@ class Form:
 
     Attributes
     ----------
-    set_up : JobSetUp
     machine : Machine or None
         The printer that is connected.
     checklist : list
@@ -77,17 +74,16 @@ class PreflightRequest(Body):
     set_up: JobSetUp | None = None
 
 
-class StartRequest(Body):
+class StartRequest(PreflightRequest):
     """A start."""
 
-    set_up: JobSetUp | None = Field(default=None, description="As it is filled in if left out.")
     confirmed: str = Field(max_length=500, description="The machine, as `machine.words` says it.")
 
 
 class ToStartRequest(Body):
     """A move of the tip to where a job starts."""
 
-    start_mm: tuple[Millimetre, Millimetre, Millimetre] | None = Field(
+    start_mm: Place | None = Field(
         default=None, description="As the set-up is filled in if left out."
     )
 
@@ -95,19 +91,7 @@ class ToStartRequest(Body):
 class PauseRequest(Body):
     """When to pause."""
 
-    after: Literal["now", "layer", "vessel"] = "now"
-
-
-class ResumeRequest(Body):
-    """What was put in at a change of syringe."""
-
-    plunger_mm: Annotated[float, Field(ge=0, le=1000)] | None = Field(
-        default=None, description="Travel that the new syringe's plunger has used up; 0 when full."
-    )
-    syringe: Annotated[str, Field(max_length=300)] | None = Field(
-        default=None, description="Its profile, where it is another."
-    )
-    unchanged: bool = Field(default=False, description="The syringe wasn't changed after all.")
+    after: After = "now"
 
 
 class RecoverRequest(Body):
@@ -122,6 +106,18 @@ class ReloadRequest(Body):
     """Of several heads, whose syringe."""
 
     head: Annotated[int, Field(ge=0, le=15)] | None = None
+
+
+class TickRequest(Body):
+    """A step done, or not after all."""
+
+    done: bool = True
+
+
+class NoteRequest(Body):
+    """A note."""
+
+    text: Annotated[str, Field(min_length=1, max_length=10_000)]
 
 
 class PrintResponse(BaseModel):
@@ -147,18 +143,6 @@ class PrintResponse(BaseModel):
     )
 
 
-class TickRequest(Body):
-    """A step done, or not after all."""
-
-    done: bool = True
-
-
-class NoteRequest(Body):
-    """A note."""
-
-    text: Annotated[str, Field(min_length=1, max_length=10_000)]
-
-
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
 AnyJob = Annotated[str, Query(max_length=80, description="run~NAME, file~NAME, or none.")]
 FromLine = Annotated[int | None, Query(ge=1, le=2**31, description="Of the job's file.")]
@@ -168,14 +152,16 @@ _KEPT: Final = "~!*'()"
 
 def routers(service: JobService) -> tuple[APIRouter, ...]:
     """Routes of jobs and prints, and of the live view; nested, each would be made twice."""
-    routes = APIRouter(prefix=API, responses=REFUSALS)
-    _jobs(routes, service)
-    _prints(routes, service)
-    _broken_off(routes, service)
-    _after(routes, service)
-    add_routes(routes, service.watching, service.heard)
-    look_routes.add_routes(routes, service.looks)
-    return routes, live_router(service.scene, service.scenes)
+    seen = _router()
+    add_routes(seen, service.watching, service.prints.heard)
+    looks = _router("looks")
+    look_routes.add_routes(looks, service.looks)
+    own = _jobs(service), _prints(service), _broken_off(service), _after(service)
+    return *own, seen, looks, live_router(service.scene, service.scenes)
+
+
+def _router(*tags: str) -> APIRouter:
+    return APIRouter(prefix=API, responses=REFUSALS, tags=[*tags])
 
 
 def job_hints(service: JobService) -> Callable[[Request], str]:
@@ -185,45 +171,47 @@ def job_hints(service: JobService) -> Callable[[Request], str]:
         job = request.query_params.get("job", "")
         asked = f"{API}/prints/current?job={quote(job, safe=_KEPT)}"
         state = f'<link rel="preload" as="fetch" crossorigin href="{escape(asked)}">'
-        report = service.current() or service.unfinished()
+        report = service.prints.current() or service.prints.unfinished()
         drawn = report is not None and job in ("", report.job)
         return f"{state}\n{preload(report.job)}" if report and drawn else state
 
     return hints
 
 
-def _jobs(routes: APIRouter, service: JobService) -> None:
-    @routes.get("/jobs", tags=["jobs"], summary="Every job, the newest first")
-    def list_jobs() -> list[JobEntry]:
-        return service.jobs()
+def _jobs(service: JobService) -> APIRouter:
+    routes, workspace = _router("jobs"), service.core.workspace
 
-    @routes.get("/jobs/unusable", tags=["jobs"], summary="Files and runs whose names can't be jobs")
+    @routes.get("/jobs", summary="Every job, the newest first")
+    def jobs() -> list[JobEntry]:
+        return list_jobs(workspace)
+
+    @routes.get("/jobs/unusable", summary="Files and runs whose names can't be jobs")
     def unusable() -> list[str]:
-        return service.core.workspace.unusable_names("jobs/*.gcode", "runs/*")
+        return workspace.unusable_names("jobs/*.gcode", "runs/*")
 
-    @routes.post("/jobs", tags=["jobs"], summary="Upload a G-code file; nothing in it is run")
+    @routes.post("/jobs", summary="Upload a G-code file; nothing in it is run")
     def upload(file: Annotated[UploadFile, File()]) -> JobEntry:
         return service.upload(file.filename or "", file.file)
 
-    @routes.get("/jobs/{job}", tags=["jobs"], summary="One job")
+    @routes.get("/jobs/{job}", summary="One job")
     def one_job(job: Job) -> JobEntry:
-        return service.job(job)
+        return entry_of(workspace, job)
 
-    @routes.get("/jobs/{job}/form", tags=["jobs"], summary="The set-up filled in, the printer")
+    @routes.get("/jobs/{job}/form", summary="The set-up filled in, the printer")
     def form(job: Job) -> Form:
         return Form(
             set_up=service.set_up(job),
-            machine=service.machine(),
+            machine=service.printing.machine(),
             checklist=checklist()["before"],
-            choices=service.choices(),
+            choices={part: service.store.choices(kind) for part, kind in PROFILES.items()},
             declared=service.declared(job) is not None,
         )
 
-    @routes.put("/jobs/{job}/set-up", tags=["jobs"], summary="Keep a set-up for the job")
+    @routes.put("/jobs/{job}/set-up", summary="Keep a set-up for the job")
     def keep_set_up(job: Job, given: JobSetUp) -> JobSetUp:
         return service.keep_set_up(job, given)
 
-    @routes.get("/jobs/{job}/readiness", tags=["jobs"], summary="All that refuses a start")
+    @routes.get("/jobs/{job}/readiness", summary="All that refuses a start")
     def readiness(
         job: Job,
         who: Asking,
@@ -231,137 +219,141 @@ def _jobs(routes: APIRouter, service: JobService) -> None:
     ) -> Readiness:
         return service.readiness(who, job, wait=wait)
 
-    @routes.post("/jobs/{job}/preflight", tags=["jobs"], summary="Check before the print")
+    @routes.post("/jobs/{job}/preflight", summary="Check before the print")
     def preflight(job: Job, given: PreflightRequest) -> PreflightReport:
         return service.preflight(job, given.set_up or service.set_up(job))
 
-    @routes.post("/jobs/{job}/to-start", tags=["jobs"], summary="Move the tip to the job's start")
+    @routes.post("/jobs/{job}/to-start", summary="Move the tip to the job's start")
     def to_start(job: Job, given: ToStartRequest, who: Asking) -> Machine:
         start_mm = given.start_mm or service.set_up(job).start_mm
         return service.to_start(who, job, start_mm)
 
-    @routes.get("/jobs/{job}/record", tags=["jobs"], summary="What is written down")
+    @routes.get("/jobs/{job}/record", summary="What is written down")
     def record(job: Job) -> PrintRecord:
-        service.job(job)
+        workspace.job_file(job)
         return service.record(job)
 
-    @routes.patch("/jobs/{job}/record", tags=["jobs"], summary="Write down; changes are kept")
+    @routes.patch("/jobs/{job}/record", summary="Write down; changes are kept")
     def write_down(job: Job, given: dict[str, Any], who: Asking) -> PrintRecord:
         return service.write_down(who, job, given)
 
+    return routes
 
-def _prints(routes: APIRouter, service: JobService) -> None:
-    tags: Final = ["prints"]
 
-    @routes.get("/prints", tags=[*tags], summary="Prints that were started, as they stand")
+def _prints(service: JobService) -> APIRouter:
+    routes, hands = _router("prints"), service.hands
+
+    @routes.get("/prints", summary="Prints that were started, as they stand")
     def prints() -> list[PrintResponse]:
-        reports = (service.heard(one.id) for one in service.jobs())
+        reports = (service.prints.heard(job) for job in service.core.workspace.jobs())
         return [print_response(one) for one in reports if one is not None]
 
     @routes.get(
         "/prints/current",
-        tags=[*tags],
         summary="A job's last print; without one what goes on, else what broke off last",
     )
     def current(job: AnyJob = "") -> PrintResponse | None:
         if job:
-            report = service.heard(service.job(job).id)
+            report = service.prints.heard(job)
         else:
-            report = service.current() or service.unfinished()
+            report = service.prints.current() or service.prints.unfinished()
         return None if report is None else print_response(report)
 
-    @routes.post("/prints/{job}/start", tags=[*tags], summary="Start; harmless when it goes on")
+    @routes.post("/prints/{job}/start", summary="Start; harmless when it goes on")
     def start(job: Job, given: StartRequest, who: Asking) -> PrintResponse:
         set_up = given.set_up or service.set_up(job)
         return print_response(service.start(who, job, set_up, given.confirmed))
 
-    @routes.get("/prints/{job}", tags=[*tags], summary="State and progress")
+    @routes.get("/prints/{job}", summary="State and progress")
     def status(job: Job) -> PrintResponse:
-        reports = service.heard(job)
+        reports = service.prints.heard(job)
         if reports is None:
             raise NotFoundError(f"no print of {job} was ever started")
         return print_response(reports)
 
-    @routes.get("/prints/{job}/mends", tags=[*tags], summary="What an observer had written again")
+    @routes.get("/prints/{job}/mends", summary="What an observer had written again")
     def mends(job: Job) -> list[MendStrokes]:
         return service.mends(job)
 
-    @routes.get("/prints/{job}/viability", tags=[*tags], summary="The clock of the cells")
+    @routes.get("/prints/{job}/viability", summary="The clock of the cells")
     def viability(job: Job) -> Viability:
         return service.viability(job)
 
-    @routes.post("/prints/{job}/pause", tags=[*tags], summary="Hold, now or at a mark")
+    @routes.post("/prints/{job}/pause", summary="Hold, now or at a mark")
     def pause(job: Job, given: PauseRequest, who: Asking) -> Status:
-        return service.hands.pause(who, job, given.after)
+        return hands.pause(who, job, given.after)
 
-    @routes.post("/prints/{job}/resume", tags=[*tags], summary="Go on, with a new syringe's data")
+    @routes.post("/prints/{job}/resume", summary="Go on, with a new syringe's data")
     def resume(job: Job, given: ResumeRequest, who: Asking) -> Status:
-        return service.hands.resume(who, job, **given.model_dump())
+        return hands.resume(who, job, given)
 
-    @routes.post("/prints/{job}/reload", tags=[*tags], summary="Make room to change the syringe")
+    @routes.post("/prints/{job}/reload", summary="Make room to change the syringe")
     def reload(job: Job, given: ReloadRequest, who: Asking) -> Status:
-        return service.hands.reload(who, job, given.head)
+        return hands.reload(who, job, given.head)
 
-    @routes.post("/prints/{job}/alive", tags=[*tags], summary="Somebody is there")
+    @routes.post("/prints/{job}/alive", summary="Somebody is there")
     def alive(job: Job, who: Asking) -> Status:
-        return service.hands.alive(who, job)
+        return hands.alive(who, job)
 
-    @routes.post("/prints/{job}/cancel", tags=[*tags], summary="Controlled stop; for everybody")
+    @routes.post("/prints/{job}/cancel", summary="Controlled stop; for everybody")
     def cancel(job: Job) -> Status:
-        return service.hands.cancel(job)
+        return hands.cancel(job)
+
+    return routes
 
 
-def _broken_off(routes: APIRouter, service: JobService) -> None:
+def _broken_off(service: JobService) -> APIRouter:
     """After the print's process, its port or the power was lost."""
-    tags: Final = ["prints"]
+    routes, hands = _router("prints"), service.hands
 
-    @routes.post("/prints/{job}/go-on", tags=[*tags], summary="Go on after a print broke off")
+    @routes.post("/prints/{job}/go-on", summary="Go on after a print broke off")
     def go_on(job: Job, who: Asking) -> Status:
-        return service.hands.go_on(who, job)
+        return hands.go_on(who, job)
 
-    @routes.get("/prints/{job}/recovery", tags=[*tags], summary="Plan the rest; nothing is written")
+    @routes.get("/prints/{job}/recovery", summary="Plan the rest; nothing is written")
     def recovery(job: Job, from_line: FromLine = None) -> RestPlan:
-        return service.hands.rest_plan(job, from_line)
+        return hands.rest_plan(job, from_line)
 
-    @routes.post("/prints/{job}/recover", tags=[*tags], summary="Write the rest as a job")
+    @routes.post("/prints/{job}/recover", summary="Write the rest as a job")
     def recover(job: Job, given: RecoverRequest, who: Asking) -> Rest:
-        return service.hands.recover(who, job, given.from_line)
+        return hands.recover(who, job, given.from_line)
 
-    @routes.post("/prints/{job}/give-up", tags=[*tags], summary="Don't go on; write its end down")
+    @routes.post("/prints/{job}/give-up", summary="Don't go on; write its end down")
     def give_up(job: Job, who: Asking) -> Status:
-        return service.hands.give_up(who, job)
+        return hands.give_up(who, job)
+
+    return routes
 
 
-def _after(routes: APIRouter, service: JobService) -> None:
-    after, tags = service.after, ["after a print"]
+def _after(service: JobService) -> APIRouter:
+    routes, after = _router("after a print"), service.after
 
-    @routes.get("/prints/{job}/steps", tags=[*tags], summary="Steps after the print")
+    @routes.get("/prints/{job}/steps", summary="Steps after the print")
     def steps(job: Job) -> list[Step]:
         return after.steps(job)
 
-    @routes.put("/prints/{job}/steps/{step}", tags=[*tags], summary="Tick a step, or take it back")
+    @routes.put("/prints/{job}/steps/{step}", summary="Tick a step, or take it back")
     def tick(job: Job, step: str, given: TickRequest, who: Asking) -> list[Step]:
         return after.tick(who, job, step, given.done)
 
-    @routes.get("/prints/{job}/notes", tags=[*tags], summary="Notes")
+    @routes.get("/prints/{job}/notes", summary="Notes")
     def notes(job: Job) -> list[Note]:
         return after.notes(job)
 
-    @routes.post("/prints/{job}/notes", tags=[*tags], summary="Add a note")
+    @routes.post("/prints/{job}/notes", summary="Add a note")
     def note(job: Job, given: NoteRequest, who: Asking) -> list[Note]:
         return after.note(who, job, given.text)
 
-    @routes.get("/prints/{job}/photos", tags=[*tags], summary="Photos")
+    @routes.get("/prints/{job}/photos", summary="Photos")
     def photos(job: Job) -> list[Photo]:
         return after.photos(job)
 
-    @routes.post("/prints/{job}/photos", tags=[*tags], summary="Add a photo; it is written anew")
+    @routes.post("/prints/{job}/photos", summary="Add a photo; it is written anew")
     def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Asking) -> list[Photo]:
         return after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
 
     @routes.get(
         "/prints/{job}/photos/{name}",
-        tags=[*tags],
         summary="A photo",
         response_class=FileResponse,
         responses={200: {"content": {"image/jpeg": {}}}},
@@ -369,29 +361,30 @@ def _after(routes: APIRouter, service: JobService) -> None:
     def photo(job: Job, name: str) -> FileResponse:
         return FileResponse(after.photo(job, name), media_type="image/jpeg")
 
-    @routes.get("/prints/{job}/flush", tags=[*tags], summary="How hard to flush; null if unknown")
+    @routes.get("/prints/{job}/flush", summary="How hard to flush; null if unknown")
     def flush(job: Job, wall_shear_pa: float | None = None) -> FlushLimit | None:
         return after.flush(job, wall_shear_pa)
 
-    @routes.get("/prints/{job}/melt-out", tags=[*tags], summary="How to warm its bath")
+    @routes.get("/prints/{job}/melt-out", summary="How to warm its bath")
     def melt_out_of(job: Job) -> Warming:
         return after.warming_of(job)
 
-    @routes.post("/melt-out", tags=[*tags], summary="Warm a heater at a rate")
+    @routes.post("/melt-out", summary="Warm a heater at a rate")
     def melt_out(given: Warming, who: Asking) -> RampState:
         return after.melt_out(who, given)
 
-    @routes.get("/melt-out", tags=[*tags], summary="The warming as it stands; null for none")
+    @routes.get("/melt-out", summary="The warming as it stands; null for none")
     def melting() -> RampState | None:
         return after.melting()
 
     @routes.delete(
         "/melt-out",
-        tags=[*tags],
         summary="Raise the target no further; a stop, which needs no controls",
     )
     def stop_melting() -> RampState | None:
         return after.stop_melting()
+
+    return routes
 
 
 def print_response(heard: PrintReport) -> PrintResponse:

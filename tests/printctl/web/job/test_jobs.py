@@ -23,12 +23,12 @@ from printctl.machine.printing.journal_facts import read_so_far
 from printctl.machine.printing.progress import Filling, progress
 from printctl.machine.printing.remaining import Estimate, Remaining
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.job.aftercare import Ramp, flush_limit, ramped_c, viability
+from printctl.web.job.aftercare import Ramp, Warming, flush_limit, ramped_c, viability
 from printctl.web.job.check import make_table
-from printctl.web.job.machine import Machine, set_up_of
+from printctl.web.job.jobs import entry_of, list_jobs
+from printctl.web.job.machine import Machine, places_to, set_up_of
 from printctl.web.job.record import PrintRecord
-from printctl.web.job.set_up import JobSetUp
-from printctl.web.job.set_ups import declared_of, places_to
+from printctl.web.job.set_up import JobSetUp, read_first_lines
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import load_job, parse_job
 from tests.printctl.machine.link.layered import layered
@@ -39,7 +39,7 @@ from tests.printctl.web.job.conftest import OPERATOR, START, add
 def test_names_that_leave_the_folder_are_refused(service, name):
     with pytest.raises(BadRequestError):
         service.upload(name, io.BytesIO(b"G1 X1\n"))
-    assert service.jobs() == []
+    assert list_jobs(service.core.workspace) == []
 
 
 def test_a_name_that_cant_be_used_hides_no_other_job(service):
@@ -51,7 +51,7 @@ def test_a_name_that_cant_be_used_hides_no_other_job(service):
     (root / "jobs" / "gone.gcode").symlink_to(root / "jobs" / "nowhere")
     (root / "runs" / "my run").mkdir()
     (root / "runs" / "my run" / "part.gcode").write_bytes(b"G1 X1\n")
-    assert [one.id for one in service.jobs()] == [job]
+    assert [one.id for one in list_jobs(service.core.workspace)] == [job]
     unusable = service.core.workspace.unusable_names("jobs/*.gcode", "runs/*")
     assert unusable == sorted([*(f"jobs/{name}" for name in odd), "runs/my run"])
 
@@ -70,7 +70,7 @@ def test_a_job_is_checked_as_on_the_command_line_and_remembered(service):
     found = service.preflight(job, said)
     assert not found.passed  # no printer is connected
     assert [one.check for one in found.checks if one.result == "failed"] == ["printer"]
-    assert service.job(job).layers == 3
+    assert entry_of(service.core.workspace, job).layers == 3
     assert service.preflight(job, said).key == found.key
     json.dumps(found.model_dump(mode="json"), allow_nan=False)
 
@@ -205,7 +205,7 @@ def test_the_start_is_that_of_the_whole_job(
     path = tmp_path / "job.gcode"
     path.write_bytes(data)
     name = "klipper_bioprinter" if b"KINEMATIC" in data else "generic_marlin"
-    assert declared_of(path, name) == found
+    assert read_first_lines(path, name)[0] == found
     try:
         job = load_job(path, load(Printer, name))
         assert declared_start(job) == found
@@ -317,12 +317,13 @@ def test_the_same_file_again_does_no_harm_another_one_is_refused(service):
 
 
 def test_warming_follows_its_rate_and_never_passes_the_target():
-    assert ramped_c(20.0, 37.0, 1.0, 0.0) == 20.0
-    assert ramped_c(20.0, 37.0, 1.0, 90.0) == pytest.approx(21.5)
-    assert ramped_c(20.0, 37.0, 1.0, 1e6) == 37.0
-    assert ramped_c(40.0, 37.0, 1.0, 60.0) == 39.0
+    warming = Warming(target_c=37.0)
+    assert ramped_c(20.0, warming, 0.0) == 20.0
+    assert ramped_c(20.0, warming, 90.0) == pytest.approx(21.5)
+    assert ramped_c(20.0, warming, 1e6) == 37.0
+    assert ramped_c(40.0, warming, 60.0) == 39.0
 
 
 def test_warming_wants_a_heater_that_is_there(service):
     with pytest.raises(ConflictError, match="no heater 'bed'"):
-        Ramp(service.printing, "bed", 37.0, 1.0)
+        Ramp(service.printing, Warming(target_c=37.0))

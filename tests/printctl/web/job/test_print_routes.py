@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from printctl.machine.link.states import LinkState, Status
-from printctl.machine.print_state.state import PrintTruth
 from printctl.machine.printing.journal_facts import JournalledFacts
 from printctl.machine.station import connect
-from printctl.web.job.following import PrintFollower, PrintReport
+from printctl.web.job.prints import PrintFollower, PrintReport
 from printctl.web.job.service import JobService
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import START, shut
@@ -77,8 +76,8 @@ def test_a_table_that_is_made_late_does_not_speak_over_the_next_print(
 ) -> None:
     """That of a long job takes minutes: its print may have ended, and the next one begun."""
     told: list[str] = []
-    prints = service._prints
-    monkeypatch.setattr(prints, "_tell", lambda heard: told.append(heard.truth.journal.print_id))
+    prints = service.prints
+    monkeypatch.setattr(prints, "_tell", lambda heard: told.append(heard.journal.print_id))
     old, new = (_follower(prints._workspace.root) for _ in range(2))
     monkeypatch.setitem(prints._followers, "file~part.gcode", new)
     prints._hear(_report("first"), old)
@@ -92,4 +91,4 @@ def _follower(folder: Path) -> PrintFollower:
 
 def _report(print_id: str) -> PrintReport:
     journal = JournalledFacts(print_id, "ab", time.time())
-    return PrintReport("file~part.gcode", PrintTruth(Path(), Status(LinkState.PRINTING), journal))
+    return PrintReport(Path(), Status(LinkState.PRINTING), journal, job="file~part.gcode")

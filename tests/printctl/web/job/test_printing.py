@@ -45,6 +45,7 @@ from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import ConflictError, NotInControlError
 from printctl.web.history.service import HistoryService
+from printctl.web.job.jobs import entry_of
 from printctl.web.job.record import Records
 from printctl.web.job.service import JobService
 from tests.printctl.machine.link.layered import layered
@@ -94,7 +95,7 @@ def test_a_job_is_cancelled_and_printed_again_on_the_same_station(core, service,
     first = service.start(OPERATOR, job, ready(service, job), WORDS)
     service.hands.cancel(job)
     until(service, job, LinkState.STOPPED)
-    heard(lambda: service.machine().ready)
+    heard(lambda: service.printing.machine().ready)
     service.to_start(OPERATOR, job, (50.0, 50.0, 10.0))
     second = service.start(OPERATOR, job, ready(service, job), WORDS)
     assert not second.status.ended
@@ -118,7 +119,7 @@ def test_a_new_server_finds_the_print_that_goes_on(core, service, station):
     again = JobService(core)
     try:
         found = until(again, job, LinkState.PRINTING)
-        assert again.current() is not None
+        assert again.prints.current() is not None
         assert not found.status.ended
         again.hands.cancel(job)
         stopped = until(again, job, LinkState.STOPPED)
@@ -131,8 +132,8 @@ def test_a_new_server_finds_the_print_that_goes_on(core, service, station):
 
 def not_followed_anew(service: JobService, job: str) -> None:
     """A process that told its end and still lives has only a bare first word for another."""
-    folder, prints = service.core.workspace.print_folder(job), service._prints
-    written, before = load_record(folder), service._prints._followers[job]
+    folder, prints = service.core.workspace.print_folder(job), service.prints
+    written, before = load_record(folder), service.prints._followers[job]
     replace(written, status={}, address="still here").save(folder)
     prints.follow(job, folder)
     assert prints._followers[job] is before
@@ -154,7 +155,7 @@ def test_a_start_wants_machine_set_up_and_controls(service, station):
     away = said.model_copy(update={"start_mm": (60.0, 50.0, 10.0)})
     with pytest.raises(SafetyError, match=r"tip's distance from the start: 10 mm, limit 0\.05"):
         service.start(OPERATOR, job, away, WORDS)
-    assert service.heard(job) is None
+    assert service.prints.heard(job) is None
 
 
 # --- print on a full disk: state reported, end recorded later
@@ -184,13 +185,13 @@ def test_state_is_told_though_its_end_can_t_be_noted(
     monkeypatch.setattr(service.records, "mark", full)
     with caplog.at_level(logging.ERROR):
         for _ in range(3):
-            heard = service.heard(job)
+            heard = service.prints.heard(job)
             assert heard is not None
             assert heard.status.state is LinkState.DONE
     assert len([one for one in caplog.records if "can't be noted" in one.message]) == 1
     space_came = time.time()
     monkeypatch.setattr(service.records, "mark", write)
-    service.heard(job)
+    service.prints.heard(job)
     kept = service.records.load(record)
     assert kept["state"] == "done"
     assert kept["ended"] < space_came
@@ -322,7 +323,7 @@ def test_nothing_moves_where_the_observer_cannot_be_started(service, station, or
     said = ready(service, JOB)
     with pytest.raises(ObserverError, match=r"/nowhere/look isn't there.*Nothing was moved"):
         service.start(OPERATOR, JOB, said, WORDS)
-    assert service.heard(JOB) is None
+    assert service.prints.heard(JOB) is None
 
 
 def test_nothing_moves_where_nobody_says_how_to_observe(service, station, order):
@@ -330,7 +331,7 @@ def test_nothing_moves_where_nobody_says_how_to_observe(service, station, order)
     (service.core.workspace.root / "runs" / "observed" / ORDER).unlink()
     with pytest.raises(SafetyError, match="make the run anew"):
         service.start(OPERATOR, JOB, said, WORDS)
-    assert service.heard(JOB) is None
+    assert service.prints.heard(JOB) is None
 
 
 # --- killed print process: page, API and command line agree, and the print continues
@@ -365,10 +366,10 @@ def started(service: JobService, port: str, layers: int = 6) -> str:
 
 def until_so(service: JobService, job: str, so):
     def told() -> Any:
-        now = service.heard(job)
+        now = service.prints.heard(job)
         return now if now is not None and so(now) else None
 
-    return heard(told, 60.0, lambda: service.heard(job))
+    return heard(told, 60.0, lambda: service.prints.heard(job))
 
 
 def ended_as(*states: LinkState):
@@ -387,7 +388,7 @@ def everywhere(core, service: JobService, job: str) -> dict[str, dict]:
     folder = core.workspace.print_folder(job)
     said = CliRunner().invoke(app, ["status", str(folder), "--json"])
     assert said.exit_code == 0, said.output
-    heard = service.heard(job)
+    heard = service.prints.heard(job)
     assert heard is not None
     return {
         "page": core.events.latest["print"],
@@ -418,9 +419,9 @@ def assert_agree(core, service: JobService, job: str) -> None:
 @pytest.mark.slow
 def test_killed_station_leaves_a_print_that_the_page_goes_on_with(core, service, port, behind):
     job, broken = broken_off(core, service, port)
-    assert 0 < broken.truth.share < 1
-    assert broken.truth.time_left_s is None
-    assert broken.truth.may(PrintAction.GO_ON).possible
+    assert 0 < broken.share < 1
+    assert broken.time_left_s is None
+    assert broken.may(PrintAction.GO_ON).possible
     assert "Go on" in broken.status.message
     assert_agree(core, service, job)
     service.hands.go_on(OPERATOR, job)
@@ -440,7 +441,7 @@ def test_a_print_that_was_broken_off_is_given_up_and_its_end_is_told_by_all(
     assert said.startswith("given up by Ada")
     assert "settings may be the job's still, send M" in said
     given_up = until_so(service, job, ended_as(LinkState.GIVEN_UP))
-    assert not given_up.truth.may(PrintAction.GO_ON).possible
+    assert not given_up.may(PrintAction.GO_ON).possible
     with pytest.raises(Refused, match="given_up"):
         service.hands.go_on(OPERATOR, job)
     heard(lambda: core.events.latest["print"]["state"] == "given_up")
@@ -454,17 +455,15 @@ def test_a_printer_that_was_connected_anew_isnt_gone_on_with_but_recovered(
     job, _ = broken_off(core, service, port)
     again = connect("generic_marlin", port, core.workspace.station, discard_interrupted=True)
     try:
-        broken = until_so(
-            service, job, lambda heard: not heard.truth.may(PrintAction.GO_ON).possible
-        )
-        assert "connected anew" in broken.truth.may(PrintAction.GO_ON).reason
+        broken = until_so(service, job, lambda heard: not heard.may(PrintAction.GO_ON).possible)
+        assert "connected anew" in broken.may(PrintAction.GO_ON).reason
         with pytest.raises(Refused, match="connected anew"):
             service.hands.go_on(OPERATOR, job)
-        assert broken.truth.may(PrintAction.RECOVER).possible
-        line = 40 if broken.truth.may(PrintAction.RECOVER).needs else None
+        assert broken.may(PrintAction.RECOVER).possible
+        line = 40 if broken.may(PrintAction.RECOVER).needs else None
         rest = service.hands.recover(OPERATOR, job, line)
-        assert service.job(rest["job"]).name == "zigzag.rest.gcode"
-        assert "straight up" in rest["steps"][0]
+        assert entry_of(core.workspace, rest.job).name == "zigzag.rest.gcode"
+        assert "straight up" in rest.steps[0]
     finally:
         shut(again)
 
@@ -478,7 +477,7 @@ def test_a_new_server_tells_of_the_print_that_broke_off(core, service, port, beh
     try:
         heard(lambda: "print" in core.events.latest)
         assert core.events.latest["print"]["state"] == "interrupted"
-        found = again.unfinished()
+        found = again.prints.unfinished()
         assert found is not None
         assert found.job == job
         assert_agree(core, again, job)

@@ -56,7 +56,7 @@ def test_an_answer_that_nobody_hears_is_refused(core, service):
         with pytest.raises(ConflictError, match="no observer is at work"):
             service.looks.answer(OPERATOR, JOB, 1, "go_on")
         service.hands.cancel(JOB)
-        until(lambda: service.heard(JOB).status.ended)
+        until(lambda: service.prints.heard(JOB).status.ended)
         with pytest.raises(ConflictError, match="doesn't wait for a word on look 1"):
             service.looks.answer(OPERATOR, JOB, 1, "go_on")
         assert answer_of(folder, 1) is None
