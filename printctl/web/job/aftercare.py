@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import yaml
+from fastapi import File, UploadFile
+from fastapi.responses import FileResponse
 from PIL import Image, ImageOps
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -20,17 +22,18 @@ from design.files import write_bytes
 from firmware_profiles import Bath, load
 from printctl.checks.set_up import Budget
 from printctl.machine.link.errors import LinkError
-from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.job.jobs import JobId
 from printctl.web.job.machine import Printing
 from printctl.web.job.record import PrintRecord, Records
 from printctl.web.job.set_up import JobSetUp
+from printctl.web.rest import Asking, Body
 from printctl.web.workspace import checked_name
 
 # Validate and re-encode uploaded photos of a print.
 
-MOST_BYTES: Final = 30_000_000
+_MOST_BYTES: Final = 30_000_000
 _MOST_PIXELS: Final = 100_000_000
 _LONGEST: Final = 2560
 _FORMATS: Final = ("JPEG", "PNG", "WEBP", "TIFF")
@@ -44,9 +47,9 @@ def keep_photo(folder: Path, data: bytes) -> str:
     BadRequestError
         When it is too large or no picture.
     """
-    if len(data) > MOST_BYTES:
+    if len(data) > _MOST_BYTES:
         raise BadRequestError(
-            f"the photo has {len(data) / 1e6:.0f} MB, more than {MOST_BYTES / 1e6:g} MB; make it "
+            f"the photo has {len(data) / 1e6:.0f} MB, more than {_MOST_BYTES / 1e6:g} MB; make it "
             "smaller"
         )
     try:
@@ -303,6 +306,21 @@ class Photo:
     name: str
 
 
+Upload = Annotated[UploadFile, File()]
+
+
+class TickRequest(Body):
+    """A step done, or not after all."""
+
+    done: bool = True
+
+
+class NoteRequest(Body):
+    """A note."""
+
+    text: Annotated[str, Field(min_length=1, max_length=10_000)]
+
+
 class Aftercare:
     """Steps to tick, notes, photos, the bath's warming.
 
@@ -327,7 +345,7 @@ class Aftercare:
         self._lock = threading.Lock()
         self._ramp: Ramp | None = None
 
-    def steps(self, job: str) -> list[Step]:
+    def steps(self, job: JobId) -> list[Step]:
         """Steps after the job's last print that its bath has use for, each with who ticked it."""
         ticks = {one["step"]: one for one in self._listed(job, "steps")}
         bath, steps = self._bath(job), []
@@ -337,37 +355,39 @@ class Aftercare:
                 steps.append(Step(one["id"], one["text"], tick["done"], tick["at"], tick["who"]))
         return steps
 
-    def tick(self, who: Principal, job: str, step: str, done: bool) -> list[Step]:
+    def tick(self, who: Asking, job: JobId, step: str, given: TickRequest) -> list[Step]:
         """Say that a step is done, or that it isn't after all; saying it twice does no harm."""
         now = {one.id: one.done for one in self.steps(job)}
         if step not in now:
             raise NotFoundError(f"there is no step {step[:80]!r}; there are {', '.join(now)}")
-        if now[step] is not done:
-            self._records.add(self._last(job), who.by, "steps", {"step": step, "done": done})
+        if now[step] is not given.done:
+            self._records.add(self._last(job), who.by, "steps", {"step": step, "done": given.done})
         return self.steps(job)
 
-    def note(self, who: Principal, job: str, text: str) -> list[Note]:
+    def note(self, who: Asking, job: JobId, given: NoteRequest) -> list[Note]:
         """Write a note down; gives all."""
-        if not text.strip():
+        if not given.text.strip():
             raise BadRequestError("the note is empty; write a word")
-        self._records.add(self._last(job), who.by, "notes", {"text": text})
+        self._records.add(self._last(job), who.by, "notes", {"text": given.text})
         return self.notes(job)
 
-    def notes(self, job: str) -> list[Note]:
+    def notes(self, job: JobId) -> list[Note]:
         """Notes of the job's last print."""
         return [Note(**one) for one in self._listed(job, "notes")]
 
-    def add_photo(self, who: Principal, job: str, data: bytes) -> list[Photo]:
+    def add_photo(
+        self, who: Asking, job: JobId, file: Annotated[UploadFile, File()]
+    ) -> list[Photo]:
         """Keep a photo; gives all."""
-        name = keep_photo(self._photos(job), data)
+        name = keep_photo(self._photos(job), file.file.read(_MOST_BYTES + 1))
         self._records.add(self._last(job), who.by, "photos", {"name": name})
         return self.photos(job)
 
-    def photos(self, job: str) -> list[Photo]:
+    def photos(self, job: JobId) -> list[Photo]:
         """Photos of the job's last print."""
         return [Photo(**one) for one in self._listed(job, "photos")]
 
-    def photo(self, job: str, name: str) -> Path:
+    def photo(self, job: JobId, name: str) -> FileResponse:
         """File of a photo.
 
         Raises
@@ -377,20 +397,20 @@ class Aftercare:
         path = self._photos(job) / checked_name(name)
         if path.suffix != ".jpg" or not path.is_file():
             raise NotFoundError(f"there is no photo {name!r} of this print")
-        return self._core.workspace.inside(path)
+        return FileResponse(self._core.workspace.inside(path), media_type="image/jpeg")
 
-    def flush(self, job: str, wall_shear_pa: float | None = None) -> FlushLimit | None:
+    def flush(self, job: JobId, wall_shear_pa: float | None = None) -> FlushLimit | None:
         """How hard the channels may be flushed; None where no flow was solved."""
         allowed = wall_shear_pa or float(checklist()["flush"]["wall_shear_pa"])
         return flush_limit(self._core.workspace.job_file(job).with_name("flow.csv"), allowed)
 
-    def warming_of(self, job: str) -> Warming:
+    def melt_out_of(self, job: JobId) -> Warming:
         """Return how the bath of a job's print is melted out; 37 °C where its profile is silent."""
         bath = self._bath(job)
         target = bath.melt_out_c if bath is not None and bath.melt_out_c else 37.0
         return Warming(target_c=target, rate_c_min=checklist()["melt_out"]["rate_c_min"])
 
-    def melt_out(self, who: Principal, warming: Warming) -> RampState:
+    def melt_out(self, who: Asking, warming: Warming) -> RampState:
         """Warm slowly; a ramp that goes on is replaced."""
         self._core.controls.require(who)
         with self._lock:

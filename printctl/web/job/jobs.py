@@ -9,7 +9,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import IO, Any, Final
+from typing import IO, Annotated, Any, Final
+
+from fastapi import Path as PathParam
 
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.security.uploads import save_upload
@@ -17,6 +19,7 @@ from printctl.web.workspace import Workspace, checked_name, file_hash
 
 log = logging.getLogger("printctl.web")
 
+JobId = Annotated[str, PathParam(max_length=80, description="run~NAME or file~NAME.")]
 ENDINGS: Final = (".gcode", ".gco", ".g", ".nc")
 _HEAD_BYTES: Final = 512
 
@@ -48,7 +51,7 @@ class JobEntry:
     commands: int | None = None
 
 
-def list_jobs(workspace: Workspace) -> list[JobEntry]:
+def all_jobs(workspace: Workspace) -> list[JobEntry]:
     """Every job, the newest first, but for files that can't be read."""
     entries = []
     for job in workspace.jobs():

@@ -9,8 +9,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Query, Response
 from fastapi import Path as PathParam
+from fastapi import Query, Response
 from PIL import Image
 from pydantic import Field
 
@@ -26,9 +26,9 @@ from printctl.observe.records import (
     read_looks,
     refuse_unheard,
 )
-from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
+from printctl.web.job.jobs import JobId
 from printctl.web.job.prints import PrintReport
 from printctl.web.rest import Asking, Body
 
@@ -62,6 +62,16 @@ def small_picture(path: Path, changed_ns: int, width_px: int) -> bytes | None:
 
 
 # Service behind the Job page's Looks card: inspection records, pictures, operator's answer.
+
+
+Number = Annotated[int, PathParam(ge=1, le=10**6, description="Of the look, from 1.")]
+Width = Annotated[int, Query(ge=64, le=4096, description="At most so wide, px.")]
+
+
+class AnswerRequest(Body):
+    """The operator's word on a look, as ``printctl observe answer`` takes it."""
+
+    answer: Answer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +112,7 @@ class LookService:
     def __init__(self, core: Core, heard: Callable[[str], PrintReport | None]) -> None:
         self._core, self._heard = core, heard
 
-    def looks(self, job: str) -> list[LookReport]:
+    def looks(self, job: JobId) -> list[LookReport]:
         """Every look at the job's last print, in their order; none of an earlier print's.
 
         Raises
@@ -113,27 +123,20 @@ class LookService:
         looks = read_looks(heard.folder, heard.journal.started)
         return [_reported(heard, one) for one in looks]
 
-    def picture(self, job: str, number: int, width_px: int) -> bytes:
+    def picture(self, job: JobId, number: Number, width: Width = 1600) -> Response:
         """A look's picture with what was expected and found, as JPEG.
-
-        Parameters
-        ----------
-        job : str
-        number : int
-        width_px : int
-            It is made narrower than that where it is wider.
 
         Raises
         ------
         NotFoundError
         """
         path = look_picture(self._core.workspace.print_folder(job), number)
-        picture = None if path is None else small_picture(path, path.stat().st_mtime_ns, width_px)
+        picture = None if path is None else small_picture(path, path.stat().st_mtime_ns, width)
         if picture is None:
             raise NotFoundError(f"there is no picture of look {number} of {job}")
-        return picture
+        return Response(picture, media_type="image/jpeg", headers={"Cache-Control": "no-cache"})
 
-    def answer(self, who: Principal, job: str, number: int, word: Answer) -> LookReport:
+    def answer(self, who: Asking, job: JobId, number: Number, given: AnswerRequest) -> LookReport:
         """Leave the operator's word for the observer; a stop needs no controls.
 
         Saying the same again does no harm.
@@ -144,6 +147,7 @@ class LookService:
         ConflictError
             When the print isn't held for that look, it was answered otherwise, or nobody listens.
         """
+        word = given.answer
         if word != "stop":
             self._core.controls.require(who)
         look = next((one for one in self.looks(job) if one.number == number), None)
@@ -187,41 +191,3 @@ def _reported(heard: PrintReport, record: LookRecord) -> LookReport:
         proposed=proposal_words(record),
         outcome=outcome_words(record, answer),
     )
-
-
-# REST routes for a print's inspections (looks): records, pictures, the operator's answer.
-
-Job = Annotated[str, PathParam(max_length=80, description="run~NAME or file~NAME.")]
-Number = Annotated[int, PathParam(ge=1, le=10**6, description="Of the look, from 1.")]
-Width = Annotated[int, Query(ge=64, le=4096, description="At most so wide, px.")]
-
-
-class AnswerRequest(Body):
-    """The operator's word on a look, as ``printctl observe answer`` takes it."""
-
-    answer: Answer
-
-
-def add_routes(routes: APIRouter, service: LookService) -> None:
-    """Add them to the job's room."""
-
-    @routes.get("/prints/{job}/looks", summary="Looks at the last print")
-    def looks(job: Job) -> list[LookReport]:
-        return service.looks(job)
-
-    @routes.get(
-        "/prints/{job}/looks/{number}/picture",
-        summary="A look's picture, with what was expected and found",
-        response_class=Response,
-        responses={200: {"content": {"image/jpeg": {}}}},
-    )
-    def picture(job: Job, number: Number, width: Width = 1600) -> Response:
-        jpeg = service.picture(job, number, width)
-        return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-cache"})
-
-    @routes.post(
-        "/prints/{job}/looks/{number}/answer",
-        summary="Answer a look that asks; 409 where the print doesn't wait for it",
-    )
-    def answer(job: Job, number: Number, given: AnswerRequest, who: Asking) -> LookReport:
-        return service.answer(who, job, number, given.answer)

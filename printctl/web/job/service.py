@@ -7,7 +7,7 @@ import contextlib
 import json
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import IO, Any, Final
 
 from design.files import write_text
@@ -24,7 +24,7 @@ from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare, Viability, viability
 from printctl.web.job.camera.routes import CameraService
-from printctl.web.job.jobs import JobEntry, add_job, entry_of, facts_file, list_jobs
+from printctl.web.job.jobs import JobEntry, JobId, add_job, all_jobs, entry_of, facts_file
 from printctl.web.job.looks import LookService
 from printctl.web.job.machine import Machine, Printing, StationPrinting, set_up_of
 from printctl.web.job.preflight import Preflight, PreflightReport, Preflights, key_of, report
@@ -55,6 +55,7 @@ from printctl.web.job.starting import (
 from printctl.web.live import JobSource, SceneError
 from printctl.web.live.routes import SceneMaker
 from printctl.web.profile_store import ProfileStore
+from printctl.web.rest import Asking
 
 _FOUND_S: Final = 3.0
 """So long after its start a server knows the print that goes on, which scenes are made behind."""
@@ -139,7 +140,7 @@ class JobService:
         cache = self.core.workspace.private / "scenes"
         return JobSource(file, cache, mounted.printer, mounted.syringe.partition(",")[0])
 
-    def mends(self, job: str) -> list[MendStrokes]:
+    def mends(self, job: JobId) -> list[MendStrokes]:
         """What an observer had written again in the job's last print.
 
         Raises
@@ -175,7 +176,7 @@ class JobService:
         self.printing.to_start(start_mm)
         return self._connected()
 
-    def keep_set_up(self, job: str, set_up: JobSetUp) -> JobSetUp:
+    def keep_set_up(self, job: JobId, set_up: JobSetUp) -> JobSetUp:
         """Remember a set-up for a job, and give it filled in: the printer knows better."""
         self._refuse_foreign(set_up)
         self.set_ups.keep(job, set_up)
@@ -236,11 +237,12 @@ class JobService:
             preflight=None if checked is None else report(job, checked),
         )
 
-    def record(self, job: str) -> PrintRecord:
+    def record(self, job: JobId) -> PrintRecord:
         """What is written down for the job's next print, or for the one that goes on."""
+        self.core.workspace.job_file(job)
         return self.records.values(self.records.current(job))
 
-    def write_down(self, who: Principal, job: str, changes: Mapping[str, Any]) -> PrintRecord:
+    def write_down(self, who: Asking, job: JobId, changes: dict[str, Any]) -> PrintRecord:
         """Change the record; what was said before stays in it."""
         self.core.workspace.job_file(job)
         return self.records.change(self.records.current(job), who.by, changes)
@@ -306,7 +308,7 @@ class JobService:
             self.prints.follow(job, folder)
         return self.prints.heard_soon(job)
 
-    def viability(self, job: str) -> Viability:
+    def viability(self, job: JobId) -> Viability:
         """The clock of the cells."""
         set_up = self.set_ups.of(job)
         heard = self.prints.heard(job)
@@ -368,4 +370,4 @@ def _first_job(service: JobService) -> JobEntry | None:
     workspace = service.core.workspace
     if current := service.prints.current() or service.prints.unfinished():
         return entry_of(workspace, current.job)
-    return next(iter(list_jobs(workspace)), None)
+    return next(iter(all_jobs(workspace)), None)

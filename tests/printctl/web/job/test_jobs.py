@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fastapi import UploadFile
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -25,7 +26,7 @@ from printctl.machine.printing.remaining import Estimate, Remaining
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.aftercare import Ramp, Warming, flush_limit, ramped_c, viability
 from printctl.web.job.check import make_table
-from printctl.web.job.jobs import entry_of, list_jobs
+from printctl.web.job.jobs import all_jobs, entry_of
 from printctl.web.job.machine import Machine, places_to, set_up_of
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp, read_first_lines
@@ -39,7 +40,7 @@ from tests.printctl.web.job.conftest import OPERATOR, START, add
 def test_names_that_leave_the_folder_are_refused(service, name):
     with pytest.raises(BadRequestError):
         service.upload(name, io.BytesIO(b"G1 X1\n"))
-    assert list_jobs(service.core.workspace) == []
+    assert all_jobs(service.core.workspace) == []
 
 
 def test_a_name_that_cant_be_used_hides_no_other_job(service):
@@ -51,7 +52,7 @@ def test_a_name_that_cant_be_used_hides_no_other_job(service):
     (root / "jobs" / "gone.gcode").symlink_to(root / "jobs" / "nowhere")
     (root / "runs" / "my run").mkdir()
     (root / "runs" / "my run" / "part.gcode").write_bytes(b"G1 X1\n")
-    assert [one.id for one in list_jobs(service.core.workspace)] == [job]
+    assert [one.id for one in all_jobs(service.core.workspace)] == [job]
     unusable = service.core.workspace.unusable_names("jobs/*.gcode", "runs/*")
     assert unusable == sorted([*(f"jobs/{name}" for name in odd), "runs/my run"])
 
@@ -116,14 +117,18 @@ def test_the_record_keeps_every_change_with_who(service):
     assert {one["who"] for one in kept["changes"]} == {"Ada"}
 
 
+def uploaded(data: bytes) -> UploadFile:
+    return UploadFile(io.BytesIO(data))
+
+
 def test_only_pictures_become_photos_and_are_written_anew(service):
     job = add(service)
     with pytest.raises(BadRequestError):
-        service.after.add_photo(OPERATOR, job, b"<script>alert(1)</script>")
+        service.after.add_photo(OPERATOR, job, uploaded(b"<script>alert(1)</script>"))
     out = io.BytesIO()
     Image.new("RGB", (64, 32), "red").save(out, "PNG")
-    name = service.after.add_photo(OPERATOR, job, out.getvalue() + b"<script>")[0].name
-    kept = service.after.photo(job, name).read_bytes()
+    photos = service.after.add_photo(OPERATOR, job, uploaded(out.getvalue() + b"<script>"))
+    kept = Path(service.after.photo(job, photos[0].name).path).read_bytes()
     assert kept[:2] == b"\xff\xd8"
     assert b"<script>" not in kept
     with pytest.raises(BadRequestError):

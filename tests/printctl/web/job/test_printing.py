@@ -46,6 +46,7 @@ from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import ConflictError, NotInControlError
 from printctl.web.history.service import HistoryService
 from printctl.web.job.jobs import entry_of
+from printctl.web.job.print_commands import PauseRequest, RecoverRequest, ResumeRequest
 from printctl.web.job.record import Records
 from printctl.web.job.service import JobService
 from tests.printctl.machine.link.layered import layered
@@ -68,14 +69,14 @@ def test_a_print_is_started_held_gone_on_with_and_done(service, station):
     assert said.start_mm == (50.0, 50.0, 10.0)
     begun = service.start(OPERATOR, job, said, WORDS)
     assert service.start(OPERATOR, job, said, WORDS).journal.started == begun.journal.started
-    service.hands.pause(OPERATOR, job, "layer")
-    service.hands.pause(OPERATOR, job, "layer")
+    service.hands.pause(OPERATOR, job, PauseRequest(after="layer"))
+    service.hands.pause(OPERATOR, job, PauseRequest(after="layer"))
     held = until(service, job, LinkState.PAUSED)
     assert held.progress is not None
     assert 0 < held.progress.share < 1
     assert held.progress.layers == 6
-    service.hands.resume(OPERATOR, job)
-    service.hands.resume(OPERATOR, job)
+    service.hands.resume(OPERATOR, job, ResumeRequest())
+    service.hands.resume(OPERATOR, job, ResumeRequest())
     done = until(service, job, LinkState.DONE)
     assert done.progress is not None
     assert done.progress.commands == done.progress.commands_total
@@ -100,7 +101,7 @@ def test_a_job_is_cancelled_and_printed_again_on_the_same_station(core, service,
     second = service.start(OPERATOR, job, ready(service, job), WORDS)
     assert not second.status.ended
     assert second.journal.print_id != first.journal.print_id
-    service.hands.pause(OPERATOR, job, "now")
+    service.hands.pause(OPERATOR, job, PauseRequest(after="now"))
     heard(lambda: core.events.latest["print"]["state"] == "paused")
     assert core.events.latest["print"]["print_id"] == second.journal.print_id
     service.hands.cancel(job)
@@ -306,7 +307,7 @@ def test_a_print_from_the_page_is_looked_at_and_after_a_resume_as_well(
     held = until(service, JOB, LinkState.PAUSED)
     assert "nobody decided" in held.status.message
     (tmp_path / "works").touch()
-    service.hands.resume(OPERATOR, JOB)
+    service.hands.resume(OPERATOR, JOB, ResumeRequest())
     assert int((folder / READY).read_text()) != first
     assert until(service, JOB, LinkState.DONE).status.alarms == 1
     assert [(one.number, one.decision) for one in read_looks(folder)] == [
@@ -461,7 +462,7 @@ def test_a_printer_that_was_connected_anew_isnt_gone_on_with_but_recovered(
             service.hands.go_on(OPERATOR, job)
         assert broken.may(PrintAction.RECOVER).possible
         line = 40 if broken.may(PrintAction.RECOVER).needs else None
-        rest = service.hands.recover(OPERATOR, job, line)
+        rest = service.hands.recover(OPERATOR, job, RecoverRequest(from_line=line))
         assert entry_of(core.workspace, rest.job).name == "zigzag.rest.gcode"
         assert "straight up" in rest.steps[0]
     finally:
@@ -496,6 +497,6 @@ def test_a_killed_link_process_of_its_own_is_gone_on_with_after_a_go_on(
     os.kill(load_record(core.workspace.print_folder(job)).pid, signal.SIGKILL)
     until_so(service, job, ended_as(LinkState.INTERRUPTED))
     assert_agree(core, service, job)
-    service.hands.resume(OPERATOR, job)  # as `printctl resume` does
+    service.hands.resume(OPERATOR, job, ResumeRequest())  # as `printctl resume` does
     done = until_so(service, job, lambda heard: heard.status.ended)
     assert done.status.state is LinkState.DONE, done.status.message
