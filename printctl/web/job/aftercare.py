@@ -25,7 +25,7 @@ from printctl.machine.link.errors import LinkError
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.job.jobs import JobId
-from printctl.web.job.machine import Printing
+from printctl.web.job.machine import StationPrinting
 from printctl.web.job.record import PrintRecord, Records
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.rest import Asking, Body
@@ -160,7 +160,7 @@ class Ramp:
         When the printer has no such heater.
     """
 
-    def __init__(self, printing: Printing, warming: Warming) -> None:
+    def __init__(self, printing: StationPrinting, warming: Warming) -> None:
         there = printing.temperatures()
         if warming.heater not in there:
             raise ConflictError(
@@ -328,7 +328,7 @@ class Aftercare:
     ----------
     core : Core
     records : Records
-    printing : Printing
+    printing : StationPrinting
     set_up : function
         Gives a job's set-up, which names the bath.
     """
@@ -337,7 +337,7 @@ class Aftercare:
         self,
         core: Core,
         records: Records,
-        printing: Printing,
+        printing: StationPrinting,
         set_up: Callable[[str], JobSetUp],
     ) -> None:
         self._core, self._records, self._printing = core, records, printing

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import ProfileError
 from kernels.arrays import FloatArray, IntArray
@@ -54,22 +53,23 @@ def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | No
     """
     line = np.array([0, *job.file_lines], np.int64)
     last = max(int(run.program.line.max(initial=0)), int(line.max()))
-    layer, layers = (
-        _parts(view.line, view.layer, view.act, line) if view is not None else _none(line)
-    )
-    vessel, vessels = _none(line)
-    if view is not None and view.vessel is not None:
-        vessel, vessels = _parts(view.line, view.vessel, view.act, line)
+    at = np.zeros(last + 1, np.int64)
+    np.maximum.at(at, run.program.line, np.arange(1, len(run.program.line) + 1))
+    row = np.maximum.accumulate(at)[line]  # of the program, up to each line and that one included
+    in_layers = _written(view, None if view is None else view.layer)
+    in_vessels = _written(view, None if view is None else view.vessel)
+    layer, layers = _parts(*in_layers, line)
+    vessel, vessels = _parts(*in_vessels, line)
     return JobTable(
         time_s=_times(run, line, last),
         ink_ul=_ink(run, volume_ul, last)[line],
-        plunger_mm=_plunger(run, line, last),
+        plunger_mm=np.concatenate([[0.0], run.program.plunger])[row],
         file_line=line,
         layer=layer,
         vessel=vessel,
-        layers_done=_done(line, view, None if view is None else view.layer),
-        vessels_done=_done(line, view, None if view is None else view.vessel),
-        tip_mm=_tip(run, line, last),
+        layers_done=_done(*in_layers, line),
+        vessels_done=_done(*in_vessels, line),
+        tip_mm=np.concatenate([run.program.start[None, :3], run.program.target[:, :3]])[row],
         layer_count=layers,
         vessel_count=vessels,
         passes=view is not None and view.layers.passes,
@@ -100,51 +100,29 @@ def _ink(run: DryRun, volume_ul: FloatArray, last: int) -> FloatArray:
     return result
 
 
-def _plunger(run: DryRun, line: IntArray, last: int) -> FloatArray:
-    """Where the plunger stands after each line, mm; lines that aren't its keep it."""
-    plunger = np.concatenate([[0.0], run.program.plunger])
-    return np.asarray(plunger[_rows(run, last)][line])
-
-
-def _tip(run: DryRun, line: IntArray, last: int) -> FloatArray:
-    """Where the tip stands after each line, mm."""
-    tips = np.concatenate([run.program.start[None, :3], run.program.target[:, :3]])
-    return np.asarray(tips[_rows(run, last)][line])
-
-
-def _rows(run: DryRun, last: int) -> IntArray:
-    """Rows of the program up to each line of the file, that line included."""
-    at = np.zeros(last + 1, np.int64)
-    np.maximum.at(at, run.program.line, np.arange(1, len(run.program.line) + 1))
-    return np.maximum.accumulate(at)
-
-
-def _none(line: IntArray) -> tuple[IntArray, int]:
-    return np.full(len(line), NONE, np.int64), 0
-
-
-def _parts(
-    at: IntArray, part: IntArray, act: NDArray[np.uint8], line: IntArray
-) -> tuple[IntArray, int]:
-    """Part that is written at each line, or next; numbered from 0 in the order of writing."""
-    writes = (act == Act.WRITE) & (part >= 0)
-    if not writes.any():
-        return _none(line)
-    names = part[writes]
-    first = np.sort(np.unique(names, return_index=True)[1])
-    rank = np.full(int(names.max()) + 1, NONE, np.int64)
-    rank[names[first]] = np.arange(len(first))
-    here = np.searchsorted(at[writes], line, side="left")
-    return rank[names[np.minimum(here, len(names) - 1)]], len(first)
-
-
-def _done(line: IntArray, view: GcodeJob | None, part: IntArray | None) -> IntArray:
-    """How many parts have been written to their end after each line."""
+def _written(view: GcodeJob | None, part: IntArray | None) -> tuple[IntArray, IntArray]:
+    """Lines that write, and the part that each belongs to."""
     if view is None or part is None:
-        return np.zeros(len(line), np.int64)
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     writes = (view.act == Act.WRITE) & (part >= 0)
-    ends = np.zeros(int(part[writes].max(initial=0)) + 1, np.int64)
-    np.maximum.at(ends, part[writes], view.line[writes])
+    return view.line[writes], part[writes]
+
+
+def _parts(at: IntArray, part: IntArray, line: IntArray) -> tuple[IntArray, int]:
+    """Part that is written at each line, or next; numbered from 0 in the order of writing."""
+    if not len(at):
+        return np.full(len(line), NONE, np.int64), 0
+    first = np.sort(np.unique(part, return_index=True)[1])
+    rank = np.full(int(part.max()) + 1, NONE, np.int64)
+    rank[part[first]] = np.arange(len(first))
+    here = np.searchsorted(at, line, side="left")
+    return rank[part[np.minimum(here, len(part) - 1)]], len(first)
+
+
+def _done(at: IntArray, part: IntArray, line: IntArray) -> IntArray:
+    """How many parts have been written to their end after each line."""
+    ends = np.zeros(int(part.max(initial=0)) + 1, np.int64)
+    np.maximum.at(ends, part, at)
     return np.searchsorted(np.sort(ends[ends > 0]), line, side="right").astype(np.int64)
 
 

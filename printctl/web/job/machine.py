@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import field
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final
 
 from pydantic import computed_field
 from pydantic.dataclasses import dataclass
@@ -71,25 +71,6 @@ class Machine:
     def simulated(self) -> bool:
         """Whether it is no machine, so that there is nothing to look at."""
         return self.port == SIMULATED
-
-
-class Printing(Protocol):
-    """What prints: the station, or in tests a simulated printer."""
-
-    def machine(self) -> Machine | None:
-        """The printer as it is now; None where none is connected."""
-
-    def start(self, order: Order) -> PrintClient:
-        """Print, or attach to the order's print if it is going on."""
-
-    def to_start(self, start_mm: Place) -> None:
-        """Bring the tip to a job's start."""
-
-    def heat(self, name: str, celsius: float) -> None:
-        """Set a heater's target."""
-
-    def temperatures(self) -> dict[str, tuple[float, float | None]]:
-        """What each heater has and is to have, °C."""
 
 
 class StationPrinting:
@@ -188,24 +169,18 @@ def places_to(tip: Place, start: Place, over_mm: float | None) -> list[Place]:
     return [(tip[0], tip[1], high), (start[0], start[1], high), start]
 
 
-def set_up_of(
-    machine: Machine | None, before: JobSetUp, declared: tuple[float, float, float] | None = None
-) -> JobSetUp:
+def set_up_of(machine: Machine | None, before: JobSetUp, declared: Place | None = None) -> JobSetUp:
     """The set-up with all that the printer knows better.
 
     Where the job declares its start, the tip must come there; else it starts where the tip stands.
     """
-    if declared is not None:
-        before = before.model_copy(update={"start_mm": declared})
-    if machine is None:
-        return before
-    names = {key: name for key, name in machine.mounted.items() if name}
-    said_mm = (
-        {"start_mm": machine.tip_mm} if machine.tip_mm is not None and declared is None else {}
-    )
-    values = before.model_dump() | {"printer": machine.profile} | names | said_mm
-    if machine.dish_centre_mm is not None and values["dish"]:
-        values["dish_centre_mm"] = machine.dish_centre_mm
-    if machine.bath_depth_mm is not None and machine.bath_depth_mm > 0 and values["dish"]:
-        values["bath_depth_mm"] = machine.bath_depth_mm
+    start_mm = declared or (machine.tip_mm if machine else None)
+    values: dict[str, Any] = before.model_dump() | ({"start_mm": start_mm} if start_mm else {})
+    if machine is not None:
+        names = {part: name for part, name in machine.mounted.items() if name}
+        values |= names | {"printer": machine.profile}
+        if machine.dish_centre_mm is not None and values["dish"]:
+            values["dish_centre_mm"] = machine.dish_centre_mm
+        if (machine.bath_depth_mm or 0.0) > 0 and values["dish"]:
+            values["bath_depth_mm"] = machine.bath_depth_mm
     return JobSetUp.model_validate(values)

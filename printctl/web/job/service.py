@@ -26,7 +26,7 @@ from printctl.web.job.aftercare import Aftercare, Viability, viability
 from printctl.web.job.camera.routes import CameraService
 from printctl.web.job.jobs import JobEntry, JobId, add_job, all_jobs, entry_of, facts_file
 from printctl.web.job.looks import LookService
-from printctl.web.job.machine import Machine, Printing, StationPrinting, set_up_of
+from printctl.web.job.machine import Machine, StationPrinting, set_up_of
 from printctl.web.job.preflight import Preflight, PreflightReport, Preflights, key_of, report
 from printctl.web.job.print_commands import PrintCommands
 from printctl.web.job.prints import PrintReport, Prints
@@ -71,7 +71,7 @@ class JobService:
     Parameters
     ----------
     core : Core
-    printing : Printing, optional
+    printing : StationPrinting, optional
         The workspace's station by default.
 
     Attributes
@@ -94,10 +94,10 @@ class JobService:
         Looks at an observed print, and the operator's answer.
     """
 
-    def __init__(self, core: Core, printing: Printing | None = None) -> None:
+    def __init__(self, core: Core, printing: StationPrinting | None = None) -> None:
         self.core = core
         self.store = ProfileStore(core.workspace.root)
-        self.printing: Printing = printing or StationPrinting(core.workspace.station)
+        self.printing = printing or StationPrinting(core.workspace.station)
         self._preflights = Preflights(core.workspace.private / "preflight")
         self.set_ups = SetUps(core.workspace)
         self.records = Records(core.workspace.root / "records")
