@@ -13,6 +13,7 @@ from typing import IO, Annotated, Any, Final
 
 from fastapi import Path as PathParam
 
+from design.files import write_text
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.security.uploads import save_upload
 from printctl.web.workspace import Workspace, checked_name, file_hash
@@ -62,8 +63,12 @@ def all_jobs(workspace: Workspace) -> list[JobEntry]:
     return entries
 
 
-def facts_file(workspace: Workspace, sha256: str) -> Path:
-    """File of what the dry run of a job with a hash has found."""
+def keep_facts(workspace: Workspace, facts: dict[str, Any]) -> None:
+    """Remember what the dry run of a job has found, its ``sha256`` among it."""
+    write_text(_facts_file(workspace, facts["sha256"]), json.dumps(facts) + "\n")
+
+
+def _facts_file(workspace: Workspace, sha256: str) -> Path:
     return workspace.private / "jobs" / f"{sha256}.json"
 
 
@@ -71,7 +76,7 @@ def entry_of(workspace: Workspace, job: str) -> JobEntry:
     """One job, with what is known of it without a dry run."""
     path = workspace.job_file(job)
     stat, sha256 = path.stat(), file_hash(path)
-    known = _facts(facts_file(workspace, sha256)) or _facts(path.with_name("dry_run.json"))
+    known = _facts(_facts_file(workspace, sha256)) or _facts(path.with_name("dry_run.json"))
     return JobEntry(
         id=job,
         name=job.partition("~")[2],

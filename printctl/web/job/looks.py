@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -29,7 +28,7 @@ from printctl.observe.records import (
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.job.jobs import JobId
-from printctl.web.job.prints import PrintReport
+from printctl.web.job.prints import PrintReport, Prints
 from printctl.web.rest import Asking, Body
 
 _KEPT: Final = 64
@@ -105,12 +104,11 @@ class LookService:
     Parameters
     ----------
     core : Core
-    heard : function
-        Gives a job's print as it was heard of last.
+    prints : Prints
     """
 
-    def __init__(self, core: Core, heard: Callable[[str], PrintReport | None]) -> None:
-        self._core, self._heard = core, heard
+    def __init__(self, core: Core, prints: Prints) -> None:
+        self._core, self._prints = core, prints
 
     def looks(self, job: JobId) -> list[LookReport]:
         """Every look at the job's last print, in their order; none of an earlier print's.
@@ -119,7 +117,7 @@ class LookService:
         ------
         NotFoundError
         """
-        heard = self._print(job)
+        heard = self._prints.last(job)
         looks = read_looks(heard.folder, heard.journal.started)
         return [_reported(heard, one) for one in looks]
 
@@ -155,7 +153,7 @@ class LookService:
             raise NotFoundError(f"there is no look {number} at the print of {job}")
         if look.answer == word:
             return look
-        heard = self._print(job)
+        heard = self._prints.last(job)
         if look.answer is not None:
             raise ConflictError(f"look {number} was answered before: {look.answer}")
         if not look.waits:
@@ -170,12 +168,6 @@ class LookService:
         except ValueError as exc:
             raise ConflictError(str(exc)) from exc
         return next(one for one in self.looks(job) if one.number == number)
-
-    def _print(self, job: str) -> PrintReport:
-        heard = self._heard(job)
-        if heard is None:
-            raise NotFoundError(f"no print of {job} was ever started")
-        return heard
 
 
 def _reported(heard: PrintReport, record: LookRecord) -> LookReport:

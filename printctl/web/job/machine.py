@@ -15,7 +15,6 @@ from printctl.errors import SafetyError
 from printctl.machine.link.client import PrintClient
 from printctl.machine.link.errors import NoLink
 from printctl.machine.printing import Order
-from printctl.machine.printing.find import running
 from printctl.machine.printing.simulated import SIMULATED
 from printctl.machine.station import Station, StationState, StationStatus, attach
 from printctl.machine.station.status import NO_PRINTER
@@ -102,14 +101,13 @@ class StationPrinting:
         )
 
     def start(self, order: Order) -> PrintClient:
-        """Print on the station's port, or attach to the order's print if it is going on.
+        """Print on the station's port.
 
         Raises
         ------
         ConflictError, LinkError, PrintctlError
         """
-        client = running(order)
-        return client if client is not None else self._station().print(order)
+        return self._station().print(order)
 
     def to_start(self, start_mm: Place) -> None:
         """Bring the tip to a job's start; the station refuses what its soft limits forbid.

@@ -18,9 +18,10 @@ from design.files import write_text
 from printctl.checks.set_up import Check
 from printctl.machine.printing.job_table import JobTable
 from printctl.web.errors import BadRequestError
+from printctl.web.job.jobs import keep_facts
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import run_worker
-from printctl.web.workspace import file_hash
+from printctl.web.workspace import Workspace, file_hash
 
 _VERSION: Final = 3
 _LONGEST_S: Final = 900.0
@@ -105,16 +106,10 @@ def report(job: str, checked: Preflight, before: list[CheckRow] | None = None) -
 
 
 class Preflights:
-    """Computes and caches preflight checks.
+    """Computes and caches preflight checks of a workspace's jobs."""
 
-    Parameters
-    ----------
-    folder : Path
-        Where they are kept.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace, self._folder = workspace, workspace.private / "preflight"
         self._one = threading.Lock()
         self._unusable: dict[str, tuple[float, str]] = {}
 
@@ -128,9 +123,11 @@ class Preflights:
         ConflictError
             When the process that looks at it died or took too long.
         """
+        if (known := self.known(gcode, set_up)) is not None:
+            return known
         key = key_of(gcode, set_up)
-        self._refuse_unusable(key)
         with self._one:  # two dry runs at a time would be in each other's way, and in the print's
+            self._refuse_unusable(key)
             if (known := self._read(key)) is not None:
                 return known
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -139,7 +136,9 @@ class Preflights:
                 self._unusable[key] = time.monotonic(), facts["error"]
                 raise BadRequestError(facts["error"])
             write_text(self._folder / f"{key}.json", json.dumps(facts) + "\n")
-        return _preflight(key, facts, self._folder)
+        checked = _preflight(key, facts, self._folder)
+        keep_facts(self._workspace, checked.facts)
+        return checked
 
     def known(self, gcode: Path, set_up: JobSetUp) -> Preflight | None:
         """What was found before; None where nobody has looked.

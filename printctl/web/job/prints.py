@@ -33,6 +33,7 @@ from printctl.machine.printing.progress import Filling
 from printctl.machine.printing.remaining import Remaining
 from printctl.machine.printing.simulated import was_simulated
 from printctl.machine.station.record import RECORD as STATION_RECORD
+from printctl.web.errors import NotFoundError
 from printctl.web.job.preflight import Preflights, load_table
 from printctl.web.job.record import Records
 from printctl.web.job.set_up import JobSetUp, SetUps, read_first_lines
@@ -288,6 +289,18 @@ class Prints:
         self._keep_known_table(job, folder)
         heard = PrintReport.of(job, read_print(folder))
         self._note_end(heard)
+        return heard
+
+    def last(self, job: str) -> PrintReport:
+        """`heard`, of a job that was printed.
+
+        Raises
+        ------
+        NotFoundError
+        """
+        heard = self.heard(job)
+        if heard is None:
+            raise NotFoundError(f"no print of {job} was ever started")
         return heard
 
     def heard_soon(self, job: str) -> PrintReport:

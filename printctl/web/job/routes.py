@@ -16,7 +16,6 @@ from printctl.machine.link.states import LinkState
 from printctl.machine.print_state.actions import Possible
 from printctl.machine.print_state.alerts import Alert
 from printctl.machine.printing.progress import Progress
-from printctl.web.errors import NotFoundError
 from printctl.web.job.aftercare import Aftercare, checklist
 from printctl.web.job.camera.routes import add_routes
 from printctl.web.job.jobs import JobEntry, JobId, all_jobs, entry_of
@@ -209,10 +208,7 @@ def _prints(service: JobService) -> APIRouter:
 
     @routes.get("/prints/{job}", summary="State and progress")
     def status(job: JobId) -> PrintResponse:
-        reports = service.prints.heard(job)
-        if reports is None:
-            raise NotFoundError(f"no print of {job} was ever started")
-        return print_response(reports)
+        return print_response(service.prints.last(job))
 
     get, post, hands = routes.get, routes.post, service.hands
     get("/prints/{job}/mends", summary="What an observer had written again")(service.mends)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import threading
 import time
 from collections.abc import Iterator
 from typing import IO, Any, Final
 
-from design.files import write_text
 from firmware_profiles import Printer, ProfileError, load
 from printctl.errors import PrintctlError, SafetyError
 from printctl.machine.link.job import load_job
@@ -24,7 +22,7 @@ from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare, Viability, viability
 from printctl.web.job.camera.routes import CameraService
-from printctl.web.job.jobs import JobEntry, JobId, add_job, all_jobs, entry_of, facts_file
+from printctl.web.job.jobs import JobEntry, JobId, add_job, all_jobs, entry_of
 from printctl.web.job.looks import LookService
 from printctl.web.job.machine import Machine, StationPrinting, set_up_of
 from printctl.web.job.preflight import Preflight, PreflightReport, Preflights, key_of, report
@@ -98,7 +96,7 @@ class JobService:
         self.core = core
         self.store = ProfileStore(core.workspace.root)
         self.printing = printing or StationPrinting(core.workspace.station)
-        self._preflights = Preflights(core.workspace.private / "preflight")
+        self._preflights = Preflights(core.workspace)
         self.set_ups = SetUps(core.workspace)
         self.records = Records(core.workspace.root / "records")
         self.prints = Prints(
@@ -108,7 +106,7 @@ class JobService:
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
         self.scenes = SceneMaker()
         self.watching = CameraService(core)
-        self.looks = LookService(core, self.prints.heard)
+        self.looks = LookService(core, self.prints)
         self._starting = threading.Lock()
         self.prints.begin()
 
@@ -331,16 +329,9 @@ class JobService:
         refuse_foreign_files(set_up, self.core.workspace.root, frozenset(known))
 
     def _checked(self, job: str, set_up: JobSetUp) -> Preflight:
-        """Return what is known of a job; where that is nothing, look."""
+        """Check a job, unless it was checked so before."""
         self._refuse_foreign(set_up)
-        file = self.core.workspace.job_file(job)
-        known = self._preflights.known(file, set_up)
-        if known is not None:
-            return known
-        checked = self._preflights.of(file, set_up)
-        facts = facts_file(self.core.workspace, checked.facts["sha256"])
-        write_text(facts, json.dumps(checked.facts) + "\n")
-        return checked
+        return self._preflights.of(self.core.workspace.job_file(job), set_up)
 
     def _others_controls(self, who: Principal) -> Iterator[Refusal]:
         holder = self.core.controls.holder

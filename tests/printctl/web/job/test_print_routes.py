@@ -87,7 +87,12 @@ def test_a_job_cancelled_and_started_again_is_told_as_another_print(call: Call) 
         assert print_["alert"] is None
     possible = {one["action"] for one in print_["actions"] if one["possible"]}
     assert {"pause", "stop"} <= possible
+    call("POST", f"/prints/{job}/pause", json={})  # the second one tells so itself
+    wait_for(lambda: call("GET", f"/prints/{job}")["state"] == "paused")
     cancelled(call, job)
+    for one in (first, second):
+        note = call("GET", f"/history/{one['print_id']}")["note"]
+        assert note["state"] == "stopped"
 
 
 def test_crossings_are_accepted_for_one_print(call: Call) -> None:

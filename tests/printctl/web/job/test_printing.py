@@ -90,28 +90,6 @@ def test_a_print_is_started_held_gone_on_with_and_done(service, station):
     assert service.record(job).operator == "Ada"  # a new print's record remembers the last one
 
 
-def test_a_job_is_cancelled_and_printed_again_on_the_same_station(core, service, station):
-    """Both prints have the station's process; the second one is paused, and tells so itself."""
-    job = add(service)
-    first = service.start(OPERATOR, job, ready(service, job), WORDS)
-    service.hands.cancel(job)
-    until(service, job, LinkState.STOPPED)
-    heard(lambda: service.printing.machine().ready)
-    service.to_start(OPERATOR, job, (50.0, 50.0, 10.0))
-    second = service.start(OPERATOR, job, ready(service, job), WORDS)
-    assert not second.status.ended
-    assert second.journal.print_id != first.journal.print_id
-    service.hands.pause(OPERATOR, job, PauseRequest(after="now"))
-    heard(lambda: core.events.latest["print"]["state"] == "paused")
-    assert core.events.latest["print"]["print_id"] == second.journal.print_id
-    service.hands.cancel(job)
-    until(service, job, LinkState.STOPPED)
-    records = [service.records.load(one) for one in service.records.of_job(job)]
-    identities = [first.journal.print_id, second.journal.print_id]
-    assert [one["print_id"] for one in records] == identities
-    assert [one["state"] for one in records] == ["stopped", "stopped"]
-
-
 @pytest.mark.slow
 def test_a_new_server_finds_the_print_that_goes_on(core, service, station):
     job = add(service)
