@@ -277,16 +277,7 @@ class NoteRequest(Body):
 
 
 class Aftercare:
-    """Steps to tick, notes, photos, the bath's warming.
-
-    Parameters
-    ----------
-    core : Core
-    records : Records
-    printing : StationPrinting
-    set_up : function
-        Gives a job's set-up, which names the bath.
-    """
+    """Steps to tick, notes, photos, the warming of the bath that a job's set-up names."""
 
     def __init__(
         self,

@@ -89,20 +89,9 @@ def entry_of(workspace: Workspace, job: str) -> JobEntry:
 
 
 def add_job(workspace: Workspace, name: str, stream: IO[bytes], limit_bytes: int) -> str:
-    """Keep an uploaded G-code file; nothing in it is run. The same file again does no harm.
+    """Keep an uploaded G-code file, and return the job; nothing in it is run.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    name : str
-        As the user's file is called.
-    stream : binary file
-    limit_bytes : int
-
-    Returns
-    -------
-    str
-        The job.
+    ``name`` is as the user's file is called. The same file again does no harm.
 
     Raises
     ------

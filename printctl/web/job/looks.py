@@ -39,12 +39,7 @@ _FORMATS: Final = ("PNG", "JPEG", "TIFF", "WEBP", "BMP")
 def small_picture(path: Path, changed_ns: int, width_px: int) -> bytes | None:
     """Return a picture as JPEG, at most so wide; None where it can't be read.
 
-    Parameters
-    ----------
-    path : Path
-    changed_ns : int
-        When the file was changed last: another time is another picture.
-    width_px : int
+    A file that was changed at another time, ``changed_ns``, is another picture.
     """
     del changed_ns
     try:
@@ -99,13 +94,7 @@ class LookReport(LookRecord):
 
 
 class LookService:
-    """Looks at the workspace's prints; any thread may call.
-
-    Parameters
-    ----------
-    core : Core
-    prints : Prints
-    """
+    """Looks at the workspace's prints; any thread may call."""
 
     def __init__(self, core: Core, prints: Prints) -> None:
         self._core, self._prints = core, prints

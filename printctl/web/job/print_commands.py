@@ -90,12 +90,7 @@ class Rest:
 
 
 class PrintCommands:
-    """Pause, resume, change of syringe, confirm alive, cancel; go on, recover, give up.
-
-    Parameters
-    ----------
-    core : Core
-    """
+    """Pause, resume, change of syringe, confirm alive, cancel; go on, recover, give up."""
 
     def __init__(self, core: Core) -> None:
         self._core = core

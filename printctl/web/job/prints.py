@@ -74,15 +74,8 @@ def _is_simulated(folder: Path, started: float) -> bool:
 class PrintFollower:
     """A thread that follows one print to its end, or until it is told to let go.
 
-    Parameters
-    ----------
-    job : str
-    folder : Path
-        The print's.
-    table_of : function
-        Gives the job's table; may take long, and is called in a thread of its own.
-    tell : function
-        Given what was heard, at most four times a second but for what is new.
+    ``table_of`` gives the job's table; it may take long, and is called in a thread of its own.
+    ``tell`` is given what was heard, at most four times a second but for what is new.
     """
 
     def __init__(
@@ -212,16 +205,7 @@ def _changed(path: Path) -> int:
 class Prints:
     """Finds the prints that go on, whoever started them, and tells what it hears of them.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    preflights : Preflights
-        They hold the tables that progress is told by.
-    set_ups : SetUps
-    records : Records
-        A print's end is marked in its record.
-    tell : function
-        Given what was heard of a print that is followed.
+    Progress is told by the tables of ``preflights``; a print's end is marked in its record.
     """
 
     def __init__(
@@ -235,11 +219,8 @@ class Prints:
         self._workspace, self._preflights, self._set_ups = workspace, preflights, set_ups
         self._records, self._tell = records, tell
         self._followers: dict[str, PrintFollower] = {}
-        self._lock, self._noting, self._closed = (
-            threading.Lock(),
-            threading.Lock(),
-            threading.Event(),
-        )
+        self._lock, self._noting = threading.Lock(), threading.Lock()
+        self._closed = threading.Event()
         self._reviewed: PrintReport | None = None
         self._newest: tuple[object, ...] = ()
         self._dead: dict[Path, int] = {}

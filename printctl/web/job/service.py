@@ -193,15 +193,8 @@ class JobService:
     ) -> Readiness:
         """List all that refuses a start, as `start` itself judges it.
 
-        Parameters
-        ----------
-        who : Principal
-        job : str
-        set_up : JobSetUp, optional
-            As it is filled in if left out.
-        wait : bool
-            Whether the job is checked now where it wasn't yet, which takes as long as a dry run;
-            not done while the printer moves.
+        The set-up is as it is filled in if left out. With ``wait`` the job is checked now where it
+        wasn't yet, which takes as long as a dry run; not while the printer moves.
         """
         file, machine = self.core.workspace.job_file(job), self.printing.machine()
         set_up = set_up or set_up_of(machine, self.set_ups.of(job), self.declared(job))
@@ -250,13 +243,7 @@ class JobService:
     def start(self, who: Principal, job: str, set_up: JobSetUp, confirmed: str) -> PrintReport:
         """Start a print, or find the one that goes on.
 
-        Parameters
-        ----------
-        who : Principal
-        job : str
-        set_up : JobSetUp
-        confirmed : str
-            The machine, as `Machine.words` calls it.
+        ``confirmed`` is the machine, as `Machine.words` calls it.
 
         Raises
         ------

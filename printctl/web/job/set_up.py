@@ -202,12 +202,7 @@ _PRINTED: Final = "set_up.json"
 
 
 class SetUps:
-    """Set-ups of a workspace's jobs.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    """
+    """Set-ups of a workspace's jobs."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace

@@ -26,13 +26,7 @@ _LIFT_MM: Final = 20.0
 def observer_order(job: Path, set_up: JobSetUp, mounted: SetUp) -> ObserverOrder | None:
     """Return how a job's print is observed, with what is mounted; None where nobody asks for it.
 
-    Parameters
-    ----------
-    job : Path
-        G-code file; a run's recipe may ask for an observer.
-    set_up : JobSetUp
-    mounted : SetUp
-        What it names.
+    The recipe of the run that the G-code file is of may ask for an observer.
 
     Raises
     ------
@@ -96,17 +90,8 @@ def order_of(
 ) -> Order:
     """The order, as `printctl print` makes it, with the looks of a run's observer.
 
-    Parameters
-    ----------
-    job, folder : Path
-        G-code file, and where the journal goes.
-    set_up : JobSetUp
-    mounted : SetUp
-        What it names.
-    machine : Machine
-    preflight : Preflight
-        Where syringes must be changed, and what failed and was accepted.
-    observer : ObserverOrder, optional
+    ``mounted`` is what the set-up names; the journal goes into ``folder``; the preflight says where
+    syringes must be changed, and what failed and was accepted.
     """
     printer, part = mounted.printer, set_up.care
     loads = [mounted.load_of(k) for k in range(printer.head_count)]

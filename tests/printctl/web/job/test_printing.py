@@ -128,9 +128,6 @@ def test_a_start_wants_machine_set_up_and_controls(service, station):
         service.start(OPERATOR, job, said, "another on /dev/ttyUSB0")
     with pytest.raises(NotInControlError):
         service.start(OTHER, job, said, WORDS)
-    other = said.model_copy(update={"needle": "30g"})
-    with pytest.raises(SafetyError, match="28g is mounted, and 30g was checked"):
-        service.start(OPERATOR, job, other, WORDS)
     away = said.model_copy(update={"start_mm": (60.0, 50.0, 10.0)})
     with pytest.raises(SafetyError, match=r"tip's distance from the start: 10 mm, limit 0\.05"):
         service.start(OPERATOR, job, away, WORDS)
