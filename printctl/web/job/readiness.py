@@ -17,21 +17,22 @@ from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
 
 Action = Literal[
-    "",
-    "controls",
+    "",  # nothing
+    "controls",  # take them
     "connect",
     "reconnect",
-    "see_print",
-    "mount",
+    "see_print",  # that goes on
+    "mount",  # say what is mounted: `about` is the part
     "set_position",
-    "to_start",
+    "to_start",  # move the tip
     "touch_off",
-    "fill",
-    "reload",
+    "fill",  # say that a full syringe was put in
+    "reload",  # allow changes of syringe
     "accept_crossings",
     "operator",
-    "tick",
+    "tick",  # `about` is the point
 ]
+"""What the page can do about a refusal."""
 _SHAFT: Final = "vessels that the needle's shaft passes through"
 _LONG_ENOUGH: Final = "the syringe is then changed before line"
 
@@ -42,16 +43,8 @@ class Refusal:
 
     Attributes
     ----------
-    what : str
-        What was looked at.
-    remedy : str
-        What to do.
-    action : str
-        What the page can do about it: empty for nothing, ``controls`` (take them), ``connect``,
-        ``reconnect``, ``see_print`` (that goes on), ``mount`` (say what is mounted: `about` is the
-        part), ``set_position``, ``to_start`` (move the tip), ``touch_off``, ``fill`` (say that
-        a full syringe was put in), ``reload`` (allow changes of syringe), ``accept_crossings``,
-        ``operator``, ``tick`` (`about` is the point).
+    what, remedy : str
+        What was looked at, and what to do.
     value, limit : float or None
         What was found and what is allowed, in `unit`; None for a question to a person.
     place : str

@@ -73,8 +73,8 @@ class JobSetUp(BaseModel):
     )
     accept_crossings: bool = Field(
         default=False,
-        description="Print although the needle's shaft passes through written vessels; the "
-        "journal keeps it.",
+        description="Print although the needle's shaft passes through written vessels: for the "
+        "next print alone; the journal keeps it.",
     )
     thinnest_bore: Annotated[float, Field(ge=0.05, le=2)] = Field(
         default=THINNEST_BORE,
@@ -215,10 +215,10 @@ class SetUps:
         WebError
             When there is no such job.
         """
-        path, kept = self._workspace.job_file(job), self._kept(job)
-        if kept.is_file():
-            return JobSetUp.model_validate_json(kept.read_text(encoding="utf-8"))
-        recipe = recipe_of(path.parent) if job.startswith("run~") else None
+        if (kept := _read(self._kept(job))) is not None:
+            return kept
+        folder = self._workspace.job_file(job).parent
+        recipe = recipe_of(folder) if job.startswith("run~") else None
         return JobSetUp() if recipe is None else _set_up_of_recipe(recipe)
 
     def keep(self, job: str, set_up: JobSetUp) -> None:
@@ -227,10 +227,7 @@ class SetUps:
 
     def printed(self, folder: Path) -> JobSetUp | None:
         """What the print in a folder was started with; None where the page didn't start it."""
-        path = folder / _PRINTED
-        if not path.is_file():
-            return None
-        return JobSetUp.model_validate_json(path.read_text(encoding="utf-8"))
+        return _read(folder / _PRINTED)
 
     def keep_printed(self, folder: Path, set_up: JobSetUp) -> None:
         """Write down what a print is started with."""
@@ -240,3 +237,9 @@ class SetUps:
     def _kept(self, job: str) -> Path:
         self._workspace.job_file(job)  # refuses names that would lead elsewhere
         return self._workspace.private / "set_ups" / f"{job}.json"
+
+
+def _read(path: Path) -> JobSetUp | None:
+    if not path.is_file():
+        return None
+    return JobSetUp.model_validate_json(path.read_text(encoding="utf-8"))
