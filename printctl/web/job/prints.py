@@ -304,14 +304,14 @@ class Prints:
         raise LinkError(f"the print of {job} doesn't tell where it stands; see its link.log")
 
     def current(self) -> PrintReport | None:
-        """The print that goes on; of several the one begun last."""
-        return _newest(one for one in self._known() if not one.status.ended)
+        """The print that goes on, of several the one begun last.
 
-    def unfinished(self) -> PrintReport | None:
-        """The newest print of the workspace, if it was broken off and nobody has said what next."""
-        if self.current() is not None:
-            return None
-        newest = _newest([*self._known(), *([self._reviewed] if self._reviewed else [])])
+        Else the newest print of the workspace, if it was broken off and nobody has said what next.
+        """
+        known = self._known()
+        if going_on := [one for one in known if not one.status.ended]:
+            return _newest(going_on)
+        newest = _newest([*known, *([self._reviewed] if self._reviewed else [])])
         report = None if newest is None else self.heard(newest.job)
         return report if report is not None and _open(report) else None
 

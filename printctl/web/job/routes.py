@@ -122,7 +122,7 @@ def job_hints(service: JobService) -> Callable[[Request], str]:
         job = request.query_params.get("job", "")
         asked = f"{API}/prints/current?job={quote(job, safe=_KEPT)}"
         state = f'<link rel="preload" as="fetch" crossorigin href="{escape(asked)}">'
-        report = service.prints.current() or service.prints.unfinished()
+        report = service.prints.current()
         drawn = report is not None and job in ("", report.job)
         return f"{state}\n{preload(report.job)}" if report and drawn else state
 
@@ -195,10 +195,7 @@ def _prints(service: JobService) -> APIRouter:
         summary="A job's last print; without one what goes on, else what broke off last",
     )
     def current(job: AnyJob = "") -> PrintResponse | None:
-        if job:
-            report = service.prints.heard(job)
-        else:
-            report = service.prints.current() or service.prints.unfinished()
+        report = service.prints.heard(job) if job else service.prints.current()
         return None if report is None else print_response(report)
 
     @routes.post("/prints/{job}/start", summary="Start; harmless when it goes on")

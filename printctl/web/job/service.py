@@ -346,6 +346,6 @@ async def make_first_scene(service: JobService) -> None:
 def _first_job(service: JobService) -> JobEntry | None:
     """The job of the print that goes on or broke off, else the newest."""
     workspace = service.core.workspace
-    if current := service.prints.current() or service.prints.unfinished():
+    if current := service.prints.current():
         return entry_of(workspace, current.job)
     return next(iter(all_jobs(workspace)), None)

@@ -453,7 +453,7 @@ def test_a_new_server_tells_of_the_print_that_broke_off(core, service, port, beh
     try:
         heard(lambda: "print" in core.events.latest)
         assert core.events.latest["print"]["state"] == "interrupted"
-        found = again.prints.unfinished()
+        found = again.prints.current()
         assert found is not None
         assert found.job == job
         assert_agree(core, again, job)
