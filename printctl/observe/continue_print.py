@@ -204,8 +204,9 @@ def new_syringe(
         old = load(Syringe, before)
         if new.inner_mm != old.inner_mm:
             raise UsageError(
-                f"{new.name} has a bore of {new.inner_mm:g} mm, {old.name} of {old.inner_mm:g} mm: "
-                "the job's plunger travel would give another volume; put in one of the same bore"
+                f"{new.name} ({name}) has a bore of {new.inner_mm:g} mm, {old.name} ({before}) of "
+                f"{old.inner_mm:g} mm: the job's plunger travel would give another volume; put in "
+                "one of the same bore"
             )
     machine = load(Printer, printer)
     return NewSyringe(plunger_mm, name, usable_mm(new, machine.of_head(head or 0)))

@@ -25,10 +25,9 @@ from printctl.web.design.routes import recipe_routes, run_routes
 from printctl.web.design.runs import Runs
 from printctl.web.history.routes import router as history_router
 from printctl.web.history.service import HistoryService
-from printctl.web.job.first_job import make_first_scene
 from printctl.web.job.routes import job_hints
 from printctl.web.job.routes import routers as job_routers
-from printctl.web.job.service import JobService
+from printctl.web.job.service import JobService, make_first_scene
 from printctl.web.page.assets import serve_files, serve_page
 from printctl.web.print_sockets import PrintSockets
 from printctl.web.printer.routes import router as printer_router

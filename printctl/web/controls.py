@@ -32,6 +32,11 @@ class Principal:
     id: str
     name: str = ""
 
+    @property
+    def by(self) -> str:
+        """Who is written down: the name, else the id."""
+        return self.name or self.id
+
 
 @dataclass
 class Controls:

@@ -30,6 +30,8 @@ class Care:
         Profile of the syringe in use, by name or path; empty where nobody said.
     capacity_mm : float, mm
         Plunger travel of a full syringe of this sort; 0 where unknown.
+    used_mm : float, mm
+        Travel that its plunger had used up at the start, as far as the station knew.
     reload_at : tuple of int
         Reload points, by the command lines before them, at which the syringe must be changed.
     reload_heads : tuple of int
@@ -78,6 +80,7 @@ class Care:
     deadman_stops: bool = False
     syringe: str = ""
     capacity_mm: float = 0.0
+    used_mm: float = 0.0
     reload_at: tuple[int, ...] = ()
     reload_heads: tuple[int, ...] = ()
     head_syringes: tuple[str, ...] = ()

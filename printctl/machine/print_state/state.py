@@ -187,8 +187,8 @@ def filling_of(folder: Path, journal: JournalledFacts) -> Filling | None:
         return None
     with contextlib.suppress(Exception):  # a profile that is gone: the ink left isn't told
         bore = load(Syringe, care.syringe).inner_mm
-        at, used = journal.filled or (0, 0.0)
-        return Filling(at, care.capacity_mm - used, math.pi / 4 * bore**2)
+        at, used, full = journal.filled or (0, care.used_mm, care.capacity_mm)
+        return Filling(at, (full or care.capacity_mm) - used, math.pi / 4 * bore**2)
     return None
 
 

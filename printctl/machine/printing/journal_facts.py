@@ -31,8 +31,9 @@ class JournalledFacts:
         Time in which it was printing, pauses left out, up to ``since`` or the end.
     since : float or None
         Since when it has been printing without a pause; None while it isn't.
-    filled : (int, float) or None
-        Commands before the last change of syringe, and the travel used up of the one put in, mm.
+    filled : (int, float, float) or None
+        Commands before the last change of syringe; of the one put in the travel used up and that
+        of a full one (0 where unknown), mm.
     paces : tuple of (int, float)
         Commands taken and time without pauses, s, at each checkpoint.
     last_alarm : str
@@ -47,7 +48,7 @@ class JournalledFacts:
     started: float = 0.0
     active_s: float = 0.0
     since: float | None = None
-    filled: tuple[int, float] | None = None
+    filled: tuple[int, float, float] | None = None
     paces: tuple[tuple[int, float], ...] = ()
     last_alarm: str = ""
     stood_mm: tuple[float, float, float] | None = None
@@ -77,8 +78,8 @@ def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
         elif sort in ("state", "end"):
             facts = _changed(facts, record.get("state") == _AT_WORK and sort == "state", at)
         elif sort == "syringe":
-            filled = int(record.get("done", 0)), float(record.get("plunger_mm", 0.0))
-            facts = _with(facts, filled=filled)
+            used, full = (float(record.get(k, 0.0)) for k in ("plunger_mm", "capacity_mm"))
+            facts = _with(facts, filled=(int(record.get("done", 0)), used, full))
         elif sort == "insert":
             facts = _with(facts, inserts=(*facts.inserts, inserted_ink(record)))
         elif sort == "alarm":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -76,6 +76,7 @@ class PrintSession:
             When it may not begin; the station stands by as before.
         """
         order = read_order(request.values, self.port.socket)
+        order = replace(order, care=replace(order.care, used_mm=self.known.plunger_mm or 0.0))
         job = load_job(order.job, self.known.printer)
         standby = self.speaker.standby
         at = standby.position if standby else None

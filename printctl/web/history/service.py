@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import secrets
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -24,12 +25,14 @@ from printctl.history.signing import (
 from printctl.history.table import Outcome, csv_lines, outcome
 from printctl.history.timeline import Event, Stretch, time_line
 from printctl.history.verify import Signature, verify_stream
-from printctl.machine.link.errors import NoSuchPrint
+from printctl.machine.link.errors import LinkError, NoSuchPrint
 from printctl.machine.link.find_link import alive
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
 from printctl.machine.link.history_query import HistoryPage, HistoryQuery
 from printctl.machine.link.record import JOURNAL
+from printctl.machine.print_state.state import read_print
+from printctl.machine.printing.progress import Progress
 from printctl.pipeline.evidence import GCODE, PHOTOS, evidence
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError
@@ -86,6 +89,9 @@ class PastPrintDetails:
     states : tuple of Stretch
     held_s : float, s
         How long the print was held.
+    progress : Progress or None
+        How far it came, as the Job page tells it; None of an earlier print of the same folder, or
+        without its job's table.
     """
 
     print: ListedPrint
@@ -101,6 +107,7 @@ class PastPrintDetails:
     more_events: int
     states: tuple[Stretch, ...]
     held_s: float
+    progress: Progress | None
 
 
 @dataclass(frozen=True)
@@ -262,6 +269,7 @@ class HistoryService:
             more_events=line.more if line else 0,
             states=line.stretches if line else (),
             held_s=line.held_s if line else 0.0,
+            progress=_progress(entry),
         )
 
     def _job(self, entry: PrintEntry) -> str:
@@ -378,6 +386,14 @@ class HistoryService:
             return [read_public(key_pem, "the key")]
         except KeyTrouble as exc:
             raise BadRequestError(str(exc)) from exc
+
+
+def _progress(entry: PrintEntry) -> Progress | None:
+    if entry.journal.name != JOURNAL:
+        return None
+    with contextlib.suppress(LinkError, OSError):
+        return read_print(entry.journal.parent).progress
+    return None
 
 
 def _running(entry: PrintEntry) -> PrintEntry:

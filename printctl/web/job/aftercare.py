@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import threading
 import time
@@ -13,24 +12,28 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import yaml
+from fastapi import File, UploadFile
+from fastapi.responses import FileResponse
 from PIL import Image, ImageOps
 from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_bytes
 from firmware_profiles import Bath, load
+from printctl.analysis.flushing import FlushLimit, flush_limit
 from printctl.checks.set_up import Budget
 from printctl.machine.link.errors import LinkError
-from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.job.machine import Printing
+from printctl.web.job.jobs import JobId
+from printctl.web.job.machine import StationPrinting
 from printctl.web.job.record import PrintRecord, Records
 from printctl.web.job.set_up import JobSetUp
+from printctl.web.rest import Asking, Body
 from printctl.web.workspace import checked_name
 
 # Validate and re-encode uploaded photos of a print.
 
-MOST_BYTES: Final = 30_000_000
+_MOST_BYTES: Final = 30_000_000
 _MOST_PIXELS: Final = 100_000_000
 _LONGEST: Final = 2560
 _FORMATS: Final = ("JPEG", "PNG", "WEBP", "TIFF")
@@ -44,9 +47,9 @@ def keep_photo(folder: Path, data: bytes) -> str:
     BadRequestError
         When it is too large or no picture.
     """
-    if len(data) > MOST_BYTES:
+    if len(data) > _MOST_BYTES:
         raise BadRequestError(
-            f"the photo has {len(data) / 1e6:.0f} MB, more than {MOST_BYTES / 1e6:g} MB; make it "
+            f"the photo has {len(data) / 1e6:.0f} MB, more than {_MOST_BYTES / 1e6:g} MB; make it "
             "smaller"
         )
     try:
@@ -71,20 +74,7 @@ def keep_photo(folder: Path, data: bytes) -> str:
     return name
 
 
-def photo_file(folder: Path, name: str) -> Path:
-    """File of a photo.
-
-    Raises
-    ------
-    NotFoundError, BadRequestError
-    """
-    path = folder / checked_name(name)
-    if path.suffix != ".jpg" or not path.is_file():
-        raise NotFoundError(f"there is no photo {name!r} of this print")
-    return path
-
-
-# Read checklists; warm the bath slowly; compute the safe flushing pressure.
+# Read checklists; warm the bath slowly.
 
 _EVERY_S: Final = 2.0
 _FILE: Final = Path(__file__).with_name("checklist.yaml")
@@ -97,87 +87,6 @@ def checklist() -> dict[str, Any]:
     return steps
 
 
-def steps_for(bath: Bath | None) -> list[dict[str, str]]:
-    """Steps after a print; those that the bath has no use for are left out."""
-    return [
-        {"id": step["id"], "text": step["text"]}
-        for step in checklist()["after"]
-        if bath is None or "needs" not in step or getattr(bath, step["needs"]) is not None
-    ]
-
-
-@dataclass(frozen=True)
-class FlushLimit:
-    """How hard the channels may be flushed.
-
-    Attributes
-    ----------
-    pressure_pa : float, Pa
-        Between inlet and outlet.
-    wall_shear_pa : float, Pa
-        That is allowed at the wall of the vessel that is sheared most.
-    vessel : str
-        That vessel.
-    """
-
-    pressure_pa: float
-    wall_shear_pa: float
-    vessel: str
-
-
-def flush_limit(flow_csv: Path, wall_shear_pa: float) -> FlushLimit | None:
-    """Pressure at which the run's steady flow shears no wall more than allowed.
-
-    Flow, pressure and wall shear of a Newtonian fluid in open, round channels grow together
-    (Poiseuille), so the solved ones are scaled. None where the run solved no flow. A vessel counts
-    by its mean radius: the narrow end of a taper has more, by 1 / r³.
-
-    Parameters
-    ----------
-    flow_csv : Path
-        Table of the stage ``flow``.
-    wall_shear_pa : float, Pa
-    """
-    try:
-        with flow_csv.open(encoding="utf-8", newline="") as handle:
-            rows = list(csv.DictReader(handle))
-        shear = [abs(float(row["wall_shear_pa"])) for row in rows]
-        pressures = [float(row[k]) for row in rows for k in ("pressure_in_pa", "pressure_out_pa")]
-    except (OSError, KeyError, ValueError):
-        return None
-    if not shear or max(shear) <= 0:
-        return None
-    worst = max(range(len(rows)), key=shear.__getitem__)
-    drop = max(pressures) - min(pressures)
-    name = rows[worst].get("vessel", "")
-    return FlushLimit(drop * wall_shear_pa / shear[worst], wall_shear_pa, str(name))
-
-
-@dataclass(frozen=True)
-class RampState:
-    """Warming as it stands.
-
-    Attributes
-    ----------
-    heater : str
-    target_c : float, °C
-    rate_c_min : float, °C/min
-    now_c, set_c : float or None, °C
-        What the heater has, and is set to now.
-    going_on : bool
-        Whether the target is still being raised.
-    message : str
-    """
-
-    heater: str
-    target_c: float
-    rate_c_min: float
-    now_c: float | None
-    set_c: float | None
-    going_on: bool
-    message: str
-
-
 class Warming(BaseModel):
     """A heater to be warmed at a rate."""
 
@@ -188,15 +97,17 @@ class Warming(BaseModel):
     rate_c_min: Annotated[float, Field(gt=0, le=20, description="°C/min.")] = 1.0
 
 
+class RampState(Warming):
+    """Warming as it stands."""
+
+    now_c: float | None = Field(description="What the heater has, °C.")
+    set_c: float | None = Field(description="What it is set to now, °C.")
+    going_on: bool = Field(description="Whether the target is still being raised.")
+    message: str
+
+
 class Ramp:
     """Warms one heater at a rate; at its end, or let go of, the heater keeps its target.
-
-    Parameters
-    ----------
-    printing : Printing
-    heater : str
-    target_c : float, °C
-    rate_c_min : float, °C/min
 
     Raises
     ------
@@ -204,18 +115,17 @@ class Ramp:
         When the printer has no such heater.
     """
 
-    def __init__(self, printing: Printing, heater: str, target_c: float, rate_c_min: float) -> None:
+    def __init__(self, printing: StationPrinting, warming: Warming) -> None:
         there = printing.temperatures()
-        if heater not in there:
+        if warming.heater not in there:
             raise ConflictError(
-                f"there is no heater {heater!r} (there is {', '.join(there) or 'none'}); connect "
-                "the printer, or warm the bath by hand"
+                f"there is no heater {warming.heater!r} (there is {', '.join(there) or 'none'}); "
+                "connect the printer, or warm the bath by hand"
             )
-        self.heater, self.target_c, self.rate_c_min = heater, target_c, rate_c_min
-        self._printing = printing
-        self._from_c, self._since = there[heater][0], time.monotonic()
+        self._printing, self._warming = printing, warming
+        self._from_c, self._since = there[warming.heater][0], time.monotonic()
         self._ended = threading.Event()
-        self.message = "warming"
+        self._message = "warming"
         self._thread = threading.Thread(target=self._work, name="ramp", daemon=True)
         self._thread.start()
 
@@ -224,47 +134,36 @@ class Ramp:
         self._ended.set()
         self._thread.join(5.0)
 
-    @property
-    def going_on(self) -> bool:
-        """Whether the target is still being raised."""
-        return self._thread.is_alive()
-
     def state(self) -> RampState:
         """Return it as it stands, with what the heater has now."""
-        now_c, set_c = self._printing.temperatures().get(self.heater, (None, None))
+        now_c, set_c = self._printing.temperatures().get(self._warming.heater, (None, None))
         return RampState(
-            self.heater,
-            self.target_c,
-            self.rate_c_min,
-            now_c,
-            set_c,
-            self.going_on,
-            self.message,
+            **self._warming.model_dump(),
+            now_c=now_c,
+            set_c=set_c,
+            going_on=self._thread.is_alive(),
+            message=self._message,
         )
 
     def _work(self) -> None:
         while not self._ended.is_set():
-            wanted = ramped_c(
-                self._from_c, self.target_c, self.rate_c_min, time.monotonic() - self._since
-            )
+            wanted = ramped_c(self._from_c, self._warming, time.monotonic() - self._since)
             try:
-                self._printing.heat(self.heater, round(wanted, 1))
+                self._printing.heat(self._warming.heater, round(wanted, 1))
             except (LinkError, ConflictError) as exc:
-                self.message = f"given up: {exc}"
+                self._message = f"given up: {exc}"
                 return
-            if wanted == self.target_c:
-                self.message = "the target is set"
+            if wanted == self._warming.target_c:
+                self._message = "the target is set"
                 return
             self._ended.wait(_EVERY_S)
-        self.message = "let go of; the heater keeps its target"
+        self._message = "let go of; the heater keeps its target"
 
 
-def ramped_c(from_c: float, target_c: float, rate_c_min: float, seconds: float) -> float:
+def ramped_c(from_c: float, warming: Warming, seconds: float) -> float:
     """Where a ramp stands after so many seconds, °C; it never goes beyond its target."""
-    way = rate_c_min * seconds / 60.0
-    if target_c >= from_c:
-        return min(from_c + way, target_c)
-    return max(from_c - way, target_c)
+    way, target_c = warming.rate_c_min * seconds / 60.0, warming.target_c
+    return min(from_c + way, target_c) if target_c >= from_c else max(from_c - way, target_c)
 
 
 # Compare the time since cells were mixed in with their limit and the print's remaining time.
@@ -298,7 +197,7 @@ class Viability:
 def viability(
     record: PrintRecord, budget: Budget | None, now: float, remaining_s: float | None
 ) -> Viability:
-    """Tell it.
+    """Compare the time since mixing with the cells' limit.
 
     Parameters
     ----------
@@ -319,40 +218,23 @@ def viability(
     if limit is None:
         text = f"{minutes:.0f} min since mixing; how long the cells have isn't known."
         return Viability(minutes, None, "", text, "unknown")
-    of = f"{minutes:.0f} of {limit:.0f} min since mixing ({source})"
+    text = f"{minutes:.0f} of {limit:.0f} min since mixing ({source})"
     end = minutes + (remaining_s or 0.0) / 60.0
+    late, close = end > limit, end > 0.9 * limit
     if minutes > limit:
-        return Viability(
-            minutes, limit, source, f"{of}: {minutes - limit:.0f} min too long already.", "late"
-        )
-    if end > limit:
-        late = f"{of}: the print is expected to end after {end:.0f} min, too late."
-        return Viability(minutes, limit, source, late, "late")
-    close = end > 0.9 * limit
+        text += f": {minutes - limit:.0f} min too long already."
+    elif late:
+        text += f": the print is expected to end after {end:.0f} min, too late."
+    else:
+        text += f"; {limit - end:.0f} min to spare{', which is close' if close else ''}."
     return Viability(
-        minutes,
-        limit,
-        source,
-        f"{of}; {limit - end:.0f} min to spare{', which is close' if close else ''}.",
-        "close" if close else "in time",
+        minutes, limit, source, text, "late" if late else "close" if close else "in time"
     )
-
-
-_LONGEST_NOTE = 10_000
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step after the print.
-
-    Attributes
-    ----------
-    id, text : str
-    done : bool
-    at : float or None
-        When that was said, s since 1970.
-    who : str
-    """
+    """A step after the print; when that was ticked last, s since 1970, and by whom."""
 
     id: str
     text: str
@@ -379,23 +261,29 @@ class Photo:
     name: str
 
 
-class Aftercare:
-    """Steps to tick, notes, photos, the bath's warming.
+Upload = Annotated[UploadFile, File()]
 
-    Parameters
-    ----------
-    core : Core
-    records : Records
-    printing : Printing
-    set_up : function
-        Gives a job's set-up, which names the bath.
-    """
+
+class TickRequest(Body):
+    """A step done, or not after all."""
+
+    done: bool = True
+
+
+class NoteRequest(Body):
+    """A note."""
+
+    text: Annotated[str, Field(min_length=1, max_length=10_000)]
+
+
+class Aftercare:
+    """Steps to tick, notes, photos, the warming of the bath that a job's set-up names."""
 
     def __init__(
         self,
         core: Core,
         records: Records,
-        printing: Printing,
+        printing: StationPrinting,
         set_up: Callable[[str], JobSetUp],
     ) -> None:
         self._core, self._records, self._printing = core, records, printing
@@ -403,87 +291,77 @@ class Aftercare:
         self._lock = threading.Lock()
         self._ramp: Ramp | None = None
 
-    def close(self) -> None:
-        """Let go of the heater, which keeps its target."""
-        if self._ramp is not None:
-            self._ramp.end()
-
-    def steps(self, job: str) -> list[Step]:
-        """Steps after the job's last print, each with who ticked it when."""
+    def steps(self, job: JobId) -> list[Step]:
+        """Steps after the job's last print that its bath has use for, each with who ticked it."""
         ticks = {one["step"]: one for one in self._listed(job, "steps")}
-        steps = []
-        for step in steps_for(self.bath(job)):
-            tick = ticks.get(step["id"], {})
-            steps.append(
-                Step(
-                    step["id"],
-                    step["text"],
-                    bool(tick.get("done")),
-                    tick.get("at"),
-                    tick.get("who", ""),
-                )
-            )
+        bath, steps = self._bath(job), []
+        for one in checklist()["after"]:
+            if bath is None or "needs" not in one or getattr(bath, one["needs"]) is not None:
+                tick = ticks.get(one["id"], {"done": False, "at": None, "who": ""})
+                steps.append(Step(one["id"], one["text"], tick["done"], tick["at"], tick["who"]))
         return steps
 
-    def tick(self, who: Principal, job: str, step: str, done: bool) -> list[Step]:
+    def tick(self, who: Asking, job: JobId, step: str, given: TickRequest) -> list[Step]:
         """Say that a step is done, or that it isn't after all; saying it twice does no harm."""
         now = {one.id: one.done for one in self.steps(job)}
         if step not in now:
             raise NotFoundError(f"there is no step {step[:80]!r}; there are {', '.join(now)}")
-        if now[step] is not done:
-            self._records.add(self._last(job), _name(who), "steps", {"step": step, "done": done})
+        if now[step] is not given.done:
+            self._records.add(self._last(job), who.by, "steps", {"step": step, "done": given.done})
         return self.steps(job)
 
-    def note(self, who: Principal, job: str, text: str) -> list[Note]:
+    def note(self, who: Asking, job: JobId, given: NoteRequest) -> list[Note]:
         """Write a note down; gives all."""
-        if not text.strip() or len(text) > _LONGEST_NOTE:
-            raise BadRequestError(f"a note has 1 to {_LONGEST_NOTE} characters, not {len(text)}")
-        self._records.add(self._last(job), _name(who), "notes", {"text": text})
+        if not given.text.strip():
+            raise BadRequestError("the note is empty; write a word")
+        self._records.add(self._last(job), who.by, "notes", {"text": given.text})
         return self.notes(job)
 
-    def notes(self, job: str) -> list[Note]:
+    def notes(self, job: JobId) -> list[Note]:
         """Notes of the job's last print."""
-        listed = self._listed(job, "notes")
-        return [Note(one["at"], one["who"], one["text"]) for one in listed]
+        return [Note(**one) for one in self._listed(job, "notes")]
 
-    def add_photo(self, who: Principal, job: str, data: bytes) -> list[Photo]:
+    def add_photo(
+        self, who: Asking, job: JobId, file: Annotated[UploadFile, File()]
+    ) -> list[Photo]:
         """Keep a photo; gives all."""
-        name = keep_photo(self._photos(job), data)
-        self._records.add(self._last(job), _name(who), "photos", {"name": name})
+        name = keep_photo(self._photos(job), file.file.read(_MOST_BYTES + 1))
+        self._records.add(self._last(job), who.by, "photos", {"name": name})
         return self.photos(job)
 
-    def photos(self, job: str) -> list[Photo]:
+    def photos(self, job: JobId) -> list[Photo]:
         """Photos of the job's last print."""
-        listed = self._listed(job, "photos")
-        return [Photo(one["at"], one["who"], one["name"]) for one in listed]
+        return [Photo(**one) for one in self._listed(job, "photos")]
 
-    def photo(self, job: str, name: str) -> Path:
-        """File of a photo."""
-        return self._core.workspace.inside(photo_file(self._photos(job), name))
+    def photo(self, job: JobId, name: str) -> FileResponse:
+        """File of a photo.
 
-    def bath(self, job: str) -> Bath | None:
-        """The bath that the job was printed in, as far as that was said."""
-        name = self._set_up(job).bath
-        return load(Bath, name) if name else None
+        Raises
+        ------
+        NotFoundError, BadRequestError
+        """
+        path = self._photos(job) / checked_name(name)
+        if path.suffix != ".jpg" or not path.is_file():
+            raise NotFoundError(f"there is no photo {name!r} of this print")
+        return FileResponse(self._core.workspace.inside(path), media_type="image/jpeg")
 
-    def flush(self, job: str, wall_shear_pa: float | None = None) -> FlushLimit | None:
+    def flush(self, job: JobId, wall_shear_pa: float | None = None) -> FlushLimit | None:
         """How hard the channels may be flushed; None where no flow was solved."""
         allowed = wall_shear_pa or float(checklist()["flush"]["wall_shear_pa"])
         return flush_limit(self._core.workspace.job_file(job).with_name("flow.csv"), allowed)
 
-    def warming_of(self, job: str) -> Warming:
+    def melt_out_of(self, job: JobId) -> Warming:
         """Return how the bath of a job's print is melted out; 37 °C where its profile is silent."""
-        bath = self.bath(job)
+        bath = self._bath(job)
         target = bath.melt_out_c if bath is not None and bath.melt_out_c else 37.0
         return Warming(target_c=target, rate_c_min=checklist()["melt_out"]["rate_c_min"])
 
-    def melt_out(self, who: Principal, warming: Warming) -> RampState:
+    def melt_out(self, who: Asking, warming: Warming) -> RampState:
         """Warm slowly; a ramp that goes on is replaced."""
         self._core.controls.require(who)
         with self._lock:
-            if self._ramp is not None:
-                self._ramp.end()
-            self._ramp = Ramp(self._printing, warming.heater, warming.target_c, warming.rate_c_min)
+            self.close()
+            self._ramp = Ramp(self._printing, warming)
             return self._ramp.state()
 
     def melting(self) -> RampState | None:
@@ -494,9 +372,18 @@ class Aftercare:
     def stop_melting(self) -> RampState | None:
         """Raise the target no further; needs no controls."""
         with self._lock:
-            if self._ramp is not None:
-                self._ramp.end()
-            return None if self._ramp is None else self._ramp.state()
+            self.close()
+        return self.melting()
+
+    def close(self) -> None:
+        """Let go of the heater, which keeps its target."""
+        if self._ramp is not None:
+            self._ramp.end()
+
+    def _bath(self, job: str) -> Bath | None:
+        """The bath that the job was printed in, as far as that was said."""
+        name = self._set_up(job).bath
+        return load(Bath, name) if name else None
 
     def _last(self, job: str) -> str:
         """Record of the last print that was started, else the one being filled in."""
@@ -517,7 +404,3 @@ class Aftercare:
     def _photos(self, job: str) -> Path:
         workspace = self._core.workspace
         return workspace.inside(workspace.print_folder(job) / "photos")
-
-
-def _name(who: Principal) -> str:
-    return who.name or who.id

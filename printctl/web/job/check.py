@@ -6,13 +6,10 @@ import hashlib
 import json
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from firmware_profiles import ProfileError
-from kernels.arrays import FloatArray, IntArray
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.checks.preflight import (
     Check,
@@ -27,131 +24,19 @@ from printctl.checks.preflight import (
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.errors import PrintctlError, UsageError
 from printctl.failures import message_and_code
-from printctl.machine.link.job import Job, parse_job
+from printctl.machine.link.job import parse_job
 from printctl.machine.printing import with_reloads_of
-from printctl.machine.printing.job_table import NONE, JobTable
-from printctl.web.job.set_up import Question
+from printctl.pipeline.job_table import make_table
+from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import lower_priority
-from registration.report.gcode import Act, GcodeJob
+from registration.report.gcode import GcodeJob
 from sim.gcode.dry_run.run import DryRun, dry_run
-
-# Build a job's per-line progress table (time, ink, tip, layer, vessel) from its dry run.
-
-
-def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | None) -> JobTable:
-    """Make the table of a job.
-
-    Parameters
-    ----------
-    job : Job
-        As the link counts its commands.
-    run : DryRun
-    volume_ul : (rows,) float64, µL
-        What each row of the run's program writes (`printctl.checks.preflight.volumes`).
-    view : GcodeJob or None
-        Layers and vessels; None for a job in which nothing is written.
-    """
-    line = np.array([0, *job.file_lines], np.int64)
-    last = max(int(run.program.line.max(initial=0)), int(line.max()))
-    layer, layers = (
-        _parts(view.line, view.layer, view.act, line) if view is not None else _none(line)
-    )
-    vessel, vessels = _none(line)
-    if view is not None and view.vessel is not None:
-        vessel, vessels = _parts(view.line, view.vessel, view.act, line)
-    return JobTable(
-        time_s=_times(run, line, last),
-        ink_ul=_ink(run, volume_ul, last)[line],
-        plunger_mm=_plunger(run, line, last),
-        file_line=line,
-        layer=layer,
-        vessel=vessel,
-        layers_done=_done(line, view, None if view is None else view.layer),
-        vessels_done=_done(line, view, None if view is None else view.vessel),
-        tip_mm=_tip(run, line, last),
-        layer_count=layers,
-        vessel_count=vessels,
-        passes=view is not None and view.layers.passes,
-    )
-
-
-def _times(run: DryRun, line: IntArray, last: int) -> FloatArray:
-    """When the dry run has executed each line, s; its whole time at the end."""
-    result, executed = np.zeros(last + 1), run.executed
-    if len(executed):
-        of_command = np.zeros(int(run.program.command.max()) + 1, np.int64)
-        of_command[run.program.command] = run.program.line
-        known = executed.line >= 0
-        end = executed.time_end[known] - executed.time_start[0]
-        np.maximum.at(result, of_command[executed.line[known]], end)
-    times = np.minimum(np.maximum.accumulate(result)[line], run.duration_s)
-    times[-1] = run.duration_s
-    return np.asarray(times)
-
-
-def _ink(run: DryRun, volume_ul: FloatArray, last: int) -> FloatArray:
-    """What has been written after each line, µL: what a plunger takes back comes out again."""
-    result = np.zeros(last + 1)
-    for tool in np.unique(run.program.tool):
-        of = np.where(run.program.tool == tool, volume_ul, 0.0)
-        whole = np.cumsum(np.bincount(run.program.line, of, last + 1))
-        result += np.maximum.accumulate(np.maximum(whole, 0.0))
-    return result
-
-
-def _plunger(run: DryRun, line: IntArray, last: int) -> FloatArray:
-    """Where the plunger stands after each line, mm; lines that aren't its keep it."""
-    plunger = np.concatenate([[0.0], run.program.plunger])
-    return np.asarray(plunger[_rows(run, last)][line])
-
-
-def _tip(run: DryRun, line: IntArray, last: int) -> FloatArray:
-    """Where the tip stands after each line, mm."""
-    tips = np.concatenate([run.program.start[None, :3], run.program.target[:, :3]])
-    return np.asarray(tips[_rows(run, last)][line])
-
-
-def _rows(run: DryRun, last: int) -> IntArray:
-    """Rows of the program up to each line of the file, that line included."""
-    at = np.zeros(last + 1, np.int64)
-    np.maximum.at(at, run.program.line, np.arange(1, len(run.program.line) + 1))
-    return np.maximum.accumulate(at)
-
-
-def _none(line: IntArray) -> tuple[IntArray, int]:
-    return np.full(len(line), NONE, np.int64), 0
-
-
-def _parts(
-    at: IntArray, part: IntArray, act: NDArray[np.uint8], line: IntArray
-) -> tuple[IntArray, int]:
-    """Part that is written at each line, or next; numbered from 0 in the order of writing."""
-    writes = (act == Act.WRITE) & (part >= 0)
-    if not writes.any():
-        return _none(line)
-    names = part[writes]
-    first = np.sort(np.unique(names, return_index=True)[1])
-    rank = np.full(int(names.max()) + 1, NONE, np.int64)
-    rank[names[first]] = np.arange(len(first))
-    here = np.searchsorted(at[writes], line, side="left")
-    return rank[names[np.minimum(here, len(names) - 1)]], len(first)
-
-
-def _done(line: IntArray, view: GcodeJob | None, part: IntArray | None) -> IntArray:
-    """How many parts have been written to their end after each line."""
-    if view is None or part is None:
-        return np.zeros(len(line), np.int64)
-    writes = (view.act == Act.WRITE) & (part >= 0)
-    ends = np.zeros(int(part[writes].max(initial=0)) + 1, np.int64)
-    np.maximum.at(ends, part[writes], view.line[writes])
-    return np.searchsorted(np.sort(ends[ends > 0]), line, side="right").astype(np.int64)
-
 
 _BUDGET: Final = "print time"
 """How the names of the checks begin that `file_checks` makes without changes of syringe."""
 
 
-def check_job(asked: Question) -> dict[str, Any]:
+def check_job(gcode: Path, set_up: JobSetUp, table_file: Path) -> dict[str, Any]:
     """Check a job as `printctl print` does, and make its table.
 
     Returns
@@ -164,18 +49,30 @@ def check_job(asked: Question) -> dict[str, Any]:
     ------
     PrintctlError, ProfileError, OSError
     """
-    data = asked.gcode.read_bytes()
-    mounted = asked.set_up.mounted()
-    run = dry_run(data, mounted.printer, asked.set_up.start_mm)
-    job = parse_job(data, asked.gcode.name, mounted.printer)
-    checks, at, heads, accepted = _checks(asked, run, job, mounted)
-    table = _table(asked, data, run, job, mounted)
-    table.save(asked.table)
-    time = PrintTime(run.duration_s, len(at), asked.set_up.care.reload_min)
+    data = gcode.read_bytes()
+    mounted = set_up.mounted()
+    run = dry_run(data, mounted.printer, set_up.start_mm)
+    job = parse_job(data, gcode.name, mounted.printer)
+    shaft = file_shaft(gcode, run, mounted, accepted=set_up.accept_crossings)
+    results = [*file_checks(run, mounted, gcode.with_suffix(".map.npz")), *shaft.checks]
+    checks, at, heads = with_reloads_of(
+        [one for one in results if _BUDGET not in one.check],
+        job,
+        set_up.usable_mm(mounted),
+        wanted=set_up.care.reload,
+        by="allow changes of syringe",
+    )
+    budget = set_up.budget(mounted)
+    time = PrintTime(run.duration_s, len(at), set_up.care.reload_min)
+    checks += viability_checks(time, budget)
+    loads = [mounted.load_of(k) for k in range(mounted.printer.head_count)]
+    view = _view(gcode, data, mounted)
+    table = make_table(job, run, volumes(run, mounted.printer, loads), view)
+    table.save(table_file)
     return {
         "sha256": hashlib.sha256(data).hexdigest(),
-        "checks": [check.as_dict() for check in checks],
-        "accepted": list(accepted),
+        "checks": [_with_accepted(one, shaft.accepted).as_dict() for one in checks],
+        "accepted": list(shaft.accepted),
         "reload_at": list(at),
         "reload_heads": list(heads),
         "duration_s": run.duration_s,
@@ -185,50 +82,25 @@ def check_job(asked: Question) -> dict[str, Any]:
         "passes": table.passes,
         "ink_ul": float(table.ink_ul[-1]),
         **_ink_of_check(run, mounted, len(at)),
-        **viability_facts(time, asked.set_up.budget(mounted)),
+        **viability_facts(time, budget),
     }
 
 
-def _checks(
-    asked: Question, run: DryRun, job: Job, mounted: SetUp
-) -> tuple[list[Check], tuple[int, ...], tuple[int, ...], tuple[str, ...]]:
-    set_up = asked.set_up
-    shaft = file_shaft(asked.gcode, run, mounted, accepted=set_up.accept_crossings)
-    results = [*file_checks(run, mounted, asked.gcode.with_suffix(".map.npz")), *shaft.checks]
-    checks, at, heads = with_reloads_of(
-        [one for one in results if _BUDGET not in one.check],
-        job,
-        set_up.usable_mm(mounted),
-        wanted=set_up.care.reload,
-        by="allow changes of syringe",
-    )
-    time = PrintTime(run.duration_s, len(at), set_up.care.reload_min)
-    checks += viability_checks(time, set_up.budget(mounted))
-    accepted = shaft.accepted
-    if accepted:  # allowed, and still to be read by whoever allows it
-        checks = [_told(one, accepted) for one in checks]
-    return checks, at, heads, accepted
-
-
-def _told(check: Check, accepted: tuple[str, ...]) -> Check:
-    if check.passed or check.refuses:
+def _with_accepted(check: Check, accepted: tuple[str, ...]) -> Check:
+    """Let a warning say what is accepted: it is still to be read by whoever accepts it."""
+    if not accepted or check.passed or check.refuses:
         return check
     return replace(check, remedy=check.remedy or accepted[0])
 
 
-def _table(asked: Question, data: bytes, run: DryRun, job: Job, mounted: SetUp) -> JobTable:
-    loads = [mounted.load_of(k) for k in range(mounted.printer.head_count)]
-    return make_table(job, run, volumes(run, mounted.printer, loads), _view(asked, data, mounted))
-
-
-def _view(asked: Question, data: bytes, mounted: SetUp) -> GcodeJob | None:
+def _view(gcode: Path, data: bytes, mounted: SetUp) -> GcodeJob | None:
     """Layers and vessels of the job; None where nothing is written."""
     lines = data.count(b"\n") + (not data.endswith(b"\n"))
-    said_by_map, _ = read_line_map(asked.gcode, lines)
+    mapped, _ = read_line_map(gcode, lines)
     syringe = mounted.syringe
     pushing = Pushing(mounted.printer, None, "", syringe.inner_mm, syringe.name)
     try:
-        return read_job(data, asked.gcode.name, pushing, said_by_map)
+        return read_job(data, gcode.name, pushing, mapped)
     except UsageError:
         return None
 
@@ -244,7 +116,9 @@ def main() -> None:
     """Answer one question."""
     lower_priority()
     try:
-        answer = check_job(Question.from_json(sys.stdin.readline()))
+        asked = json.loads(sys.stdin.readline())
+        set_up = JobSetUp.model_validate(asked["set_up"])
+        answer = check_job(Path(asked["gcode"]), set_up, Path(asked["table"]))
     except Exception as exc:
         known = message_and_code(exc)
         if known is None and not isinstance(exc, (PrintctlError, ProfileError, OSError)):

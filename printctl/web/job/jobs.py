@@ -9,41 +9,35 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import IO, Any, Final
+from typing import IO, Annotated, Any, Final
 
-from printctl.errors import PrintctlError
-from printctl.recipe.model import Recipe
-from printctl.run_folder.manifest import Manifest
+from fastapi import Path as PathParam
+
+from design.files import write_text
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.job.set_up import JobSetUp
 from printctl.web.security.uploads import save_upload
 from printctl.web.workspace import Workspace, checked_name, file_hash
 
 log = logging.getLogger("printctl.web")
 
+JobId = Annotated[str, PathParam(max_length=80, description="run~NAME or file~NAME.")]
 ENDINGS: Final = (".gcode", ".gco", ".g", ".nc")
 _HEAD_BYTES: Final = 512
 
 
 @dataclass(frozen=True)
 class JobEntry:
-    """One job.
+    """One job; figures of its dry run are None before the first.
 
     Attributes
     ----------
     id : str
         ``run~NAME`` or ``file~NAME``.
-    name : str
-    sha256 : str
     size : int, bytes
     changed : float
         Wall-clock time, s since 1970.
-    duration_s, ink_ul : float or None
-        By the dry run; None before the first.
     layers : int or None
         Passes of an embedded print.
-    vessels : int or None
-    commands : int or None
     """
 
     id: str
@@ -58,58 +52,46 @@ class JobEntry:
     commands: int | None = None
 
 
-def list_jobs(workspace: Workspace, facts: Path) -> list[JobEntry]:
-    """Every job, the newest first, but for files that can't be read.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    facts : Path
-        Folder of what dry runs have found, by the file's hash.
-    """
+def all_jobs(workspace: Workspace) -> list[JobEntry]:
+    """Every job, the newest first, but for files that can't be read."""
     entries = []
     for job in workspace.jobs():
         try:
-            entries.append(entry_of(workspace, job, facts))
+            entries.append(entry_of(workspace, job))
         except (OSError, NotFoundError):
             log.warning("job %s can't be read", job, exc_info=True)
     return entries
 
 
-def entry_of(workspace: Workspace, job: str, facts: Path) -> JobEntry:
+def keep_facts(workspace: Workspace, facts: dict[str, Any]) -> None:
+    """Remember what the dry run of a job has found, its ``sha256`` among it."""
+    write_text(_facts_file(workspace, facts["sha256"]), json.dumps(facts) + "\n")
+
+
+def _facts_file(workspace: Workspace, sha256: str) -> Path:
+    return workspace.private / "jobs" / f"{sha256}.json"
+
+
+def entry_of(workspace: Workspace, job: str) -> JobEntry:
     """One job, with what is known of it without a dry run."""
     path = workspace.job_file(job)
     stat, sha256 = path.stat(), file_hash(path)
-    known = _facts(facts / f"{sha256}.json") or _facts(path.with_name("dry_run.json"))
+    known = _facts(_facts_file(workspace, sha256)) or _facts(path.with_name("dry_run.json"))
     return JobEntry(
         id=job,
         name=job.partition("~")[2],
         sha256=sha256,
         size=stat.st_size,
         changed=stat.st_mtime,
-        duration_s=known.get("duration_s"),
         ink_ul=known.get("ink_ul", known.get("ink_pushed_ul")),
-        layers=known.get("layers"),
-        vessels=known.get("vessels"),
-        commands=known.get("commands"),
+        **{name: known.get(name) for name in ("duration_s", "layers", "vessels", "commands")},
     )
 
 
 def add_job(workspace: Workspace, name: str, stream: IO[bytes], limit_bytes: int) -> str:
-    """Keep an uploaded G-code file; nothing in it is run. The same file again does no harm.
+    """Keep an uploaded G-code file, and return the job; nothing in it is run.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    name : str
-        As the user's file is called.
-    stream : binary file
-    limit_bytes : int
-
-    Returns
-    -------
-    str
-        The job.
+    ``name`` is as the user's file is called. The same file again does no harm.
 
     Raises
     ------
@@ -163,47 +145,12 @@ def refuse_binary(path: Path) -> None:
 
 def job_name(name: str) -> str:
     """The name that an uploaded file is kept under: ``.gcode`` at its end."""
-    stem = name
-    for ending in ENDINGS:
-        if name.lower().endswith(ending):
-            stem = name[: -len(ending)]
-            break
-    else:
+    ending = next((one for one in ENDINGS if name.lower().endswith(one)), None)
+    if ending is None:
         raise BadRequestError(
             f"{name[:80]!r} doesn't end in {', '.join(ENDINGS)}; upload a G-code file"
         )
-    return checked_name(f"{stem}.gcode")
-
-
-def recipe_of(folder: Path) -> Recipe | None:
-    """The recipe that a run folder was made from; None where it can't be told."""
-    data = Manifest.load(folder).facts.get("recipe")
-    if not isinstance(data, dict):
-        return None
-    try:
-        return Recipe.model_validate(data)
-    except (PrintctlError, ValueError):
-        return None
-
-
-def set_up_of_recipe(recipe: Recipe, before: JobSetUp) -> JobSetUp:
-    """What a recipe says of the machine and of what is mounted."""
-    part = recipe.printer
-    heads = part.heads
-    needle = recipe.toolpath.needle
-    values: dict[str, Any] = {
-        "printer": part.profile,
-        "syringe": ",".join(one.syringe for one in heads) or part.syringe,
-        "ink": ",".join(one.ink for one in heads) or part.ink,
-        "needle": ",".join(one.needle or needle for one in heads) or needle,
-        "bath": part.bath,
-        "dish": part.dish or "",
-        "dish_centre_mm": part.dish_centre_mm,
-        "bath_depth_mm": part.bath_depth_mm,
-        "thinnest_bore": recipe.toolpath.thinnest_bore,
-        "care": part.care.model_dump(),
-    }
-    return JobSetUp.model_validate(before.model_dump() | values)
+    return checked_name(f"{name[: -len(ending)]}.gcode")
 
 
 def _facts(path: Path) -> dict[str, Any]:

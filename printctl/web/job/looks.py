@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Query, Response
 from fastapi import Path as PathParam
+from fastapi import Query, Response
 from PIL import Image
+from pydantic import Field
 
 from printctl.observe.look_words import outcome_words, proposal_words, seen_words
 from printctl.observe.records import (
@@ -25,10 +25,10 @@ from printctl.observe.records import (
     read_looks,
     refuse_unheard,
 )
-from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.job.following import PrintReport
+from printctl.web.job.jobs import JobId
+from printctl.web.job.prints import PrintReport, Prints
 from printctl.web.rest import Asking, Body
 
 _KEPT: Final = 64
@@ -39,12 +39,7 @@ _FORMATS: Final = ("PNG", "JPEG", "TIFF", "WEBP", "BMP")
 def small_picture(path: Path, changed_ns: int, width_px: int) -> bytes | None:
     """Return a picture as JPEG, at most so wide; None where it can't be read.
 
-    Parameters
-    ----------
-    path : Path
-    changed_ns : int
-        When the file was changed last: another time is another picture.
-    width_px : int
+    A file that was changed at another time, ``changed_ns``, is another picture.
     """
     del changed_ns
     try:
@@ -63,29 +58,22 @@ def small_picture(path: Path, changed_ns: int, width_px: int) -> bytes | None:
 # Service behind the Job page's Looks card: inspection records, pictures, operator's answer.
 
 
-@dataclass(frozen=True)
-class LookReport:
-    """One look at an observed print.
+Number = Annotated[int, PathParam(ge=1, le=10**6, description="Of the look, from 1.")]
+Width = Annotated[int, Query(ge=64, le=4096, description="At most so wide, px.")]
+
+
+class AnswerRequest(Body):
+    """The operator's word on a look, as ``printctl observe answer`` takes it."""
+
+    answer: Answer
+
+
+@dataclass(frozen=True, kw_only=True)
+class LookReport(LookRecord):
+    """One look at an observed print, but for the state that only the observer needs.
 
     Attributes
     ----------
-    number : int
-        From 1.
-    mark : str
-        What had ended there.
-    done, job_line : int
-        Command lines of the growing job that were taken; the same without inserts.
-    at : float, s since 1970
-    decision : "go_on", "flow", "mend", "pause" or "stop"
-    why : str
-    asked : "mend", "flow", "pause" or empty
-        What the operator is asked to approve; empty for nothing.
-    factor : float or None
-        Flow factor that was put in force, or is proposed.
-    found : dict
-        Figures: seen_share, coverage, width_ratio, gaps, shift_mm, blobs, ink.
-    seconds : dict of str to float
-        How long each part of the look took.
     answer : "approve", "go_on", "stop" or None
         The operator's word; None while there is none.
     waits : bool
@@ -96,17 +84,7 @@ class LookReport:
         How much was seen, what is proposed and what came of it, in words; empty for nothing.
     """
 
-    number: int
-    mark: str
-    done: int
-    job_line: int
-    at: float
-    decision: str
-    why: str
-    asked: str
-    factor: float | None
-    found: dict[str, Any]
-    seconds: dict[str, float]
+    control: Annotated[dict[str, Any], Field(exclude=True)] = field(default_factory=dict)
     answer: Answer | None
     waits: bool
     pictured: float
@@ -116,50 +94,36 @@ class LookReport:
 
 
 class LookService:
-    """Looks at the workspace's prints; any thread may call.
+    """Looks at the workspace's prints; any thread may call."""
 
-    Parameters
-    ----------
-    core : Core
-    heard : function
-        Gives a job's print as it was heard of last.
-    """
+    def __init__(self, core: Core, prints: Prints) -> None:
+        self._core, self._prints = core, prints
 
-    def __init__(self, core: Core, heard: Callable[[str], PrintReport | None]) -> None:
-        self._core, self._heard = core, heard
-
-    def looks(self, job: str) -> list[LookReport]:
+    def looks(self, job: JobId) -> list[LookReport]:
         """Every look at the job's last print, in their order; none of an earlier print's.
 
         Raises
         ------
         NotFoundError
         """
-        heard = self._print(job)
+        heard = self._prints.last(job)
         looks = read_looks(heard.folder, heard.journal.started)
         return [_reported(heard, one) for one in looks]
 
-    def picture(self, job: str, number: int, width_px: int) -> bytes:
+    def picture(self, job: JobId, number: Number, width: Width = 1600) -> Response:
         """A look's picture with what was expected and found, as JPEG.
-
-        Parameters
-        ----------
-        job : str
-        number : int
-        width_px : int
-            It is made narrower than that where it is wider.
 
         Raises
         ------
         NotFoundError
         """
         path = look_picture(self._core.workspace.print_folder(job), number)
-        picture = None if path is None else small_picture(path, path.stat().st_mtime_ns, width_px)
+        picture = None if path is None else small_picture(path, path.stat().st_mtime_ns, width)
         if picture is None:
             raise NotFoundError(f"there is no picture of look {number} of {job}")
-        return picture
+        return Response(picture, media_type="image/jpeg", headers={"Cache-Control": "no-cache"})
 
-    def answer(self, who: Principal, job: str, number: int, word: Answer) -> LookReport:
+    def answer(self, who: Asking, job: JobId, number: Number, given: AnswerRequest) -> LookReport:
         """Leave the operator's word for the observer; a stop needs no controls.
 
         Saying the same again does no harm.
@@ -170,6 +134,7 @@ class LookService:
         ConflictError
             When the print isn't held for that look, it was answered otherwise, or nobody listens.
         """
+        word = given.answer
         if word != "stop":
             self._core.controls.require(who)
         look = next((one for one in self.looks(job) if one.number == number), None)
@@ -177,8 +142,15 @@ class LookService:
             raise NotFoundError(f"there is no look {number} at the print of {job}")
         if look.answer == word:
             return look
-        heard = self._print(job)
-        _refuse_unanswerable(heard, look)
+        heard = self._prints.last(job)
+        if look.answer is not None:
+            raise ConflictError(f"look {number} was answered before: {look.answer}")
+        if not look.waits:
+            raise ConflictError(
+                f"the print doesn't wait for a word on look {number} (it is "
+                f"{heard.status.state.value}); nothing was done. Words are {', '.join(ANSWERS)}, "
+                "while it is paused by that look"
+            )
         try:
             refuse_unheard(heard.folder)
             answer_look(heard.folder, number, word)
@@ -186,20 +158,13 @@ class LookService:
             raise ConflictError(str(exc)) from exc
         return next(one for one in self.looks(job) if one.number == number)
 
-    def _print(self, job: str) -> PrintReport:
-        heard = self._heard(job)
-        if heard is None:
-            raise NotFoundError(f"no print of {job} was ever started")
-        return heard
-
 
 def _reported(heard: PrintReport, record: LookRecord) -> LookReport:
     """Return a look with the operator's word and what is read."""
     answer = answer_of(heard.folder, record.number) if record.asked else None
     picture = look_picture(heard.folder, record.number)
-    values = {name: value for name, value in vars(record).items() if name != "control"}
     return LookReport(
-        **values,
+        **vars(record),
         answer=answer,
         waits=bool(record.asked) and answer is None and held_for(heard.status, record.number),
         pictured=0.0 if picture is None else picture.stat().st_mtime,
@@ -207,56 +172,3 @@ def _reported(heard: PrintReport, record: LookRecord) -> LookReport:
         proposed=proposal_words(record),
         outcome=outcome_words(record, answer),
     )
-
-
-def _refuse_unanswerable(heard: PrintReport, look: LookReport) -> None:
-    """Refuse an answer that nobody waits for."""
-    number = look.number
-    if look.answer is not None:
-        raise ConflictError(f"look {number} was answered before: {look.answer}")
-    if not look.waits:
-        raise ConflictError(
-            f"the print doesn't wait for a word on look {number} (it is "
-            f"{heard.status.state.value}); nothing was done. Words are {', '.join(ANSWERS)}, while "
-            "it is paused by that look"
-        )
-
-
-# REST routes for a print's inspections (looks): records, pictures, the operator's answer.
-
-Job = Annotated[str, PathParam(max_length=80, description="run~NAME or file~NAME.")]
-Number = Annotated[int, PathParam(ge=1, le=10**6, description="Of the look, from 1.")]
-Width = Annotated[int, Query(ge=64, le=4096, description="At most so wide, px.")]
-
-
-class AnswerRequest(Body):
-    """The operator's word on a look, as ``printctl observe answer`` takes it."""
-
-    answer: Literal["approve", "go_on", "stop"]
-
-
-def add_routes(routes: APIRouter, service: LookService) -> None:
-    """Add them to the job's room."""
-
-    @routes.get("/prints/{job}/looks", tags=["looks"], summary="Looks at the last print")
-    def looks(job: Job) -> list[LookReport]:
-        return service.looks(job)
-
-    @routes.get(
-        "/prints/{job}/looks/{number}/picture",
-        tags=["looks"],
-        summary="A look's picture, with what was expected and found",
-        response_class=Response,
-        responses={200: {"content": {"image/jpeg": {}}}},
-    )
-    def picture(job: Job, number: Number, width: Width = 1600) -> Response:
-        jpeg = service.picture(job, number, width)
-        return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-cache"})
-
-    @routes.post(
-        "/prints/{job}/looks/{number}/answer",
-        tags=["looks"],
-        summary="Answer a look that asks; 409 where the print doesn't wait for it",
-    )
-    def answer(job: Job, number: Number, given: AnswerRequest, who: Asking) -> LookReport:
-        return service.answer(who, job, number, given.answer)

@@ -1,18 +1,25 @@
-"""Printer interface of the Job page: mounted items, tip position, print start."""
+"""Printer of the Job page: its state, move to a job's start, heaters; through the station."""
 
 from __future__ import annotations
 
 from dataclasses import field
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final
 
 from pydantic import computed_field
 from pydantic.dataclasses import dataclass
 
+from firmware_profiles import Dish, load
+from printctl.checks.gate import RIM_MARGIN_MM
+from printctl.errors import SafetyError
 from printctl.machine.link.client import PrintClient
+from printctl.machine.link.errors import NoLink
 from printctl.machine.printing import Order
 from printctl.machine.printing.simulated import SIMULATED
-from printctl.web.job.set_up import JobSetUp
+from printctl.machine.station import Station, StationState, StationStatus, attach
+from printctl.machine.station.status import NO_PRINTER
+from printctl.web.errors import ConflictError
+from printctl.web.job.set_up import JobSetUp, Place
 
 PARTS: Final = ("needle", "syringe", "ink", "bath", "dish")
 """What can be mounted on a printer."""
@@ -24,7 +31,6 @@ class Machine:
 
     Attributes
     ----------
-    profile, port : str
     ready : bool
         Whether it would take a print now.
     state : str
@@ -32,11 +38,9 @@ class Machine:
     message : str
         What it is doing, or what to do.
     tip_mm : (x, y, z) or None, mm
-        Where the tip stands; None where nobody knows.
+        None where nobody knows.
     mounted : dict of str to str
-        Profiles of needle, syringe, ink, dish and bath; empty for nothing there, or nobody said.
-    dish_centre_mm : (x, y) or None, mm
-    bath_depth_mm : float or None, mm
+        Profiles of `PARTS`; empty for nothing there, or nobody said.
     ul_left : float or None, µL
         In the syringe, but for its dead volume.
     touch_off_due : bool
@@ -68,43 +72,113 @@ class Machine:
         return self.port == SIMULATED
 
 
-class Printing(Protocol):
-    """What prints: the station, or in tests a simulated printer."""
+class StationPrinting:
+    """The printer of a station, which lies in ``folder``."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
 
     def machine(self) -> Machine | None:
-        """The printer as it is now; None where none is connected."""
+        """The printer that is connected."""
+        status = self._status()
+        if status is None or status.state in (StationState.CLOSED, StationState.LOST):
+            return None
+        mounted, depth = status.mounted, None
+        if mounted.bath_level_mm is not None and mounted.floor_mm is not None:
+            depth = mounted.bath_level_mm - mounted.floor_mm
+        return Machine(
+            profile=status.profile,
+            port=status.port,
+            ready=status.state is StationState.READY,
+            state=status.state.value,
+            message=f"{status.state.value}: {status.message}",
+            tip_mm=status.position_mm if status.position_trusted else None,
+            mounted={part: getattr(mounted, part) for part in PARTS},
+            dish_centre_mm=mounted.dish_centre_mm,
+            bath_depth_mm=depth,
+            ul_left=status.ul_left,
+            touch_off_due=mounted.touch_off_due,
+        )
 
     def start(self, order: Order) -> PrintClient:
-        """Print, or attach to the order's print if it is going on."""
+        """Print on the station's port.
 
-    def to_start(self, start_mm: tuple[float, float, float]) -> None:
-        """Bring the tip to a job's start."""
+        Raises
+        ------
+        ConflictError, LinkError, PrintctlError
+        """
+        return self._station().print(order)
+
+    def to_start(self, start_mm: Place) -> None:
+        """Bring the tip to a job's start; the station refuses what its soft limits forbid.
+
+        Raises
+        ------
+        SafetyError
+            When nobody knows where the tip stands.
+        ConflictError
+            When no printer is connected.
+        LinkError
+            What the station refuses; the tip then stands where the way so far has led.
+        """
+        station = self._station()
+        status = station.status
+        if status.position_mm is None or not status.position_trusted:
+            raise SafetyError(
+                "nobody knows where the tip stands; home it without the needle, or say where it is "
+                "(page Printer), then it can be moved to the start"
+            )
+        over_mm, mounted = None, status.mounted
+        if mounted.dish and mounted.floor_mm is not None:
+            over_mm = mounted.floor_mm + load(Dish, mounted.dish).wall_mm + RIM_MARGIN_MM
+        for x, y, z in places_to(status.position_mm, start_mm, over_mm):
+            station.move_to(x, y, z)
 
     def heat(self, name: str, celsius: float) -> None:
         """Set a heater's target."""
+        self._station().heat(name, celsius)
 
     def temperatures(self) -> dict[str, tuple[float, float | None]]:
         """What each heater has and is to have, °C."""
+        status = self._status()
+        if status is None or not status.open:
+            return {}
+        return {one.name: (one.now_c, one.target_c) for one in status.temperatures}
+
+    def _status(self) -> StationStatus | None:
+        try:
+            return attach(self._folder).status
+        except NoLink:
+            return None
+
+    def _station(self) -> Station:
+        try:
+            return attach(self._folder)
+        except NoLink as exc:
+            raise ConflictError(NO_PRINTER) from exc
 
 
-def set_up_of(
-    machine: Machine | None, before: JobSetUp, declared: tuple[float, float, float] | None = None
-) -> JobSetUp:
+def places_to(tip: Place, start: Place, over_mm: float | None) -> list[Place]:
+    """The places that a tip goes to, one after the other: up, across, down to the start, mm.
+
+    ``over_mm`` is the height at which it clears the dish's rim; None where no dish is known.
+    """
+    high = max(tip[2], start[2], *(() if over_mm is None else (over_mm,)))
+    return [(tip[0], tip[1], high), (start[0], start[1], high), start]
+
+
+def set_up_of(machine: Machine | None, before: JobSetUp, declared: Place | None = None) -> JobSetUp:
     """The set-up with all that the printer knows better.
 
     Where the job declares its start, the tip must come there; else it starts where the tip stands.
     """
-    if declared is not None:
-        before = before.model_copy(update={"start_mm": declared})
-    if machine is None:
-        return before
-    names = {key: name for key, name in machine.mounted.items() if name}
-    said_mm = (
-        {"start_mm": machine.tip_mm} if machine.tip_mm is not None and declared is None else {}
-    )
-    values = before.model_dump() | {"printer": machine.profile} | names | said_mm
-    if machine.dish_centre_mm is not None and values["dish"]:
-        values["dish_centre_mm"] = machine.dish_centre_mm
-    if machine.bath_depth_mm is not None and machine.bath_depth_mm > 0 and values["dish"]:
-        values["bath_depth_mm"] = machine.bath_depth_mm
+    start_mm = declared or (machine.tip_mm if machine else None)
+    values: dict[str, Any] = before.model_dump() | ({"start_mm": start_mm} if start_mm else {})
+    if machine is not None:
+        names = {part: name for part, name in machine.mounted.items() if name}
+        values |= names | {"printer": machine.profile}
+        if machine.dish_centre_mm is not None and values["dish"]:
+            values["dish_centre_mm"] = machine.dish_centre_mm
+        if (machine.bath_depth_mm or 0.0) > 0 and values["dish"]:
+            values["bath_depth_mm"] = machine.bath_depth_mm
     return JobSetUp.model_validate(values)

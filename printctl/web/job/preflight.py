@@ -18,9 +18,10 @@ from design.files import write_text
 from printctl.checks.set_up import Check
 from printctl.machine.printing.job_table import JobTable
 from printctl.web.errors import BadRequestError
-from printctl.web.job.set_up import JobSetUp, Question
+from printctl.web.job.jobs import keep_facts
+from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import run_worker
-from printctl.web.workspace import file_hash
+from printctl.web.workspace import Workspace, file_hash
 
 _VERSION: Final = 3
 _LONGEST_S: Final = 900.0
@@ -52,19 +53,8 @@ class Preflight:
 class CheckRow:
     """One check before the print; a question to a person has no numbers.
 
-    Attributes
-    ----------
-    check : str
-        What was looked at.
-    result : "passed", "failed" or "warning"
-    value, limit : float or None
-        What was found and what is allowed, in `unit`.
-    unit : str
-    passed : bool
-    place : str
-        Line of the G-code, or key of a profile.
-    remedy : str
-    weight : "refuses" or "warns"
+    ``value`` and ``limit`` are what was found and what is allowed, in ``unit``; ``place`` is a line
+    of the G-code, or a key of a profile.
     """
 
     check: str
@@ -80,21 +70,13 @@ class CheckRow:
 
 def row(check: Check) -> CheckRow:
     """Return a check with its answer in a word."""
+    shown: dict[str, Any] = check.as_dict()
     no_numbers = check.value == check.limit == 0 and not check.unit
-
-    def shown(number: float) -> float | None:
-        return None if no_numbers or not math.isfinite(number) else number
-
+    for name in ("value", "limit"):
+        if no_numbers or not math.isfinite(shown[name]):
+            shown[name] = None
     return CheckRow(
-        check=check.check,
-        result="passed" if check.passed else "failed" if check.refuses else "warning",
-        value=shown(check.value),
-        limit=shown(check.limit),
-        unit=check.unit,
-        passed=check.passed,
-        place=check.place,
-        remedy=check.remedy,
-        weight=check.weight,
+        **shown, result="passed" if check.passed else "failed" if check.refuses else "warning"
     )
 
 
@@ -124,16 +106,10 @@ def report(job: str, checked: Preflight, before: list[CheckRow] | None = None) -
 
 
 class Preflights:
-    """Computes and caches preflight checks.
+    """Computes and caches preflight checks of a workspace's jobs."""
 
-    Parameters
-    ----------
-    folder : Path
-        Where they are kept.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace, self._folder = workspace, workspace.private / "preflight"
         self._one = threading.Lock()
         self._unusable: dict[str, tuple[float, str]] = {}
 
@@ -147,18 +123,22 @@ class Preflights:
         ConflictError
             When the process that looks at it died or took too long.
         """
+        if (known := self.known(gcode, set_up)) is not None:
+            return known
         key = key_of(gcode, set_up)
-        answer, table = self._folder / f"{key}.json", self._folder / f"{key}.npz"
-        self._refuse_unusable(key)
         with self._one:  # two dry runs at a time would be in each other's way, and in the print's
-            if not (answer.is_file() and table.is_file()):
-                self._folder.mkdir(parents=True, exist_ok=True)
-                checked = _ask(Question(gcode, set_up, table))
-                if "error" in checked:
-                    self._unusable[key] = time.monotonic(), checked["error"]
-                    raise BadRequestError(checked["error"])
-                write_text(answer, json.dumps(checked) + "\n")
-        return _read(key, answer, table)
+            self._refuse_unusable(key)
+            if (known := self._read(key)) is not None:
+                return known
+            self._folder.mkdir(parents=True, exist_ok=True)
+            facts = _ask(gcode, set_up, self._folder / f"{key}.npz")
+            if "error" in facts:
+                self._unusable[key] = time.monotonic(), facts["error"]
+                raise BadRequestError(facts["error"])
+            write_text(self._folder / f"{key}.json", json.dumps(facts) + "\n")
+        checked = _preflight(key, facts, self._folder)
+        keep_facts(self._workspace, checked.facts)
+        return checked
 
     def known(self, gcode: Path, set_up: JobSetUp) -> Preflight | None:
         """What was found before; None where nobody has looked.
@@ -170,8 +150,13 @@ class Preflights:
         """
         key = key_of(gcode, set_up)
         self._refuse_unusable(key)
-        answer, table = self._folder / f"{key}.json", self._folder / f"{key}.npz"
-        return _read(key, answer, table) if answer.is_file() and table.is_file() else None
+        return self._read(key)
+
+    def _read(self, key: str) -> Preflight | None:
+        answer = self._folder / f"{key}.json"
+        if not (answer.is_file() and answer.with_suffix(".npz").is_file()):
+            return None
+        return _preflight(key, json.loads(answer.read_text(encoding="utf-8")), self._folder)
 
     def _refuse_unusable(self, key: str) -> None:
         at, message = self._unusable.get(key, (0.0, ""))
@@ -180,23 +165,13 @@ class Preflights:
 
 
 def key_of(gcode: Path, set_up: JobSetUp) -> str:
-    """Hash of the file, its map and the set-up."""
+    """Hash of the file, its map, the set-up, and the user's own profiles, which may change."""
     digest = hashlib.sha256(f"{_VERSION} {set_up.model_dump_json()} {gcode.name}".encode())
-    for path in (gcode, gcode.with_suffix(".map.npz")):
+    profiles = (Path(name) for names in set_up.profiles.values() for name in names)
+    for path in (gcode, gcode.with_suffix(".map.npz"), *profiles):
         if path.is_file():
             digest.update(file_hash(path).encode())
-    for name in profile_files(set_up):
-        digest.update(file_hash(name).encode())
     return digest.hexdigest()[:32]
-
-
-def profile_files(set_up: JobSetUp) -> list[Path]:
-    """The set-up's profiles that are files of the user's, which may change."""
-    names = [
-        getattr(set_up, key) for key in ("printer", "syringe", "ink", "needle", "bath", "dish")
-    ]
-    parts = [Path(part) for name in names for part in name.split(",") if part]
-    return [path for path in parts if path.is_file()]
 
 
 @lru_cache(maxsize=4)
@@ -205,21 +180,21 @@ def load_table(path: Path) -> JobTable:
     return JobTable.load(path)
 
 
-def _ask(question: Question) -> dict[str, Any]:
-    name = question.gcode.name
+def _ask(gcode: Path, set_up: JobSetUp, table: Path) -> dict[str, Any]:
+    question = {"gcode": str(gcode), "set_up": set_up.model_dump(mode="json"), "table": str(table)}
     reply = run_worker(
         "printctl.web.job.check",
-        said=question.to_json() + "\n",
+        said=json.dumps(question) + "\n",
         longest_s=_LONGEST_S,
-        late=f"{name} couldn't be checked within {_LONGEST_S:g} s; try `printctl simulate` on it, "
-        "or split the job",
-        died=f"{name} couldn't be checked, the process ended",
+        late=f"{gcode.name} couldn't be checked within {_LONGEST_S:g} s; try `printctl simulate` "
+        "on it, or split the job",
+        died=f"{gcode.name} couldn't be checked, the process ended",
     )
-    checked: dict[str, Any] = json.loads(reply)
-    return checked
+    facts: dict[str, Any] = json.loads(reply)
+    return facts
 
 
-def _read(key: str, answer: Path, table: Path) -> Preflight:
-    facts: dict[str, Any] = json.loads(answer.read_text(encoding="utf-8"))
-    checks = tuple(Check(**one) for one in facts.pop("checks"))
-    return Preflight(key, facts, checks, table)
+def _preflight(key: str, facts: dict[str, Any], folder: Path) -> Preflight:
+    checks = tuple(Check(**one) for one in facts["checks"])
+    rest = {name: value for name, value in facts.items() if name != "checks"}
+    return Preflight(key, rest, checks, folder / f"{key}.npz")

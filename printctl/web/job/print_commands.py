@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
+
+from fastapi import Query
+from pydantic import Field
 
 from printctl.machine.link.client import PrintClient, attach
 from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.recovering import Recovery
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.print_state.give_up import give_up
 from printctl.machine.printing.recovery import planned, write_rest
@@ -20,26 +22,57 @@ from printctl.observe.continue_print import (
     restart,
 )
 from printctl.observe.starting import ensure_observer
-from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
+from printctl.web.job.jobs import JobId
+from printctl.web.rest import Asking, Body
 from printctl.web.workspace import checked_name
 
-After = Literal["now", "layer", "vessel"]
+FromLine = Annotated[int | None, Query(ge=1, le=2**31, description="Of the job's file.")]
 _HELD: Final = (LinkState.PAUSED, LinkState.PAUSING)
 _GOING: Final = (LinkState.PRINTING, LinkState.RESUMING)
 
 
+class PauseRequest(Body):
+    """When to pause."""
+
+    after: Literal["now", "layer", "vessel"] = "now"
+
+
+class ResumeRequest(Body):
+    """What was put in at a change of syringe."""
+
+    plunger_mm: Annotated[float, Field(ge=0, le=1000)] | None = Field(
+        default=None, description="Travel that the new syringe's plunger has used up; 0 when full."
+    )
+    syringe: Annotated[str, Field(max_length=300)] | None = Field(
+        default=None, description="Its profile, where it is another."
+    )
+    unchanged: bool = Field(default=False, description="The syringe wasn't changed after all.")
+
+
+class ReloadRequest(Body):
+    """Of several heads, whose syringe."""
+
+    head: Annotated[int, Field(ge=0, le=15)] | None = None
+
+
+class RecoverRequest(Body):
+    """Where the rest of a print begins."""
+
+    from_line: Annotated[int, Field(ge=1, le=2**31)] | None = Field(
+        default=None, description="Line of the job's file; the last checkpoint if left out."
+    )
+
+
 @dataclass(frozen=True)
 class RestPlan:
-    """How to go on after the position was lost.
+    """How to go on after the position was lost; ``steps`` are what a person does first, in order.
 
     Attributes
     ----------
     lines_left_out : int
         Commands of the job that aren't printed again.
-    steps : tuple of str
-        What a person does first, in order.
     start_mm : (x, y, z) or None, mm
     """
 
@@ -50,57 +83,28 @@ class RestPlan:
 
 @dataclass(frozen=True)
 class Rest:
-    """The rest of a print, as a job of its own.
-
-    Attributes
-    ----------
-    job : str
-    steps : tuple of str
-        What a person does first, in order.
-    """
+    """The rest of a print, as a job of its own; ``steps`` are what a person does first."""
 
     job: str
     steps: tuple[str, ...]
 
 
 class PrintCommands:
-    """Pause, resume, change of syringe, confirm alive, cancel; go on, recover, give up.
-
-    Parameters
-    ----------
-    core : Core
-    """
+    """Pause, resume, change of syringe, confirm alive, cancel; go on, recover, give up."""
 
     def __init__(self, core: Core) -> None:
         self._core = core
 
-    def pause(self, who: Principal, job: str, after: After = "now") -> Status:
+    def pause(self, who: Asking, job: JobId, given: PauseRequest) -> Status:
         """Hold the print now, or once this layer or vessel has ended."""
         self._core.controls.require(who)
         with self._print(job) as client:
             if client.status.state not in _HELD:
-                client.pause(None if after == "now" else MarkKind(after))
+                client.pause(None if given.after == "now" else MarkKind(given.after))
             return client.status
 
-    def resume(
-        self,
-        who: Principal,
-        job: str,
-        *,
-        plunger_mm: float | None = None,
-        syringe: str | None = None,
-        unchanged: bool = False,
-    ) -> Status:
+    def resume(self, who: Asking, job: JobId, given: ResumeRequest) -> Status:
         """Go on; after a change of syringe with what was put in.
-
-        Parameters
-        ----------
-        plunger_mm : float, mm
-            Travel that the new syringe's plunger has used up; 0 for a full one.
-        syringe : str
-            Its profile, where it is another.
-        unchanged : bool
-            The syringe wasn't changed after all.
 
         Raises
         ------
@@ -111,7 +115,8 @@ class PrintCommands:
         Refused
         """
         self._core.controls.require(who)
-        changed = plunger_mm is not None or bool(syringe)
+        syringe, plunger_mm, unchanged = given.syringe or None, given.plunger_mm, given.unchanged
+        changed = plunger_mm is not None or syringe is not None
         if unchanged and changed:
             raise ConflictError("the syringe is either unchanged or a new one; say one of both")
         folder = self._core.workspace.print_folder(job)
@@ -121,15 +126,13 @@ class PrintCommands:
                 return status
             if not status.ended:
                 started = ensure_observer(folder)
-                change = new_syringe_of(client, syringe or None, plunger_mm) if changed else None
+                change = new_syringe_of(client, syringe, plunger_mm) if changed else None
                 if not awaits_observer(folder, client.status, started):
                     client.resume(change, unchanged)
                 return client.status
-        return continue_print(
-            folder, syringe=syringe or None, plunger_mm=plunger_mm, unchanged=unchanged
-        )
+        return continue_print(folder, syringe=syringe, plunger_mm=plunger_mm, unchanged=unchanged)
 
-    def go_on(self, who: Principal, job: str) -> Status:
+    def go_on(self, who: Asking, job: JobId) -> Status:
         """Go on with a print that was broken off: the printer is asked for its last line first.
 
         A print that was broken off while it was paused is paused again. Asking twice does no harm.
@@ -146,16 +149,12 @@ class PrintCommands:
         with restart(folder) as client:
             return client.status
 
-    def recovery(self, job: str, from_line: int | None = None) -> Recovery:
+    def recovery(self, job: JobId, from_line: FromLine = None) -> RestPlan:
         """Plan the rest of a print that can't be gone on with; nothing is written or sent."""
-        return planned(self._core.workspace.print_folder(job), from_line)
-
-    def rest_plan(self, job: str, from_line: int | None = None) -> RestPlan:
-        """Return what a person is told of `recovery`."""
-        plan = self.recovery(job, from_line)
+        plan = planned(self._core.workspace.print_folder(job), from_line)
         return RestPlan(plan.begin, tuple(plan.steps), plan.start)
 
-    def recover(self, who: Principal, job: str, from_line: int | None = None) -> Rest:
+    def recover(self, who: Asking, job: JobId, given: RecoverRequest) -> Rest:
         """Write the rest of a print as a job of the workspace; give its name and what to do first.
 
         Nothing is sent to the printer.
@@ -163,35 +162,35 @@ class PrintCommands:
         self._core.controls.require(who)
         workspace = self._core.workspace
         name = f"{job.partition('~')[2].removesuffix('.gcode')}.rest.gcode"
-        file = workspace.root / "jobs" / checked_name(name)
-        written = write_rest(workspace.print_folder(job), self.recovery(job, from_line), file)
+        file, folder = workspace.root / "jobs" / checked_name(name), workspace.print_folder(job)
+        written = write_rest(folder, planned(folder, given.from_line), file)
         return Rest(f"file~{name}", tuple(written["steps"]))
 
-    def give_up(self, who: Principal, job: str) -> Status:
+    def give_up(self, who: Asking, job: JobId) -> Status:
         """Write down that a print which was broken off isn't gone on with."""
         self._core.controls.require(who)
         folder = self._core.workspace.print_folder(job)
         with attach(folder) as client:
             if client.status.state is LinkState.GIVEN_UP:
                 return client.status
-        return give_up(folder, who.name or who.id)
+        return give_up(folder, who.by)
 
-    def reload(self, who: Principal, job: str, head: int | None = None) -> Status:
+    def reload(self, who: Asking, job: JobId, given: ReloadRequest) -> Status:
         """Make room to change the syringe: at the next reload point, or here when it is paused."""
         self._core.controls.require(who)
         with self._print(job) as client:
             if not client.status.waits_for.startswith("syringe"):
-                client.reload(head)
+                client.reload(given.head)
             return client.status
 
-    def alive(self, who: Principal, job: str) -> Status:
+    def alive(self, who: Asking, job: JobId) -> Status:
         """Confirm that somebody is there."""
         self._core.controls.require(who)
         with self._print(job) as client:
             client.alive()
             return client.status
 
-    def cancel(self, job: str) -> Status:
+    def cancel(self, job: JobId) -> Status:
         """End the print by a controlled stop; needs no controls."""
         with self._print(job) as client:
             if client.status.state is not LinkState.STOPPING:

@@ -1,4 +1,4 @@
-"""Prints of a job: find them, follow them."""
+"""Find the prints of a workspace, also those of the command line; follow them to their end."""
 
 from __future__ import annotations
 
@@ -6,116 +6,192 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+from printctl.machine.link.client import PrintClient, attach
 from printctl.machine.link.errors import LinkError, NoLink
 from printctl.machine.link.find_link import alive
 from printctl.machine.link.record import JOURNAL, RECORD, load_record
+from printctl.machine.link.states import Status
 from printctl.machine.print_state.actions import PrintAction
-from printctl.machine.print_state.state import keep_table, kept_table, read_print
+from printctl.machine.print_state.state import (
+    PrintTruth,
+    assemble_state,
+    filling_of,
+    keep_table,
+    kept_table,
+    read_print,
+    remaining_of,
+)
 from printctl.machine.printing.job_table import JobTable
-from printctl.machine.printing.journal_facts import read_journal_facts
+from printctl.machine.printing.journal_facts import JournalledFacts, read_journal_facts
+from printctl.machine.printing.progress import Filling
+from printctl.machine.printing.remaining import Remaining
+from printctl.machine.printing.simulated import was_simulated
 from printctl.machine.station.record import RECORD as STATION_RECORD
-from printctl.web.job.following import PrintFollower, PrintReport, Tell
+from printctl.web.errors import NotFoundError
 from printctl.web.job.preflight import Preflights, load_table
 from printctl.web.job.record import Records
-from printctl.web.job.set_up import JobSetUp
-from printctl.web.job.set_ups import SetUps
+from printctl.web.job.set_up import JobSetUp, SetUps, read_first_lines
 from printctl.web.workspace import Workspace, file_hash, is_name
 
-# Find running prints of a workspace, also those started from the command line.
-
+log = logging.getLogger(__name__)
+APART_S: Final = 0.25
+"""Least time between two reports of one print that tell nothing new."""
 LOOK_AGAIN_S: Final = 1.0
+_FIRST_WORD_S: Final = 10.0
+
+Tell = Callable[["PrintReport"], None]
+
+
+@dataclass(frozen=True)
+class PrintReport(PrintTruth):
+    """A job's print as it was heard of last."""
+
+    job: str = ""
+
+    @staticmethod
+    def of(job: str, truth: PrintTruth) -> PrintReport:
+        """Name the job that a print is of."""
+        return PrintReport(**vars(truth), job=job)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object; what `printctl.web.core` is told."""
+        simulated = _is_simulated(self.folder, self.journal.started)
+        return {"job": self.job, "simulated": simulated, **super().to_dict()}
+
+
+@lru_cache(maxsize=64)
+def _is_simulated(folder: Path, started: float) -> bool:
+    """Return whether a folder's print, begun at a time, goes to a simulated printer."""
+    return was_simulated(folder)
+
+
+class PrintFollower:
+    """A thread that follows one print to its end, or until it is told to let go.
+
+    ``table_of`` gives the job's table; it may take long, and is called in a thread of its own.
+    ``tell`` is given what was heard, at most four times a second but for what is new.
+    """
+
+    def __init__(
+        self, job: str, folder: Path, table_of: Callable[[], JobTable | None], tell: Tell
+    ) -> None:
+        self.job, self.folder = job, folder
+        self._table_of, self._tell = table_of, tell
+        self._table: JobTable | None = None
+        self._remaining: Remaining | None = None
+        self._filling: Filling | None = None
+        self._client: PrintClient | None = None
+        self._lock, self._left = threading.Lock(), threading.Event()
+        self._last: Status | None = None
+        self._journal = JournalledFacts()
+        self._told = 0.0
+        self.heard: PrintReport | None = None
+        self._threads = [
+            threading.Thread(target=work, name=f"{job} {name}", daemon=True)
+            for name, work in (("print", self._follow), ("table", self._prepare))
+        ]
+
+    def begin(self) -> None:
+        """Start to follow."""
+        for thread in self._threads:
+            thread.start()
+
+    def end(self) -> None:
+        """Let go of the print, which goes on."""
+        self._left.set()
+        if self._client is not None:
+            self._client.detach()
+        self._threads[0].join(5.0)
+
+    @property
+    def over(self) -> bool:
+        """Whether it has heard of the print's end."""
+        return self._last is not None and self._last.ended
+
+    @property
+    def session(self) -> str:
+        """The link process's work on the print that it follows (`LinkRecord.session`)."""
+        return "" if self._client is None else self._client.record.session
+
+    @property
+    def alive(self) -> bool:
+        """Whether it still follows."""
+        return self._threads[0].is_alive()
+
+    def _follow(self) -> None:
+        try:
+            self._client = client = attach(self.folder)
+            for status in client.events():
+                if self._left.is_set():
+                    return
+                self._hear(status)
+        except (LinkError, OSError) as exc:
+            log.warning("the print in %s can't be followed: %s", self.folder, exc)
+
+    def _prepare(self) -> None:
+        """Make or load the table, which may take as long as a dry run."""
+        try:
+            table = self._table_of()
+        except Exception:
+            log.warning("no progress for %s", self.job, exc_info=True)
+            return
+        if table is None:
+            return
+        journal = read_journal_facts(self.folder / JOURNAL)
+        keep_table(self.folder, journal.sha256, table)
+        with self._lock:
+            self._remaining = remaining_of(table, journal)
+            self._table = table
+            if self._last is not None:
+                self._filling = filling_of(self.folder, journal)
+                self._publish(self._last)
+
+    def _hear(self, status: Status) -> None:
+        with self._lock:
+            before, self._last = self._last, status
+            new = before is None or _words(before) != _words(status)
+            if before is None or _written_down(before) != _written_down(status):
+                self._journal = read_journal_facts(self.folder / JOURNAL)
+                self._filling = filling_of(self.folder, self._journal)
+            if new or time.monotonic() - self._told >= APART_S:
+                self._publish(status)
+
+    def _publish(self, status: Status) -> None:
+        self._told = time.monotonic()
+        views = self._table, self._remaining, self._filling
+        truth = assemble_state(self.folder, status, self._journal, *views)
+        heard = PrintReport.of(self.job, truth)
+        try:
+            self._tell(heard)
+        except Exception:  # a full disk: the print is followed all the same
+            log.exception("what the print of %s does can't be told", self.job)
+        self.heard = heard
+
+
+def _words(status: Status) -> tuple[object, ...]:
+    """What a person must be told at once."""
+    return status.state, status.message, status.waits_for, status.alarms, status.position_known
+
+
+def _written_down(status: Status) -> tuple[object, ...]:
+    """What changes with a record of the journal that is told of here."""
+    return status.state, status.alarms, status.inserted
 
 
 def prints_of(workspace: Workspace) -> Iterator[tuple[str, Path]]:
     """Job and folder of every print that was ever started in a workspace."""
-    folders = [("run", path.parent) for path in workspace.found(f"runs/*/print/{RECORD}")]
-    folders += [("file", path.parent) for path in workspace.found(f"jobs/*.print/{RECORD}")]
-    for sort, folder in folders:
-        name = folder.parent.name if sort == "run" else folder.name.removesuffix(".print")
-        if is_name(name):
-            yield f"{sort}~{name}", folder
-
-
-class Finder:
-    """A thread that looks for prints that go on.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    found : function
-        Given job and folder of a print that goes on, each time that it is seen.
-    ended : function
-        Given job and folder of the newest print where none goes on, each time that it has changed.
-    """
-
-    def __init__(
-        self,
-        workspace: Workspace,
-        found: Callable[[str, Path], None],
-        ended: Callable[[str, Path], None],
-    ) -> None:
-        self._workspace, self._found, self._ended_print = workspace, found, ended
-        self._newest: tuple[object, ...] = ()
-        self._dead: dict[Path, int] = {}
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._look, name="prints", daemon=True)
-
-    def begin(self) -> None:
-        """Start to look."""
-        self._thread.start()
-
-    def end(self) -> None:
-        """Look no more."""
-        self._ended.set()
-        self._thread.join(5.0)
-
-    def look(self) -> None:
-        """Look once."""
-        prints = list(prints_of(self._workspace))
-        live = [(job, folder) for job, folder in prints if self._goes_on(folder)]
-        for job, folder in live:
-            self._found(job, folder)
-        if prints and not live:
-            self._look_at_newest(max(prints, key=lambda one: _changed(one[1] / RECORD)))
-
-    def _look_at_newest(self, newest: tuple[str, Path]) -> None:
-        """Hand on the newest print where anything has changed that its truth rests on."""
-        job, folder = newest
-        station = self._workspace.station / STATION_RECORD
-        now = (folder, *map(_changed, (folder / RECORD, folder / JOURNAL, station)))
-        if now != self._newest:
-            self._newest = now
-            with contextlib.suppress(LinkError, OSError):  # it begins, or goes away, meanwhile
-                self._ended_print(job, folder)
-
-    def _goes_on(self, folder: Path) -> bool:
-        """Whether a link process lives there; one known to be dead isn't asked for its lock again.
-
-        Asking takes the lock for a moment, in which no other process could begin there.
-        """
-        try:
-            changed = (folder / RECORD).stat().st_mtime_ns
-            if self._dead.get(folder) == changed:
-                return False
-            record = load_record(folder)
-        except (NoLink, OSError):
-            return False
-        if not record.status and record.address and alive(folder):
-            return True
-        if record.status or record.address:
-            self._dead[folder] = changed
-        return False
-
-    def _look(self) -> None:
-        while not self._ended.is_set():
-            # Without a file handle, say: the next look tells what this one couldn't see.
-            with contextlib.suppress(OSError):
-                self.look()
-            self._ended.wait(LOOK_AGAIN_S)
+    for path in workspace.found(f"runs/*/print/{RECORD}"):
+        if is_name(name := path.parent.parent.name):
+            yield f"run~{name}", path.parent
+    for path in workspace.found(f"jobs/*.print/{RECORD}"):
+        if is_name(name := path.parent.name.removesuffix(".print")):
+            yield f"file~{name}", path.parent
 
 
 def _changed(path: Path) -> int:
@@ -126,23 +202,10 @@ def _changed(path: Path) -> int:
         return 0
 
 
-_FIRST_WORD_S: Final = 10.0
-log = logging.getLogger(__name__)
-
-
 class Prints:
-    """Follows the prints that go on, and tells what it hears of them.
+    """Finds the prints that go on, whoever started them, and tells what it hears of them.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    preflights : Preflights
-        They hold the tables that progress is told by.
-    set_ups : SetUps
-    records : Records
-        A print's end is marked in its record.
-    tell : function
-        Given what was heard of a print that is followed.
+    Progress is told by the tables of ``preflights``; a print's end is marked in its record.
     """
 
     def __init__(
@@ -151,23 +214,27 @@ class Prints:
         preflights: Preflights,
         set_ups: SetUps,
         records: Records,
-        tell: Callable[[PrintReport], None],
+        tell: Tell,
     ) -> None:
         self._workspace, self._preflights, self._set_ups = workspace, preflights, set_ups
         self._records, self._tell = records, tell
         self._followers: dict[str, PrintFollower] = {}
         self._lock, self._noting = threading.Lock(), threading.Lock()
-        self._finder = Finder(workspace, self.follow, self._review)
+        self._closed = threading.Event()
         self._reviewed: PrintReport | None = None
+        self._newest: tuple[object, ...] = ()
+        self._dead: dict[Path, int] = {}
         self._unwritten: dict[str, float] = {}
+        self._thread = threading.Thread(target=self._look, name="prints", daemon=True)
 
     def begin(self) -> None:
         """Look for prints that go on."""
-        self._finder.begin()
+        self._thread.start()
 
     def close(self) -> None:
         """Follow no more; prints go on."""
-        self._finder.end()
+        self._closed.set()
+        self._thread.join(5.0)
         for follower in list(self._followers.values()):
             follower.end()
 
@@ -200,7 +267,22 @@ class Prints:
         if going_on:
             self.follow(job, folder)
             return self.heard_soon(job)
-        return self._ended(job, folder)
+        self._keep_known_table(job, folder)
+        heard = PrintReport.of(job, read_print(folder))
+        self._note_end(heard)
+        return heard
+
+    def last(self, job: str) -> PrintReport:
+        """`heard`, of a job that was printed.
+
+        Raises
+        ------
+        NotFoundError
+        """
+        heard = self.heard(job)
+        if heard is None:
+            raise NotFoundError(f"no print of {job} was ever started")
+        return heard
 
     def heard_soon(self, job: str) -> PrintReport:
         """The first word of a print that is followed.
@@ -222,39 +304,74 @@ class Prints:
         raise LinkError(f"the print of {job} doesn't tell where it stands; see its link.log")
 
     def current(self) -> PrintReport | None:
-        """The print that goes on; of several the one begun last."""
-        with self._lock:
-            heard = [one.heard for one in self._followers.values() if one.heard]
-        live = [one for one in heard if not one.status.ended]
-        return max(live, key=lambda one: one.journal.started, default=None)
+        """The print that goes on, of several the one begun last.
 
-    def unfinished(self) -> PrintReport | None:
-        """The newest print of the workspace, if it was broken off and nobody has said what next."""
-        with self._lock:
-            known = [one.heard for one in self._followers.values()]
-        if self.current() is not None:
-            return None
-        heard = [one for one in (*known, self._reviewed) if one is not None]
-        newest = max(heard, key=lambda one: one.journal.started, default=None)
+        Else the newest print of the workspace, if it was broken off and nobody has said what next.
+        """
+        known = self._known()
+        if going_on := [one for one in known if not one.status.ended]:
+            return _newest(going_on)
+        newest = _newest([*known, *([self._reviewed] if self._reviewed else [])])
         report = None if newest is None else self.heard(newest.job)
         return report if report is not None and _open(report) else None
 
+    def _known(self) -> list[PrintReport]:
+        with self._lock:
+            return [one.heard for one in self._followers.values() if one.heard is not None]
+
+    # --- look for prints of other processes ----------------------------------------------------
+
+    def _look(self) -> None:
+        while not self._closed.is_set():
+            # Without a file handle, say: the next look tells what this one couldn't see.
+            with contextlib.suppress(OSError, LinkError):
+                self._look_once()
+            self._closed.wait(LOOK_AGAIN_S)
+
+    def _look_once(self) -> None:
+        prints = list(prints_of(self._workspace))
+        live = [one for one in prints if self._goes_on(one[1])]
+        for job, folder in live:
+            self.follow(job, folder)
+        if prints and not live:
+            self._review(*max(prints, key=lambda one: _changed(one[1] / RECORD)))
+
+    def _goes_on(self, folder: Path) -> bool:
+        """Whether a link process lives there; one known to be dead isn't asked for its lock again.
+
+        Asking takes the lock for a moment, in which no other process could begin there.
+        """
+        try:
+            changed = (folder / RECORD).stat().st_mtime_ns
+            if self._dead.get(folder) == changed:
+                return False
+            record = load_record(folder)
+        except (NoLink, OSError):
+            return False
+        if not record.status and record.address and alive(folder):
+            return True
+        if record.status or record.address:
+            self._dead[folder] = changed
+        return False
+
     def _review(self, job: str, folder: Path) -> None:
-        """Look again at the newest print, which nobody follows, and tell what has changed of it."""
-        before = self._reviewed
-        heard = PrintReport(job, read_print(folder))
+        """Tell of the newest print, which nobody follows, where anything of it has changed."""
+        station = self._workspace.station / STATION_RECORD
+        now = (folder, *map(_changed, (folder / RECORD, folder / JOURNAL, station)))
+        if now == self._newest:
+            return
+        self._newest, before = now, self._reviewed
+        try:
+            heard = PrintReport.of(job, read_print(folder))
+        except (LinkError, OSError):  # it begins, or goes away, meanwhile
+            return
         if before is not None and before == heard:
             return
         self._reviewed = heard
         if _open(heard) or job in self._followers or (before is not None and before.job == job):
             self._tell(heard)
 
-    def _ended(self, job: str, folder: Path) -> PrintReport:
-        """A print that is over, from what it left; it is told to nobody."""
-        self._keep_known_table(job, folder)
-        heard = PrintReport(job, read_print(folder))
-        self._note_end(heard)
-        return heard
+    # --- what a print leaves -------------------------------------------------------------------
 
     def _keep_known_table(self, job: str, folder: Path) -> None:
         """Leave the table that a check made beside the journal, if it is of what was printed."""
@@ -312,12 +429,16 @@ class Prints:
         printed = self._set_ups.printed(folder)
         if printed is not None:
             return printed
-        link = load_record(folder)
-        syringe = str(link.care.get("syringe", ""))
-        values = self._set_ups.of(job).model_dump() | {"printer": link.profile}
-        return JobSetUp.model_validate(values | ({"syringe": syringe} if syringe else {}))
+        link, values = load_record(folder), self._set_ups.of(job).model_dump()
+        start_mm, _ = read_first_lines(self._workspace.job_file(job), link.profile)
+        known = {"syringe": link.care.get("syringe"), "start_mm": start_mm, "printer": link.profile}
+        return JobSetUp.model_validate(values | {k: one for k, one in known.items() if one})
 
 
 def _open(heard: PrintReport) -> bool:
     """Whether a print was broken off, and neither gone on with nor given up."""
-    return heard.status.ended and heard.truth.may(PrintAction.GIVE_UP).possible
+    return heard.status.ended and heard.may(PrintAction.GIVE_UP).possible
+
+
+def _newest(reports: Iterable[PrintReport]) -> PrintReport | None:
+    return max(reports, key=lambda one: one.journal.started, default=None)

@@ -17,21 +17,22 @@ from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
 
 Action = Literal[
-    "",
-    "controls",
+    "",  # nothing
+    "controls",  # take them
     "connect",
     "reconnect",
-    "see_print",
-    "mount",
+    "see_print",  # that goes on
+    "mount",  # say what is mounted: `about` is the part
     "set_position",
-    "to_start",
+    "to_start",  # move the tip
     "touch_off",
-    "fill",
-    "reload",
+    "fill",  # say that a full syringe was put in
+    "reload",  # allow changes of syringe
     "accept_crossings",
     "operator",
-    "tick",
+    "tick",  # `about` is the point
 ]
+"""What the page can do about a refusal."""
 _SHAFT: Final = "vessels that the needle's shaft passes through"
 _LONG_ENOUGH: Final = "the syringe is then changed before line"
 
@@ -42,23 +43,12 @@ class Refusal:
 
     Attributes
     ----------
-    what : str
-        What was looked at.
+    what, remedy : str
+        What was looked at, and what to do.
     value, limit : float or None
         What was found and what is allowed, in `unit`; None for a question to a person.
-    unit : str
     place : str
         Line of the G-code, or key of a profile; empty for none.
-    remedy : str
-        What to do.
-    action : str
-        What the page can do about it: empty for nothing, ``controls`` (take them), ``connect``,
-        ``reconnect``, ``see_print`` (that goes on), ``mount`` (say what is mounted: `about` is the
-        part), ``set_position``, ``to_start`` (move the tip), ``touch_off``, ``fill`` (say that
-        a full syringe was put in), ``reload`` (allow changes of syringe), ``accept_crossings``,
-        ``operator``, ``tick`` (`about` is the point).
-    about : str
-        Part or point that the action is for.
     """
 
     what: str
@@ -80,17 +70,8 @@ class Refusal:
 
     def as_row(self) -> CheckRow:
         """Return it as a failed check."""
-        return CheckRow(
-            check=self.what,
-            result="failed",
-            value=self.value,
-            limit=self.limit,
-            unit=self.unit,
-            passed=False,
-            place=self.place,
-            remedy=self.remedy,
-            weight="refuses",
-        )
+        numbers = self.value, self.limit, self.unit
+        return CheckRow(self.what, "failed", *numbers, False, self.place, self.remedy, "refuses")
 
 
 @dataclass(frozen=True)
@@ -99,15 +80,12 @@ class Readiness:
 
     Attributes
     ----------
-    job : str
     ready : bool
         Whether it was checked and nothing refuses it.
     checked : bool
         Whether the job itself has been checked with this set-up; its refusals are unknown before.
     key : str
         Of the job's content and the set-up; empty for a set-up that can't be used.
-    refusals : tuple of Refusal
-    machine : Machine or None
     preflight : PreflightReport or None
         The job's own checks; None before.
     """
@@ -122,14 +100,7 @@ class Readiness:
 
 
 def machine_refusals(machine: Machine | None, set_up: JobSetUp) -> Iterator[Refusal]:
-    """Yield what the printer's state, what is mounted and the tip's place refuse.
-
-    Parameters
-    ----------
-    machine : Machine or None
-    set_up : JobSetUp
-        With which the job is checked.
-    """
+    """Yield what the printer's state, what is mounted and the tip's place refuse."""
     if machine is None:
         yield Refusal("printer", "none is connected: connect it in step 2, or rehearse", "connect")
         return
@@ -241,27 +212,15 @@ def record_refusals(machine: Machine | None, record: PrintRecord) -> Iterator[Re
 
 def check_refusal(check: Check) -> Refusal:
     """Return a failed check of the job, with what helps."""
-    shown = row(check)
-    action, about = _helps(check)
-    remedy = shown.remedy
-    if action == "accept_crossings":  # its other remedies are options of the command line
+    shown, remedy, about = row(check), check.remedy, ""
+    action: Action = ""
+    if check.check.endswith(_SHAFT):  # its other remedies are options of the command line
+        action = "accept_crossings"
         remedy = f"{remedy.partition(';')[0]}; use a thinner needle, or accept it"
+    elif _LONG_ENOUGH in remedy:
+        action = "reload"
+    elif about := next((one for one in PARTS if f"{one}:" in check.place), ""):
+        action = "mount"
     return Refusal(
-        shown.check,
-        remedy,
-        action,
-        about,
-        value=shown.value,
-        limit=shown.limit,
-        unit=shown.unit,
-        place=shown.place,
+        check.check, remedy, action, about, shown.value, shown.limit, check.unit, check.place
     )
-
-
-def _helps(check: Check) -> tuple[Action, str]:
-    if check.check.endswith(_SHAFT):
-        return "accept_crossings", ""
-    if _LONG_ENOUGH in check.remedy:
-        return "reload", ""
-    part = next((one for one in PARTS if f"{one}:" in check.place), "")
-    return ("mount", part) if part else ("", "")

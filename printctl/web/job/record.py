@@ -81,8 +81,7 @@ class Records:
 
     def of_job(self, job: str) -> list[str]:
         """Records of a job, the oldest first."""
-        kind, _, name = job.partition("~")
-        return sorted(p.stem for p in self._folder.glob(f"{kind}~{name}~[0-9]*.json"))
+        return sorted(p.stem for p in self._folder.glob(f"{job}~[0-9]*.json"))
 
     def load(self, record: str) -> dict[str, Any]:
         """A record: ``id``, ``job``, ``values``, ``steps``, ``notes``, ``photos``, ``changes``.
@@ -129,14 +128,12 @@ class Records:
                 self._save(found, who, changed)
             return new
 
-    def add(self, record: str, who: str, sort: str, entry: dict[str, Any]) -> dict[str, Any]:
+    def add(self, record: str, who: str, sort: str, entry: dict[str, Any]) -> None:
         """Add to one of its lists (``steps``, ``notes``, ``photos``), with time and who."""
         with self._lock:
             values = self.load(record)
-            whole = {"at": time.time(), "who": who, **entry}
-            values.setdefault(sort, []).append(whole)
+            values.setdefault(sort, []).append({"at": time.time(), "who": who, **entry})
             self._save(values, who, {sort: entry})
-            return whole
 
     def mark(self, record: str, who: str, **changes: Any) -> None:
         """Set what the program itself knows: ``started``, ``print_id``, ``folder``, ``state``."""
@@ -172,10 +169,8 @@ class Records:
 
     def _save(self, values: dict[str, Any], who: str, changes: Mapping[str, Any]) -> None:
         if changes:
-            values["changes"] = [
-                *values["changes"],
-                {"at": time.time(), "who": who, "said": changes},
-            ]
+            change = {"at": time.time(), "who": who, "said": changes}
+            values["changes"] = [*values["changes"], change]
         text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         write_text(self._path(values["id"]), text)
         if values.get("folder"):

@@ -5,46 +5,30 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 from urllib.parse import quote
 
-from fastapi import APIRouter, File, Path, Query, Request, UploadFile
+from fastapi import APIRouter, File, Query, Request, Response, UploadFile
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from printctl.machine.link.states import LinkState, Status
+from printctl.machine.link.states import LinkState
 from printctl.machine.print_state.actions import Possible
 from printctl.machine.print_state.alerts import Alert
-from printctl.machine.printing.mend_strokes import MendStrokes
 from printctl.machine.printing.progress import Progress
-from printctl.web.errors import NotFoundError
-from printctl.web.job import looks as look_routes
-from printctl.web.job.aftercare import (
-    MOST_BYTES,
-    FlushLimit,
-    Note,
-    Photo,
-    RampState,
-    Step,
-    Viability,
-    Warming,
-    checklist,
-)
+from printctl.web.job.aftercare import Aftercare, checklist
 from printctl.web.job.camera.routes import add_routes
-from printctl.web.job.following import PrintReport
-from printctl.web.job.jobs import JobEntry
+from printctl.web.job.jobs import JobEntry, JobId, all_jobs, entry_of
+from printctl.web.job.looks import LookService
 from printctl.web.job.machine import Machine
 from printctl.web.job.preflight import PreflightReport
-from printctl.web.job.print_commands import Rest, RestPlan
+from printctl.web.job.prints import PrintReport
 from printctl.web.job.readiness import Readiness
-from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
-from printctl.web.job.set_up import JobSetUp, Millimetre
+from printctl.web.job.set_up import PROFILES, JobSetUp, Place
 from printctl.web.live.routes import preload
 from printctl.web.live.routes import router as live_router
 from printctl.web.rest import API, REFUSALS, Asking, Body
-
-# Request and response types of the Job page's REST routes.
 
 
 @dataclass(frozen=True)
@@ -53,7 +37,6 @@ class Form:
 
     Attributes
     ----------
-    set_up : JobSetUp
     machine : Machine or None
         The printer that is connected.
     checklist : list
@@ -77,51 +60,18 @@ class PreflightRequest(Body):
     set_up: JobSetUp | None = None
 
 
-class StartRequest(Body):
+class StartRequest(PreflightRequest):
     """A start."""
 
-    set_up: JobSetUp | None = Field(default=None, description="As it is filled in if left out.")
     confirmed: str = Field(max_length=500, description="The machine, as `machine.words` says it.")
 
 
 class ToStartRequest(Body):
     """A move of the tip to where a job starts."""
 
-    start_mm: tuple[Millimetre, Millimetre, Millimetre] | None = Field(
+    start_mm: Place | None = Field(
         default=None, description="As the set-up is filled in if left out."
     )
-
-
-class PauseRequest(Body):
-    """When to pause."""
-
-    after: Literal["now", "layer", "vessel"] = "now"
-
-
-class ResumeRequest(Body):
-    """What was put in at a change of syringe."""
-
-    plunger_mm: Annotated[float, Field(ge=0, le=1000)] | None = Field(
-        default=None, description="Travel that the new syringe's plunger has used up; 0 when full."
-    )
-    syringe: Annotated[str, Field(max_length=300)] | None = Field(
-        default=None, description="Its profile, where it is another."
-    )
-    unchanged: bool = Field(default=False, description="The syringe wasn't changed after all.")
-
-
-class RecoverRequest(Body):
-    """Where the rest of a print begins."""
-
-    from_line: Annotated[int, Field(ge=1, le=2**31)] | None = Field(
-        default=None, description="Line of the job's file; the last checkpoint if left out."
-    )
-
-
-class ReloadRequest(Body):
-    """Of several heads, whose syringe."""
-
-    head: Annotated[int, Field(ge=0, le=15)] | None = None
 
 
 class PrintResponse(BaseModel):
@@ -147,35 +97,22 @@ class PrintResponse(BaseModel):
     )
 
 
-class TickRequest(Body):
-    """A step done, or not after all."""
-
-    done: bool = True
-
-
-class NoteRequest(Body):
-    """A note."""
-
-    text: Annotated[str, Field(min_length=1, max_length=10_000)]
-
-
-Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
 AnyJob = Annotated[str, Query(max_length=80, description="run~NAME, file~NAME, or none.")]
-FromLine = Annotated[int | None, Query(ge=1, le=2**31, description="Of the job's file.")]
+_JPEG: Final[dict[int | str, dict[str, Any]]] = {200: {"content": {"image/jpeg": {}}}}
 _KEPT: Final = "~!*'()"
 """As JavaScript leaves them in a query (`encodeURIComponent`)."""
 
 
 def routers(service: JobService) -> tuple[APIRouter, ...]:
     """Routes of jobs and prints, and of the live view; nested, each would be made twice."""
-    routes = APIRouter(prefix=API, responses=REFUSALS)
-    _jobs(routes, service)
-    _prints(routes, service)
-    _broken_off(routes, service)
-    _after(routes, service)
-    add_routes(routes, service.watching, service.heard)
-    look_routes.add_routes(routes, service.looks)
-    return routes, live_router(service.scene, service.scenes)
+    seen = _router()
+    add_routes(seen, service.watching, service.prints.heard)
+    own = _jobs(service), _prints(service), _after(service.after), _looks(service.looks)
+    return *own, seen, live_router(service.scene, service.scenes)
+
+
+def _router(*tags: str) -> APIRouter:
+    return APIRouter(prefix=API, responses=REFUSALS, tags=[*tags])
 
 
 def job_hints(service: JobService) -> Callable[[Request], str]:
@@ -185,213 +122,138 @@ def job_hints(service: JobService) -> Callable[[Request], str]:
         job = request.query_params.get("job", "")
         asked = f"{API}/prints/current?job={quote(job, safe=_KEPT)}"
         state = f'<link rel="preload" as="fetch" crossorigin href="{escape(asked)}">'
-        report = service.current() or service.unfinished()
+        report = service.prints.current()
         drawn = report is not None and job in ("", report.job)
         return f"{state}\n{preload(report.job)}" if report and drawn else state
 
     return hints
 
 
-def _jobs(routes: APIRouter, service: JobService) -> None:
-    @routes.get("/jobs", tags=["jobs"], summary="Every job, the newest first")
+def _jobs(service: JobService) -> APIRouter:
+    routes, workspace = _router("jobs"), service.core.workspace
+
+    @routes.get("/jobs", summary="Every job, the newest first")
     def list_jobs() -> list[JobEntry]:
-        return service.jobs()
+        return all_jobs(workspace)
 
-    @routes.get("/jobs/unusable", tags=["jobs"], summary="Files and runs whose names can't be jobs")
+    @routes.get("/jobs/unusable", summary="Files and runs whose names can't be jobs")
     def unusable() -> list[str]:
-        return service.core.workspace.unusable_names("jobs/*.gcode", "runs/*")
+        return workspace.unusable_names("jobs/*.gcode", "runs/*")
 
-    @routes.post("/jobs", tags=["jobs"], summary="Upload a G-code file; nothing in it is run")
+    @routes.post("/jobs", summary="Upload a G-code file; nothing in it is run")
     def upload(file: Annotated[UploadFile, File()]) -> JobEntry:
         return service.upload(file.filename or "", file.file)
 
-    @routes.get("/jobs/{job}", tags=["jobs"], summary="One job")
-    def one_job(job: Job) -> JobEntry:
-        return service.job(job)
+    @routes.get("/jobs/{job}", summary="One job")
+    def one_job(job: JobId) -> JobEntry:
+        return entry_of(workspace, job)
 
-    @routes.get("/jobs/{job}/form", tags=["jobs"], summary="The set-up filled in, the printer")
-    def form(job: Job) -> Form:
+    @routes.get("/jobs/{job}/form", summary="The set-up filled in, the printer")
+    def form(job: JobId) -> Form:
         return Form(
             set_up=service.set_up(job),
-            machine=service.machine(),
+            machine=service.printing.machine(),
             checklist=checklist()["before"],
-            choices=service.choices(),
+            choices={part: service.store.choices(kind) for part, kind in PROFILES.items()},
             declared=service.declared(job) is not None,
         )
 
-    @routes.put("/jobs/{job}/set-up", tags=["jobs"], summary="Keep a set-up for the job")
-    def keep_set_up(job: Job, given: JobSetUp) -> JobSetUp:
-        return service.keep_set_up(job, given)
+    routes.put("/jobs/{job}/set-up", summary="Keep a set-up for the job")(service.keep_set_up)
 
-    @routes.get("/jobs/{job}/readiness", tags=["jobs"], summary="All that refuses a start")
+    @routes.get("/jobs/{job}/readiness", summary="All that refuses a start")
     def readiness(
-        job: Job,
+        job: JobId,
         who: Asking,
         wait: Annotated[bool, Query(description="Whether to check the job where needed.")] = True,
     ) -> Readiness:
         return service.readiness(who, job, wait=wait)
 
-    @routes.post("/jobs/{job}/preflight", tags=["jobs"], summary="Check before the print")
-    def preflight(job: Job, given: PreflightRequest) -> PreflightReport:
+    @routes.post("/jobs/{job}/preflight", summary="Check before the print")
+    def preflight(job: JobId, given: PreflightRequest) -> PreflightReport:
         return service.preflight(job, given.set_up or service.set_up(job))
 
-    @routes.post("/jobs/{job}/to-start", tags=["jobs"], summary="Move the tip to the job's start")
-    def to_start(job: Job, given: ToStartRequest, who: Asking) -> Machine:
+    @routes.post("/jobs/{job}/to-start", summary="Move the tip to the job's start")
+    def to_start(job: JobId, given: ToStartRequest, who: Asking) -> Machine:
         start_mm = given.start_mm or service.set_up(job).start_mm
         return service.to_start(who, job, start_mm)
 
-    @routes.get("/jobs/{job}/record", tags=["jobs"], summary="What is written down")
-    def record(job: Job) -> PrintRecord:
-        service.job(job)
-        return service.record(job)
-
-    @routes.patch("/jobs/{job}/record", tags=["jobs"], summary="Write down; changes are kept")
-    def write_down(job: Job, given: dict[str, Any], who: Asking) -> PrintRecord:
-        return service.write_down(who, job, given)
+    routes.get("/jobs/{job}/record", summary="What is written down")(service.record)
+    routes.patch("/jobs/{job}/record", summary="Write down; changes are kept")(service.write_down)
+    return routes
 
 
-def _prints(routes: APIRouter, service: JobService) -> None:
-    tags: Final = ["prints"]
+def _prints(service: JobService) -> APIRouter:
+    routes = _router("prints")
 
-    @routes.get("/prints", tags=[*tags], summary="Prints that were started, as they stand")
+    @routes.get("/prints", summary="Prints that were started, as they stand")
     def prints() -> list[PrintResponse]:
-        reports = (service.heard(one.id) for one in service.jobs())
+        reports = (service.prints.heard(job) for job in service.core.workspace.jobs())
         return [print_response(one) for one in reports if one is not None]
 
     @routes.get(
         "/prints/current",
-        tags=[*tags],
         summary="A job's last print; without one what goes on, else what broke off last",
     )
     def current(job: AnyJob = "") -> PrintResponse | None:
-        if job:
-            report = service.heard(service.job(job).id)
-        else:
-            report = service.current() or service.unfinished()
+        report = service.prints.heard(job) if job else service.prints.current()
         return None if report is None else print_response(report)
 
-    @routes.post("/prints/{job}/start", tags=[*tags], summary="Start; harmless when it goes on")
-    def start(job: Job, given: StartRequest, who: Asking) -> PrintResponse:
+    @routes.post("/prints/{job}/start", summary="Start; harmless when it goes on")
+    def start(job: JobId, given: StartRequest, who: Asking) -> PrintResponse:
         set_up = given.set_up or service.set_up(job)
         return print_response(service.start(who, job, set_up, given.confirmed))
 
-    @routes.get("/prints/{job}", tags=[*tags], summary="State and progress")
-    def status(job: Job) -> PrintResponse:
-        reports = service.heard(job)
-        if reports is None:
-            raise NotFoundError(f"no print of {job} was ever started")
-        return print_response(reports)
+    @routes.get("/prints/{job}", summary="State and progress")
+    def status(job: JobId) -> PrintResponse:
+        return print_response(service.prints.last(job))
 
-    @routes.get("/prints/{job}/mends", tags=[*tags], summary="What an observer had written again")
-    def mends(job: Job) -> list[MendStrokes]:
-        return service.mends(job)
-
-    @routes.get("/prints/{job}/viability", tags=[*tags], summary="The clock of the cells")
-    def viability(job: Job) -> Viability:
-        return service.viability(job)
-
-    @routes.post("/prints/{job}/pause", tags=[*tags], summary="Hold, now or at a mark")
-    def pause(job: Job, given: PauseRequest, who: Asking) -> Status:
-        return service.hands.pause(who, job, given.after)
-
-    @routes.post("/prints/{job}/resume", tags=[*tags], summary="Go on, with a new syringe's data")
-    def resume(job: Job, given: ResumeRequest, who: Asking) -> Status:
-        return service.hands.resume(who, job, **given.model_dump())
-
-    @routes.post("/prints/{job}/reload", tags=[*tags], summary="Make room to change the syringe")
-    def reload(job: Job, given: ReloadRequest, who: Asking) -> Status:
-        return service.hands.reload(who, job, given.head)
-
-    @routes.post("/prints/{job}/alive", tags=[*tags], summary="Somebody is there")
-    def alive(job: Job, who: Asking) -> Status:
-        return service.hands.alive(who, job)
-
-    @routes.post("/prints/{job}/cancel", tags=[*tags], summary="Controlled stop; for everybody")
-    def cancel(job: Job) -> Status:
-        return service.hands.cancel(job)
+    get, post, hands = routes.get, routes.post, service.hands
+    get("/prints/{job}/mends", summary="What an observer had written again")(service.mends)
+    get("/prints/{job}/viability", summary="The clock of the cells")(service.viability)
+    post("/prints/{job}/pause", summary="Hold, now or at a mark")(hands.pause)
+    post("/prints/{job}/resume", summary="Go on, with a new syringe's data")(hands.resume)
+    post("/prints/{job}/reload", summary="Make room to change the syringe")(hands.reload)
+    post("/prints/{job}/alive", summary="Somebody is there")(hands.alive)
+    post("/prints/{job}/cancel", summary="Controlled stop; for everybody")(hands.cancel)
+    post("/prints/{job}/go-on", summary="Go on after a print broke off")(hands.go_on)
+    get("/prints/{job}/recovery", summary="Plan the rest; nothing is written")(hands.recovery)
+    post("/prints/{job}/recover", summary="Write the rest as a job")(hands.recover)
+    post("/prints/{job}/give-up", summary="Don't go on; write its end down")(hands.give_up)
+    return routes
 
 
-def _broken_off(routes: APIRouter, service: JobService) -> None:
-    """After the print's process, its port or the power was lost."""
-    tags: Final = ["prints"]
+def _after(after: Aftercare) -> APIRouter:
+    routes = _router("after a print")
+    get, post = routes.get, routes.post
+    get("/prints/{job}/steps", summary="Steps after the print")(after.steps)
+    routes.put("/prints/{job}/steps/{step}", summary="Tick a step, or take it back")(after.tick)
+    get("/prints/{job}/notes", summary="Notes")(after.notes)
+    post("/prints/{job}/notes", summary="Add a note")(after.note)
+    get("/prints/{job}/photos", summary="Photos")(after.photos)
+    post("/prints/{job}/photos", summary="Add a photo; it is written anew")(after.add_photo)
+    get("/prints/{job}/flush", summary="How hard to flush; null if unknown")(after.flush)
+    get("/prints/{job}/melt-out", summary="How to warm its bath")(after.melt_out_of)
+    post("/melt-out", summary="Warm a heater at a rate")(after.melt_out)
+    get("/melt-out", summary="The warming as it stands; null for none")(after.melting)
+    stop = "Raise the target no further; a stop, which needs no controls"
+    routes.delete("/melt-out", summary=stop)(after.stop_melting)
+    photo = "/prints/{job}/photos/{name}"
+    get(photo, summary="A photo", response_class=FileResponse, responses=_JPEG)(after.photo)
+    return routes
 
-    @routes.post("/prints/{job}/go-on", tags=[*tags], summary="Go on after a print broke off")
-    def go_on(job: Job, who: Asking) -> Status:
-        return service.hands.go_on(who, job)
 
-    @routes.get("/prints/{job}/recovery", tags=[*tags], summary="Plan the rest; nothing is written")
-    def recovery(job: Job, from_line: FromLine = None) -> RestPlan:
-        return service.hands.rest_plan(job, from_line)
-
-    @routes.post("/prints/{job}/recover", tags=[*tags], summary="Write the rest as a job")
-    def recover(job: Job, given: RecoverRequest, who: Asking) -> Rest:
-        return service.hands.recover(who, job, given.from_line)
-
-    @routes.post("/prints/{job}/give-up", tags=[*tags], summary="Don't go on; write its end down")
-    def give_up(job: Job, who: Asking) -> Status:
-        return service.hands.give_up(who, job)
-
-
-def _after(routes: APIRouter, service: JobService) -> None:
-    after, tags = service.after, ["after a print"]
-
-    @routes.get("/prints/{job}/steps", tags=[*tags], summary="Steps after the print")
-    def steps(job: Job) -> list[Step]:
-        return after.steps(job)
-
-    @routes.put("/prints/{job}/steps/{step}", tags=[*tags], summary="Tick a step, or take it back")
-    def tick(job: Job, step: str, given: TickRequest, who: Asking) -> list[Step]:
-        return after.tick(who, job, step, given.done)
-
-    @routes.get("/prints/{job}/notes", tags=[*tags], summary="Notes")
-    def notes(job: Job) -> list[Note]:
-        return after.notes(job)
-
-    @routes.post("/prints/{job}/notes", tags=[*tags], summary="Add a note")
-    def note(job: Job, given: NoteRequest, who: Asking) -> list[Note]:
-        return after.note(who, job, given.text)
-
-    @routes.get("/prints/{job}/photos", tags=[*tags], summary="Photos")
-    def photos(job: Job) -> list[Photo]:
-        return after.photos(job)
-
-    @routes.post("/prints/{job}/photos", tags=[*tags], summary="Add a photo; it is written anew")
-    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Asking) -> list[Photo]:
-        return after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
-
-    @routes.get(
-        "/prints/{job}/photos/{name}",
-        tags=[*tags],
-        summary="A photo",
-        response_class=FileResponse,
-        responses={200: {"content": {"image/jpeg": {}}}},
-    )
-    def photo(job: Job, name: str) -> FileResponse:
-        return FileResponse(after.photo(job, name), media_type="image/jpeg")
-
-    @routes.get("/prints/{job}/flush", tags=[*tags], summary="How hard to flush; null if unknown")
-    def flush(job: Job, wall_shear_pa: float | None = None) -> FlushLimit | None:
-        return after.flush(job, wall_shear_pa)
-
-    @routes.get("/prints/{job}/melt-out", tags=[*tags], summary="How to warm its bath")
-    def melt_out_of(job: Job) -> Warming:
-        return after.warming_of(job)
-
-    @routes.post("/melt-out", tags=[*tags], summary="Warm a heater at a rate")
-    def melt_out(given: Warming, who: Asking) -> RampState:
-        return after.melt_out(who, given)
-
-    @routes.get("/melt-out", tags=[*tags], summary="The warming as it stands; null for none")
-    def melting() -> RampState | None:
-        return after.melting()
-
-    @routes.delete(
-        "/melt-out",
-        tags=[*tags],
-        summary="Raise the target no further; a stop, which needs no controls",
-    )
-    def stop_melting() -> RampState | None:
-        return after.stop_melting()
+def _looks(looks: LookService) -> APIRouter:
+    routes, place = _router("looks"), "/prints/{job}/looks"
+    routes.get(place, summary="Looks at the last print")(looks.looks)
+    routes.get(
+        f"{place}/{{number}}/picture",
+        summary="A look's picture, with what was expected and found",
+        response_class=Response,
+        responses=_JPEG,
+    )(looks.picture)
+    ask = "Answer a look that asks; 409 where the print doesn't wait for it"
+    routes.post(f"{place}/{{number}}/answer", summary=ask)(looks.answer)
+    return routes
 
 
 def print_response(heard: PrintReport) -> PrintResponse:

@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import asyncio
+import contextlib
 import threading
 import time
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator
 from typing import IO, Any, Final
 
-from design.files import write_text
-from firmware_profiles import (
-    Bath,
-    Dish,
-    Facts,
-    Ink,
-    Needle,
-    Printer,
-    ProfileError,
-    Syringe,
-    load,
-)
+from firmware_profiles import Printer, ProfileError, load
 from printctl.errors import PrintctlError, SafetyError
 from printctl.machine.link.job import load_job
 from printctl.machine.link.printed_job import grown_in
@@ -33,13 +22,12 @@ from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare, Viability, viability
 from printctl.web.job.camera.routes import CameraService
-from printctl.web.job.following import PrintReport
-from printctl.web.job.jobs import JobEntry, add_job, entry_of, list_jobs
+from printctl.web.job.jobs import JobEntry, JobId, add_job, all_jobs, entry_of
 from printctl.web.job.looks import LookService
-from printctl.web.job.machine import Machine, Printing, set_up_of
+from printctl.web.job.machine import Machine, StationPrinting, set_up_of
 from printctl.web.job.preflight import Preflight, PreflightReport, Preflights, key_of, report
 from printctl.web.job.print_commands import PrintCommands
-from printctl.web.job.prints import Prints
+from printctl.web.job.prints import PrintReport, Prints
 from printctl.web.job.readiness import (
     Readiness,
     Refusal,
@@ -50,26 +38,27 @@ from printctl.web.job.readiness import (
     record_refusals,
 )
 from printctl.web.job.record import PrintRecord, Records
-from printctl.web.job.set_up import JobSetUp, refuse_foreign_files
-from printctl.web.job.set_ups import Place, SetUps, declared_of, homes_at
+from printctl.web.job.set_up import (
+    JobSetUp,
+    Place,
+    SetUps,
+    read_first_lines,
+    refuse_foreign_files,
+)
 from printctl.web.job.starting import (
-    StationPrinting,
     observer_order,
     observer_ready,
     order_of,
 )
-from printctl.web.live import JobSource
+from printctl.web.live import JobSource, SceneError
 from printctl.web.live.routes import SceneMaker
 from printctl.web.profile_store import ProfileStore
+from printctl.web.rest import Asking
 
-PROFILES: Final[dict[str, type[Facts]]] = {
-    "printer": Printer,
-    "needle": Needle,
-    "syringe": Syringe,
-    "ink": Ink,
-    "bath": Bath,
-    "dish": Dish,
-}
+_FOUND_S: Final = 3.0
+"""So long after its start a server knows the print that goes on, which scenes are made behind."""
+_LARGEST_BYTES: Final = 100_000_000
+"""Two million moves: about two seconds."""
 
 
 class JobService:
@@ -80,15 +69,17 @@ class JobService:
     Parameters
     ----------
     core : Core
-    printing : Printing, optional
+    printing : StationPrinting, optional
         The workspace's station by default.
 
     Attributes
     ----------
-    core : Core
     store : ProfileStore
         Profiles that a set-up can name.
+    set_ups : SetUps
     records : Records
+    prints : Prints
+        How they stand.
     hands : PrintCommands
         Pause, resume, change of syringe, cancel.
     scenes : SceneMaker
@@ -101,45 +92,36 @@ class JobService:
         Looks at an observed print, and the operator's answer.
     """
 
-    def __init__(self, core: Core, printing: Printing | None = None) -> None:
+    def __init__(self, core: Core, printing: StationPrinting | None = None) -> None:
         self.core = core
         self.store = ProfileStore(core.workspace.root)
-        self.printing: Printing = printing or StationPrinting(core.workspace.station)
-        self._facts = core.workspace.private / "jobs"
-        self._preflights = Preflights(core.workspace.private / "preflight")
-        self._set_ups = SetUps(core.workspace)
+        self.printing = printing or StationPrinting(core.workspace.station)
+        self._preflights = Preflights(core.workspace)
+        self.set_ups = SetUps(core.workspace)
         self.records = Records(core.workspace.root / "records")
+        self.prints = Prints(
+            core.workspace, self._preflights, self.set_ups, self.records, self._tell
+        )
         self.hands = PrintCommands(core)
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
         self.scenes = SceneMaker()
         self.watching = CameraService(core)
-        self.looks = LookService(core, self.heard)
-        self._prints = Prints(
-            core.workspace, self._preflights, self._set_ups, self.records, self._tell
-        )
+        self.looks = LookService(core, self.prints)
         self._starting = threading.Lock()
-        self._prints.begin()
+        self.prints.begin()
 
     def close(self) -> None:
         """Follow no more; prints go on."""
-        self._prints.close()
+        self.prints.close()
         self.after.close()
         self.watching.close()
 
     # --- jobs ----------------------------------------------------------------------------------
 
-    def jobs(self) -> list[JobEntry]:
-        """Every job, the newest first."""
-        return list_jobs(self.core.workspace, self._facts)
-
-    def job(self, job: str) -> JobEntry:
-        """One job."""
-        return entry_of(self.core.workspace, job, self._facts)
-
     def upload(self, name: str, stream: IO[bytes]) -> JobEntry:
         """Keep an uploaded G-code file; nothing in it is run."""
-        limit = int(self.core.settings.upload_mb * 1e6)
-        return self.job(add_job(self.core.workspace, name, stream, limit))
+        workspace, limit = self.core.workspace, int(self.core.settings.upload_mb * 1e6)
+        return entry_of(workspace, add_job(workspace, name, stream, limit))
 
     def scene(self, job: str) -> JobSource:
         """What the live view draws.
@@ -150,13 +132,13 @@ class JobService:
             When there is no such job.
         """
         try:
-            file, mounted = self.core.workspace.job_file(job), self._set_ups.mounted(job)
+            file, mounted = self.core.workspace.job_file(job), self.set_ups.of(job)
         except WebError as exc:
             raise KeyError(job) from exc
         cache = self.core.workspace.private / "scenes"
         return JobSource(file, cache, mounted.printer, mounted.syringe.partition(",")[0])
 
-    def mends(self, job: str) -> list[MendStrokes]:
+    def mends(self, job: JobId) -> list[MendStrokes]:
         """What an observer had written again in the job's last print.
 
         Raises
@@ -170,18 +152,14 @@ class JobService:
 
     # --- before the print ----------------------------------------------------------------------
 
-    def machine(self) -> Machine | None:
-        """The printer that is connected."""
-        return self.printing.machine()
-
     def set_up(self, job: str) -> JobSetUp:
         """The form filled in: as last time, else by the run's recipe; the printer knows better."""
-        return set_up_of(self.printing.machine(), self._set_ups.of(job), self.declared(job))
+        return set_up_of(self.printing.machine(), self.set_ups.of(job), self.declared(job))
 
     def declared(self, job: str) -> Place | None:
         """Where the job itself says that it starts; None where it starts where the tip stands."""
-        printer = self._set_ups.mounted(job).printer
-        return declared_of(self.core.workspace.job_file(job), printer)
+        printer = self.set_ups.of(job).printer
+        return read_first_lines(self.core.workspace.job_file(job), printer)[0]
 
     def to_start(self, who: Principal, job: str, start_mm: Place) -> Machine:
         """Bring the tip to where the job starts: up, over, down, within the soft limits.
@@ -196,25 +174,18 @@ class JobService:
         self.printing.to_start(start_mm)
         return self._connected()
 
-    def keep_set_up(self, job: str, set_up: JobSetUp) -> JobSetUp:
+    def keep_set_up(self, job: JobId, set_up: JobSetUp) -> JobSetUp:
         """Remember a set-up for a job, and give it filled in: the printer knows better."""
         self._refuse_foreign(set_up)
-        self._set_ups.keep(job, set_up)
+        self.set_ups.keep(job, set_up)
         return self.set_up(job)
-
-    def choices(self) -> dict[str, dict[str, str]]:
-        """Profiles that a set-up can name, by what they are of: each one's value and its name."""
-        return {part: self.store.choices(kind) for part, kind in PROFILES.items()}
 
     def preflight(self, job: str, set_up: JobSetUp) -> PreflightReport:
         """Check a job; takes as long as a dry run unless it was checked so before."""
         checked = self._checked(job, set_up)
-        self._set_ups.keep(job, set_up)
+        self.set_ups.keep(job, set_up)
         machine = self.printing.machine()
-        refusals = [
-            *machine_refusals(machine, set_up),
-            *ink_refusals(machine, checked),
-        ]
+        refusals = [*machine_refusals(machine, set_up), *ink_refusals(machine, checked)]
         return report(job, checked, [one.as_row() for one in refusals])
 
     def readiness(
@@ -222,68 +193,57 @@ class JobService:
     ) -> Readiness:
         """List all that refuses a start, as `start` itself judges it.
 
-        Parameters
-        ----------
-        who : Principal
-        job : str
-        set_up : JobSetUp, optional
-            As it is filled in if left out.
-        wait : bool
-            Whether the job is checked now where it wasn't yet, which takes as long as a dry run;
-            not done while the printer moves.
+        The set-up is as it is filled in if left out. With ``wait`` the job is checked now where it
+        wasn't yet, which takes as long as a dry run; not while the printer moves.
         """
         file, machine = self.core.workspace.job_file(job), self.printing.machine()
-        set_up = set_up or set_up_of(machine, self._set_ups.of(job), self.declared(job))
-        refusals = list(self._others_controls(who))
-        refusals += machine_refusals(machine, set_up)
-        refusals += homing_refusals(machine, homes_at(file, set_up.printer))
-        refusals += record_refusals(machine, self.record(job))
-        checked, key = None, ""
+        set_up = set_up or set_up_of(machine, self.set_ups.of(job), self.declared(job))
+        refusals = [
+            *self._others_controls(who),
+            *machine_refusals(machine, set_up),
+            *homing_refusals(machine, read_first_lines(file, set_up.printer)[1]),
+            *record_refusals(machine, self.record(job)),
+        ]
+        checked, usable, key = None, True, ""
         try:
-            key = self._key(file, set_up)
+            self._refuse_foreign(set_up)
+            key = key_of(file, set_up)
             observer_order(file, set_up, set_up.mounted())
-            moves = machine is not None and machine.state == "busy"
-            known = self._preflights.known(file, set_up)
-            checked = self._checked(job, set_up) if wait and not moves else known
+            checked = self._preflights.known(file, set_up)
+            if checked is None and wait and not (machine and machine.state == "busy"):
+                checked = self._checked(job, set_up)
         except (PrintctlError, ProfileError) as exc:
             refusals.append(Refusal("job and set-up", str(exc)))
-            checked_so = True
-        else:
-            checked_so = checked is not None
+            usable = False
         if checked is not None:
             refusals += ink_refusals(machine, checked)
             refusals += [check_refusal(one) for one in checked.checks if one.refuses]
         return Readiness(
             job=job,
             ready=checked is not None and not refusals,
-            checked=checked_so,
+            checked=checked is not None or not usable,
             key=key,
             refusals=tuple(refusals),
             machine=machine,
             preflight=None if checked is None else report(job, checked),
         )
 
-    def record(self, job: str) -> PrintRecord:
+    def record(self, job: JobId) -> PrintRecord:
         """What is written down for the job's next print, or for the one that goes on."""
+        self.core.workspace.job_file(job)
         return self.records.values(self.records.current(job))
 
-    def write_down(self, who: Principal, job: str, changes: Mapping[str, Any]) -> PrintRecord:
+    def write_down(self, who: Asking, job: JobId, changes: dict[str, Any]) -> PrintRecord:
         """Change the record; what was said before stays in it."""
         self.core.workspace.job_file(job)
-        return self.records.change(self.records.current(job), who.name or who.id, changes)
+        return self.records.change(self.records.current(job), who.by, changes)
 
     # --- the print -----------------------------------------------------------------------------
 
     def start(self, who: Principal, job: str, set_up: JobSetUp, confirmed: str) -> PrintReport:
         """Start a print, or find the one that goes on.
 
-        Parameters
-        ----------
-        who : Principal
-        job : str
-        set_up : JobSetUp
-        confirmed : str
-            The machine, as `Machine.words` calls it.
+        ``confirmed`` is the machine, as `Machine.words` calls it.
 
         Raises
         ------
@@ -292,7 +252,7 @@ class JobService:
         self.core.controls.require(who)
         with self._starting:  # a second click waits, and then finds the first one's print
             folder = self.core.workspace.print_folder(job)
-            going_on = self.heard(job)
+            going_on = self.prints.heard(job)
             if going_on is not None and not going_on.status.ended:
                 return going_on
             readiness = self.readiness(who, job, set_up)
@@ -307,7 +267,6 @@ class JobService:
                 )
             record = self.records.current(job)
             checked = self._checked(job, set_up)
-            self._set_ups.keep(job, set_up)
             file = self.core.workspace.job_file(job)
             mounted = set_up.mounted()
             observer = observer_order(file, set_up, mounted)
@@ -315,12 +274,14 @@ class JobService:
             client = running(order)
             if client is None:
                 with observer_ready(order, observer):
-                    self._set_ups.keep_printed(folder, set_up)
+                    self.set_ups.keep_printed(folder, set_up)
                     client = self.printing.start(order)
             client.detach()
+            # Crossings are accepted for one print.
+            self.set_ups.keep(job, set_up.model_copy(update={"accept_crossings": False}))
             self.records.mark(
                 record,
-                who.name or who.id,
+                who.by,
                 started=time.time(),
                 print_id=client.record.print_id,
                 folder=str(folder),
@@ -329,25 +290,13 @@ class JobService:
                 confirmed=confirmed,
                 accepted=list(checked.facts["accepted"]),
             )
-            self._prints.follow(job, folder)
-        return self._prints.heard_soon(job)
+            self.prints.follow(job, folder)
+        return self.prints.heard_soon(job)
 
-    def heard(self, job: str) -> PrintReport | None:
-        """The job's print as it was heard of last; None when none was ever started."""
-        return self._prints.heard(job)
-
-    def current(self) -> PrintReport | None:
-        """The print that goes on; of several the one begun last."""
-        return self._prints.current()
-
-    def unfinished(self) -> PrintReport | None:
-        """The newest print, if it was broken off and nobody has said what next."""
-        return self._prints.unfinished()
-
-    def viability(self, job: str) -> Viability:
+    def viability(self, job: JobId) -> Viability:
         """The clock of the cells."""
-        set_up = self._set_ups.of(job)
-        heard = self.heard(job)
+        set_up = self.set_ups.of(job)
+        heard = self.prints.heard(job)
         left = heard.progress.remaining_s if heard and heard.progress else None
         budget = set_up.budget(set_up.mounted())
         ended = heard is not None and heard.status.ended
@@ -366,22 +315,10 @@ class JobService:
         known = {machine.profile, *machine.mounted.values()} if machine else set()
         refuse_foreign_files(set_up, self.core.workspace.root, frozenset(known))
 
-    def _key(self, file: Path, set_up: JobSetUp) -> str:
-        self._refuse_foreign(set_up)
-        return key_of(file, set_up)
-
     def _checked(self, job: str, set_up: JobSetUp) -> Preflight:
-        """Return what is known of a job; where that is nothing, look."""
+        """Check a job, unless it was checked so before."""
         self._refuse_foreign(set_up)
-        file = self.core.workspace.job_file(job)
-        known = self._preflights.known(file, set_up)
-        if known is not None:
-            return known
-        checked = self._preflights.of(file, set_up)
-        write_text(
-            self._facts / f"{checked.facts['sha256']}.json", json.dumps(checked.facts) + "\n"
-        )
-        return checked
+        return self._preflights.of(self.core.workspace.job_file(job), set_up)
 
     def _others_controls(self, who: Principal) -> Iterator[Refusal]:
         holder = self.core.controls.holder
@@ -392,3 +329,23 @@ class JobService:
     def _tell(self, heard: PrintReport) -> None:
         self.watching.hear(heard)
         self.core.events.publish("print", **heard.to_dict())
+
+
+async def make_first_scene(service: JobService) -> None:
+    """Have that of the job made which the page will show first, while nobody waits for it yet.
+
+    Scenes are made one at a time: that of a very large job is left until somebody wants it.
+    """
+    await asyncio.sleep(_FOUND_S)
+    with contextlib.suppress(OSError, WebError, KeyError, SceneError):  # the view's own request
+        job = await asyncio.to_thread(_first_job, service)  # tells what is wrong with it
+        if job is not None and job.size <= _LARGEST_BYTES:
+            await service.scenes.scene_file(await asyncio.to_thread(service.scene, job.id))
+
+
+def _first_job(service: JobService) -> JobEntry | None:
+    """The job of the print that goes on or broke off, else the newest."""
+    workspace = service.core.workspace
+    if current := service.prints.current():
+        return entry_of(workspace, current.job)
+    return next(iter(all_jobs(workspace)), None)

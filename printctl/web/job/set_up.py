@@ -1,24 +1,51 @@
-"""A job's set-up, and what a check of it is asked."""
+"""A job's set-up: from the form, its recipe and the printer; kept beside the job."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from firmware_profiles import Printer, load
+from design.files import write_text
+from firmware_profiles import (
+    Bath,
+    Dish,
+    Facts,
+    Ink,
+    Needle,
+    Printer,
+    ProfileError,
+    Syringe,
+    load,
+)
 from firmware_profiles.tools import THINNEST_BORE
-from printctl.checks.set_up import Budget, ProfileNames, SetUp, budget_of, of_each, set_up
-from printctl.machine.link.care import Care
+from printctl.checks.set_up import Budget, ProfileNames, SetUp, budget_of, set_up
+from printctl.errors import PrintctlError
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.job import load_job
+from printctl.machine.link.job_start import declared_start
 from printctl.machine.printing import usable_mm
+from printctl.machine.station.orders import homing_line
 from printctl.recipe.making import CarePart
+from printctl.recipe.model import Recipe
+from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import BadRequestError
+from printctl.web.workspace import Workspace
 
 Millimetre = Annotated[float, Field(ge=-5000, le=5000, allow_inf_nan=False)]
+Place = tuple[Millimetre, Millimetre, Millimetre]
 Profile = Annotated[str, Field(max_length=300)]
+PROFILES: Final[dict[str, type[Facts]]] = {
+    "printer": Printer,
+    "needle": Needle,
+    "syringe": Syringe,
+    "ink": Ink,
+    "bath": Bath,
+    "dish": Dish,
+}
+"""Fields of a set-up that name profiles, and of what."""
 
 
 class JobSetUp(BaseModel):
@@ -41,19 +68,24 @@ class JobSetUp(BaseModel):
     bath_depth_mm: Annotated[float, Field(gt=0, le=500)] | None = Field(
         default=None, description="How high the dish is filled."
     )
-    start_mm: tuple[Millimetre, Millimetre, Millimetre] = Field(
+    start_mm: Place = Field(
         default=(0.0, 0.0, 0.0), description="Where the tip stands before the first line."
     )
     accept_crossings: bool = Field(
         default=False,
-        description="Print although the needle's shaft passes through written vessels; the "
-        "journal keeps it.",
+        description="Print although the needle's shaft passes through written vessels: for the "
+        "next print alone; the journal keeps it.",
     )
     thinnest_bore: Annotated[float, Field(ge=0.05, le=2)] = Field(
         default=THINNEST_BORE,
         description="Narrowest line that may be written, in bores of the needle.",
     )
     care: CarePart = CarePart()
+
+    @property
+    def profiles(self) -> dict[str, list[str]]:
+        """Names that are given of each sort of profile, of several heads several."""
+        return {one: [*filter(None, getattr(self, one).split(","))] for one in PROFILES}
 
     def mounted(self) -> SetUp:
         """The profiles that it names.
@@ -81,23 +113,6 @@ class JobSetUp(BaseModel):
             for k in range(printer.head_count)
         ]
 
-    def watched(self, mounted: SetUp) -> Care:
-        """How the link watches over the print, before changes of syringe are planned."""
-        names, usable = of_each(mounted.printer, self.syringe, "syringe"), self.usable_mm(mounted)
-        several = len(names) > 1
-        return Care(
-            checkpoint_s=self.care.checkpoint_every_s,
-            deadman_s=60.0 * self.care.deadman_min,
-            deadman_stops=self.care.deadman_stops,
-            silent_limit_s=self.care.silent_limit_s,
-            noise_limit=self.care.noise_limit,
-            syringe=names[0],
-            capacity_mm=usable[0],
-            head_syringes=tuple(names) if several else (),
-            head_capacity_mm=tuple(usable) if several else (),
-            start_mm=self.start_mm,
-        )
-
     def budget(self, mounted: SetUp) -> Budget | None:
         """How long the cells have; of several inks those that have least time."""
         printer, care = mounted.printer, self.care
@@ -106,7 +121,7 @@ class JobSetUp(BaseModel):
         return min((one for one in budgets if one), key=lambda one: one.minutes, default=None)
 
 
-def refuse_foreign_files(said: JobSetUp, root: Path, known: frozenset[str]) -> None:
+def refuse_foreign_files(given: JobSetUp, root: Path, known: frozenset[str]) -> None:
     """Let profiles be shipped names, files of the workspace, or what the station itself uses.
 
     Raises
@@ -114,8 +129,8 @@ def refuse_foreign_files(said: JobSetUp, root: Path, known: frozenset[str]) -> N
     BadRequestError
         For any other path: the page isn't for reading the machine's files.
     """
-    for key in ("printer", "syringe", "ink", "needle", "bath", "dish"):
-        for name in str(getattr(said, key)).split(","):
+    for key, names in given.profiles.items():
+        for name in names:
             plain = not any(mark in name for mark in "/\\")
             if plain or name in known or Path(name).resolve().is_relative_to(root.resolve()):
                 continue
@@ -125,30 +140,106 @@ def refuse_foreign_files(said: JobSetUp, root: Path, known: frozenset[str]) -> N
             )
 
 
-@dataclass(frozen=True)
-class Question:
-    """Job and set-up to check.
+def recipe_of(folder: Path) -> Recipe | None:
+    """The recipe that a run folder was made from; None where it can't be told."""
+    data = Manifest.load(folder).facts.get("recipe")
+    if not isinstance(data, dict):
+        return None
+    try:
+        return Recipe.model_validate(data)
+    except (PrintctlError, ValueError):
+        return None
 
-    Attributes
-    ----------
-    gcode : Path
-    set_up : JobSetUp
-    table : Path
-        Where the job's table goes.
+
+def _set_up_of_recipe(recipe: Recipe) -> JobSetUp:
+    """Return what a recipe says of the machine and of what is mounted."""
+    part, heads, needle = recipe.printer, recipe.printer.heads, recipe.toolpath.needle
+    return JobSetUp(
+        printer=part.profile,
+        syringe=",".join(one.syringe for one in heads) or part.syringe,
+        ink=",".join(one.ink for one in heads) or part.ink,
+        needle=",".join(one.needle or needle for one in heads) or needle,
+        bath=part.bath,
+        dish=part.dish or "",
+        dish_centre_mm=part.dish_centre_mm,
+        bath_depth_mm=part.bath_depth_mm,
+        thinnest_bore=recipe.toolpath.thinnest_bore,
+        care=part.care,
+    )
+
+
+@lru_cache(maxsize=256)
+def _first_lines(path: Path, printer: str, size: int, changed_ns: int) -> tuple[Place | None, int]:
+    try:
+        job = load_job(path, load(Printer, printer))
+    except (LinkError, ProfileError):
+        return None, 0
+    try:
+        return declared_start(job), homing_line(job)
+    except LinkError:
+        return None, homing_line(job)
+
+
+def read_first_lines(path: Path, printer: str) -> tuple[Place | None, int]:
+    """Read where a job says that the tip stands, and the line in which it homes the machine.
+
+    The file is read once for each printer profile; again when its size or time of change is
+    another.
+
+    Returns
+    -------
+    declared : (x, y, z) or None, mm
+        Declared to the firmware; None where the job doesn't, or can't be read.
+    line : int
+        0 for none.
     """
+    stat = path.stat()
+    return _first_lines(path, printer, stat.st_size, stat.st_mtime_ns)
 
-    gcode: Path
-    set_up: JobSetUp
-    table: Path
 
-    def to_json(self) -> str:
-        """One line of text that `from_json` reads."""
-        set_up = self.set_up.model_dump(mode="json")
-        return json.dumps({"gcode": str(self.gcode), "set_up": set_up, "table": str(self.table)})
+_PRINTED: Final = "set_up.json"
+"""In a print's folder: what it was started with."""
 
-    @staticmethod
-    def from_json(text: str) -> Question:
-        """Read `to_json`."""
-        data = json.loads(text)
-        set_up = JobSetUp.model_validate(data["set_up"])
-        return Question(Path(data["gcode"]), set_up, Path(data["table"]))
+
+class SetUps:
+    """Set-ups of a workspace's jobs."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+
+    def of(self, job: str) -> JobSetUp:
+        """As it was given for this job last, else by its recipe; the file isn't read for its start.
+
+        Raises
+        ------
+        WebError
+            When there is no such job.
+        """
+        if (kept := _read(self._kept(job))) is not None:
+            return kept
+        folder = self._workspace.job_file(job).parent
+        recipe = recipe_of(folder) if job.startswith("run~") else None
+        return JobSetUp() if recipe is None else _set_up_of_recipe(recipe)
+
+    def keep(self, job: str, set_up: JobSetUp) -> None:
+        """Remember it for the next visit."""
+        write_text(self._kept(job), set_up.model_dump_json() + "\n")
+
+    def printed(self, folder: Path) -> JobSetUp | None:
+        """What the print in a folder was started with; None where the page didn't start it."""
+        return _read(folder / _PRINTED)
+
+    def keep_printed(self, folder: Path, set_up: JobSetUp) -> None:
+        """Write down what a print is started with."""
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / _PRINTED, set_up.model_dump_json(indent=1) + "\n")
+
+    def _kept(self, job: str) -> Path:
+        self._workspace.job_file(job)  # refuses names that would lead elsewhere
+        return self._workspace.private / "set_ups" / f"{job}.json"
+
+
+def _read(path: Path) -> JobSetUp | None:
+    if not path.is_file():
+        return None
+    return JobSetUp.model_validate_json(path.read_text(encoding="utf-8"))

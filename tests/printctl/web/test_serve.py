@@ -301,7 +301,7 @@ def test_a_fault_of_our_own_is_told_without_its_inside(
     def broken(*asked: object) -> None:
         raise KeyError("secret")
 
-    monkeypatch.setattr("printctl.web.job.service.list_jobs", broken)
+    monkeypatch.setattr("printctl.web.job.routes.all_jobs", broken)
     client = here.client()
     client._transport.raise_server_exceptions = False  # type: ignore[attr-defined]
     client.get("/printer")

@@ -16,7 +16,7 @@ from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.job.camera.camera import CameraProcess, CameraState, LatestPicture, State
 from printctl.web.job.camera.timelapse import TimeLapse, TimeLapseState
-from printctl.web.job.following import PrintReport
+from printctl.web.job.prints import PrintReport
 
 # Service behind the Job page's camera card: live camera picture, and a time-lapse per print.
 

@@ -16,7 +16,7 @@ from printctl.machine.printing.films import film_file, frames_folder
 from printctl.machine.printing.progress import Progress
 from printctl.sources import python_command
 from printctl.web.job.camera.camera import Camera
-from printctl.web.job.following import PrintReport
+from printctl.web.job.prints import PrintReport
 
 log = logging.getLogger(__name__)
 MOST_FRAMES: Final = 2000

@@ -39,7 +39,7 @@ class UnderWay:
 
     def begin(self) -> str:
         """Start the job (again); return the print's identity."""
-        wait_for(lambda: (one := self.service.machine()) is not None and one.ready, 60)
+        wait_for(lambda: (one := self.service.printing.machine()) is not None and one.ready, 60)
         self.service.to_start(OPERATOR, self.job, START)
         report = self.service.start(OPERATOR, self.job, ready(self.service, self.job), self.words)
         return report.journal.print_id

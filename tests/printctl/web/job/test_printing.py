@@ -45,6 +45,8 @@ from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import ConflictError, NotInControlError
 from printctl.web.history.service import HistoryService
+from printctl.web.job.jobs import entry_of
+from printctl.web.job.print_commands import PauseRequest, RecoverRequest, ResumeRequest
 from printctl.web.job.record import Records
 from printctl.web.job.service import JobService
 from tests.printctl.machine.link.layered import layered
@@ -67,14 +69,14 @@ def test_a_print_is_started_held_gone_on_with_and_done(service, station):
     assert said.start_mm == (50.0, 50.0, 10.0)
     begun = service.start(OPERATOR, job, said, WORDS)
     assert service.start(OPERATOR, job, said, WORDS).journal.started == begun.journal.started
-    service.hands.pause(OPERATOR, job, "layer")
-    service.hands.pause(OPERATOR, job, "layer")
+    service.hands.pause(OPERATOR, job, PauseRequest(after="layer"))
+    service.hands.pause(OPERATOR, job, PauseRequest(after="layer"))
     held = until(service, job, LinkState.PAUSED)
     assert held.progress is not None
     assert 0 < held.progress.share < 1
     assert held.progress.layers == 6
-    service.hands.resume(OPERATOR, job)
-    service.hands.resume(OPERATOR, job)
+    service.hands.resume(OPERATOR, job, ResumeRequest())
+    service.hands.resume(OPERATOR, job, ResumeRequest())
     done = until(service, job, LinkState.DONE)
     assert done.progress is not None
     assert done.progress.commands == done.progress.commands_total
@@ -88,28 +90,6 @@ def test_a_print_is_started_held_gone_on_with_and_done(service, station):
     assert service.record(job).operator == "Ada"  # a new print's record remembers the last one
 
 
-def test_a_job_is_cancelled_and_printed_again_on_the_same_station(core, service, station):
-    """Both prints have the station's process; the second one is paused, and tells so itself."""
-    job = add(service)
-    first = service.start(OPERATOR, job, ready(service, job), WORDS)
-    service.hands.cancel(job)
-    until(service, job, LinkState.STOPPED)
-    heard(lambda: service.machine().ready)
-    service.to_start(OPERATOR, job, (50.0, 50.0, 10.0))
-    second = service.start(OPERATOR, job, ready(service, job), WORDS)
-    assert not second.status.ended
-    assert second.journal.print_id != first.journal.print_id
-    service.hands.pause(OPERATOR, job, "now")
-    heard(lambda: core.events.latest["print"]["state"] == "paused")
-    assert core.events.latest["print"]["print_id"] == second.journal.print_id
-    service.hands.cancel(job)
-    until(service, job, LinkState.STOPPED)
-    records = [service.records.load(one) for one in service.records.of_job(job)]
-    identities = [first.journal.print_id, second.journal.print_id]
-    assert [one["print_id"] for one in records] == identities
-    assert [one["state"] for one in records] == ["stopped", "stopped"]
-
-
 @pytest.mark.slow
 def test_a_new_server_finds_the_print_that_goes_on(core, service, station):
     job = add(service)
@@ -118,7 +98,7 @@ def test_a_new_server_finds_the_print_that_goes_on(core, service, station):
     again = JobService(core)
     try:
         found = until(again, job, LinkState.PRINTING)
-        assert again.current() is not None
+        assert again.prints.current() is not None
         assert not found.status.ended
         again.hands.cancel(job)
         stopped = until(again, job, LinkState.STOPPED)
@@ -131,8 +111,8 @@ def test_a_new_server_finds_the_print_that_goes_on(core, service, station):
 
 def not_followed_anew(service: JobService, job: str) -> None:
     """A process that told its end and still lives has only a bare first word for another."""
-    folder, prints = service.core.workspace.print_folder(job), service._prints
-    written, before = load_record(folder), service._prints._followers[job]
+    folder, prints = service.core.workspace.print_folder(job), service.prints
+    written, before = load_record(folder), service.prints._followers[job]
     replace(written, status={}, address="still here").save(folder)
     prints.follow(job, folder)
     assert prints._followers[job] is before
@@ -148,13 +128,10 @@ def test_a_start_wants_machine_set_up_and_controls(service, station):
         service.start(OPERATOR, job, said, "another on /dev/ttyUSB0")
     with pytest.raises(NotInControlError):
         service.start(OTHER, job, said, WORDS)
-    other = said.model_copy(update={"needle": "30g"})
-    with pytest.raises(SafetyError, match="28g is mounted, and 30g was checked"):
-        service.start(OPERATOR, job, other, WORDS)
     away = said.model_copy(update={"start_mm": (60.0, 50.0, 10.0)})
     with pytest.raises(SafetyError, match=r"tip's distance from the start: 10 mm, limit 0\.05"):
         service.start(OPERATOR, job, away, WORDS)
-    assert service.heard(job) is None
+    assert service.prints.heard(job) is None
 
 
 # --- print on a full disk: state reported, end recorded later
@@ -184,13 +161,13 @@ def test_state_is_told_though_its_end_can_t_be_noted(
     monkeypatch.setattr(service.records, "mark", full)
     with caplog.at_level(logging.ERROR):
         for _ in range(3):
-            heard = service.heard(job)
+            heard = service.prints.heard(job)
             assert heard is not None
             assert heard.status.state is LinkState.DONE
     assert len([one for one in caplog.records if "can't be noted" in one.message]) == 1
     space_came = time.time()
     monkeypatch.setattr(service.records, "mark", write)
-    service.heard(job)
+    service.prints.heard(job)
     kept = service.records.load(record)
     assert kept["state"] == "done"
     assert kept["ended"] < space_came
@@ -305,7 +282,7 @@ def test_a_print_from_the_page_is_looked_at_and_after_a_resume_as_well(
     held = until(service, JOB, LinkState.PAUSED)
     assert "nobody decided" in held.status.message
     (tmp_path / "works").touch()
-    service.hands.resume(OPERATOR, JOB)
+    service.hands.resume(OPERATOR, JOB, ResumeRequest())
     assert int((folder / READY).read_text()) != first
     assert until(service, JOB, LinkState.DONE).status.alarms == 1
     assert [(one.number, one.decision) for one in read_looks(folder)] == [
@@ -322,7 +299,7 @@ def test_nothing_moves_where_the_observer_cannot_be_started(service, station, or
     said = ready(service, JOB)
     with pytest.raises(ObserverError, match=r"/nowhere/look isn't there.*Nothing was moved"):
         service.start(OPERATOR, JOB, said, WORDS)
-    assert service.heard(JOB) is None
+    assert service.prints.heard(JOB) is None
 
 
 def test_nothing_moves_where_nobody_says_how_to_observe(service, station, order):
@@ -330,7 +307,7 @@ def test_nothing_moves_where_nobody_says_how_to_observe(service, station, order)
     (service.core.workspace.root / "runs" / "observed" / ORDER).unlink()
     with pytest.raises(SafetyError, match="make the run anew"):
         service.start(OPERATOR, JOB, said, WORDS)
-    assert service.heard(JOB) is None
+    assert service.prints.heard(JOB) is None
 
 
 # --- killed print process: page, API and command line agree, and the print continues
@@ -365,10 +342,10 @@ def started(service: JobService, port: str, layers: int = 6) -> str:
 
 def until_so(service: JobService, job: str, so):
     def told() -> Any:
-        now = service.heard(job)
+        now = service.prints.heard(job)
         return now if now is not None and so(now) else None
 
-    return heard(told, 60.0, lambda: service.heard(job))
+    return heard(told, 60.0, lambda: service.prints.heard(job))
 
 
 def ended_as(*states: LinkState):
@@ -387,7 +364,7 @@ def everywhere(core, service: JobService, job: str) -> dict[str, dict]:
     folder = core.workspace.print_folder(job)
     said = CliRunner().invoke(app, ["status", str(folder), "--json"])
     assert said.exit_code == 0, said.output
-    heard = service.heard(job)
+    heard = service.prints.heard(job)
     assert heard is not None
     return {
         "page": core.events.latest["print"],
@@ -418,9 +395,9 @@ def assert_agree(core, service: JobService, job: str) -> None:
 @pytest.mark.slow
 def test_killed_station_leaves_a_print_that_the_page_goes_on_with(core, service, port, behind):
     job, broken = broken_off(core, service, port)
-    assert 0 < broken.truth.share < 1
-    assert broken.truth.time_left_s is None
-    assert broken.truth.may(PrintAction.GO_ON).possible
+    assert 0 < broken.share < 1
+    assert broken.time_left_s is None
+    assert broken.may(PrintAction.GO_ON).possible
     assert "Go on" in broken.status.message
     assert_agree(core, service, job)
     service.hands.go_on(OPERATOR, job)
@@ -440,7 +417,7 @@ def test_a_print_that_was_broken_off_is_given_up_and_its_end_is_told_by_all(
     assert said.startswith("given up by Ada")
     assert "settings may be the job's still, send M" in said
     given_up = until_so(service, job, ended_as(LinkState.GIVEN_UP))
-    assert not given_up.truth.may(PrintAction.GO_ON).possible
+    assert not given_up.may(PrintAction.GO_ON).possible
     with pytest.raises(Refused, match="given_up"):
         service.hands.go_on(OPERATOR, job)
     heard(lambda: core.events.latest["print"]["state"] == "given_up")
@@ -454,17 +431,15 @@ def test_a_printer_that_was_connected_anew_isnt_gone_on_with_but_recovered(
     job, _ = broken_off(core, service, port)
     again = connect("generic_marlin", port, core.workspace.station, discard_interrupted=True)
     try:
-        broken = until_so(
-            service, job, lambda heard: not heard.truth.may(PrintAction.GO_ON).possible
-        )
-        assert "connected anew" in broken.truth.may(PrintAction.GO_ON).reason
+        broken = until_so(service, job, lambda heard: not heard.may(PrintAction.GO_ON).possible)
+        assert "connected anew" in broken.may(PrintAction.GO_ON).reason
         with pytest.raises(Refused, match="connected anew"):
             service.hands.go_on(OPERATOR, job)
-        assert broken.truth.may(PrintAction.RECOVER).possible
-        line = 40 if broken.truth.may(PrintAction.RECOVER).needs else None
-        rest = service.hands.recover(OPERATOR, job, line)
-        assert service.job(rest["job"]).name == "zigzag.rest.gcode"
-        assert "straight up" in rest["steps"][0]
+        assert broken.may(PrintAction.RECOVER).possible
+        line = 40 if broken.may(PrintAction.RECOVER).needs else None
+        rest = service.hands.recover(OPERATOR, job, RecoverRequest(from_line=line))
+        assert entry_of(core.workspace, rest.job).name == "zigzag.rest.gcode"
+        assert "straight up" in rest.steps[0]
     finally:
         shut(again)
 
@@ -478,7 +453,7 @@ def test_a_new_server_tells_of_the_print_that_broke_off(core, service, port, beh
     try:
         heard(lambda: "print" in core.events.latest)
         assert core.events.latest["print"]["state"] == "interrupted"
-        found = again.unfinished()
+        found = again.prints.current()
         assert found is not None
         assert found.job == job
         assert_agree(core, again, job)
@@ -497,6 +472,6 @@ def test_a_killed_link_process_of_its_own_is_gone_on_with_after_a_go_on(
     os.kill(load_record(core.workspace.print_folder(job)).pid, signal.SIGKILL)
     until_so(service, job, ended_as(LinkState.INTERRUPTED))
     assert_agree(core, service, job)
-    service.hands.resume(OPERATOR, job)  # as `printctl resume` does
+    service.hands.resume(OPERATOR, job, ResumeRequest())  # as `printctl resume` does
     done = until_so(service, job, lambda heard: heard.status.ended)
     assert done.status.state is LinkState.DONE, done.status.message

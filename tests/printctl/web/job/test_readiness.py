@@ -13,7 +13,7 @@ from printctl.machine.link.client import PrintClient
 from printctl.machine.printing import Order
 from printctl.web.core import Core
 from printctl.web.job.aftercare import checklist
-from printctl.web.job.machine import Machine
+from printctl.web.job.machine import Machine, StationPrinting
 from printctl.web.job.readiness import homing_refusals, machine_refusals
 from printctl.web.job.record import LASTING_POINTS
 from printctl.web.job.service import JobService
@@ -31,7 +31,7 @@ class BegunError(Exception):
 
 
 @dataclass
-class FakePrinting:
+class FakePrinting(StationPrinting):
     """A printer whose state a test sets; it begins no print."""
 
     now: Machine | None = None

@@ -3,7 +3,7 @@ import { get, part, send, url } from "../api.js";
 import {
   Act, Badge, Button, Card, Empty, Facts, Fold, Loaded, Note, Page, Table, html, useGet, useState, when,
 } from "../ui.js";
-import { nameOf, notedLines, notedValues, stateOf, took } from "./history_words.js";
+import { madeRows, nameOf, notedLines, notedValues, stateOf, took } from "./history_words.js";
 
 const TONES = { pass: "good", fail: "bad", undecided: "warn" };
 const VERDICTS = { pass: "Passed", fail: "Not passed", undecided: "Undecided: neither pass nor fail is proven" };
@@ -38,6 +38,7 @@ function Printed({ it }) {
       ["Begun", when(print.started)],
       ["Over", print.ended ? when(print.ended) : ""],
       ["Took", print.ended ? took(print.ended - print.started) : ""],
+      ...madeRows(it.progress),
       ["Held", it.held_s >= 1 ? took(it.held_s) : ""],
       ["Alarms", print.alarms.length ? listed(print.alarms.map((one) => one.text)) : ""],
       ["Printer", print.profile],

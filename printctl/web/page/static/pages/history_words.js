@@ -1,4 +1,5 @@
 // Words of past prints, for the list and for one print.
+import { number, span } from "../ui.js";
 
 // A print is known by its design; G-code that was brought by its file.
 export const nameOf = (print) => print.job.replace(/^(run|file)~/, "") || print.file || "(no name)";
@@ -13,6 +14,14 @@ export function took(seconds) {
   if (minutes < 60) return `${minutes} min ${Math.round(seconds) % 60} s`;
   return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
+
+// How far a print came, beside it and in the history; pauses aren't printing.
+export const madeRows = (progress) => (progress ? [
+  ["Printing time", `${span(progress.active_s)} (expected ${span(progress.predicted_s)})`],
+  ["Ink", `${number(progress.ink_ul)} of ${number(progress.ink_total_ul)} µL`],
+  progress.layers > 0 && [progress.passes ? "Passes" : "Layers", `${progress.layers_done} of ${progress.layers}`],
+  progress.vessels > 0 && ["Vessels", `${progress.vessels_done} of ${progress.vessels}`],
+] : []);
 
 // --- what the operator noted ---------------------------------------------------------------------
 

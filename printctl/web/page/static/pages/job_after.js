@@ -2,8 +2,9 @@
 import { part, send, url } from "../api.js";
 import {
   Act, Button, Card, Drop, Empty, Facts, Field, Fold, Loaded, Note,
-  bytes, html, number, span, useEffect, useGet, useState, useStyle, when,
+  bytes, html, number, useEffect, useGet, useState, useStyle, when,
 } from "../ui.js";
+import { madeRows } from "./history_words.js";
 
 export default function After({ job, print }) {
   useStyle("pages/job_steps.css");
@@ -18,7 +19,6 @@ export default function After({ job, print }) {
 // --- what came out, and what is next -------------------------------------------------------------
 
 function Outcome({ job, print }) {
-  const { progress } = print;
   const run = job.startsWith("run~") ? job.slice(4) : "";
   const files = useGet(run ? `/runs/${part(run)}/files` : null);
   const report = files.value?.includes("report.html") && `/runs/${part(run)}/pages/report`;
@@ -26,10 +26,7 @@ function Outcome({ job, print }) {
   return html`<${Card} title="What came out">
     <${Facts} rows=${[
       ["Began", when(print.started)],
-      progress && ["Took", `${span(progress.active_s)} (expected ${span(progress.predicted_s)})`],
-      progress && ["Ink", `${number(progress.ink_ul)} of ${number(progress.ink_total_ul)} µL`],
-      progress?.layers > 0 && [progress.passes ? "Passes" : "Layers", `${progress.layers_done} of ${progress.layers}`],
-      progress?.vessels > 0 && ["Vessels", `${progress.vessels_done} of ${progress.vessels}`],
+      ...madeRows(print.progress),
       ["Lines", `${print.lines_done} of ${print.lines_total}`],
     ]} />
     <div class="job-links">

@@ -105,7 +105,7 @@ def core(core: Core, tmp_path: Path) -> Core:
 
 
 def ended(service: JobService, job: str):
-    heard = service.heard(job)
+    heard = service.prints.heard(job)
     return heard if heard is not None and heard.status.state is LinkState.DONE else None
 
 
@@ -130,7 +130,7 @@ def test_a_print_leaves_a_picture_a_layer_and_a_film(core, service, station):
         assert seen.size == (320, 240)
     again = JobService(replace(core, settings=replace(core.settings, camera=None)))
     try:
-        assert again.watching.timelapse(job, again.heard(job)).film
+        assert again.watching.timelapse(job, again.prints.heard(job)).film
     finally:
         again.close()
 

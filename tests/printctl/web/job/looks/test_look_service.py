@@ -12,7 +12,7 @@ from PIL import Image
 from printctl.machine.link.look_book import LookDecision
 from printctl.observe.records import answer_of, look_folder, save_look
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.job.looks import LookReport
+from printctl.web.job.looks import AnswerRequest, LookReport
 from printctl.web.workspace import Workspace
 from tests.printctl.web.job.conftest import OPERATOR, OTHER
 from tests.printctl.web.job.looks.held import JOB, picture, print_held_for_a_look, record
@@ -35,17 +35,17 @@ def test_a_look_that_asks_is_answered_once_by_who_holds_the_controls(core, servi
         assert found.outcome == "asks to write again what is missing"
         core.controls.take(OTHER)
         with pytest.raises(Exception, match="Grace holds the controls"):
-            service.looks.answer(OPERATOR, JOB, 1, "approve")
+            service.looks.answer(OPERATOR, JOB, 1, AnswerRequest(answer="approve"))
         core.controls.release(OTHER)
         with pytest.raises(NotFoundError, match="no look 2"):
-            service.looks.answer(OPERATOR, JOB, 2, "approve")
+            service.looks.answer(OPERATOR, JOB, 2, AnswerRequest(answer="approve"))
         for _ in range(2):  # saying it twice does no harm
-            said = service.looks.answer(OPERATOR, JOB, 1, "approve")
+            said = service.looks.answer(OPERATOR, JOB, 1, AnswerRequest(answer="approve"))
             assert said.answer == "approve"
             assert not said.waits
         assert answer_of(folder, 1) == "approve"
         with pytest.raises(ConflictError, match="answered before: approve"):
-            service.looks.answer(OPERATOR, JOB, 1, "go_on")
+            service.looks.answer(OPERATOR, JOB, 1, AnswerRequest(answer="go_on"))
         assert client.status.state == "paused"  # the observer acts, not the page
 
 
@@ -54,11 +54,11 @@ def test_an_answer_that_nobody_hears_is_refused(core, service):
         folder = core.workspace.print_folder(JOB)
         until(lambda: waiting(service.looks.looks(JOB)))
         with pytest.raises(ConflictError, match="no observer is at work"):
-            service.looks.answer(OPERATOR, JOB, 1, "go_on")
+            service.looks.answer(OPERATOR, JOB, 1, AnswerRequest(answer="go_on"))
         service.hands.cancel(JOB)
-        until(lambda: service.heard(JOB).status.ended)
+        until(lambda: service.prints.heard(JOB).status.ended)
         with pytest.raises(ConflictError, match="doesn't wait for a word on look 1"):
-            service.looks.answer(OPERATOR, JOB, 1, "go_on")
+            service.looks.answer(OPERATOR, JOB, 1, AnswerRequest(answer="go_on"))
         assert answer_of(folder, 1) is None
 
 
