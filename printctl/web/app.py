@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 
-from fastapi import APIRouter, FastAPI
+from fastapi import FastAPI
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.types import ASGIApp
 
@@ -42,73 +41,26 @@ from printctl.web.security.guard import Guard
 from printctl.web.security.login import router as login_router
 
 
-@dataclass(frozen=True)
-class Services:
-    """Services of all pages."""
-
-    printer: PrinterService
-    job: JobService
-    design: DesignService
-    scan: ScanService
-    history: HistoryService
-    project: ProjectService
-
-    def close(self) -> None:
-        """Follow no printer any more; prints and stations go on."""
-        self.printer.close()
-        self.job.close()
-
-
-def make_services(core: Core) -> Services:
-    """Make the service of each room."""
-    design = DesignService(core)
-    return Services(
-        printer=PrinterService(core),
-        job=JobService(core),
-        design=design,
-        scan=ScanService(core),
-        history=HistoryService(core),
-        project=ProjectService(core, design),
-    )
-
-
-def routers(services: Services) -> list[APIRouter]:
-    """The rooms' parts of the API."""
-    return [
-        printer_router(services.printer),
-        *job_routers(services.job),
-        *design_routers(services.design),
-        scan_router(services.scan),
-        history_router(services.history),
-        project_router(services.project),
-    ]
-
-
 def build_app(core: Core, pages: bool = True) -> FastAPI:
-    """Make the app of one server; nobody guards it yet.
-
-    Parameters
-    ----------
-    core : Core
-    pages : bool
-        Whether the page is served, too.
-    """
+    """Make the app of one server, with its page unless told otherwise; nobody guards it yet."""
     prints = PrintSockets(core.workspace.root)
-    services = make_services(core)
+    design, printer, job = DesignService(core), PrinterService(core), JobService(core)
+    project = ProjectService(core, design)
 
     @asynccontextmanager
     async def running(app: FastAPI) -> AsyncIterator[None]:
         core.events.bind(asyncio.get_running_loop())
         tasks = [asyncio.create_task(watch_holder(core)), asyncio.create_task(prints.follow())]
         if pages:  # what somebody sees first is ready
-            await services.job.scenes.start()
-            tasks.append(asyncio.create_task(make_first_scene(services.job)))
+            await job.scenes.start()
+            tasks.append(asyncio.create_task(make_first_scene(job)))
         yield
         for task in tasks:
             task.cancel()
-        await services.job.scenes.close()
-        await services.project.close()
-        await asyncio.to_thread(services.close)
+        await job.scenes.close()
+        await project.close()
+        await asyncio.to_thread(printer.close)  # prints and stations go on
+        await asyncio.to_thread(job.close)
 
     app = FastAPI(
         title="printctl",
@@ -124,11 +76,18 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     app.include_router(login_router())
     serve_docs(app)
     serve_files(app)
-    for part in routers(services):
+    for part in (
+        printer_router(printer),
+        *job_routers(job),
+        *design_routers(design),
+        scan_router(ScanService(core)),
+        history_router(HistoryService(core)),
+        project_router(project),
+    ):
         app.include_router(part)
     answer_unknown(app, API)
     if pages:
-        serve_page(app, {"job": job_hints(services.job)})
+        serve_page(app, {"job": job_hints(job)})
     return app
 
 

@@ -22,10 +22,11 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.middleware.sessions import SessionMiddleware
 from starlette.requests import HTTPConnection
-from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from printctl.web.controls import Principal
+from printctl.web.rest import error_response
 from printctl.web.security.access import LIFETIME_S, Access, bearer, doubled
 from printctl.web.security.uploads import limit_body
 from printctl.web.settings import ServeSettings
@@ -68,6 +69,11 @@ class RefusedError(Exception):
     def __init__(self, answer: Response) -> None:
         super().__init__(answer.status_code)
         self.answer = answer
+
+
+def refused(status: int, message: str, error: str = "NotAllowedError") -> RefusedError:
+    """Return a refusal with a message."""
+    return RefusedError(error_response(status, message, error))
 
 
 class Guard:
@@ -118,7 +124,7 @@ class Guard:
         except RefusedError as exc:
             await exc.answer(scope, receive, send)
         except HTTPException as exc:
-            answer = refusal(exc.status_code, str(exc.detail), "TooLargeError")
+            answer = error_response(exc.status_code, str(exc.detail), "TooLargeError")
             await answer(scope, receive, send)
         else:
             if scope["state"]["principal"] is not None and "know" in scope["state"]:
@@ -136,13 +142,13 @@ class Guard:
         RefusedError
         """
         if reason := doubled(asking.headers):
-            raise RefusedError(refusal(400, reason, "BadRequestError"))
+            raise refused(400, reason, "BadRequestError")
         if self.access.host(asking.headers) is None:
             text = (
                 f"host {asking.headers.get('host', '')[:80]!r} isn't a name of this server; use "
                 "its address, or name it by `printctl serve --name`"
             )
-            raise RefusedError(refusal(421, text))
+            raise refused(421, text)
         session, path = asking.session, asking.scope["path"]
         token, for_page = bearer(asking.headers), _is_for_page(asking)
         self._check_origin(asking, token, for_page)
@@ -163,7 +169,7 @@ class Guard:
             return None
         if not for_page:
             text = "no session: open the page first, or send `Authorization: Bearer TOKEN`"
-            raise RefusedError(refusal(401, text))
+            raise refused(401, text)
         if asking.headers.get("sec-fetch-site") in ("cross-site", "same-site"):
             # A strict cookie isn't sent along a link of another site: ask once more, from here.
             again = escape(_here(asking))
@@ -183,7 +189,7 @@ class Guard:
         origin, site = asking.headers.get("origin"), asking.headers.get("sec-fetch-site", "")
         if asking.scope.get("method") in ("GET", "HEAD", "OPTIONS"):
             if site in ("cross-site", "same-site") and not for_page:
-                raise RefusedError(refusal(403, "asked for by a page of another origin"))
+                raise refused(403, "asked for by a page of another origin")
             return
         if origin is not None:
             page = f"{self.settings.scheme}://{asking.headers['host']}"
@@ -192,12 +198,12 @@ class Guard:
             ours = site == "same-origin" or (not site and token is not None)
         if not ours:
             who = f"origin {origin[:80]!r} isn't" if origin is not None else "no origin that is"
-            raise RefusedError(refusal(403, f"{who} this server's own page; scripts send a token"))
+            raise refused(403, f"{who} this server's own page; scripts send a token")
 
     def _check_token(self, asking: HTTPConnection, shown: str, message: str) -> None:
         if not self.access.is_token(shown):
             log.warning("wrong token from %s", _address(asking))
-            raise RefusedError(refusal(401, message))
+            raise refused(401, message)
 
     async def _until_logged_out(
         self, session: str, scope: Scope, receive: Receive, send: Send
@@ -218,11 +224,6 @@ def start_session(session: dict[str, Any]) -> None:
     """Begin a new session, which the answer's cookie hands out."""
     session.clear()
     session.update(id=secrets.token_hex(16), at=int(time.time()))
-
-
-def refusal(status: int, message: str, error: str = "NotAllowedError") -> JSONResponse:
-    """Return an answer that refuses."""
-    return JSONResponse({"error": error, "message": message}, status)
 
 
 def _is_for_page(asking: HTTPConnection) -> bool:
@@ -284,7 +285,8 @@ def _dressed(send: Send, nonce: str, sources: str) -> Send:
                 whole = bytes(page).replace(b"<script", f'<script nonce="{nonce}"'.encode())
             else:
                 headers["content-type"] = "application/json"
-                whole = bytes(refusal(400, page.decode(errors="replace"), "BadRequestError").body)
+                text = page.decode(errors="replace")
+                whole = bytes(error_response(400, text, "BadRequestError").body)
             if "content-length" in headers:
                 headers["content-length"] = str(len(whole))
             await send(start)
