@@ -21,7 +21,7 @@ from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError
 from printctl.web.scan import store as unpacked_size
 from printctl.web.scan.findings import alignment, findings
-from printctl.web.scan.slices import TINT, Slices, picture, plane
+from printctl.web.scan.slices import TINT, open_scan, picture, plane
 from printctl.web.scan.store import ScanStore, refuse_growth, scan_name, unpack_stack
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
@@ -221,11 +221,9 @@ def test_what_is_above_the_threshold_is_tinted() -> None:
 
 
 def test_a_changed_scan_is_read_again(path: Path) -> None:
-    slices = Slices()
-    before = slices.open(path)
+    assert open_scan(path)[1].modality == "microct"
     path.with_suffix(".json").write_text('{"modality": "confocal"}')
-    assert before.scan.modality == "microct"
-    assert slices.open(path).scan.modality == "confocal"
+    assert open_scan(path)[1].modality == "confocal"
 
 
 # --- registration findings in words
