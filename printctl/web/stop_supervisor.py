@@ -15,7 +15,7 @@ import printctl
 from printctl.errors import PrintctlError
 from printctl.sources import python_command
 from printctl.web.security.access import Access
-from printctl.web.settings import ServeSettings
+from printctl.web.settings import MAX_PORT, ServeSettings
 
 log = logging.getLogger("printctl.web")
 
@@ -40,7 +40,7 @@ class StopProcess:
             "key": str(settings.tls_key or ""),
             "access": asdict(access),
         }
-        self.port = access.port + 1 if access.port < 65535 else 0
+        self.port = access.port + 1 if access.port < MAX_PORT else 0
         self._again = False
         self._over = threading.Event()
         self._process = self._start()

@@ -11,10 +11,8 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final, Literal, Protocol
 
-from printctl.errors import UsageError
 from printctl.sources import python_command
 from printctl.web.job.camera.pipe import Message, read_message
 
@@ -190,22 +188,3 @@ class CameraProcess:
         with self._lock:
             if self._process is not None:
                 self._process.kill()
-
-
-def source_of(name: str) -> str:
-    """The source that ``--camera`` names; files are found from any folder.
-
-    Raises
-    ------
-    UsageError
-        When it names nothing.
-    """
-    if not name.strip():
-        raise UsageError("--camera is empty; give a number, a device, a file or an address")
-    if name.isdecimal() or "://" in name:
-        return name
-    # Links stay: a device's lasting name points to the one that it is now.
-    path = Path(name).absolute()
-    if not path.parent.is_dir():
-        raise UsageError(f"--camera {name}: there is no folder {path.parent}")
-    return str(path)
