@@ -9,7 +9,7 @@ import threading
 import time
 from typing import Any, Final
 
-from printctl.web.job.camera.pipe import Message, write_message
+from printctl.web.job.camera.camera import write_message
 from printctl.web.worker import lower_priority
 
 # Grab pictures from a camera or film by OpenCV as JPEG, within the camera process.
@@ -36,12 +36,12 @@ class Capture:
         self._cv2, self._source = cv2, source
         self._opened: Any = None
 
-    def look(self, apart_s: float) -> Message:
-        """See what is there after so many seconds, or why nothing is."""
+    def look(self, apart_s: float) -> tuple[str, bytes]:
+        """Return why nothing is seen, or else the picture after so many seconds."""
         until = time.monotonic() + apart_s
         if self._opened is None and not self._open():
             time.sleep(apart_s)
-            return Message("it can't be opened")
+            return "it can't be opened", b""
         picture = self._newest(until)
         if picture is None:  # the film's end, or a camera that was unplugged
             self._close()
@@ -49,8 +49,8 @@ class Capture:
         time.sleep(max(until - time.monotonic(), 0.0))
         if picture is None:
             self._close()
-            return Message("it gives no pictures")
-        return Message(jpeg=self._jpeg(picture))
+            return "it gives no pictures", b""
+        return "", self._jpeg(picture)
 
     @property
     def live(self) -> bool:
@@ -101,7 +101,7 @@ def main() -> None:
     camera = Capture(cv2, settings["source"])
     try:
         while True:
-            write_message(out, camera.look(settings["apart_s"]))
+            write_message(out, *camera.look(settings["apart_s"]))
     except BrokenPipeError:
         os._exit(0)
 

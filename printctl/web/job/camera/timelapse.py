@@ -15,7 +15,7 @@ from design.files import write_bytes
 from printctl.machine.printing.films import film_file, frames_folder
 from printctl.machine.printing.progress import Progress
 from printctl.sources import python_command
-from printctl.web.job.camera.camera import Camera
+from printctl.web.job.camera.camera import CameraProcess
 from printctl.web.job.following import PrintReport
 
 log = logging.getLogger(__name__)
@@ -53,11 +53,11 @@ class TimeLapse:
 
     Parameters
     ----------
-    camera : Camera or None
+    camera : CameraProcess or None
         None keeps no pictures; films are still made of what was kept.
     """
 
-    def __init__(self, camera: Camera | None) -> None:
+    def __init__(self, camera: CameraProcess | None) -> None:
         self._camera = camera
         self._marks: dict[Path, int] = {}
         self._ended: set[Path] = set()
@@ -142,15 +142,15 @@ class TimeLapse:
 
     def _take(self, frames: Path) -> None:
         seen = self._camera.seen if self._camera is not None else None
-        if seen is None or seen.state != "there" or seen.still is None:
+        if seen is None or seen.state != "there":
             return
         frames.mkdir(parents=True, exist_ok=True)
         kept = sorted(frames.glob("*.jpg"))
-        full = limit_reached(kept, len(seen.still.jpeg), shutil.disk_usage(frames).free)
+        full = limit_reached(kept, len(seen.jpeg), shutil.disk_usage(frames).free)
         self._said[frames] = full
         if not full:
             number = int(kept[-1].stem) + 1 if kept else 1
-            write_bytes(frames / f"{number:06d}.jpg", seen.still.jpeg)
+            write_bytes(frames / f"{number:06d}.jpg", seen.jpeg)
 
     def _make_now(self, frames: Path, film: Path) -> None:
         if len(list(frames.glob("*.jpg"))) < 2 or film.is_file():
@@ -171,16 +171,7 @@ def mark_of(progress: Progress) -> int:
 
 
 def limit_reached(kept: list[Path], more: int, free: int) -> str:
-    """Why no further picture is kept; empty when one may be.
-
-    Parameters
-    ----------
-    kept : list of Path
-    more : int
-        Bytes of the next.
-    free : int
-        Bytes free on the disk.
-    """
+    """Why no picture of ``more`` bytes is kept with so many free on the disk; empty if one is."""
     if len(kept) >= MOST_FRAMES:
         return f"no more pictures are kept: {MOST_FRAMES} are there, the most"
     if sum(path.stat().st_size for path in kept) + more > MOST_BYTES:
