@@ -24,7 +24,7 @@ from printctl.web.core import Core
 from printctl.web.listening import Connections, bind, url
 from printctl.web.security.access import Access, make_access
 from printctl.web.settings import ServeSettings
-from printctl.web.stop_supervisor import StopProcess
+from printctl.web.stop_process import StopProcess
 from printctl.web.workspace import Workspace
 
 # Register of a running web server in its workspace: lock, and address for other programs.
