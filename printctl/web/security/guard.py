@@ -55,11 +55,10 @@ _HEADERS: Final = {
 # Scripts and styles come only from our own files: one in a file name or a G-code comment that
 # slipped into a page as HTML would not run. Views of runs say a policy of their own.
 _POLICY: Final = (
-    "default-src 'none'; script-src 'self' 'nonce-{nonce}'; "
-    "style-src 'self'; img-src 'self' data: blob:; media-src 'self' blob:; "
-    "font-src 'self' data:; worker-src 'self' blob:; connect-src 'self' {sources}; "
-    "form-action 'self'; base-uri 'none'; frame-src 'self'; frame-ancestors 'none'; "
-    "object-src 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+    "media-src 'self' blob:; font-src 'self' data:; worker-src 'self' blob:; "
+    "connect-src 'self' {sources}; form-action 'self'; base-uri 'none'; "
+    "frame-src 'self'; frame-ancestors 'none'; object-src 'none'"
 )
 
 
@@ -96,14 +95,12 @@ class Guard:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        headers, nonce = Headers(scope=scope), secrets.token_urlsafe(16)
+        headers, scheme = Headers(scope=scope), self.settings.scheme
         host = self.access.host(headers)
-        scheme = self.settings.scheme
         sources = f"{scheme.replace('http', 'ws')}://{headers['host']}" if host else ""
         sources += f" {scheme}://{host}:{self.stop_port}" if host and self.stop_port else ""
-        state = {**scope.get("state", {}), "nonce": nonce, "guard": self}
-        scope = {**scope, "state": state}
-        await self._sessions(scope, receive, _dressed(send, nonce, sources))
+        scope = {**scope, "state": {**scope.get("state", {}), "guard": self}}
+        await self._sessions(scope, receive, _dressed(send, _POLICY.format(sources=sources)))
 
     def log_out(self, session: dict[str, Any]) -> None:
         """End a session: its cookie is void, its WebSockets are closed."""
@@ -254,43 +251,29 @@ def _browser(asking: HTTPConnection) -> Principal:
     return Principal(session["id"], f"{name} ({session['id'][:3]})")
 
 
-def _dressed(send: Send, nonce: str, sources: str) -> Send:
-    """Return a ``send`` that adds the security headers, and the nonce to a page's scripts.
+def _dressed(send: Send, policy: str) -> Send:
+    """Return a ``send`` that adds the security headers.
 
     A refusal in plain text, as libraries write them, becomes one in JSON as ours.
-
-    It works on a page of ours as it is written, before anything else is in it.
     """
-    start: Message = {}
-    page = bytearray()
+    plain: Message = {}
 
     async def dressed(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(raw=list(message["headers"]))
-            for name, value in _HEADERS.items():
+            for name, value in {**_HEADERS, "content-security-policy": policy}.items():
                 headers.setdefault(name, value)
-            policy = _POLICY.format(nonce=nonce, sources=sources)
-            headers.setdefault("content-security-policy", policy)
             message = {**message, "headers": headers.raw}
-            kind, refused = headers.get("content-type", ""), message["status"] >= 400
-            if kind.startswith("text/html") or (refused and kind.startswith("text/plain")):
-                start.update(message)
+            text = headers.get("content-type", "").startswith("text/plain")
+            if text and message["status"] >= 400:
+                plain.update(message)
                 return
-        elif start and message["type"] == "http.response.body":
-            page.extend(message.get("body", b""))
-            if message.get("more_body"):
-                return
-            headers = MutableHeaders(scope=start)
-            if headers["content-type"].startswith("text/html"):
-                whole = bytes(page).replace(b"<script", f'<script nonce="{nonce}"'.encode())
-            else:
-                headers["content-type"] = "application/json"
-                text = page.decode(errors="replace")
-                whole = bytes(error_response(400, text, "BadRequestError").body)
-            if "content-length" in headers:
-                headers["content-length"] = str(len(whole))
-            await send(start)
-            message = {"type": "http.response.body", "body": whole}
+        elif plain:
+            reason = message["body"].decode(errors="replace")
+            answer = error_response(plain["status"], reason, "BadRequestError")
+            MutableHeaders(scope=plain).update(answer.headers)
+            await send(plain)
+            message = {**message, "body": answer.body}
         await send(message)
 
     return dressed
