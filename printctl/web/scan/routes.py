@@ -45,7 +45,8 @@ def _add_scans(routes: APIRouter, service: ScanService) -> None:
 
     @routes.post("", summary="Take in a scan; a zip of slices is unpacked", status_code=201)
     def take(file: UploadFile) -> ScanRow:
-        return store.row(store.take(file.filename or "", file.file))
+        scan = store.take(file.filename or "", file.file)
+        return store.row(scan, store.path(scan))
 
     @routes.get("/{scan}", summary="What is known of a scan's volume")
     def volume(scan: str) -> Volume:

@@ -189,12 +189,10 @@ REGISTERED: Final = ".registered"
 
 @dataclass(frozen=True)
 class ScanRow:
-    """A scan of the workspace.
+    """A scan of the workspace: ``file~NAME`` or ``run~NAME``.
 
     Attributes
     ----------
-    scan : str
-        ``file~NAME`` or ``run~NAME``.
     megabytes : float, MB
         0 for a folder.
     modified : float, s since 1970
@@ -205,18 +203,12 @@ class ScanRow:
     scan: str
     megabytes: float
     modified: float
-    registered: tuple[str, ...] = ()
+    registered: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class ScanMetadata(ScanOverrides):
-    """What the user says of a scan, with the voxel size in the order of the page.
-
-    Attributes
-    ----------
-    voxel_um : (x, y, z) or None, µm
-        Instead of `voxel_mm`.
-    """
+    """What the user says of a scan; ``voxel_um`` is (x, y, z), instead of `voxel_mm`."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
@@ -251,31 +243,23 @@ class ScanStore:
             for path in self._workspace.found("scans/*")
             if is_name(path.name) and path.suffix.lower() not in _SIDECARS
         ]
-        rows = [self._row(f"file~{path.name}", path) for path in files]
+        rows = [self.row(f"file~{path.name}", path) for path in files]
         for name in _RUN_SCANS:
             rows += [
-                self._row(f"run~{path.parent.name}", path)
+                self.row(f"run~{path.parent.name}", path)
                 for path in self._workspace.found(f"runs/*/{name}")
                 if is_name(path.parent.name)
             ]
         return sorted(rows, key=lambda row: -row.modified)
 
-    def _row(self, scan: str, path: Path) -> ScanRow:
+    def row(self, scan: str, path: Path) -> ScanRow:
+        """Return a scan that lies at a path."""
         state, begun = path.stat(), self._workspace.root.glob(f"runs/*/{REGISTERED}/{scan}")
         runs = sorted(place.parent.parent.name for place in begun)
         if scan.startswith("run~"):
             runs = [scan.removeprefix("run~"), *runs]
         size = state.st_size / 1e6 if path.is_file() else 0.0
         return ScanRow(scan, size, state.st_mtime, tuple(name for name in runs if is_name(name)))
-
-    def row(self, scan: str) -> ScanRow:
-        """Return one scan.
-
-        Raises
-        ------
-        BadRequestError, NotFoundError
-        """
-        return self._row(scan, self.path(scan))
 
     def path(self, scan: str) -> Path:
         """Where a scan lies.
@@ -286,8 +270,7 @@ class ScanStore:
         """
         sort, _, name = scan.partition("~")
         if sort == "file":
-            path = self._workspace.scan(name)
-            places = [path]
+            places = [self._workspace.scan(name)]
         elif sort == "run":
             places = [self._workspace.run(name) / one for one in _RUN_SCANS]
         else:
@@ -298,12 +281,7 @@ class ScanStore:
         return place
 
     def take(self, file_name: str, stream: IO[bytes]) -> str:
-        """Take in a scan as it comes; a zip of slices is unpacked. Its name is the file's.
-
-        Returns
-        -------
-        str
-            ``file~NAME``.
+        """Take in a scan as it comes, and return ``file~NAME``; a zip of slices is unpacked.
 
         Raises
         ------

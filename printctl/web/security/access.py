@@ -56,8 +56,6 @@ class Access:
 
     Attributes
     ----------
-    scheme : str
-        ``http`` or ``https``.
     names : tuple of str
         This machine's, lower case.
     loopback : bool

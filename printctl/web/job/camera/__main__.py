@@ -12,24 +12,15 @@ from typing import Any, Final
 from printctl.web.job.camera.camera import write_message
 from printctl.web.worker import lower_priority
 
-# Grab pictures from a camera or film by OpenCV as JPEG, within the camera process.
-
 LONGEST_PX: Final = 1280
 _QUALITY: Final = 85
 
 
 class Capture:
-    """A camera, a film, or a sequence of pictures.
+    """A camera, a film, or a sequence of pictures: whatever `cv2.VideoCapture` reads.
 
     A film gives its next picture at each look and begins anew at its end; of a camera the pictures
     between two looks are let go, so that the newest is seen.
-
-    Parameters
-    ----------
-    cv2 : module
-        OpenCV.
-    source : str
-        What `cv2.VideoCapture` reads: a number, a device, a file, an address, ``frames_%03d.png``.
     """
 
     def __init__(self, cv2: Any, source: str) -> None:

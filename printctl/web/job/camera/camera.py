@@ -66,16 +66,8 @@ def read_message(source: IO[bytes]) -> tuple[str, bytes] | None:
 class CameraProcess:
     """A camera at which a process of its own looks, so that no driver holds up server or print.
 
-    A process that dies or hangs is replaced.
-
-    Parameters
-    ----------
-    source : str
-        What `cv2.VideoCapture` reads.
-    tell : function
-        Given what is known whenever the camera is lost or comes back.
-    apart_s : float, s
-        Between two pictures.
+    A process that dies or hangs is replaced. ``source`` is what `cv2.VideoCapture` reads, every
+    ``apart_s`` seconds; ``tell`` is called whenever the camera is lost or comes back.
     """
 
     def __init__(

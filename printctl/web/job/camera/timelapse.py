@@ -33,10 +33,8 @@ class TimeLapseState:
     ----------
     frames, bytes : int
         Of the pictures kept.
-    film : bool
-        Whether its film is there.
-    making : bool
-        Whether its film is being made.
+    film, making : bool
+        Whether its film is there, or being made.
     message : str
         Why no more pictures are kept, or why there is no film; else empty.
     """
@@ -51,10 +49,7 @@ class TimeLapseState:
 class TimeLapse:
     """Keeps pictures of the prints that go on, in a thread of its own.
 
-    Parameters
-    ----------
-    camera : CameraProcess or None
-        None keeps no pictures; films are still made of what was kept.
+    Without a camera films are still made of what was kept.
     """
 
     def __init__(self, camera: CameraProcess | None) -> None:
@@ -63,7 +58,7 @@ class TimeLapse:
         self._ended: set[Path] = set()
         self._making: set[Path] = set()
         self._said: dict[Path, str] = {}
-        self._waiting: queue.Queue[tuple[str, Path, Path] | None] = queue.Queue(_WAITING)
+        self._waiting: queue.Queue[tuple[str, Path] | None] = queue.Queue(_WAITING)
         self._film: subprocess.Popen[bytes] | None = None
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="time-lapse", daemon=True)
@@ -120,19 +115,19 @@ class TimeLapse:
 
     def _ask(self, what: str, frames: Path) -> bool:
         try:
-            self._waiting.put_nowait((what, frames, frames.with_name(frames.name + ".webp")))
+            self._waiting.put_nowait((what, frames))
         except queue.Full:  # a slow disk: a picture less, and the print isn't held up
             return False
         return True
 
     def _work(self) -> None:
         while (asked := self._waiting.get()) is not None and not self._closed:
-            what, frames, film = asked
+            what, frames = asked
             try:
                 if what == "keep":
                     self._take(frames)
                 else:
-                    self._make_now(frames, film)
+                    self._make_now(frames)
             except OSError as exc:
                 self._said[frames] = f"the time-lapse can't be kept: {exc.strerror or exc}"
                 log.warning("%s", self._said[frames])
@@ -152,7 +147,8 @@ class TimeLapse:
             number = int(kept[-1].stem) + 1 if kept else 1
             write_bytes(frames / f"{number:06d}.jpg", seen.jpeg)
 
-    def _make_now(self, frames: Path, film: Path) -> None:
+    def _make_now(self, frames: Path) -> None:
+        film = frames.with_name(frames.name + ".webp")
         if len(list(frames.glob("*.jpg"))) < 2 or film.is_file():
             return
         command = [*python_command("printctl.web.job.camera.film"), str(frames), str(film)]
