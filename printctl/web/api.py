@@ -79,11 +79,11 @@ def answer_errors(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _own)
 
 
-def answer_unknown(app: FastAPI, root: str) -> None:
-    """Have the app refuse whatever else is asked below ``root``, before its pages answer it."""
+def answer_unknown(app: FastAPI) -> None:
+    """Have the app refuse whatever else is asked of the API, before its pages answer it."""
 
     @app.api_route(
-        f"{root}/{{rest:path}}",
+        f"{API}/{{rest:path}}",
         methods=["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"],
         include_in_schema=False,
     )

@@ -85,7 +85,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         project_router(project),
     ):
         app.include_router(part)
-    answer_unknown(app, API)
+    answer_unknown(app)
     if pages:
         serve_page(app, {"job": job_hints(job)})
     return app
