@@ -3,79 +3,67 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import os
 import sys
 import webbrowser
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 from urllib.parse import urlsplit
 
 import typer
 
-from printctl.cli.declare import command
+from printctl.cli.declare import command, keyword
 from printctl.cli.options import messages
 from printctl.errors import UsageError
-from printctl.settings import arg, opt
+from printctl.settings import of, opt
+from printctl.web.settings import ServeSettings
 
 NEEDED = ("fastapi", "uvicorn", "wsproto")
-_AT_MOST_PORT = 65535
+
+
+class _Options:
+    """Options of the settings' fields; for the password the two ways to give one."""
+
+    def parameters(self) -> list[inspect.Parameter]:
+        hints = get_type_hints(ServeSettings)
+        made = [
+            keyword(name, hint, of(ServeSettings, name))
+            for name, hint in hints.items()
+            if name != "password"
+        ]
+        made[3:3] = [
+            keyword("password", bool, opt("Ask now for a password that the page asks for.", False)),
+            keyword(
+                "password_file", Path | None, opt("Read that password from a file's first line.")
+            ),
+        ]
+        return made
+
+    def value(self, typed: dict[str, Any]) -> ServeSettings:
+        _want_extra()
+        password = _password(typed.pop("password"), typed.pop("password_file"))
+        return ServeSettings(password=password, **typed)
+
+
+_OPTIONS = _Options()
 
 
 @command
-def serve(
-    workspace: Path = arg("Folder of recipes, runs, jobs, scans and prints.", Path("workspace")),
-    host: str = opt("Address to listen at; 0.0.0.0 for every one of this machine.", "127.0.0.1"),
-    port: int = opt("Port; 0 for any that is free.", 8080, min=0, max=_AT_MOST_PORT),
-    password: bool = opt("Ask now for a password that the page asks for.", False),
-    password_file: Path | None = opt("Read that password from a file's first line."),
-    token: bool = opt("Let browsers in by a link with a token, shown here.", False),
-    tls_cert: Path | None = opt("Certificate (PEM): serve by HTTPS."),
-    tls_key: Path | None = opt("The certificate's key (PEM)."),
-    name: list[str] | None = opt(
-        "A further name of this machine that browsers may use; repeatable."
-    ),
-    open_page: bool | None = opt(
-        "Open the page in a browser; else where one is.", None, "--open/--no-open"
-    ),
-    sim_speed: float = opt(
-        "Simulated printer's speed, times real time; 0: all it can.", 1.0, min=0.0
-    ),
-    upload_mb: float = opt("Largest upload, MB.", 4000.0, min=1.0),
-    camera: str | None = opt(
-        "Show a camera on the Job page: its number, /dev/video0, an address, or a film or "
-        "pictures (frames_%03d.png)."
-    ),
-    verbose: bool = opt("Write down each request.", False),
-) -> None:
+def serve(settings: Any = _OPTIONS, verbose: bool = opt("Write down each request.", False)) -> None:
     """Serve the operator's page: printer, job, design, scan and history in a browser.
 
     Only this machine can reach it, unless ``--host`` says otherwise; then a password or a token
     is needed. Ctrl-C ends the server, never a print.
     """
-    _want_extra()
-    from printctl.web.job.camera.camera import source_of
     from printctl.web.serve import log_to_terminal  # Wants the extra `web`.
     from printctl.web.serve import serve as run
-    from printctl.web.settings import ServeSettings
 
-    settings = ServeSettings(
-        workspace=workspace,
-        host=host,
-        port=port,
-        password=_password(password, password_file),
-        token_link=token,
-        upload_mb=upload_mb,
-        sim_speed=sim_speed,
-        tls_cert=tls_cert,
-        tls_key=tls_key,
-        names=tuple(name or ()),
-        camera=None if camera is None else source_of(camera),
-    )
     log_to_terminal(verbose)
 
     def started(running: Any) -> None:
         _tell(settings, running)
-        if open_page or (open_page is None and _has_screen()):
+        if settings.open_page or (settings.open_page is None and _has_screen()):
             webbrowser.open(_link(settings, running))
 
     run(settings, started)
@@ -112,7 +100,7 @@ def _password(ask: bool, file: Path | None) -> str | None:
     return None
 
 
-def _tell(settings: Any, running: Any) -> None:
+def _tell(settings: ServeSettings, running: Any) -> None:
     from printctl.machine.station.client import other_speed  # Loads the link.
 
     say = messages().print
@@ -140,7 +128,7 @@ def _tell(settings: Any, running: Any) -> None:
             )
 
 
-def _link(settings: Any, running: Any) -> str:
+def _link(settings: ServeSettings, running: Any) -> str:
     return f"{running.url}/?token={running.token}" if settings.token_link else str(running.url)
 
 

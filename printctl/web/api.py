@@ -13,7 +13,7 @@ from dataclasses import asdict
 from importlib import metadata
 from typing import Any, Final
 
-from fastapi import APIRouter, FastAPI, Request, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, FastAPI, Request, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
@@ -29,9 +29,18 @@ from printctl.system_errors import explain
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.page.assets import link
-from printctl.web.print_sockets import UNCONFIRMED, PrintSockets
-from printctl.web.rest import API, REFUSALS, Asking
+from printctl.web.print_sockets import UNCONFIRMED, PrintSockets, SentStop
+from printctl.web.rest import API, REFUSALS, Asking, error_response, requesting_user
 from registration.errors import RegistrationError
+
+log = logging.getLogger("printctl.web")
+BEAT_S: Final = 3.0
+"""So often a listener hears that the server lives, even without news."""
+_CONFLICT: Final = 409
+_LONGEST_VALUE: Final = 60
+"""Of a wrong value in a message, characters."""
+_STOP_LIMIT_S: Final = 2.5
+"""As the stop process waits for the word that a printer has halted."""
 
 
 def our_version() -> str:
@@ -59,14 +68,6 @@ def serve_docs(app: FastAPI) -> None:
         )
 
 
-# Turn exceptions into REST error responses: ``{"error": class, "message": text}`` and status.
-
-log = logging.getLogger("printctl.web")
-_CONFLICT = 409
-_SHOWN: Final = 60
-"""Longest value shown, characters."""
-
-
 def answer_errors(app: FastAPI) -> None:
     """Have the app answer a refusal by its message."""
     for kind in (PrintctlError, LinkError, ProfileError, DesignError, RegistrationError):
@@ -78,38 +79,29 @@ def answer_errors(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _own)
 
 
-def answer_unknown(app: FastAPI, root: str) -> None:
-    """Have the app refuse whatever else is asked below ``root``, before its pages answer it.
-
-    Parameters
-    ----------
-    app : FastAPI
-        With all its routes but the pages'.
-    root : str
-        Where the API begins.
-    """
+def answer_unknown(app: FastAPI) -> None:
+    """Have the app refuse whatever else is asked of the API, before its pages answer it."""
 
     @app.api_route(
-        f"{root}/{{rest:path}}",
+        f"{API}/{{rest:path}}",
         methods=["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"],
         include_in_schema=False,
     )
     def unknown(request: Request) -> JSONResponse:
         what = f"{request.method} {request.url.path}"
         return error_response(
-            404, "NotFoundError", f"the API has no {what}; /api/docs lists what it has"
+            404, f"the API has no {what}; /api/docs lists what it has", "NotFoundError"
         )
 
 
 async def _refused(request: Request, exc: Exception) -> JSONResponse:
-    return error_response(getattr(exc, "status", _CONFLICT), type(exc).__name__, str(exc))
+    return error_response(getattr(exc, "status", _CONFLICT), str(exc), type(exc).__name__)
 
 
 async def _invalid(request: Request, exc: Exception) -> JSONResponse:
     problems = exc.errors() if isinstance(exc, RequestValidationError) else []
-    return error_response(
-        422, "BadRequestError", "; ".join(map(_sentence, problems)) or "the request can't be read"
-    )
+    message = "; ".join(map(_sentence, problems)) or "the request can't be read"
+    return error_response(422, message, "BadRequestError")
 
 
 def _sentence(problem: Mapping[str, Any]) -> str:
@@ -117,7 +109,7 @@ def _sentence(problem: Mapping[str, Any]) -> str:
     place, value = ".".join(map(str, problem["loc"])), repr(problem.get("input"))
     if problem["type"] == "missing":
         return f"{place} is missing; add it"
-    shown = value if len(value) <= _SHOWN else f"{value[:_SHOWN]}..."
+    shown = value if len(value) <= _LONGEST_VALUE else f"{value[:_LONGEST_VALUE]}..."
     return f"{place} {wording(problem)} (is {shown})"
 
 
@@ -126,40 +118,27 @@ async def _system(request: Request, exc: Exception) -> JSONResponse:
     log.error("%s %s: %r", request.method, request.url.path, exc)
     assert isinstance(exc, OSError | MemoryError)
     explained = explain(exc)
-    return error_response(explained.status, explained.kind, explained.message)
+    return error_response(explained.status, explained.message, explained.kind)
 
 
 async def _own(request: Request, exc: Exception) -> JSONResponse:
     """Answer a fault of ours; the server writes its trace into the log."""
     name = type(exc).__name__
     return error_response(
-        500, "ServerError", f"the server met an error of its own ({name}); its log has the details"
+        500, f"the server met an error of its own ({name}); its log has the details", "ServerError"
     )
 
 
 async def _http(request: Request, exc: Exception) -> JSONResponse:
+    assert isinstance(exc, HTTPException)
     if isinstance(exc.__cause__, OSError):  # an upload that couldn't be kept while it came
         return await _system(request, exc.__cause__)
-    status = getattr(exc, "status_code", 500)
     names = {404: "NotFoundError", 405: "MethodNotAllowed"}
     answer = error_response(
-        status, names.get(status, "HTTPException"), str(getattr(exc, "detail", exc))
+        exc.status_code, str(exc.detail), names.get(exc.status_code, "HTTPException")
     )
-    answer.headers.update(getattr(exc, "headers", None) or {})
+    answer.headers.update(exc.headers or {})
     return answer
-
-
-def error_response(status: int, error: str, message: str) -> JSONResponse:
-    """An error's answer."""
-    return JSONResponse({"error": error, "message": message}, status)
-
-
-# REST routes for server health, user identity, control lock, emergency stop and event stream.
-
-BEAT_S: Final = 3.0
-"""So often a listener hears that the server lives, even without news."""
-_PATIENCE_S: Final = 2.5
-"""As the stop process waits for the word that a printer has halted."""
 
 
 class Health(BaseModel):
@@ -169,18 +148,11 @@ class Health(BaseModel):
     version: str
 
 
-class ClientResponse(BaseModel):
-    """A browser or script."""
-
-    id: str
-    name: str
-
-
 class ControlsState(BaseModel):
     """Who holds the controls, and who asks."""
 
-    holder: ClientResponse | None
-    you: ClientResponse
+    holder: Principal | None
+    you: Principal
 
 
 class ControlRequest(BaseModel):
@@ -189,18 +161,10 @@ class ControlRequest(BaseModel):
     force: bool = Field(False, description="take them from whoever holds them")
 
 
-class StopResult(BaseModel):
-    """One print or station that was told to halt."""
-
-    folder: str
-    after_ms: float = Field(description="from the request to the byte in its socket, ms")
-    process: int = Field(description="that speaks to the machine: one for a station and its print")
-
-
 class StopAnswer(BaseModel):
     """What went out. How each ended comes as an event."""
 
-    sent: list[StopResult]
+    sent: list[SentStop]
     message: str
 
 
@@ -214,24 +178,24 @@ def router(core: Core, prints: PrintSockets) -> APIRouter:
 
     @routes.get("/controls", summary="Who holds the controls")
     def holder(who: Asking) -> ControlsState:
-        return _state(core, who)
+        return ControlsState(holder=core.controls.holder, you=who)
 
     @routes.post("/controls", summary="Take the controls, or take them over")
     def take(who: Asking, request: ControlRequest | None = None) -> ControlsState:
         core.controls.take(who, force=request is not None and request.force)
         publish_holder(core)
-        return _state(core, who)
+        return holder(who)
 
     @routes.delete("/controls", summary="Release the controls")
     def release(who: Asking) -> ControlsState:
         core.controls.release(who)
         publish_holder(core)
-        return _state(core, who)
+        return holder(who)
 
     @routes.post("/stop", summary="Halt every printer past all queues; needs no controls")
     async def stop() -> StopAnswer:
         sent = await prints.kill(time.monotonic())
-        outcomes = await prints.outcomes(sent, _PATIENCE_S)
+        outcomes = await prints.outcomes(sent, _STOP_LIMIT_S)
         unconfirmed = any(one["message"] == UNCONFIRMED for one in outcomes)
         machines = len({one.process or one.folder for one in sent})
         message = (
@@ -242,13 +206,12 @@ def router(core: Core, prints: PrintSockets) -> APIRouter:
             else "nothing is connected to a printer here: nothing to stop; if something moves, "
             "cut its power"
         )
-        return StopAnswer(sent=[StopResult(**asdict(one)) for one in sent], message=message)
+        return StopAnswer(sent=sent, message=message)
 
     @routes.websocket("/events")
     async def events(socket: WebSocket) -> None:
         await socket.accept()
-        who: Principal = getattr(socket.state, "principal", None) or Principal("local")
-        work = [_tell(core, socket), _beat(core, socket, who), _until_gone(socket)]
+        work = [_tell(core, socket), _beat(core, socket), _until_gone(socket)]
         tasks = [asyncio.create_task(one) for one in work]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -263,7 +226,7 @@ def router(core: Core, prints: PrintSockets) -> APIRouter:
 def publish_holder(core: Core) -> None:
     """Tell all who holds the controls, if they don't know yet."""
     holder = core.controls.holder
-    public = None if holder is None else {"id": holder.id, "name": holder.name}
+    public = holder and asdict(holder)
     if "controls" not in core.events.latest or core.events.latest["controls"]["holder"] != public:
         core.events.publish("controls", holder=public)
 
@@ -275,30 +238,19 @@ async def watch_holder(core: Core, every_s: float = 1.0) -> None:
         await asyncio.sleep(every_s)
 
 
-def _state(core: Core, who: Principal) -> ControlsState:
-    held = core.controls.holder
-    return ControlsState(
-        holder=None if held is None else ClientResponse(id=held.id, name=held.name),
-        you=ClientResponse(id=who.id, name=who.name),
-    )
-
-
 async def _tell(core: Core, socket: WebSocket) -> None:
     async for message in core.events.listen():
         await socket.send_json(message)
 
 
-async def _beat(core: Core, socket: WebSocket, who: Principal) -> None:
-    beat: dict[str, Any] = {"event": "alive", "you": {"id": who.id, "name": who.name}}
+async def _beat(core: Core, socket: WebSocket) -> None:
+    who = requesting_user(socket)
     while True:
         core.controls.seen(who)
-        await socket.send_json(beat)
+        await socket.send_json({"event": "alive", "you": asdict(who)})
         await asyncio.sleep(BEAT_S)
 
 
 async def _until_gone(socket: WebSocket) -> None:
-    try:
-        while True:
-            await socket.receive_text()
-    except (WebSocketDisconnect, KeyError):
-        return
+    async for _ in socket.iter_text():
+        pass

@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 
-from fastapi import APIRouter, FastAPI
+from fastapi import FastAPI
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.types import ASGIApp
 
@@ -42,74 +41,27 @@ from printctl.web.security.guard import Guard
 from printctl.web.security.login import router as login_router
 
 
-@dataclass(frozen=True)
-class Services:
-    """Services of all pages."""
-
-    printer: PrinterService
-    job: JobService
-    runs: Runs
-    scan: ScanService
-    history: HistoryService
-    project: ProjectService
-
-    def close(self) -> None:
-        """Follow no printer any more; prints and stations go on."""
-        self.printer.close()
-        self.job.close()
-
-
-def make_services(core: Core) -> Services:
-    """Make the service of each room."""
-    runs = Runs(core.workspace, Recipes(core.workspace))
-    return Services(
-        printer=PrinterService(core),
-        job=JobService(core),
-        runs=runs,
-        scan=ScanService(core),
-        history=HistoryService(core),
-        project=ProjectService(core, runs),
-    )
-
-
-def routers(services: Services) -> list[APIRouter]:
-    """The rooms' parts of the API."""
-    return [
-        printer_router(services.printer),
-        *job_routers(services.job),
-        recipe_routes(services.runs.recipes),
-        run_routes(services.runs),
-        scan_router(services.scan),
-        history_router(services.history),
-        project_router(services.project),
-    ]
-
-
 def build_app(core: Core, pages: bool = True) -> FastAPI:
-    """Make the app of one server; nobody guards it yet.
-
-    Parameters
-    ----------
-    core : Core
-    pages : bool
-        Whether the page is served, too.
-    """
+    """Make the app of one server, with its page unless told otherwise; nobody guards it yet."""
     prints = PrintSockets(core.workspace.root)
-    services = make_services(core)
+    printer, job = PrinterService(core), JobService(core)
+    runs = Runs(core.workspace, Recipes(core.workspace))
+    project = ProjectService(core, runs)
 
     @asynccontextmanager
     async def running(app: FastAPI) -> AsyncIterator[None]:
         core.events.bind(asyncio.get_running_loop())
         tasks = [asyncio.create_task(watch_holder(core)), asyncio.create_task(prints.follow())]
         if pages:  # what somebody sees first is ready
-            await services.job.scenes.start()
-            tasks.append(asyncio.create_task(make_first_scene(services.job)))
+            await job.scenes.start()
+            tasks.append(asyncio.create_task(make_first_scene(job)))
         yield
         for task in tasks:
             task.cancel()
-        await services.job.scenes.close()
-        await services.project.sketches.close()
-        await asyncio.to_thread(services.close)
+        await job.scenes.close()
+        await project.sketches.close()
+        await asyncio.to_thread(printer.close)  # prints and stations go on
+        await asyncio.to_thread(job.close)
 
     app = FastAPI(
         title="printctl",
@@ -125,11 +77,19 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     app.include_router(login_router())
     serve_docs(app)
     serve_files(app)
-    for part in routers(services):
+    for part in (
+        printer_router(printer),
+        *job_routers(job),
+        recipe_routes(runs.recipes),
+        run_routes(runs),
+        scan_router(ScanService(core)),
+        history_router(HistoryService(core)),
+        project_router(project),
+    ):
         app.include_router(part)
-    answer_unknown(app, API)
+    answer_unknown(app)
     if pages:
-        serve_page(app, {"job": job_hints(services.job)})
+        serve_page(app, {"job": job_hints(job)})
     return app
 
 

@@ -12,15 +12,14 @@ from printctl.web.controls import Controls
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 
-# Publish server events to WebSocket clients and pages.
-#
-# A listener that is too slow loses the oldest; each message is a whole state, not a change.
-
 _WAITING: Final = 64
 
 
 class Events:
-    """Hands messages from any thread to the listeners of one event loop."""
+    """Hands messages from any thread to the listeners of one event loop.
+
+    A listener that is too slow loses the oldest; each message is a whole state, not a change.
+    """
 
     def __init__(self) -> None:
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -60,15 +59,7 @@ class Events:
 
 @dataclass(frozen=True)
 class Core:
-    """Settings, workspace, controls and news of one server.
-
-    Attributes
-    ----------
-    settings : ServeSettings
-    workspace : Workspace
-    controls : Controls
-    events : Events
-    """
+    """Settings, workspace, controls and news of one server."""
 
     settings: ServeSettings
     workspace: Workspace

@@ -13,13 +13,7 @@ from printctl.web.workspace import checked_name, is_name
 
 @dataclass(frozen=True)
 class ProfileStore:
-    """Profiles by name; the workspace's own are files in ``profiles/SORT/NAME.yaml``.
-
-    Attributes
-    ----------
-    root : Path
-        The workspace.
-    """
+    """Profiles by name; those of the workspace ``root`` are in ``profiles/SORT/NAME.yaml``."""
 
     root: Path
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final
 
-from fastapi import Depends, Request
+from fastapi import Depends
+from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict
+from starlette.requests import HTTPConnection
 
 from printctl.web.controls import Principal
 
@@ -45,9 +47,14 @@ GUARD_REFUSALS: Final[Refusals] = {status: REFUSALS[status] for status in (400, 
 """What every route may answer."""
 
 
-def requesting_user(request: Request) -> Principal:
+def error_response(status: int, message: str, error: str) -> JSONResponse:
+    """Return the answer that refuses a request, or reports a fault."""
+    return JSONResponse({"error": error, "message": message}, status)
+
+
+def requesting_user(asking: HTTPConnection) -> Principal:
     """Return who asks, as the guard found out."""
-    principal: Principal | None = getattr(request.state, "principal", None)
+    principal: Principal | None = getattr(asking.state, "principal", None)
     return principal or Principal("local", "this machine")
 
 

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import uvicorn
 from filelock import FileLock, Timeout
@@ -24,7 +24,7 @@ from printctl.web.core import Core
 from printctl.web.listening import Connections, bind, url
 from printctl.web.security.access import Access, make_access
 from printctl.web.settings import ServeSettings
-from printctl.web.stop_supervisor import StopProcess
+from printctl.web.stop_process import StopProcess
 from printctl.web.workspace import Workspace
 
 # Register of a running web server in its workspace: lock, and address for other programs.
@@ -42,12 +42,10 @@ class Running:
 
     Attributes
     ----------
-    url : str
-    pid : int
     token : str
         For scripts: ``Authorization: Bearer TOKEN``.
     stop : str
-        Address of the stop process; empty when there is none.
+        Address of the stop process.
     started : float, s
         Unix time.
     """
@@ -72,8 +70,7 @@ class Running:
 def find_server(workspace: Workspace) -> Running | None:
     """The server of a workspace; None when it has none, or its end wasn't orderly."""
     try:
-        values: dict[str, Any] = json.loads((workspace.private / SERVE).read_text(encoding="utf-8"))
-        return Running(**values)
+        return Running(**json.loads((workspace.private / SERVE).read_text(encoding="utf-8")))
     except (FileNotFoundError, ValueError, TypeError):
         return None
 
@@ -109,13 +106,7 @@ _SECRETS = re.compile(r"((?:token|password)=|bearer\s+|printctl_\d+=)[^&\s\"';]+
 
 
 def serve(settings: ServeSettings, started: Callable[[Running], None]) -> None:
-    """Serve until Ctrl-C.
-
-    Parameters
-    ----------
-    settings : ServeSettings
-    started : callable
-        Told where, once browsers are answered.
+    """Serve until Ctrl-C; ``started`` is told where, once browsers are answered.
 
     Raises
     ------
@@ -138,10 +129,13 @@ def serve(settings: ServeSettings, started: Callable[[Running], None]) -> None:
                 stop=f"{url(settings, stop.port)}/stop",
                 started=time.time(),
             )
-            with _nothing_collected():
-                config = _config(settings, workspace, access, stop.port)
-            server = _Server(config, running, workspace, started)
-            server.run(sockets=[taken])
+
+            def answering() -> None:
+                running.save(workspace)
+                started(running)
+
+            config = _config(settings, workspace, access, stop.port)
+            _Server(config, answering).run(sockets=[taken])
         except KeyboardInterrupt:
             pass  # uvicorn has ended in order, and hands the signal on
         finally:
@@ -182,24 +176,17 @@ def check(settings: ServeSettings) -> None:
 
 
 class _Server(uvicorn.Server):
-    """Accepts connections within limits, and tells when it answers."""
+    """Accepts connections within limits, and calls ``answering`` once it does."""
 
-    def __init__(
-        self,
-        config: uvicorn.Config,
-        running: Running,
-        workspace: Workspace,
-        started: Callable[[Running], None],
-    ) -> None:
+    def __init__(self, config: uvicorn.Config, answering: Callable[[], None]) -> None:
         super().__init__(config)
-        self._running, self._workspace, self._told = running, workspace, started
+        self._answering = answering
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets=[])
         connections = Connections(self.config, self.server_state, self.lifespan.state)
         self._accepting = [asyncio.create_task(connections.accept(one)) for one in sockets or ()]
-        self._running.save(self._workspace)
-        self._told(self._running)
+        self._answering()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         for task in self._accepting:
@@ -210,11 +197,17 @@ class _Server(uvicorn.Server):
 def _config(
     settings: ServeSettings, workspace: Workspace, access: Access, stop_port: int
 ) -> uvicorn.Config:
+    # All that is loaded here stays: to look through it for garbage takes a sixth of the start, and
+    # would hold the event loop for 0.1 s now and then as long as the server runs.
+    gc.disable()
     from printctl.web.app import build_app, guarded
 
     core = Core(settings, workspace)
+    app = guarded(build_app(core), core, access, stop_port)
+    gc.freeze()
+    gc.enable()
     return uvicorn.Config(
-        guarded(build_app(core), core, access, stop_port),
+        app,
         http="h11",
         ws="wsproto",
         log_config=None,
@@ -225,21 +218,6 @@ def _config(
         ssl_certfile=settings.tls_cert,
         ssl_keyfile=settings.tls_key,
     )
-
-
-@contextmanager
-def _nothing_collected() -> Iterator[None]:
-    """Let what is loaded meanwhile be: all of it stays.
-
-    Looking through it for garbage takes a sixth of the start, and would hold the event loop for
-    0.1 s now and then as long as the server runs.
-    """
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()
-        gc.enable()
 
 
 def scrubbed(text: str) -> str:

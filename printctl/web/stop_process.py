@@ -1,4 +1,4 @@
-"""Stop process: an ASGI app beside the server that can always stop a print.
+"""Stop process: an ASGI app beside the server that can always stop a print; its supervisor.
 
 ``python -m printctl.web.stop_process`` reads one line of JSON from standard input and writes its
 port to standard output. It serves ``POST /stop`` and ``GET /alive`` to scripts with the token and
@@ -15,6 +15,7 @@ import gc
 import json
 import logging
 import os
+import subprocess
 import sys
 import threading
 import time
@@ -30,11 +31,15 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 from uvicorn.server import ServerState
 
-from printctl.errors import UsageError
+import printctl
+from printctl.errors import PrintctlError, UsageError
+from printctl.sources import python_command
 from printctl.web.listening import Connections, bind
 from printctl.web.print_sockets import PrintSockets, SentStop
 from printctl.web.security.access import STOP_GRACE_S, Access, bearer, doubled
+from printctl.web.settings import MAX_PORT, ServeSettings
 
+log = logging.getLogger("printctl.web")
 IDLE_S: Final = 60
 """So long a known connection may be silent; a page asks every 10 s."""
 _OUTCOME_S: Final = 2.5
@@ -130,17 +135,91 @@ async def _serve(order: dict[str, Any]) -> None:
     await asyncio.wait({*tasks, word}, return_when=asyncio.FIRST_COMPLETED)
     if not word.done():  # a task that should never end: the server starts this process again
         raise RuntimeError([task.exception() for task in tasks if task.done()])
-    mine = _text(root / ".printctl" / "serve.json")
-    while not word.result() and app.prints.connected:
+    record = root / ".printctl" / "serve.json"
+    mine = _text(record)
+    while not word.result() and app.prints.connected and _text(record) == mine:
         await asyncio.sleep(1.0)
-        if _text(root / ".printctl" / "serve.json") != mine:
-            break
+    if not word.result():
+        await asyncio.sleep(_OUTCOME_S)  # the answer to what stopped the last print goes out
 
 
 def _text(path: Path) -> str:
     with contextlib.suppress(OSError):
         return path.read_text(encoding="utf-8")
     return ""
+
+
+# --- the server's side
+
+
+class NoStopProcessError(PrintctlError):
+    """The stop process doesn't start."""
+
+
+class StopProcess:
+    """The stop process, held by the server; it listens at ``port``.
+
+    Raises
+    ------
+    NoStopProcessError
+    """
+
+    def __init__(self, settings: ServeSettings, access: Access) -> None:
+        self._order = {
+            "root": str(settings.workspace.resolve()),
+            "host": settings.host,
+            "cert": str(settings.tls_cert or ""),
+            "key": str(settings.tls_key or ""),
+            "access": asdict(access),
+        }
+        self.port = access.port + 1 if access.port < MAX_PORT else 0
+        self._again = False
+        self._over = threading.Event()
+        self._process = self._start()
+        threading.Thread(target=self._restart, name="stop process", daemon=True).start()
+
+    def end(self) -> None:
+        """End it, with the server."""
+        self._over.set()
+        with contextlib.suppress(OSError, subprocess.TimeoutExpired):
+            self._process.communicate("end\n", timeout=1.0)
+        self._process.kill()
+        self._process.wait()
+
+    def _start(self) -> subprocess.Popen[str]:
+        paths = [str(Path(printctl.__file__).resolve().parents[1]), os.environ.get("PYTHONPATH")]
+        process = subprocess.Popen(
+            python_command("printctl.web.stop_process"),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+            start_new_session=True,  # a Ctrl-C is the server's alone
+        )
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with contextlib.suppress(OSError):
+            order = {**self._order, "port": self.port, "again": self._again}
+            print(json.dumps(order), file=process.stdin, flush=True)
+        line = process.stdout.readline()
+        if not line:
+            raise NoStopProcessError(
+                f"the stop process didn't start (it ended with {process.wait()}); the page isn't "
+                "served without, for its red button would depend on the server alone"
+            )
+        self.port = int(json.loads(line)["port"])
+        self._again = True  # pages and `serve.json` say this port: it is taken again, or none
+        return process
+
+    def _restart(self) -> None:
+        while not self._over.wait(0.1):
+            if self._process.poll() is not None:
+                log.error("the stop process ended; starting it again")
+                try:
+                    self._process = self._start()
+                except NoStopProcessError:
+                    log.error("port %d isn't free for it; trying again", self.port)
+                    self._over.wait(1.0)
 
 
 def main() -> None:

@@ -42,24 +42,13 @@ def run_at_low_priority(work: Callable[[], T]) -> T:
 def run_worker(
     module: str, *words: str, said: str = "", longest_s: float, late: str, died: str
 ) -> str:
-    """Run a module of ours to its end and give what it printed.
-
-    Parameters
-    ----------
-    module : str
-        Has a ``main``.
-    *words : str
-        Its arguments.
-    said : str
-        What it is given to read.
-    longest_s : float, s
-    late, died : str
-        What a person is told when it takes longer, or ends in failure; the last line that it
-        wrote to stderr is added to ``died``.
+    """Run a module's ``main`` in a process, with arguments and ``said`` to read; return its output.
 
     Raises
     ------
     ConflictError
+        With the message ``late`` when it takes longer than ``longest_s``, or ``died`` and the last
+        line that it wrote to stderr when it ends in failure.
     """
     try:
         done = subprocess.run(
@@ -82,18 +71,7 @@ def run_worker(
 class LineProcess:
     """A process of ours that answers each line by a line of JSON, one at a time.
 
-    Parameters
-    ----------
-    module : str
-        Run as ``python -m``.
-    env : dict, optional
-        Added to the environment.
-
-    Attributes
-    ----------
-    turn : asyncio.Lock
-        To be held while it is asked.
-    process : asyncio.subprocess.Process or None
+    ``turn`` is to be held while it is asked; ``env`` is added to its environment.
     """
 
     def __init__(self, module: str, env: Mapping[str, str] | None = None) -> None:

@@ -59,12 +59,7 @@ def is_name(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Workspace:
-    """A folder of recipes, runs, jobs, scans and prints.
-
-    Attributes
-    ----------
-    root : Path
-    """
+    """A folder of recipes, runs, jobs, scans and prints."""
 
     root: Path
 
@@ -106,9 +101,6 @@ class Workspace:
     def _unusable(self, path: Path) -> str:
         if path.exists() and not (path.is_file() or path.is_dir()):
             return "it is neither a file nor a folder, and reading it may never end; remove it"
-        return self._leads_out(path)
-
-    def _leads_out(self, path: Path) -> str:
         try:
             real = path.resolve()
         except (OSError, RuntimeError):

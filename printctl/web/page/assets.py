@@ -99,19 +99,10 @@ def _page_at(module: str, hints: Hints | None) -> Any:
 
 
 def html(module: str, stop_port: int, leave: bool, hints: str = "") -> str:
-    """The page's HTML.
+    """Return the page's HTML, with a button to log out if ``leave`` and ``hints`` in the head.
 
-    Parameters
-    ----------
-    module : str
-        Of ``static/pages``, which the browser fetches along with the first scripts, and with it the
-        modules that it is made of (``MODULE_*.js``) and its style sheet.
-    stop_port : int
-        Of the stop process; 0 for none.
-    leave : bool
-        Whether there is a button to log out.
-    hints : str
-        More HTML for the head.
+    With the first scripts the browser fetches the ``module`` of ``static/pages``, the modules that
+    it is made of (``MODULE_*.js``) and its style sheet. ``stop_port`` is 0 without a stop process.
     """
     own = [f"pages/{path.name}" for path in sorted((FOLDER / "pages").glob(f"{module}*"))]
     modules = [*_FIRST, *(name for name in own if name.endswith(".js"))]

@@ -17,16 +17,7 @@ from printctl.web.errors import NotFoundError
 
 @dataclass(frozen=True)
 class VesselFinding:
-    """One vessel as it was gauged.
-
-    Attributes
-    ----------
-    vessel : str
-    kind : str
-    designed_um, measured_um, error_percent, rms_um, offset_um : float or None
-        None where nothing was seen.
-    verdict : str
-    """
+    """One vessel as it was gauged; None where nothing was seen."""
 
     vessel: str
     kind: str
@@ -40,12 +31,7 @@ class VesselFinding:
 
 @dataclass(frozen=True)
 class AlignmentFigure:
-    """A figure of the alignment, with its unit and interval.
-
-    Attributes
-    ----------
-    name, value : str
-    """
+    """A figure of the alignment, with its unit and interval."""
 
     name: str
     value: str
@@ -58,16 +44,13 @@ class Findings:
     Attributes
     ----------
     outcome : str
-        ``pass``, ``fail``, ``undecided``; empty where no verdict was written.
+        ``pass``, ``fail``, ``undecided`` (neither is proven); empty where no verdict was written.
     passed : bool or None
         None where no verdict was written.
-    undecided : bool
-        Whether neither pass nor fail is proven.
     reasons : tuple of str
         Of the verdict.
     alignment : tuple of AlignmentFigure
         Pose, scales and intervals.
-    vessels : tuple of VesselFinding
     """
 
     outcome: Outcome
@@ -113,13 +96,14 @@ def alignment(numbers: Mapping[str, Any]) -> list[AlignmentFigure]:
     """Return pose, scales and deviations with their 95 % intervals."""
     matrix = np.array(numbers["transform_scan_to_part"], dtype=float)
     ci = numbers.get("interval_95") or {}
-    rows = [("Turned by", f"{_degrees(matrix):.2f}° {_plus(ci.get('rotation_deg'), 1.0, '°')}")]
+    turn = np.rad2deg(np.arccos(np.clip((np.trace(matrix[:3, :3]) - 1) / 2, -1, 1)))
+    rows = [("Turned by", f"{turn:.2f}° {_plus(ci.get('rotation_deg'), 1.0, '°')}")]
     shift = ", ".join(f"{value:.3f}" for value in matrix[:3, 3]).replace("-", "−")
     rows.append(("Shifted by x, y, z", f"{shift} mm {_plus(ci.get('shift_um'), 1.0, 'µm')}"))
     scale = numbers.get("scale") or []
     more = [f"{100 * (1 / float(s) - 1):+.2f} %".replace("-", "−") for s in scale]
-    wide = _plus(ci.get("scale"), 100.0, "%")
-    rows.append(("Part against design along x, y, z", f"{_percent(scale)} {wide}"))
+    sizes, wide = (f"{100 * float(s):.2f} %" for s in scale), _plus(ci.get("scale"), 100.0, "%")
+    rows.append(("Part against design along x, y, z", f"{', '.join(sizes)} {wide}"))
     rows.append(("That is, to come out right, stretch by", ", ".join(more)))
     for key, name in (("rigid", "RMS deviation, rigid fit"), ("scaled", "RMS deviation, scaled")):
         fit = numbers.get(key) or {}
@@ -132,16 +116,6 @@ def alignment(numbers: Mapping[str, Any]) -> list[AlignmentFigure]:
     return [AlignmentFigure(name, value.strip()) for name, value in rows]
 
 
-def _degrees(matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> float:
-    """Angle of the turn about its axis."""
-    cosine = (float(np.trace(matrix[:3, :3])) - 1) / 2
-    return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
-
-
-def _percent(scale: list[Any]) -> str:
-    return ", ".join(f"{100 * float(s):.2f} %" for s in scale)
-
-
 def _plus(values: Any, factor: float, unit: str) -> str:
     """The widest of a few intervals."""
     if not values:
@@ -150,26 +124,19 @@ def _plus(values: Any, factor: float, unit: str) -> str:
 
 
 def _vessel(row: Mapping[str, Any]) -> VesselFinding:
-    error = _number(row.get("error_percent"))
-    seen = row.get("measured_um") is not None
-    decision = row.get("decision")
     if row.get("open") is False:
         verdict = "closed"
-    elif not seen:
+    elif row.get("measured_um") is None:
         verdict = "not seen"
     else:
         verdict = "open" if row.get("open") else "not seen from end to end"
-    if decision is not None:
-        verdict = f"{decision}: {verdict}"
+    decision = row.get("decision")
+    numbers = ("designed_um", "measured_um", "error_percent", "rms_um", "offset_um")
     return VesselFinding(
         vessel=str(row.get("name") or row.get("vessel", "")),
         kind=str(row.get("kind", "")),
-        designed_um=_number(row.get("designed_um")),
-        measured_um=_number(row.get("measured_um")),
-        error_percent=error,
-        rms_um=_number(row.get("rms_um")),
-        offset_um=_number(row.get("offset_um")),
-        verdict=verdict,
+        verdict=verdict if decision is None else f"{decision}: {verdict}",
+        **{name: _number(row.get(name)) for name in numbers},
     )
 
 

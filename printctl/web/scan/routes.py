@@ -6,13 +6,14 @@ from fastapi import APIRouter, Response, UploadFile
 from pydantic import Field
 from starlette.responses import FileResponse, HTMLResponse
 
+from printctl.run_folder.artefacts import HTML
 from printctl.web.design.routes import Theme, embedded
 from printctl.web.design.runs import ARTEFACTS, RunProgress
-from printctl.web.errors import BadRequestError
+from printctl.web.errors import BadRequestError, NotFoundError
 from printctl.web.rest import API, REFUSALS, Body
-from printctl.web.scan.findings import Findings
+from printctl.web.scan.findings import Findings, findings
 from printctl.web.scan.service import ScanNeeds, ScanService
-from printctl.web.scan.slices import Axis, Volume
+from printctl.web.scan.slices import Axis, Volume, slice_png
 from printctl.web.scan.store import ScanMetadata, ScanRow
 
 
@@ -31,17 +32,20 @@ def router(service: ScanService) -> APIRouter:
 
 
 def _add_scans(routes: APIRouter, service: ScanService) -> None:
+    store = service.store
+
     @routes.get("", summary="All scans, the newest first")
     def every() -> list[ScanRow]:
-        return service.store.rows()
+        return store.rows()
 
     @routes.get("/unusable", summary="Files that aren't listed, for their names")
     def unusable() -> list[str]:
-        return service.store.unusable()
+        return service.core.workspace.unusable_names("scans/*")
 
     @routes.post("", summary="Take in a scan; a zip of slices is unpacked", status_code=201)
     def take(file: UploadFile) -> ScanRow:
-        return service.store.row(service.store.take(file.filename or "", file.file))
+        scan = store.take(file.filename or "", file.file)
+        return store.row(scan, store.path(scan))
 
     @routes.get("/{scan}", summary="What is known of a scan's volume")
     def volume(scan: str) -> Volume:
@@ -53,11 +57,12 @@ def _add_scans(routes: APIRouter, service: ScanService) -> None:
 
     @routes.put("/{scan}/said", summary="Say of a scan what its file doesn't: voxel size and kin")
     def say(scan: str, given: ScanMetadata) -> Volume:
-        return service.say(scan, given)
+        store.say(scan, given)  # kept even where it can't be read yet
+        return service.volume(scan)
 
     @routes.delete("/{scan}", summary="Throw an uploaded scan away", status_code=204)
     def delete(scan: str) -> None:
-        service.store.delete(scan)
+        store.delete(scan)
 
     @routes.get(
         "/{scan}/slices/{axis}/{index}",
@@ -76,8 +81,8 @@ def _add_scans(routes: APIRouter, service: ScanService) -> None:
         if (low is None) != (high is None):
             raise BadRequestError("a window has low and high; give both, or neither")
         window = None if low is None or high is None else (low, high)
-        service.opened(scan)
-        data = service.slices.png(service.store.path(scan), axis, index, window, threshold)
+        service.volume(scan)
+        data = slice_png(store.path(scan), axis, index, window, threshold)
         return Response(data, media_type="image/png", headers={"Cache-Control": "max-age=60"})
 
 
@@ -96,17 +101,23 @@ def _add_registrations(routes: APIRouter, service: ScanService) -> None:
 
     @routes.get("/{scan}/with/{run}/findings", summary="Alignment, vessels, verdict")
     def found(scan: str, run: str) -> Findings:
-        return service.findings(scan, run)
+        return findings(service.folder(scan, run))
 
     @routes.get("/{scan}/with/{run}/files", summary="Files that can be fetched")
     def files(scan: str, run: str) -> list[str]:
-        return service.files(scan, run)
+        folder = service.folder(scan, run)
+        return [name for name in ARTEFACTS if name != "recipe.yaml" and (folder / name).is_file()]
 
     @routes.get("/{scan}/with/{run}/files/{file}", summary="A file", response_class=FileResponse)
     def file(scan: str, run: str, file: str) -> FileResponse:
-        path = service.file(scan, run, file)
+        if file not in files(scan, run):
+            raise NotFoundError(f"the registration has no file {file[:80]!r} that can be fetched")
+        path = service.folder(scan, run) / file
         return FileResponse(path, media_type=ARTEFACTS[file], filename=f"{run}_{file}")
 
     @routes.get("/{scan}/with/{run}/report", summary="The report", response_class=HTMLResponse)
     def report(scan: str, run: str, theme: Theme = "system") -> HTMLResponse:
-        return embedded(service.report(scan, run), theme)
+        path = service.folder(scan, run) / HTML
+        if not path.is_file():
+            raise NotFoundError(f"{scan} isn't registered with {run} yet")
+        return embedded(path, theme)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import io
 import threading
-from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -25,34 +24,6 @@ TINT: Final = (255, 140, 0)
 """Of what is above the threshold, mixed half and half."""
 
 _SAMPLES: Final = 2_000_000
-_KEPT_SCANS: Final = 2
-_KEPT_PICTURES: Final = 400
-
-
-@dataclass(frozen=True)
-class OpenScan:
-    """A scan that is looked at.
-
-    Attributes
-    ----------
-    scan : Scan
-    low, high : float
-        Of the intensity: the window to begin with, from 1 to 98.5 % of the voxels.
-    threshold : float
-        Between the two classes of voxels (Otsu 1979).
-    """
-
-    scan: Scan
-    low: float
-    high: float
-    threshold: float
-
-    @property
-    def size_mm(self) -> tuple[float, float, float]:
-        """Along x, y, z."""
-        dz, dy, dx = self.scan.geometric_voxel_mm
-        nz, ny, nx = self.scan.volume.shape
-        return (nx * dx, ny * dy, nz * dz)
 
 
 @dataclass(frozen=True)
@@ -73,7 +44,7 @@ class Volume:
     notes : tuple of str
         What was done to it as it was read.
     low, high : float
-        Of the intensity: the window to begin with.
+        Of the intensity: the window to begin with, from 1 to 98.5 % of the voxels.
     threshold : float
         Between the two classes of voxels (Otsu 1979).
     """
@@ -91,32 +62,27 @@ class Volume:
     threshold: float
 
 
-def volume_of(opened: OpenScan) -> Volume:
-    """Describe a scan that was read."""
-    scan = opened.scan
+def describe(scan: Scan) -> Volume:
+    """Describe a scan, with a window and a threshold to begin with."""
+    from skimage.filters import threshold_otsu  # slow to load: only for who opens a scan
+
+    values = sample(scan.volume)
+    low, high = (float(one) for one in np.quantile(values, (0.01, 0.985)))
     nz, ny, nx = scan.volume.shape
     dz, dy, dx = scan.geometric_voxel_mm
     return Volume(
         shape=(nx, ny, nz),
         voxel_um=(dx * 1e3, dy * 1e3, dz * 1e3),
-        size_mm=opened.size_mm,
+        size_mm=(nx * dx, ny * dy, nz * dz),
         modality=scan.modality,
         scale=scan.scale,
         refractive_index=scan.refractive_index,
         depth_down=scan.depth_down,
         notes=scan.notes,
-        low=opened.low,
-        high=opened.high,
-        threshold=opened.threshold,
+        low=low,
+        high=high if high > low else low + 1.0,
+        threshold=float(threshold_otsu(values)),  # the value itself where there is only one
     )
-
-
-def open_scan(scan: Scan) -> OpenScan:
-    """A scan with a window and a threshold to begin with."""
-    values = sample(scan.volume)
-    low, high = (float(one) for one in np.quantile(values, (0.01, 0.985)))
-    high = high if high > low else low + 1.0
-    return OpenScan(scan, low, high, _threshold(values))
 
 
 def sample(volume: NDArray[Any]) -> NDArray[np.float64]:
@@ -125,13 +91,6 @@ def sample(volume: NDArray[Any]) -> NDArray[np.float64]:
     values = np.asarray(volume[::step, ::step, ::step], dtype=np.float64).reshape(-1)
     finite: NDArray[np.float64] = values[np.isfinite(values)]
     return finite if len(finite) else np.zeros(1)
-
-
-def _threshold(values: NDArray[np.float64]) -> float:
-    """Otsu's threshold; the value itself where there is only one."""
-    from skimage.filters import threshold_otsu  # slow to load: only for who opens a scan
-
-    return float(threshold_otsu(values))
 
 
 def plane(volume: NDArray[Any], axis: Axis, index: int) -> NDArray[Any]:
@@ -169,76 +128,63 @@ def picture(
     return rgb.astype(np.uint8)
 
 
-def as_png(pixels: NDArray[np.uint8]) -> bytes:
-    """A PNG file of pixels (h, w, 3)."""
+def open_scan(path: Path) -> tuple[Scan, Volume]:
+    """Read a scan, unless it is one of the last two and neither it nor its sidecar has changed.
+
+    Raises
+    ------
+    ScanFileError
+        When it can't be read, or doesn't say what it must.
+    """
+    with _LOCK:
+        return _opened(path, _state(path))
+
+
+def slice_png(
+    path: Path,
+    axis: Axis,
+    index: int,
+    window: tuple[float, float] | None = None,
+    threshold: float | None = None,
+) -> bytes:
+    """Return one slice as a PNG file.
+
+    Raises
+    ------
+    BadRequestError, ScanFileError
+    """
+    with _LOCK:
+        return _drawn(path, _state(path), axis, index, window, threshold)
+
+
+_LOCK: Final = threading.Lock()
+"""No scan is read twice at once."""
+
+
+@lru_cache(maxsize=2)
+def _opened(path: Path, state: tuple[Any, ...]) -> tuple[Scan, Volume]:
+    scan = read_scan(path)
+    return scan, describe(scan)
+
+
+@lru_cache(maxsize=400)
+def _drawn(
+    path: Path,
+    state: tuple[Any, ...],
+    axis: Axis,
+    index: int,
+    window: tuple[float, float] | None,
+    threshold: float | None,
+) -> bytes:
+    scan, known = _opened(path, state)
+    low, high = window or (known.low, known.high)
     out = io.BytesIO()
+    pixels = picture(plane(scan.volume, axis, index), low, high, threshold)
     Image.fromarray(pixels).save(out, "PNG", compress_level=1)
     return out.getvalue()
-
-
-class Slices:
-    """Keeps the last scans open, and their last pictures."""
-
-    def __init__(self) -> None:
-        self._scans: OrderedDict[tuple[Any, ...], OpenScan] = OrderedDict()
-        self._pictures: OrderedDict[tuple[Any, ...], bytes] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def open(self, path: Path) -> OpenScan:
-        """Read a scan, unless it is open.
-
-        Raises
-        ------
-        ScanFileError
-            When it can't be read, or doesn't say what it must.
-        """
-        return self._kept(
-            self._scans, _KEPT_SCANS, _state(path), lambda: open_scan(read_scan(path))
-        )
-
-    def png(
-        self,
-        path: Path,
-        axis: Axis,
-        index: int,
-        window: tuple[float, float] | None = None,
-        threshold: float | None = None,
-    ) -> bytes:
-        """One slice as a PNG file.
-
-        Raises
-        ------
-        BadRequestError, ScanFileError
-        """
-        opened = self.open(path)
-        low, high = window or (opened.low, opened.high)
-
-        def draw() -> bytes:
-            image = plane(opened.scan.volume, axis, index)
-            return as_png(picture(image, low, high, threshold))
-
-        key = (*_state(path), axis, index, low, high, threshold)
-        return self._kept(self._pictures, _KEPT_PICTURES, key, draw)
-
-    def _kept(
-        self,
-        store: OrderedDict[tuple[Any, ...], Any],
-        most: int,
-        key: tuple[Any, ...],
-        make: Callable[[], Any],
-    ) -> Any:
-        with self._lock:
-            if key not in store:
-                store[key] = make()
-                while len(store) > most:
-                    store.popitem(last=False)
-            store.move_to_end(key)
-            return store[key]
 
 
 def _state(path: Path) -> tuple[Any, ...]:
     """Changes when the scan, or what is said of it, does."""
     places = [path, *(path.with_suffix(suffix) for suffix in (".json", ".yaml", ".yml"))]
-    return tuple(
-        (str(one), one.stat().st_mtime_ns, one.stat().st_size) for one in places if one.exists()
-    )
+    return tuple((one.stat().st_mtime_ns, one.stat().st_size) for one in places if one.exists())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import json
 import re
 import secrets
@@ -35,15 +36,13 @@ from registration.files.readers.tiff import has_slices, read_tiff_folder
 # What a gzip stream gives is counted as it comes out; of a zip its own sizes count, which Python's
 # reader never exceeds.
 
-_PIECE: Final = 1 << 16
-_OUT: Final = 1 << 20
+_PIECE: Final = 1 << 20
 _RATIO: Final = 200
 """Most bytes out for a byte in, from `_RATIO_FROM` bytes out."""
 _RATIO_FROM: Final = 200_000_000
 """A mask of few voxels packs a thousandfold, and may be so large."""
 _GZIP: Final = b"\x1f\x8b"
 _NRRD: Final = b"NRRD"
-_LONGEST_HEAD: Final = 1 << 20
 
 
 def check_growth(total: int, packed: int, most_bytes: int) -> None:
@@ -79,14 +78,18 @@ def refuse_growth(path: Path, most_bytes: int) -> None:
                 total = sum(one.file_size for one in archive.infolist())
             check_growth(total, packed, most_bytes)
         return
-    with path.open("rb") as handle:
+    total = 0
+    with path.open("rb") as handle, contextlib.suppress(OSError, EOFError, zlib.error):
         if _at_gzip(handle):
-            _count(handle, packed, most_bytes)
+            with gzip.GzipFile(fileobj=handle) as stream:  # several may follow each other
+                while piece := stream.read(_PIECE):
+                    total += len(piece)
+                    check_growth(total, packed, most_bytes)
 
 
 def _at_gzip(handle: BinaryIO) -> bool:
     """Go to where a gzip stream begins in the file, if one does."""
-    head = handle.read(_LONGEST_HEAD)
+    head = handle.read(_PIECE)
     start = 0 if head.startswith(_GZIP) else -1
     if head.startswith(_NRRD):
         ends = [end for mark in (b"\n\n", b"\r\n\r\n") if (end := head.find(mark) + len(mark)) >= 4]
@@ -96,29 +99,12 @@ def _at_gzip(handle: BinaryIO) -> bool:
     return start >= 0
 
 
-def _count(handle: BinaryIO, packed: int, most_bytes: int) -> None:
-    """Count what comes out; several streams may follow each other. Broken ones are the reader's."""
-    total, stream = 0, zlib.decompressobj(31)
-    data = handle.read(_PIECE)
-    try:
-        while data:
-            total += len(stream.decompress(data, _OUT))
-            check_growth(total, packed, most_bytes)
-            data = stream.unconsumed_tail
-            if stream.eof:
-                data, stream = stream.unused_data, zlib.decompressobj(31)
-            data = data or handle.read(_PIECE)
-    except zlib.error:
-        return
-
-
 # Unpack an uploaded zip of scan slices: confined to its folder, limited in size.
 #
-# A zip is believed in nothing: names are checked one by one, sizes are counted while they come.
+# A zip is believed in nothing: names are checked one by one, and the sum of the sizes.
 
 MOST_FILES: Final = 20_000
 MOST_DEPTH: Final = 6
-_ARCHIVE_PIECE: Final = 1 << 20
 _PART: Final = re.compile(r"[A-Za-z0-9._][A-Za-z0-9._ +-]{0,99}")
 
 
@@ -135,21 +121,7 @@ def is_stack(path: Path) -> bool:
 
 
 def unpack_stack(path: Path, folder: Path, most_bytes: int) -> Path:
-    """Unpack DICOM or TIFF slices or an OME-Zarr into a folder.
-
-    Parameters
-    ----------
-    path : Path
-        The zip.
-    folder : Path
-        New.
-    most_bytes : int
-        Of all that comes out.
-
-    Returns
-    -------
-    Path
-        What the readers read: the folder, or one in it.
+    """Unpack a zip of slices or an OME-Zarr into a new folder; return it, or the one in it to read.
 
     Raises
     ------
@@ -181,9 +153,11 @@ def _unpack(archive: zipfile.ZipFile, folder: Path, most_bytes: int) -> None:
         raise BadRequestError(f"the archive holds {len(members)} files; at most {MOST_FILES}")
     total = sum(one.file_size for one in members)
     check_growth(total, sum(one.compress_size for one in members), most_bytes)
-    left = most_bytes
     for member in members:
-        left = _write(archive, member, folder / _place(member), left)
+        place = folder / _place(member)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with archive.open(member) as source, place.open("xb") as out:
+            shutil.copyfileobj(source, out)  # never more than the size that was checked
 
 
 def _place(member: zipfile.ZipInfo) -> PurePosixPath:
@@ -196,18 +170,6 @@ def _place(member: zipfile.ZipInfo) -> PurePosixPath:
     return PurePosixPath(*parts)
 
 
-def _write(archive: zipfile.ZipFile, member: zipfile.ZipInfo, place: Path, left: int) -> int:
-    """Write a member; give what may still come."""
-    place.parent.mkdir(parents=True, exist_ok=True)
-    with archive.open(member) as source, place.open("xb") as out:
-        while piece := source.read(_ARCHIVE_PIECE):
-            left -= len(piece)
-            if left < 0:
-                raise BadRequestError("the archive holds more than it says; it isn't unpacked")
-            out.write(piece)
-    return left
-
-
 UPLOADS: Final = ".arriving"
 _RUN_SCANS: Final = ("scan.tif", "scan.oct")
 _SIDECARS: Final = (".json", ".yaml", ".yml")
@@ -217,12 +179,10 @@ REGISTERED: Final = ".registered"
 
 @dataclass(frozen=True)
 class ScanRow:
-    """A scan of the workspace.
+    """A scan of the workspace: ``file~NAME`` or ``run~NAME``.
 
     Attributes
     ----------
-    scan : str
-        ``file~NAME`` or ``run~NAME``.
     megabytes : float, MB
         0 for a folder.
     modified : float, s since 1970
@@ -233,18 +193,12 @@ class ScanRow:
     scan: str
     megabytes: float
     modified: float
-    registered: tuple[str, ...] = ()
+    registered: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class ScanMetadata(ScanOverrides):
-    """What the user says of a scan, with the voxel size in the order of the page.
-
-    Attributes
-    ----------
-    voxel_um : (x, y, z) or None, µm
-        Instead of `voxel_mm`.
-    """
+    """What the user says of a scan; ``voxel_um`` is (x, y, z), instead of `voxel_mm`."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
@@ -279,35 +233,23 @@ class ScanStore:
             for path in self._workspace.found("scans/*")
             if is_name(path.name) and path.suffix.lower() not in _SIDECARS
         ]
-        rows = [self._row(f"file~{path.name}", path) for path in files]
+        rows = [self.row(f"file~{path.name}", path) for path in files]
         for name in _RUN_SCANS:
             rows += [
-                self._row(f"run~{path.parent.name}", path)
+                self.row(f"run~{path.parent.name}", path)
                 for path in self._workspace.found(f"runs/*/{name}")
                 if is_name(path.parent.name)
             ]
         return sorted(rows, key=lambda row: -row.modified)
 
-    def _row(self, scan: str, path: Path) -> ScanRow:
+    def row(self, scan: str, path: Path) -> ScanRow:
+        """Return a scan that lies at a path."""
         state, begun = path.stat(), self._workspace.root.glob(f"runs/*/{REGISTERED}/{scan}")
         runs = sorted(place.parent.parent.name for place in begun)
         if scan.startswith("run~"):
             runs = [scan.removeprefix("run~"), *runs]
         size = state.st_size / 1e6 if path.is_file() else 0.0
         return ScanRow(scan, size, state.st_mtime, tuple(name for name in runs if is_name(name)))
-
-    def row(self, scan: str) -> ScanRow:
-        """Return one scan.
-
-        Raises
-        ------
-        BadRequestError, NotFoundError
-        """
-        return self._row(scan, self.path(scan))
-
-    def unusable(self) -> list[str]:
-        """Return files in the folder that aren't listed for their names."""
-        return self._workspace.unusable_names("scans/*")
 
     def path(self, scan: str) -> Path:
         """Where a scan lies.
@@ -318,8 +260,7 @@ class ScanStore:
         """
         sort, _, name = scan.partition("~")
         if sort == "file":
-            path = self._workspace.scan(name)
-            places = [path]
+            places = [self._workspace.scan(name)]
         elif sort == "run":
             places = [self._workspace.run(name) / one for one in _RUN_SCANS]
         else:
@@ -330,12 +271,7 @@ class ScanStore:
         return place
 
     def take(self, file_name: str, stream: IO[bytes]) -> str:
-        """Take in a scan as it comes; a zip of slices is unpacked. Its name is the file's.
-
-        Returns
-        -------
-        str
-            ``file~NAME``.
+        """Take in a scan as it comes, and return ``file~NAME``; a zip of slices is unpacked.
 
         Raises
         ------
@@ -343,33 +279,24 @@ class ScanStore:
         """
         name = scan_name(file_name)
         self._refuse(name)
-        with self.arriving() as place:
-            arrived = Path(place) / name
-            save_upload(stream, arrived, self._most_bytes)
-            return self.adopt(name, arrived)
-
-    def adopt(self, file_name: str, arrived: Path) -> str:
-        """Take in a scan that has arrived as a file of ours; as `take`."""
-        name = scan_name(file_name)
-        self._refuse(name)
-        if arrived.stat().st_size == 0:
-            raise BadRequestError(f"{name} is empty; export the scan again")
-        refuse_growth(arrived, self._most_bytes)
-        if not is_stack(arrived):
-            _recognised(arrived).replace(self.folder / name)
-            return f"file~{name}"
-        name = checked_name(PurePath(name).stem)
-        self._refuse(name)
-        with self.arriving() as place:
-            whole = unpack_stack(arrived, Path(place) / name, self._most_bytes)
-            _recognised(whole).replace(self.folder / name)
-        return f"file~{name}"
-
-    def arriving(self) -> tempfile.TemporaryDirectory[str]:
-        """A folder for what isn't whole yet; emptied at the end."""
         place = self.folder / UPLOADS
         place.mkdir(exist_ok=True)
-        return tempfile.TemporaryDirectory(dir=place, prefix=secrets.token_hex(4))
+        with tempfile.TemporaryDirectory(dir=place, prefix=secrets.token_hex(4)) as arriving:
+            arrived = Path(arriving) / name
+            save_upload(stream, arrived, self._most_bytes)
+            refuse_growth(arrived, self._most_bytes)
+            if is_stack(arrived):
+                name = checked_name(PurePath(name).stem)
+                self._refuse(name)
+                arrived = unpack_stack(
+                    arrived, Path(arriving) / "unpacked" / name, self._most_bytes
+                )
+            try:
+                recognise(arrived)
+            except ScanFileError as exc:
+                raise BadRequestError(str(exc).replace(f"{arrived.parent}/", "")) from exc
+            arrived.replace(self.folder / name)
+        return f"file~{name}"
 
     def said(self, scan: str) -> ScanMetadata:
         """Return what is said of a scan in a file beside it; nothing where that can't be read."""
@@ -405,25 +332,14 @@ class ScanStore:
         """
         if not scan.startswith("file~"):
             raise ConflictError("a run's own scan stays with the run")
-        self.path(scan)
-        path = self._workspace.scan(scan.removeprefix("file~"))
-        kept = self._workspace.private / "bin"
+        path, kept = self.path(scan), self._workspace.private / "bin"
         kept.mkdir(parents=True, exist_ok=True)
-        goal = kept / f"{path.name}~{secrets.token_hex(4)}"
-        shutil.move(path, goal)
+        shutil.move(path, kept / f"{path.name}~{secrets.token_hex(4)}")
         path.with_suffix(".json").unlink(missing_ok=True)
 
     def _refuse(self, name: str) -> None:
         if (self.folder / name).exists():
             raise ConflictError(f"there is a scan {name!r} already; rename yours")
-
-
-def _recognised(arrived: Path) -> Path:
-    try:
-        recognise(arrived)
-    except ScanFileError as exc:
-        raise BadRequestError(str(exc).replace(f"{arrived.parent}/", "")) from exc
-    return arrived
 
 
 def scan_name(file_name: str) -> str:

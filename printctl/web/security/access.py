@@ -56,8 +56,6 @@ class Access:
 
     Attributes
     ----------
-    scheme : str
-        ``http`` or ``https``.
     names : tuple of str
         This machine's, lower case.
     loopback : bool
@@ -140,7 +138,7 @@ def make_access(settings: ServeSettings, workspace: Workspace, port: int) -> Acc
     short = host.split(".")[0]
     return Access(
         scheme=settings.scheme,
-        names=("localhost", host, short, f"{short}.local", *map(str.lower, settings.names)),
+        names=("localhost", host, short, f"{short}.local", *map(str.lower, settings.names or ())),
         loopback=settings.loopback,
         port=port,
         secret=hmac.new(key.read_bytes(), (settings.password or "").encode(), sha256).hexdigest(),

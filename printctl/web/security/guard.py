@@ -22,10 +22,11 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.middleware.sessions import SessionMiddleware
 from starlette.requests import HTTPConnection
-from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from printctl.web.controls import Principal
+from printctl.web.rest import error_response
 from printctl.web.security.access import LIFETIME_S, Access, bearer, doubled
 from printctl.web.security.uploads import limit_body
 from printctl.web.settings import ServeSettings
@@ -54,11 +55,10 @@ _HEADERS: Final = {
 # Scripts and styles come only from our own files: one in a file name or a G-code comment that
 # slipped into a page as HTML would not run. Views of runs say a policy of their own.
 _POLICY: Final = (
-    "default-src 'none'; script-src 'self' 'nonce-{nonce}'; "
-    "style-src 'self'; img-src 'self' data: blob:; media-src 'self' blob:; "
-    "font-src 'self' data:; worker-src 'self' blob:; connect-src 'self' {sources}; "
-    "form-action 'self'; base-uri 'none'; frame-src 'self'; frame-ancestors 'none'; "
-    "object-src 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+    "media-src 'self' blob:; font-src 'self' data:; worker-src 'self' blob:; "
+    "connect-src 'self' {sources}; form-action 'self'; base-uri 'none'; "
+    "frame-src 'self'; frame-ancestors 'none'; object-src 'none'"
 )
 
 
@@ -68,6 +68,11 @@ class RefusedError(Exception):
     def __init__(self, answer: Response) -> None:
         super().__init__(answer.status_code)
         self.answer = answer
+
+
+def refused(status: int, message: str, error: str = "NotAllowedError") -> RefusedError:
+    """Return a refusal with a message."""
+    return RefusedError(error_response(status, message, error))
 
 
 class Guard:
@@ -90,14 +95,12 @@ class Guard:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        headers, nonce = Headers(scope=scope), secrets.token_urlsafe(16)
+        headers, scheme = Headers(scope=scope), self.settings.scheme
         host = self.access.host(headers)
-        scheme = self.settings.scheme
         sources = f"{scheme.replace('http', 'ws')}://{headers['host']}" if host else ""
         sources += f" {scheme}://{host}:{self.stop_port}" if host and self.stop_port else ""
-        state = {**scope.get("state", {}), "nonce": nonce, "guard": self}
-        scope = {**scope, "state": state}
-        await self._sessions(scope, receive, _dressed(send, nonce, sources))
+        scope = {**scope, "state": {**scope.get("state", {}), "guard": self}}
+        await self._sessions(scope, receive, _dressed(send, _POLICY.format(sources=sources)))
 
     def log_out(self, session: dict[str, Any]) -> None:
         """End a session: its cookie is void, its WebSockets are closed."""
@@ -118,7 +121,7 @@ class Guard:
         except RefusedError as exc:
             await exc.answer(scope, receive, send)
         except HTTPException as exc:
-            answer = refusal(exc.status_code, str(exc.detail), "TooLargeError")
+            answer = error_response(exc.status_code, str(exc.detail), "TooLargeError")
             await answer(scope, receive, send)
         else:
             if scope["state"]["principal"] is not None and "know" in scope["state"]:
@@ -136,13 +139,13 @@ class Guard:
         RefusedError
         """
         if reason := doubled(asking.headers):
-            raise RefusedError(refusal(400, reason, "BadRequestError"))
+            raise refused(400, reason, "BadRequestError")
         if self.access.host(asking.headers) is None:
             text = (
                 f"host {asking.headers.get('host', '')[:80]!r} isn't a name of this server; use "
                 "its address, or name it by `printctl serve --name`"
             )
-            raise RefusedError(refusal(421, text))
+            raise refused(421, text)
         session, path = asking.session, asking.scope["path"]
         token, for_page = bearer(asking.headers), _is_for_page(asking)
         self._check_origin(asking, token, for_page)
@@ -163,7 +166,7 @@ class Guard:
             return None
         if not for_page:
             text = "no session: open the page first, or send `Authorization: Bearer TOKEN`"
-            raise RefusedError(refusal(401, text))
+            raise refused(401, text)
         if asking.headers.get("sec-fetch-site") in ("cross-site", "same-site"):
             # A strict cookie isn't sent along a link of another site: ask once more, from here.
             again = escape(_here(asking))
@@ -183,7 +186,7 @@ class Guard:
         origin, site = asking.headers.get("origin"), asking.headers.get("sec-fetch-site", "")
         if asking.scope.get("method") in ("GET", "HEAD", "OPTIONS"):
             if site in ("cross-site", "same-site") and not for_page:
-                raise RefusedError(refusal(403, "asked for by a page of another origin"))
+                raise refused(403, "asked for by a page of another origin")
             return
         if origin is not None:
             page = f"{self.settings.scheme}://{asking.headers['host']}"
@@ -192,12 +195,12 @@ class Guard:
             ours = site == "same-origin" or (not site and token is not None)
         if not ours:
             who = f"origin {origin[:80]!r} isn't" if origin is not None else "no origin that is"
-            raise RefusedError(refusal(403, f"{who} this server's own page; scripts send a token"))
+            raise refused(403, f"{who} this server's own page; scripts send a token")
 
     def _check_token(self, asking: HTTPConnection, shown: str, message: str) -> None:
         if not self.access.is_token(shown):
             log.warning("wrong token from %s", _address(asking))
-            raise RefusedError(refusal(401, message))
+            raise refused(401, message)
 
     async def _until_logged_out(
         self, session: str, scope: Scope, receive: Receive, send: Send
@@ -218,11 +221,6 @@ def start_session(session: dict[str, Any]) -> None:
     """Begin a new session, which the answer's cookie hands out."""
     session.clear()
     session.update(id=secrets.token_hex(16), at=int(time.time()))
-
-
-def refusal(status: int, message: str, error: str = "NotAllowedError") -> JSONResponse:
-    """Return an answer that refuses."""
-    return JSONResponse({"error": error, "message": message}, status)
 
 
 def _is_for_page(asking: HTTPConnection) -> bool:
@@ -253,42 +251,29 @@ def _browser(asking: HTTPConnection) -> Principal:
     return Principal(session["id"], f"{name} ({session['id'][:3]})")
 
 
-def _dressed(send: Send, nonce: str, sources: str) -> Send:
-    """Return a ``send`` that adds the security headers, and the nonce to a page's scripts.
+def _dressed(send: Send, policy: str) -> Send:
+    """Return a ``send`` that adds the security headers.
 
     A refusal in plain text, as libraries write them, becomes one in JSON as ours.
-
-    It works on a page of ours as it is written, before anything else is in it.
     """
-    start: Message = {}
-    page = bytearray()
+    plain: Message = {}
 
     async def dressed(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(raw=list(message["headers"]))
-            for name, value in _HEADERS.items():
+            for name, value in {**_HEADERS, "content-security-policy": policy}.items():
                 headers.setdefault(name, value)
-            policy = _POLICY.format(nonce=nonce, sources=sources)
-            headers.setdefault("content-security-policy", policy)
             message = {**message, "headers": headers.raw}
-            kind, refused = headers.get("content-type", ""), message["status"] >= 400
-            if kind.startswith("text/html") or (refused and kind.startswith("text/plain")):
-                start.update(message)
+            text = headers.get("content-type", "").startswith("text/plain")
+            if text and message["status"] >= 400:
+                plain.update(message)
                 return
-        elif start and message["type"] == "http.response.body":
-            page.extend(message.get("body", b""))
-            if message.get("more_body"):
-                return
-            headers = MutableHeaders(scope=start)
-            if headers["content-type"].startswith("text/html"):
-                whole = bytes(page).replace(b"<script", f'<script nonce="{nonce}"'.encode())
-            else:
-                headers["content-type"] = "application/json"
-                whole = bytes(refusal(400, page.decode(errors="replace"), "BadRequestError").body)
-            if "content-length" in headers:
-                headers["content-length"] = str(len(whole))
-            await send(start)
-            message = {"type": "http.response.body", "body": whole}
+        elif plain:
+            reason = message["body"].decode(errors="replace")
+            answer = error_response(plain["status"], reason, "BadRequestError")
+            MutableHeaders(scope=plain).update(answer.headers)
+            await send(plain)
+            message = {**message, "body": answer.body}
         await send(message)
 
     return dressed

@@ -40,6 +40,18 @@ def refused(*options: str) -> tuple[int, str]:
     return ended.returncode, ended.stderr
 
 
+def asked(url: str, method: str = "GET", token: str = "", **more: str) -> tuple[int, Any]:
+    """Return the status and the JSON of an answer."""
+    headers = more | ({"Authorization": f"Bearer {token}"} if token else {})
+    request = urllib.request.Request(url, method=method, headers=headers)
+    try:
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            return answer.status, json.loads(answer.read())
+    except urllib.error.HTTPError as refusal:
+        with refusal:
+            return refusal.code, json.loads(refusal.read())
+
+
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Path]]:
     workspace = tmp_path_factory.mktemp("serve") / "workspace"
@@ -62,18 +74,37 @@ def test_what_the_api_doesn_t_have_is_refused_as_the_api_refuses(
     server: tuple[Process, Path], method: str, path: str
 ) -> None:
     """The pages take every address that is left: they answered by a page of their own."""
-    started, _ = server
-    request = urllib.request.Request(
-        f"{started.url}/api/v1{path}",
-        headers={"Authorization": f"Bearer {started.token}"},
-        method=method,
-    )
-    with pytest.raises(urllib.error.HTTPError) as refusal:
-        urllib.request.urlopen(request, timeout=10)
-    assert refusal.value.code == 404
-    told = json.loads(refusal.value.read())
-    assert told["error"] == "NotFoundError"
+    status, told = asked(f"{server[0].url}/api/v1{path}", method, server[0].token)
+    assert (status, told["error"]) == (404, "NotFoundError")
     assert f"{method} /api/v1{path}" in told["message"]
+
+
+@pytest.mark.parametrize(
+    ("path", "origin", "status"),
+    [("events", b"http://evil.example", 403), ("events", b"", 401), ("nothing", b"", 403)],
+)
+def test_a_refused_websocket_is_a_line_in_the_log(
+    server: tuple[Process, Path], path: str, origin: bytes, status: int
+) -> None:
+    started, workspace = server
+    where = urlsplit(started.url)
+    log, token = workspace.parent / "serve.log", started.token if path == "nothing" else ""
+    before = log.read_text()
+    with socket.create_connection((where.hostname, where.port), 10) as one:
+        one.sendall(
+            b"GET /api/v1/%b HTTP/1.1\r\nHost: %b\r\nOrigin: %b\r\n%bUpgrade: websocket\r\n"
+            b"Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+            b"Sec-WebSocket-Version: 13\r\n\r\n"
+            % (
+                path.encode(),
+                where.netloc.encode(),
+                origin or started.url.encode(),
+                f"Authorization: Bearer {token}\r\n".encode() if token else b"",
+            )
+        )
+        assert one.makefile("rb").read().startswith(b"HTTP/1.1 %d " % status)
+    wait_for(lambda: f'"WebSocket /api/v1/{path}" {status}' in log.read_text()[len(before) :])
+    assert len(log.read_text()[len(before) :].splitlines()) == 1
 
 
 def test_where_the_server_is_stands_in_a_file_of_its_owner(server: tuple[Process, Path]) -> None:
@@ -82,11 +113,8 @@ def test_where_the_server_is_stands_in_a_file_of_its_owner(server: tuple[Process
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
     told = json.loads(path.read_text())
-    request = urllib.request.Request(
-        f"{told['url']}/api/v1/controls", headers={"Authorization": f"Bearer {told['token']}"}
-    )
-    with urllib.request.urlopen(request, timeout=10) as answer:
-        assert json.loads(answer.read())["holder"] is None
+    status, state = asked(f"{told['url']}/api/v1/controls", "GET", told["token"])
+    assert (status, state["holder"]) == (200, None)
     assert os.kill(told["pid"], 0) is None
     assert started.token == told["token"]
 
@@ -127,9 +155,7 @@ def test_what_is_no_request_is_refused_in_json(server: tuple[Process, Path], hea
 
 def test_nothing_secret_is_written_to_the_log(server: tuple[Process, Path]) -> None:
     started, workspace = server
-    with pytest.raises(urllib.error.HTTPError) as told:
-        urllib.request.urlopen(f"{started.url}/api/v1/controls?token={started.token}", timeout=10)
-    told.value.close()
+    assert asked(f"{started.url}/api/v1/controls?token={started.token}")[0] == 401
     log = workspace.parent / "serve.log"
     wait_for(lambda: "token=***" in log.read_text())
     assert started.token not in log.read_text()
@@ -171,17 +197,10 @@ def test_from_another_address_everything_that_changes_is_refused(tmp_path: Path)
         port = started.url.rsplit(":", 1)[1]
         there = f"http://127.0.0.2:{port}"
         for url in (f"{there}/api/v1/stop", f"{there}/api/v1/controls", started.stop):
-            request = urllib.request.Request(url, method="POST", headers={"Origin": there})
-            with pytest.raises(urllib.error.HTTPError) as told:
-                urllib.request.urlopen(request, timeout=10)
-            with told.value as answer:
-                assert answer.code in (401, 403)
+            assert asked(url, "POST", Origin=there)[0] in (401, 403)
         with urllib.request.urlopen(f"{there}/printer", timeout=10) as log_in:
             assert b'type="password"' in log_in.read()
-        token = {"Authorization": f"Bearer {started.token}"}
-        request = urllib.request.Request(f"{there}/api/v1/stop", method="POST", headers=token)
-        with urllib.request.urlopen(request, timeout=10) as stopped:
-            assert stopped.status == 200
+        assert asked(f"{there}/api/v1/stop", "POST", started.token)[0] == 200
     said = (tmp_path / "serve.log").read_text()
     assert "no TLS" in said
     assert "bath and needle" not in said

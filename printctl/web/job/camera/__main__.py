@@ -9,39 +9,30 @@ import threading
 import time
 from typing import Any, Final
 
-from printctl.web.job.camera.pipe import Message, write_message
+from printctl.web.job.camera.camera import write_message
 from printctl.web.worker import lower_priority
-
-# Grab pictures from a camera or film by OpenCV as JPEG, within the camera process.
 
 LONGEST_PX: Final = 1280
 _QUALITY: Final = 85
 
 
 class Capture:
-    """A camera, a film, or a sequence of pictures.
+    """A camera, a film, or a sequence of pictures: whatever `cv2.VideoCapture` reads.
 
     A film gives its next picture at each look and begins anew at its end; of a camera the pictures
     between two looks are let go, so that the newest is seen.
-
-    Parameters
-    ----------
-    cv2 : module
-        OpenCV.
-    source : str
-        What `cv2.VideoCapture` reads: a number, a device, a file, an address, ``frames_%03d.png``.
     """
 
     def __init__(self, cv2: Any, source: str) -> None:
         self._cv2, self._source = cv2, source
         self._opened: Any = None
 
-    def look(self, apart_s: float) -> Message:
-        """See what is there after so many seconds, or why nothing is."""
+    def look(self, apart_s: float) -> tuple[str, bytes]:
+        """Return why nothing is seen, or else the picture after so many seconds."""
         until = time.monotonic() + apart_s
         if self._opened is None and not self._open():
             time.sleep(apart_s)
-            return Message("it can't be opened")
+            return "it can't be opened", b""
         picture = self._newest(until)
         if picture is None:  # the film's end, or a camera that was unplugged
             self._close()
@@ -49,8 +40,8 @@ class Capture:
         time.sleep(max(until - time.monotonic(), 0.0))
         if picture is None:
             self._close()
-            return Message("it gives no pictures")
-        return Message(jpeg=self._jpeg(picture))
+            return "it gives no pictures", b""
+        return "", self._jpeg(picture)
 
     @property
     def live(self) -> bool:
@@ -101,7 +92,7 @@ def main() -> None:
     camera = Capture(cv2, settings["source"])
     try:
         while True:
-            write_message(out, camera.look(settings["apart_s"]))
+            write_message(out, *camera.look(settings["apart_s"]))
     except BrokenPipeError:
         os._exit(0)
 

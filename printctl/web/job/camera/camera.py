@@ -10,13 +10,12 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Final, Literal, Protocol
+from dataclasses import dataclass, field, replace
+from typing import IO, Annotated, Final, Literal
 
-from printctl.errors import UsageError
+from pydantic import Field
+
 from printctl.sources import python_command
-from printctl.web.job.camera.pipe import Message, read_message
 
 APART_S: Final = 1.0
 _TOO_OLD_S: Final = 5.0
@@ -27,71 +26,55 @@ State = Literal["none", "starting", "there", "lost"]
 
 
 @dataclass(frozen=True)
-class LatestPicture:
-    """Latest picture of a camera.
-
-    Attributes
-    ----------
-    number : int
-        From 1, as they came.
-    at : float
-        Wall-clock time, s since 1970.
-    jpeg : bytes
-    """
-
-    number: int
-    at: float
-    jpeg: bytes
-
-
-@dataclass(frozen=True)
 class CameraState:
-    """What is known of a camera.
-
-    Attributes
-    ----------
-    state : {"starting", "there", "lost"}
-    message : str
-    still : LatestPicture or None
-        The last picture, however old.
-    """
+    """A camera as it stands."""
 
     state: State
-    message: str
-    still: LatestPicture | None = None
+    message: Annotated[str, Field(description="Why there is no picture; else empty.")] = ""
+    number: Annotated[int, Field(description="Pictures so far.")] = 0
+    at: Annotated[float | None, Field(description="Of the last picture, s since 1970.")] = None
+    jpeg: Annotated[bytes, Field(exclude=True)] = field(default=b"", repr=False)
+    """The last picture, however old."""
 
 
-class Camera(Protocol):
-    """A camera; any thread may ask, and nobody waits."""
+# Messages of the camera process: a line of JSON, then a picture.
 
-    @property
-    def seen(self) -> CameraState:
-        """What is known of it now."""
+_LONGEST_LINE: Final = 2000
+_MOST_BYTES: Final = 20_000_000
 
-    def close(self) -> None:
-        """Let go of it."""
+
+def write_message(out: IO[bytes], problem: str, jpeg: bytes = b"") -> None:
+    """Write a picture, or why there is none."""
+    head = {"problem": problem, "size": len(jpeg)}
+    out.write(json.dumps(head).encode() + b"\n" + jpeg)
+    out.flush()
+
+
+def read_message(source: IO[bytes]) -> tuple[str, bytes] | None:
+    """Read what was written; None at the end, or where what comes is no message."""
+    try:
+        head = json.loads(source.readline(_LONGEST_LINE))
+        size = int(head["size"])
+        if not 0 <= size <= _MOST_BYTES:
+            return None
+        jpeg = source.read(size)
+        return (str(head["problem"]), jpeg) if len(jpeg) == size else None
+    except (ValueError, KeyError, TypeError, OSError):
+        return None
 
 
 class CameraProcess:
     """A camera at which a process of its own looks, so that no driver holds up server or print.
 
-    A process that dies or hangs is replaced.
-
-    Parameters
-    ----------
-    source : str
-        What `cv2.VideoCapture` reads.
-    tell : function
-        Given what is known whenever the camera is lost or comes back.
-    apart_s : float, s
-        Between two pictures.
+    A process that dies or hangs is replaced. ``source`` is what `cv2.VideoCapture` reads, every
+    ``apart_s`` seconds; ``tell`` is called whenever the camera is lost or comes back.
     """
 
     def __init__(
         self, source: str, tell: Callable[[CameraState], None], apart_s: float = APART_S
     ) -> None:
         self._source, self._tell, self._apart_s = source, tell, apart_s
-        self._still: LatestPicture | None = None
+        self._last = CameraState("starting")
         self._problem, self._heard = "", time.monotonic()
         self._told: State = "starting"
         self._process: subprocess.Popen[bytes] | None = None
@@ -107,15 +90,16 @@ class CameraProcess:
     @property
     def seen(self) -> CameraState:
         """What is known of it now."""
-        still, problem = self._still, self._problem
-        old = time.time() - still.at > _TOO_OLD_S + self._apart_s if still else False
-        if still is None and not problem:
-            return CameraState("starting", f"{self.name} is being opened")
+        last, problem = self._last, self._problem
+        if last.at is None and not problem:
+            return replace(last, message=f"{self.name} is being opened")
+        old = last.at is not None and time.time() - last.at > _TOO_OLD_S + self._apart_s
         if not problem and not old:
-            return CameraState("there", "", still)
-        since = f" since {time.strftime('%H:%M:%S', time.localtime(still.at))}" if still else ""
+            return last
+        since = f" since {time.strftime('%H:%M:%S', time.localtime(last.at))}" if last.at else ""
         why = problem or "it doesn't answer"
-        return CameraState("lost", f"no picture from {self.name}{since}: {why}; tried again", still)
+        message = f"no picture from {self.name}{since}: {why}; tried again"
+        return replace(last, state="lost", message=message)
 
     @property
     def name(self) -> str:
@@ -140,14 +124,14 @@ class CameraProcess:
                 process = self._process = self._begun()
             if process.stdout is not None:
                 while (message := read_message(process.stdout)) is not None:
-                    self._hear(message)
+                    self._hear(*message)
                 process.stdout.close()
             process.kill()
             process.wait()
             if process.stdin is not None:
                 process.stdin.close()
             if not self._ended.is_set():
-                self._hear(Message("the process at the camera ended"))
+                self._hear("the process at the camera ended")
             self._ended.wait(self._apart_s)
 
     def _begun(self) -> subprocess.Popen[bytes]:
@@ -165,12 +149,10 @@ class CameraProcess:
                 process.stdin.flush()
         return process
 
-    def _hear(self, message: Message) -> None:
-        self._heard = time.monotonic()
-        self._problem = message.problem
-        if message.jpeg:
-            number = self._still.number + 1 if self._still else 1
-            self._still = LatestPicture(number, time.time(), message.jpeg)
+    def _hear(self, problem: str, jpeg: bytes = b"") -> None:
+        self._heard, self._problem = time.monotonic(), problem
+        if jpeg:
+            self._last = CameraState("there", "", self._last.number + 1, time.time(), jpeg)
         self._say()
 
     def _say(self) -> None:
@@ -190,22 +172,3 @@ class CameraProcess:
         with self._lock:
             if self._process is not None:
                 self._process.kill()
-
-
-def source_of(name: str) -> str:
-    """The source that ``--camera`` names; files are found from any folder.
-
-    Raises
-    ------
-    UsageError
-        When it names nothing.
-    """
-    if not name.strip():
-        raise UsageError("--camera is empty; give a number, a device, a file or an address")
-    if name.isdecimal() or "://" in name:
-        return name
-    # Links stay: a device's lasting name points to the one that it is now.
-    path = Path(name).absolute()
-    if not path.parent.is_dir():
-        raise UsageError(f"--camera {name}: there is no folder {path.parent}")
-    return str(path)

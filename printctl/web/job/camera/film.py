@@ -41,19 +41,9 @@ class _Frames(Image.Image):
 
 
 def write_film(folder: Path, film: Path) -> int:
-    """Make a film of a folder's pictures; of more than 600 it takes them evenly.
+    """Make a WebP film of a folder's pictures; of more than 600 it takes them evenly.
 
-    Parameters
-    ----------
-    folder : Path
-        Of ``000001.jpg`` and so on.
-    film : Path
-        WebP file to be written.
-
-    Returns
-    -------
-    int
-        Pictures in the film; 0, and no film, where fewer than two can be read.
+    Return the number of pictures in it; 0, and no film, where fewer than two can be read.
     """
     paths = [path for path in sorted(folder.glob("*.jpg")) if _readable(path)]
     if len(paths) > MOST_FRAMES:

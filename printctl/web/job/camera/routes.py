@@ -9,43 +9,30 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Response
 from fastapi import Path as PathParam
 from fastapi.responses import FileResponse
-from pydantic import BaseModel, Field
 
 from printctl.machine.printing.films import film_file
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.job.camera.camera import CameraProcess, CameraState, LatestPicture, State
+from printctl.web.job.camera.camera import CameraProcess, CameraState
 from printctl.web.job.camera.timelapse import TimeLapse, TimeLapseState
 from printctl.web.job.prints import PrintReport
 
-# Service behind the Job page's camera card: live camera picture, and a time-lapse per print.
-
 
 class CameraService:
-    """The camera, if there is one, and the time-lapses.
-
-    Parameters
-    ----------
-    core : Core
-        Its settings name the camera.
-
-    Attributes
-    ----------
-    camera : CameraProcess or None
-    """
+    """The camera that the settings name, if there is one, and the time-lapses."""
 
     def __init__(self, core: Core) -> None:
         self._core = core
         source = core.settings.camera
-        self.camera = CameraProcess(source, self._tell) if source else None
-        self._lapse = TimeLapse(self.camera)
-        self._tell(self.camera.seen if self.camera else CameraState("none", "", None))
+        self._camera = CameraProcess(source, self._tell) if source else None
+        self._lapse = TimeLapse(self._camera)
+        self._tell(self._camera.seen if self._camera else CameraState("none"))
 
     def close(self) -> None:
         """Let go of the camera."""
         self._lapse.close()
-        if self.camera is not None:
-            self.camera.close()
+        if self._camera is not None:
+            self._camera.close()
 
     def hear(self, heard: PrintReport) -> None:
         """Hear of a print; never waits."""
@@ -59,21 +46,9 @@ class CameraService:
         NotFoundError
             When there is none.
         """
-        if self.camera is None:
+        if self._camera is None:
             raise NotFoundError("there is no camera; start the server with --camera")
-        return self.camera.seen
-
-    def still(self) -> LatestPicture:
-        """The picture of now; an old one is never shown as the present.
-
-        Raises
-        ------
-        NotFoundError, ConflictError
-        """
-        seen = self.seen()
-        if seen.state != "there" or seen.still is None:
-            raise ConflictError(seen.message)
-        return seen.still
+        return self._camera.seen
 
     def timelapse(self, job: str, heard: PrintReport | None) -> TimeLapseState:
         """The time-lapse of a job's last print.
@@ -100,21 +75,11 @@ class CameraService:
         raise NotFoundError(f"there is no film of a print of {job}")
 
     def _tell(self, seen: CameraState) -> None:
-        at = None if seen.still is None else seen.still.at
-        self._core.events.publish("camera", state=seen.state, message=seen.message, at=at)
+        self._core.events.publish("camera", state=seen.state, message=seen.message, at=seen.at)
 
 
 Job = Annotated[str, PathParam(max_length=80, description="run~NAME or file~NAME.")]
 _FRESH = {"Cache-Control": "no-store"}
-
-
-class CameraResponse(BaseModel):
-    """The camera as it stands."""
-
-    state: State
-    message: str = Field(description="Since when and why there is no picture; else empty.")
-    number: int = Field(description="Pictures so far.")
-    at: float | None = Field(description="Of the last picture, s since 1970.")
 
 
 def add_routes(
@@ -123,10 +88,8 @@ def add_routes(
     """Add them to the job's room."""
 
     @routes.get("/camera", tags=["camera"], summary="The camera as it stands")
-    def camera() -> CameraResponse:
-        seen = service.seen()
-        number, at = (seen.still.number, seen.still.at) if seen.still else (0, None)
-        return CameraResponse(state=seen.state, message=seen.message, number=number, at=at)
+    def camera() -> CameraState:
+        return service.seen()
 
     @routes.get(
         "/camera/still",
@@ -136,11 +99,13 @@ def add_routes(
         responses={200: {"content": {"image/jpeg": {}}}, 304: {"description": "None newer."}},
     )
     def still(if_none_match: Annotated[str, Header()] = "") -> Response:
-        still = service.still()
-        headers = {**_FRESH, "ETag": f'"{still.at:.3f}"'}
+        seen = service.seen()
+        if seen.state != "there":  # an old one is never shown as the present
+            raise ConflictError(seen.message)
+        headers = {**_FRESH, "ETag": f'"{seen.at:.3f}"'}
         if if_none_match == headers["ETag"]:
             return Response(status_code=304, headers=headers)
-        return Response(still.jpeg, media_type="image/jpeg", headers=headers)
+        return Response(seen.jpeg, media_type="image/jpeg", headers=headers)
 
     @routes.get("/prints/{job}/timelapse", tags=["camera"], summary="The last print's time-lapse")
     def timelapse(job: Job) -> TimeLapseState:

@@ -15,7 +15,7 @@ from design.files import write_bytes
 from printctl.machine.printing.films import film_file, frames_folder
 from printctl.machine.printing.progress import Progress
 from printctl.sources import python_command
-from printctl.web.job.camera.camera import Camera
+from printctl.web.job.camera.camera import CameraProcess
 from printctl.web.job.prints import PrintReport
 
 log = logging.getLogger(__name__)
@@ -33,10 +33,8 @@ class TimeLapseState:
     ----------
     frames, bytes : int
         Of the pictures kept.
-    film : bool
-        Whether its film is there.
-    making : bool
-        Whether its film is being made.
+    film, making : bool
+        Whether its film is there, or being made.
     message : str
         Why no more pictures are kept, or why there is no film; else empty.
     """
@@ -51,19 +49,16 @@ class TimeLapseState:
 class TimeLapse:
     """Keeps pictures of the prints that go on, in a thread of its own.
 
-    Parameters
-    ----------
-    camera : Camera or None
-        None keeps no pictures; films are still made of what was kept.
+    Without a camera films are still made of what was kept.
     """
 
-    def __init__(self, camera: Camera | None) -> None:
+    def __init__(self, camera: CameraProcess | None) -> None:
         self._camera = camera
         self._marks: dict[Path, int] = {}
         self._ended: set[Path] = set()
         self._making: set[Path] = set()
         self._said: dict[Path, str] = {}
-        self._waiting: queue.Queue[tuple[str, Path, Path] | None] = queue.Queue(_WAITING)
+        self._waiting: queue.Queue[tuple[str, Path] | None] = queue.Queue(_WAITING)
         self._film: subprocess.Popen[bytes] | None = None
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="time-lapse", daemon=True)
@@ -120,19 +115,19 @@ class TimeLapse:
 
     def _ask(self, what: str, frames: Path) -> bool:
         try:
-            self._waiting.put_nowait((what, frames, frames.with_name(frames.name + ".webp")))
+            self._waiting.put_nowait((what, frames))
         except queue.Full:  # a slow disk: a picture less, and the print isn't held up
             return False
         return True
 
     def _work(self) -> None:
         while (asked := self._waiting.get()) is not None and not self._closed:
-            what, frames, film = asked
+            what, frames = asked
             try:
                 if what == "keep":
                     self._take(frames)
                 else:
-                    self._make_now(frames, film)
+                    self._make_now(frames)
             except OSError as exc:
                 self._said[frames] = f"the time-lapse can't be kept: {exc.strerror or exc}"
                 log.warning("%s", self._said[frames])
@@ -142,17 +137,18 @@ class TimeLapse:
 
     def _take(self, frames: Path) -> None:
         seen = self._camera.seen if self._camera is not None else None
-        if seen is None or seen.state != "there" or seen.still is None:
+        if seen is None or seen.state != "there":
             return
         frames.mkdir(parents=True, exist_ok=True)
         kept = sorted(frames.glob("*.jpg"))
-        full = limit_reached(kept, len(seen.still.jpeg), shutil.disk_usage(frames).free)
+        full = limit_reached(kept, len(seen.jpeg), shutil.disk_usage(frames).free)
         self._said[frames] = full
         if not full:
             number = int(kept[-1].stem) + 1 if kept else 1
-            write_bytes(frames / f"{number:06d}.jpg", seen.still.jpeg)
+            write_bytes(frames / f"{number:06d}.jpg", seen.jpeg)
 
-    def _make_now(self, frames: Path, film: Path) -> None:
+    def _make_now(self, frames: Path) -> None:
+        film = frames.with_name(frames.name + ".webp")
         if len(list(frames.glob("*.jpg"))) < 2 or film.is_file():
             return
         command = [*python_command("printctl.web.job.camera.film"), str(frames), str(film)]
@@ -171,16 +167,7 @@ def mark_of(progress: Progress) -> int:
 
 
 def limit_reached(kept: list[Path], more: int, free: int) -> str:
-    """Why no further picture is kept; empty when one may be.
-
-    Parameters
-    ----------
-    kept : list of Path
-    more : int
-        Bytes of the next.
-    free : int
-        Bytes free on the disk.
-    """
+    """Why no picture of ``more`` bytes is kept with so many free on the disk; empty if one is."""
     if len(kept) >= MOST_FRAMES:
         return f"no more pictures are kept: {MOST_FRAMES} are there, the most"
     if sum(path.stat().st_size for path in kept) + more > MOST_BYTES:

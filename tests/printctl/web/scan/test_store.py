@@ -21,12 +21,11 @@ from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError
 from printctl.web.scan import store as unpacked_size
 from printctl.web.scan.findings import alignment, findings
-from printctl.web.scan.slices import TINT, Slices, picture, plane
-from printctl.web.scan.store import ScanStore, refuse_growth, scan_name, unpack_stack
+from printctl.web.scan.slices import TINT
+from printctl.web.scan.store import ScanStore, refuse_growth, scan_name
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
-from registration.files.readers import ScanOverrides, read_scan, write_scan_tiff
-from registration.scan import Scan
+from registration.files.readers import ScanOverrides, read_scan
 
 
 @pytest.fixture
@@ -175,57 +174,6 @@ def test_zips_that_grow_are_refused(tmp_path: Path) -> None:
         archive.writestr("slice.tif", bytes(SIZE))
     with pytest.raises(BadRequestError, match="more than 200 times its size"):
         refuse_growth(path, MOST)
-    with pytest.raises(BadRequestError, match="more than 200 times its size"):
-        unpack_stack(path, tmp_path / "out", MOST)
-
-
-# --- slice pictures of a scan, against plain NumPy
-SHAPE = (5, 7, 9)
-
-
-def _scan() -> Scan:
-    volume = np.arange(np.prod(SHAPE), dtype=np.uint16).reshape(SHAPE)
-    return Scan(
-        volume=volume,
-        voxel_mm=(0.04, 0.03, 0.02),
-        refractive_index=1.0,
-        optical_depth=False,
-        scale="linear",
-        modality="microct",
-        depth_down=False,
-        came_from=Path("scan"),
-    )
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    place = tmp_path / "scan.tif"
-    write_scan_tiff(place, _scan())
-    return place
-
-
-@pytest.mark.parametrize("index", [0, 2, 4])
-def test_slices_are_those_of_the_volume(index: int) -> None:
-    volume = _scan().volume
-    np.testing.assert_array_equal(plane(volume, "z", index), volume[index])
-    np.testing.assert_array_equal(plane(volume, "y", index), volume[:, index])
-    np.testing.assert_array_equal(plane(volume, "x", index), volume[:, :, index])
-
-
-def test_what_is_above_the_threshold_is_tinted() -> None:
-    image = np.array([[0.0, 10.0], [20.0, 30.0]])
-    seen = picture(image, 0.0, 30.0, threshold=20.0)
-    np.testing.assert_array_equal(seen[0, 1], [85, 85, 85])
-    np.testing.assert_array_equal(seen[1, 1], [(255 + part) // 2 for part in TINT])
-    assert (seen[1, 0] != seen[1, 0, 0]).any()
-
-
-def test_a_changed_scan_is_read_again(path: Path) -> None:
-    slices = Slices()
-    before = slices.open(path)
-    path.with_suffix(".json").write_text('{"modality": "confocal"}')
-    assert before.scan.modality == "microct"
-    assert slices.open(path).scan.modality == "confocal"
 
 
 # --- registration findings in words
@@ -361,13 +309,25 @@ def test_scans_tell_with_which_runs_they_were_compared(
     assert [row["registered"] for row in client.get("/api/v1/scans").json()] == [["one"]]
 
 
-def test_a_slice_is_that_of_the_file(client: TestClient) -> None:
+def test_slices_are_those_of_the_file_and_tinted_above_a_threshold(client: TestClient) -> None:
     scan = _added(client)
     client.put(f"/api/v1/scans/{scan}/said", json=SAID)
-    answer = client.get(f"/api/v1/scans/{scan}/slices/z/2?low=0&high=255")
-    assert answer.headers["content-type"] == "image/png"
-    seen = np.asarray(Image.open(io.BytesIO(answer.content)))
-    np.testing.assert_array_equal(seen[..., 1], VOLUME[2])
+    for axis, image in (("z", VOLUME[2]), ("y", VOLUME[:, 2]), ("x", VOLUME[:, :, 2])):
+        for more in ("", "&threshold=100"):
+            path = f"/api/v1/scans/{scan}/slices/{axis}/2?low=0&high=255{more}"
+            answer = client.get(path)
+            assert answer.headers["content-type"] == "image/png"
+            seen = np.asarray(Image.open(io.BytesIO(answer.content))).astype(int)
+            grey = np.repeat(image[..., None], 3, axis=2).astype(int)
+            tinted = (grey + np.array(TINT)) // 2 if more else grey
+            np.testing.assert_array_equal(seen, np.where((image >= 100)[..., None], tinted, grey))
+
+
+def test_a_scan_of_which_something_else_is_said_is_read_again(client: TestClient) -> None:
+    path = f"/api/v1/scans/{_added(client)}/said"
+    for modality in ("microct", "confocal"):
+        answer = client.put(path, json=SAID | {"modality": modality})
+        assert answer.json()["modality"] == modality
 
 
 @pytest.mark.parametrize("voxel", [[0, 0, 0], [-1, 1, 1], ["inf", 1, 1], [1e300, 1, 1], [1, 2]])

@@ -40,10 +40,9 @@ def camera(tmp_path: Path, told: list[CameraState]):
 
 
 def test_pictures_come_one_after_another(camera):
-    first = until(lambda: camera.seen.still)
-    red, green, blue = seen_colour(first.jpeg)
+    red, green, blue = seen_colour(until(lambda: camera.seen.jpeg))
     assert (blue, green, red) == pytest.approx(BLUE, abs=6)
-    until(lambda: camera.seen.still.number > 10)  # the sequence of four begins anew
+    until(lambda: camera.seen.number > 10)  # the sequence of four begins anew
     assert camera.seen.state == "there"
 
 
@@ -55,11 +54,11 @@ def test_a_lost_camera_is_told_of_and_found_again(camera, told, tmp_path):
     assert "since" in lost.message
     sequence(tmp_path / "seen", colour=RED)
     until(lambda: told[-1].state == "there")
-    until(lambda: seen_colour(camera.seen.still.jpeg)[0] > 150)
+    until(lambda: seen_colour(camera.seen.jpeg)[0] > 150)
 
 
 def test_a_process_at_the_camera_that_dies_is_replaced(camera, told):
-    until(lambda: camera.seen.still)
+    until(lambda: camera.seen.jpeg)
     os.kill(camera._process.pid, signal.SIGKILL)
     until(lambda: [one for one in told if "process at the camera ended" in one.message])
     until(lambda: told[-1].state == "there")
