@@ -13,6 +13,13 @@ if TYPE_CHECKING:
     from printctl.calibration.lag import Lag, LagPattern, fit_lag
     from printctl.calibration.paths import backlash_path, lag_path, weighing_path
     from printctl.calibration.readings import Readings, read_readings
+    from printctl.calibration.results import (
+        backlash_result,
+        level_result,
+        offset_result,
+        weighing_of,
+        weighing_result,
+    )
     from printctl.calibration.touches import (
         Backlash,
         Level,
@@ -22,17 +29,20 @@ if TYPE_CHECKING:
         gap_between,
     )
     from printctl.calibration.weighing import FlowWeighing, Weighing, fit_flow, fit_weighing
+    from printctl.calibration.writing import Job, make_test, measured_key, save_measured
 
 __all__ = [
     "Backlash",
     "Estimate",
     "FlowWeighing",
+    "Job",
     "Lag",
     "LagPattern",
     "Level",
     "Readings",
     "Weighing",
     "backlash_path",
+    "backlash_result",
     "fit_backlash",
     "fit_flow",
     "fit_lag",
@@ -41,8 +51,15 @@ __all__ = [
     "fit_weighing",
     "gap_between",
     "lag_path",
+    "level_result",
+    "make_test",
+    "measured_key",
+    "offset_result",
     "read_readings",
+    "save_measured",
+    "weighing_of",
     "weighing_path",
+    "weighing_result",
 ]
 
 __getattr__ = on_demand(__name__)
