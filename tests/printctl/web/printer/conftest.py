@@ -104,6 +104,16 @@ def service(station_root: Path) -> Iterator[PrinterService]:
 
 
 @pytest.fixture
+def own_api(tmp_path: Path) -> Iterator[Script]:
+    """REST of a printer that is connected for one test, and may be stopped."""
+    service = make_service(tmp_path)
+    service.connect(ME, "generic_marlin", "simulated")
+    yield script_of(service)
+    service.disconnect(ME)
+    service.close()
+
+
+@pytest.fixture
 def api(service: PrinterService) -> Script:
     """Its REST."""
     return script_of(service)

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
-from printctl.machine.station import StationState, StationStatus
+from printctl.machine.station import StationState, StationStatus, attach
 from printctl.web.printer import following
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.status import BLIND_LIFT_MM, CLEAR_MM
+from printctl.web.workspace import Workspace
+from tests import waiting
 from tests.printctl.web.printer.conftest import Script, wait_for
 
 IN_DISH = {"needle": "25g", "dish": "petri_60mm"}
@@ -163,6 +165,22 @@ def test_refusals_have_a_status_and_say_why(api: Script) -> None:
     assert api.refused("calibrations/none/job")[0] == 422
     nan = {"content": '{"axis": "x", "mm": NaN}', "headers": {"x-name": "me"}}
     assert api.client.post("/api/v1/printer/jog", **nan).status_code == 422
+
+
+def test_after_a_stop_nobody_knows_where_a_simulated_tip_stands_either(
+    own_api: Script, tmp_path: Path
+) -> None:
+    assert own_api.get("status")["position_trusted"]
+    own_api.do("mount", **IN_DISH)
+    touched_off(own_api)
+    attach(Workspace(tmp_path).station).kill()
+    waiting.wait_for(lambda: own_api.get("status")["state"] == "halted", told=str)
+    status = own_api.do("reconnect")
+    assert (status["state"], status["position_trusted"]) == ("ready", False)
+    assert status["position_words"].endswith("no axis homed")
+    assert status["mounted"]["floor_mm"] is None
+    assert "at most 1 mm" in own_api.refused("jog", axis="z", mm=-2)[1]
+    assert own_api.do("home", axes=["x", "y", "z"], needle_off=True)["position_trusted"]
 
 
 # --- console and macros
