@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
 from design.files import write_text
 from firmware_profiles import Dish, Printer, ProfileError, load
-from printctl.checks.gate import RIM_MARGIN_MM
+from printctl.checks.gate import RIM_MARGIN_MM, STEP_DOWN_MM
 from printctl.errors import SafetyError
 from printctl.machine.link.errors import LinkError
 from printctl.machine.link.job import load_job
@@ -17,6 +18,7 @@ from printctl.machine.station import Station, StationStatus
 from printctl.machine.station.orders import homing_line
 from printctl.web.job.jobs import recipe_of, set_up_of_recipe
 from printctl.web.job.set_up import JobSetUp
+from printctl.web.profile_store import ProfileStore
 from printctl.web.workspace import Workspace
 
 # Move the tip to a job's start: straight up, across, straight down.
@@ -43,7 +45,7 @@ def go_to(station: Station, start: Place) -> StationStatus:
     Raises
     ------
     SafetyError
-        When nobody knows where the tip stands.
+        When nobody knows where the tip stands, or how high the dish's floor is.
     LinkError
         What the station refuses; the tip then stands where the way so far has led.
     """
@@ -53,6 +55,13 @@ def go_to(station: Station, start: Place) -> StationStatus:
         raise SafetyError(
             "nobody knows where the tip stands; home it without the needle, or say where it is "
             "(page Printer), then it can be moved to the start"
+        )
+    mounted = status.mounted
+    if mounted.touch_off_due and math.dist(tip, start) > STEP_DOWN_MM:
+        raise SafetyError(
+            f"the floor of {ProfileStore.name(mounted.dish)} isn't touched off with the needle "
+            "mounted, so nobody knows how high the tip clears the rim; nothing was moved. Touch "
+            "off the floor (page Printer, Touch off), then move the tip to the start"
         )
     for x, y, z in places_to(tip, start, _over(status)):
         status = station.move_to(x, y, z)
