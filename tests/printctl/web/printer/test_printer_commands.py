@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import math
+import os
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +15,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
-from printctl.machine.station import StationState, StationStatus, attach
+from printctl.machine.station import StationState, StationStatus, attach, client
 from printctl.web.printer import following
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.service import PrinterService
@@ -165,6 +168,22 @@ def test_refusals_have_a_status_and_say_why(api: Script) -> None:
     assert api.refused("calibrations/none/job")[0] == 422
     nan = {"content": '{"axis": "x", "mm": NaN}', "headers": {"x-name": "me"}}
     assert api.client.post("/api/v1/printer/jog", **nan).status_code == 422
+
+
+def test_a_full_disk_is_said_before_a_printer_is_connected(
+    idle_api: Script, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Full(io.RawIOBase):
+        def write(self, data: object) -> int:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(client, "TemporaryFile", lambda **_: Full())
+    answer = idle_api.ask("connect", {"profile": "generic_marlin", "port": "simulated"})
+    assert answer.status_code == 507
+    message = answer.json()["message"]
+    assert message.startswith("the disk is full (")
+    assert "free some space and do the same again" in message
+    assert idle_api.get("status")["state"] == "closed"
 
 
 def test_after_a_stop_nobody_knows_where_a_simulated_tip_stands_either(
