@@ -5,13 +5,15 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from datetime import datetime, timedelta
 from itertools import islice
 from typing import Any, Final, Literal
 
 from printctl.errors import UsageError
-from printctl.machine.link.history_entry import PrintEntry
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
+from printctl.machine.link.record import JOURNAL
 
 
 def day_begins(text: str, where: str) -> float:
@@ -69,6 +71,14 @@ def csv_lines(entries: Iterable[PrintEntry]) -> Iterator[str]:
     waiting = iter(entries)
     while some := list(islice(waiting, _AT_ONCE)):
         yield _lines([[safe_cell(value) for value in row(entry)] for entry in some])
+
+
+def tell_running(entry: PrintEntry) -> PrintEntry:
+    """Tell a print that is going on from one whose link process died."""
+    latest = entry.journal.name == JOURNAL and entry.state == INTERRUPTED
+    if latest and entry.journal.exists() and alive(entry.journal.parent):
+        return replace(entry, state="running")
+    return entry
 
 
 def row(entry: PrintEntry) -> list[Any]:

@@ -13,7 +13,7 @@ from starlette.background import BackgroundTask
 from printctl.errors import UsageError
 from printctl.history.repeat import Difference, make_job, plan_repeat
 from printctl.history.signing import lab_key
-from printctl.history.table import day_begins, day_ends
+from printctl.history.table import csv_lines, day_begins, day_ends
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_query import MOST, PAGE, HistoryQuery, SortBy
 from printctl.pipeline.evidence import PHOTOS, evidence
@@ -124,7 +124,8 @@ def _lists(made: APIRouter, service: HistoryService) -> None:
     )
     def table(query: Asked, here: Here = False) -> StreamingResponse:
         head = {"Content-Disposition": 'attachment; filename="prints.csv"'}
-        lines = service.csv(narrowed(query, here))
+        every = replace(narrowed(query, here), limit=None, offset=0)
+        lines = csv_lines(service.find(every).entries)
         return StreamingResponse(lines, headers=head, media_type="text/csv")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -20,20 +19,17 @@ from printctl.history.signing import (
     read_public,
     signing_missing,
 )
-from printctl.history.table import Outcome, csv_lines, outcome
+from printctl.history.table import Outcome, outcome, tell_running
 from printctl.history.timeline import Event, Stretch, TimeLine, time_line
 from printctl.history.verify import Signature, verify_stream
 from printctl.machine.link.errors import NoSuchPrint
-from printctl.machine.link.find_link import alive
 from printctl.machine.link.history import PrintHistory
-from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
+from printctl.machine.link.history_entry import PrintEntry
 from printctl.machine.link.history_query import HistoryPage, HistoryQuery
-from printctl.machine.link.record import JOURNAL
 from printctl.pipeline.evidence import GCODE, PHOTOS, evidence
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError
 
-RUNNING: Final = "running"
 PICTURES: Final = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
 
@@ -127,16 +123,12 @@ class HistoryService:
     def find(self, query: HistoryQuery) -> HistoryPage:
         """Find a page of prints."""
         prints = PrintHistory().find(query)
-        return replace(prints, entries=tuple(_running(entry) for entry in prints.entries))
+        return replace(prints, entries=tuple(tell_running(entry) for entry in prints.entries))
 
     def listed(self, query: HistoryQuery) -> PrintsPage:
         """Return a page of the prints, without where their files lie."""
         found = self.find(query)
         return PrintsPage(tuple(map(self._listed, found.entries)), found.total, query.offset)
-
-    def csv(self, query: HistoryQuery) -> Iterator[str]:
-        """Give the prints that are asked for as CSV, a line at a time."""
-        yield from csv_lines(self.find(replace(query, limit=None, offset=0)).entries)
 
     def entry(self, print_id: str) -> PrintEntry:
         """Return one print's entry, by its whole id.
@@ -151,7 +143,7 @@ class HistoryService:
             raise NotFoundError(str(exc)) from exc
         if entry.id != print_id:
             raise NotFoundError(f"no print has the id {print_id[:40]!r}")
-        return _running(entry)
+        return tell_running(entry)
 
     def one(self, print_id: str) -> PastPrintDetails:
         """Return one print with all that there is of it.
@@ -237,11 +229,3 @@ def _trusted(key_pem: bytes) -> list[PublicKey]:
         return [read_public(key_pem, "the key")]
     except KeyTrouble as exc:
         raise BadRequestError(str(exc)) from exc
-
-
-def _running(entry: PrintEntry) -> PrintEntry:
-    """Tell a print that is going on from one whose link process died."""
-    latest = entry.journal.name == JOURNAL and entry.state == INTERRUPTED
-    if latest and entry.journal.exists() and alive(entry.journal.parent):
-        return replace(entry, state=RUNNING)
-    return entry

@@ -68,7 +68,9 @@ def make_scene(source: JobSource, gcode: bytes, line_map: LineMap | None) -> Liv
     # Strictly: moves are told by the count of commands that the link sends.
     reading = read_with_program(gcode, source.gcode.name, source.pushing(), line_map, strict=True)
     job, program = reading.job, reading.program
-    number = commands_of_lines(job.text, program.line)
+    sent = np.zeros(job.text.count(b"\n") + 2, np.int64)
+    sent[program.line] = 1  # the link sends the lines that the reader found a command in
+    number = np.cumsum(sent)
     kept = np.flatnonzero(_differ(job.start, job.end) & np.isin(job.act, _SHOWN))
     apart = np.ones(len(kept), bool)
     apart[1:] = _differ(job.start[kept[1:]], job.end[kept[:-1]])
@@ -99,22 +101,6 @@ def make_scene(source: JobSource, gcode: bytes, line_map: LineMap | None) -> Liv
         np.where(jumped, time[move] - job.time_s[move], time[move]).astype(np.float32),
         about,
     )
-
-
-def commands_of_lines(text: bytes, line: IntArray) -> IntArray:
-    """How many commands the link sends of the first k lines, (lines + 1,).
-
-    Parameters
-    ----------
-    text : bytes
-        The file, each line ended by a line feed.
-    line : (n,) int64
-        Lines that the reader found a command in; the link sends those.
-    """
-    count = text.count(b"\n") + 1
-    sent = np.zeros(count + 1, np.int64)
-    sent[line] = 1
-    return np.cumsum(sent)
 
 
 def _differ(one: FloatArray, other: FloatArray) -> BoolArray:

@@ -219,9 +219,7 @@ class Calibrating:
         """Fit readings: ``estimates`` by name, each a value with its interval, and ``notes``."""
         data = self._readings(_on_page(name), body)
         if name == "weigh":
-            printer = self._store.load(Printer, body.printer)
-            syringe = self._store.load(Syringe, body.syringe)
-            result = calibration.weighing_result(_weighing(data, body), printer, syringe)
+            result = calibration.weighing_result(*self._weighed(data, body))
         elif name == "level":
             result = calibration.level_result(data, *body.part_mm)
         elif name == "offset":
@@ -234,17 +232,23 @@ class Calibrating:
     def save(self, body: Save, who: Asking) -> dict[Literal["message"], str]:
         """Write what was weighed into a copy of a profile in the workspace; say what changed."""
         self._core.controls.require(who)
-        read, store = body.read, self._store
-        weighing = _weighing(self._readings(BY_NAME["weigh"], read), read)
-        printer, syringe = store.load(Printer, read.printer), store.load(Syringe, read.syringe)
+        data = self._readings(BY_NAME["weigh"], body.read)
+        weighing, printer, syringe = self._weighed(data, body.read)
+        facts: Printer | Syringe
         if body.mend == "printer":
-            steps = weighing.steps_per_mm(printer, syringe)
-            measured = calibration.measured_key(printer, "steps_per_mm.e", steps)
-            path = store.new_file(Printer, body.copy_name)
-            return {"message": calibration.save_measured(path, printer, measured)}
-        measured = calibration.measured_key(syringe, "inner_mm", weighing.bore_mm())
-        path = store.new_file(Syringe, body.copy_name)
-        return {"message": calibration.save_measured(path, syringe, measured)}
+            facts, key, value = printer, "steps_per_mm.e", weighing.steps_per_mm(printer, syringe)
+        else:
+            facts, key, value = syringe, "inner_mm", weighing.bore_mm()
+        path = self._store.new_file(type(facts), body.copy_name)
+        measured = calibration.measured_key(facts, key, value)
+        return {"message": calibration.save_measured(path, facts, measured)}
+
+    def _weighed(
+        self, data: calibration.Readings, read: Read
+    ) -> tuple[calibration.Weighing, Printer, Syringe]:
+        weighing = calibration.weighing_of(data, read.density_g_cm3, read.density_error)
+        store = self._store
+        return weighing, store.load(Printer, read.printer), store.load(Syringe, read.syringe)
 
     def _readings(self, wizard: Wizard, read: Read) -> calibration.Readings:
         """Readings by way of a file like the command line's; it stays as a record."""
@@ -266,10 +270,6 @@ class Calibrating:
         if largest > LARGEST:
             raise BadRequestError(f"a reading of {largest:g}: at most {LARGEST:g}; mend the row")
         return data
-
-
-def _weighing(data: calibration.Readings, read: Read) -> calibration.Weighing:
-    return calibration.weighing_of(data, read.density_g_cm3, read.density_error)
 
 
 def _on_page(name: str) -> Wizard:

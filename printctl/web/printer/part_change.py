@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, computed_field
 from firmware_profiles import Ink, Needle, Syringe
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.printer.service import PrinterService
-from printctl.web.printer.status import PrinterStatus, limits
+from printctl.web.printer.status import PrinterStatus, described
 from printctl.web.rest import Asking, Body
 
 Name = Annotated[str, Field(min_length=1, max_length=64)]
@@ -80,8 +80,7 @@ class Changing:
         if not 0 < ul <= PURGE_STEP_UL:
             raise BadRequestError(f"{ul:g} µL in one purge: above 0, at most {PURGE_STEP_UL:g} µL")
         with self._service.moving(who) as station, self._lock:
-            now = station.status
-            _, fastest, _ = limits(now.profile, now.mounted)
+            fastest = described(station.status).fastest_ul_s
             if fastest is None:
                 raise ConflictError("say which syringe is mounted first")
             most = min(PURGE_UL_S, fastest)

@@ -101,21 +101,14 @@ class PrinterService:
     ) -> PrinterStatus:
         """Connect a printer, and check that it is the profile's.
 
-        Parameters
-        ----------
-        who : Principal
-        profile : str
-            Name on the store.
-        port : str
-            A device, a TCP address, ``auto`` or ``simulated``.
-        baud : int, ``auto`` or None
-            None for the profile's.
+        The port is a device, a TCP address, ``auto`` or ``simulated``; None takes the profile's
+        baud rate.
 
         Raises
         ------
         ConflictError
             When one is connected already.
-        NotInControlError, NotFoundError, LinkError
+        NotInControlError, NotFoundError, LinkError, OSError
         """
         self.core.controls.require(who)
         now = self.status

@@ -66,7 +66,7 @@ class PrinterStatus(StationStatus):
 def described(status: StationStatus) -> PrinterStatus:
     """Add to a station's status what follows from it."""
     try:
-        rim, fastest, full = limits(status.profile, status.mounted)
+        rim, fastest, full = _limits(status.profile, status.mounted)
     except (ProfileError, OSError):  # a file that was removed meanwhile
         rim = fastest = full = None
     return PrinterStatus(
@@ -83,16 +83,8 @@ def described(status: StationStatus) -> PrinterStatus:
 
 
 @lru_cache(maxsize=8)
-def limits(profile: str, mounted: MountedParts) -> tuple[float | None, float | None, float | None]:
-    """Return `PrinterStatus`'s rim_mm, fastest_ul_s and full_ul.
-
-    Kept: a status comes four times a second, its parts change rarely.
-
-    Raises
-    ------
-    firmware_profiles.ProfileError, OSError
-        When a profile can't be read.
-    """
+def _limits(profile: str, mounted: MountedParts) -> tuple[float | None, float | None, float | None]:
+    """Rim, fastest plunger, full syringe; a status comes four times a second, its parts rarely."""
     rim = fastest = full = None
     if mounted.dish and mounted.floor_mm is not None:
         rim = mounted.floor_mm + load(Dish, mounted.dish).wall_mm
@@ -116,7 +108,7 @@ def way_out_mm(status: StationStatus) -> float:
     if status.position_mm is None:
         raise ConflictError("the printer hasn't told where it stands; home it, or jog Z up")
     z = status.position_mm[2]
-    rim, _, _ = limits(status.profile, status.mounted)
+    rim = described(status).rim_mm
     top = load(Printer, status.profile).z_mm.high if status.position_trusted else math.inf
     way = min(BLIND_LIFT_MM if rim is None else rim + CLEAR_MM - z, top - z)
     if way <= 0:
