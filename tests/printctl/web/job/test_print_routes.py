@@ -72,31 +72,6 @@ def test_a_job_cancelled_and_started_again_is_told_as_another_print(tmp_path: Pa
         shut(station)
 
 
-def test_the_tip_is_not_moved_to_the_start_above_a_floor_that_nobody_touched(
-    tmp_path: Path,
-) -> None:
-    app = served(tmp_path)
-    station = connect(
-        "generic_marlin", "simulated", app.core.workspace.station, sim_speed=0.0, start_mm=START
-    )
-    headers = {"Authorization": f"Bearer {app.access.token}"}
-    try:
-        with app.client() as client:
-            job = client.post(
-                "/api/v1/jobs", headers=headers, files={"file": ("part.gcode", layered(2, 20))}
-            ).json()["id"]
-            station.jog("x", 5)
-            place = station.mount(needle="28g", dish="petri_60mm", dish_centre_mm=(60, 60))
-            answer = client.post(f"/api/v1/jobs/{job}/to-start", headers=headers, json={})
-        assert answer.status_code == 409
-        message = answer.json()["message"]
-        assert "floor of petri_60mm isn't touched off" in message
-        assert "Touch off" in message
-        assert station.status.position_mm == place.position_mm
-    finally:
-        station.close()
-
-
 def test_a_table_that_is_made_late_does_not_speak_over_the_next_print(
     service: JobService, monkeypatch: Any
 ) -> None:

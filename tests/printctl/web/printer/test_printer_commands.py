@@ -15,14 +15,16 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
-from printctl.machine.station import StationState, StationStatus, attach, client
+from printctl.machine.station import StationState, StationStatus, attach, client, connect
 from printctl.web.printer import following
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.status import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.workspace import Workspace
 from tests import waiting
+from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.printer.conftest import Script, wait_for
+from tests.printctl.web.serving import served
 
 IN_DISH = {"needle": "25g", "dish": "petri_60mm"}
 
@@ -200,6 +202,27 @@ def test_after_a_stop_nobody_knows_where_a_simulated_tip_stands_either(
     assert status["mounted"]["floor_mm"] is None
     assert "at most 1 mm" in own_api.refused("jog", axis="z", mm=-2)[1]
     assert own_api.do("home", axes=["x", "y", "z"], needle_off=True)["position_trusted"]
+
+
+def test_the_tip_is_not_moved_to_a_start_above_a_floor_that_nobody_touched(
+    tmp_path: Path,
+) -> None:
+    app = served(tmp_path)
+    folder = app.core.workspace.station
+    station = connect("generic_marlin", "simulated", folder, sim_speed=0.0, start_mm=(50, 50, 10))
+    place = station.mount(needle="28g", dish="petri_60mm", dish_centre_mm=(60, 60))
+    try:
+        with app.client() as page:
+            page.headers["Authorization"] = f"Bearer {app.access.token}"
+            job = page.post("/api/v1/jobs", files={"file": ("part.gcode", layered(2, 20))}).json()
+            start = {"start_mm": [55, 50, 10]}
+            answer = page.post(f"/api/v1/jobs/{job['id']}/to-start", json=start)
+        assert answer.status_code == 409
+        assert "floor of petri_60mm isn't touched off" in answer.json()["message"]
+        assert "Touch off the floor (page Printer" in answer.json()["message"]
+        assert station.status.position_mm == place.position_mm
+    finally:
+        station.close()
 
 
 # --- console and macros
