@@ -9,6 +9,7 @@ from typing import Final
 from printctl.machine.link.history_entry import plain_text
 from printctl.machine.link.journal import Record, read_records
 from printctl.machine.link.journalled_print import times_words
+from printctl.machine.link.record import reported_port
 
 MOST: Final = 2000
 """Events that are told; a print with more has them in its journal."""
@@ -88,7 +89,7 @@ def time_line(journal: Path) -> TimeLine:
     last: tuple[str, float] | None = None
     total = 0
     for record in read_records(journal):
-        event = _event_of(record)
+        event = _event_of(record, journal.parent)
         if event is None:
             continue
         at = _number((record or {}).get("at"))
@@ -109,13 +110,14 @@ def time_line(journal: Path) -> TimeLine:
     return TimeLine(tuple(events), tuple(stretches), total - len(events))
 
 
-def _event_of(record: Record | None) -> tuple[str, str] | None:
+def _event_of(record: Record | None, folder: Path) -> tuple[str, str] | None:
     """Kind and words of a record; None for what is too small to be told."""
     if record is None:
         return "damaged", "a line of the journal can't be read"
     sort = record.get("t")
     if sort == "job":
-        return "begun", f"{record.get('name', '')} on {record.get('port', '')}"
+        port = reported_port(folder, str(record.get("port", "")))
+        return "begun", f"{record.get('name', '')} on {port}"
     if sort == "state":
         return "state", f"{record.get('state', '')}: {record.get('message', '')}"
     if sort == "repeated":

@@ -20,8 +20,6 @@ _LATER: Final = 10
 T = TypeVar("T")
 LONGEST_LINE: Final = 2**26
 """Of a process's answer, bytes."""
-NOW, BEHIND = "now", "behind"
-"""When something is done, as one process tells another."""
 
 
 def lower_priority(niceness: int = _LATER) -> None:

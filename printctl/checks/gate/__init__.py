@@ -9,6 +9,7 @@ Goes in: a line, its origin, the printer's state. Comes out: a verdict. Begin wi
 from printctl.checks.gate.heat import check_heat
 from printctl.checks.gate.inputs import (
     RIM_MARGIN_MM,
+    STEP_DOWN_MM,
     UNNAMED_C,
     AllowedLine,
     Bounds,
@@ -36,6 +37,7 @@ from printctl.checks.gate.motion import DEFAULT_MM_S, check_homing, check_step
 __all__ = [
     "DEFAULT_MM_S",
     "RIM_MARGIN_MM",
+    "STEP_DOWN_MM",
     "UNNAMED_C",
     "AllowedLine",
     "Bounds",

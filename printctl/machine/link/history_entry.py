@@ -11,6 +11,7 @@ from pathlib import Path
 from printctl.machine.link.journal import Record, print_id, read_records
 from printctl.machine.link.journalled_print import replay, times_words
 from printctl.machine.link.print_notes import read_notes
+from printctl.machine.link.record import reported_port
 from printctl.machine.link.states import LinkState
 
 INTERRUPTED = LinkState.INTERRUPTED.value
@@ -126,10 +127,8 @@ def entry_of(journal: Path) -> PrintEntry | None:
         alarms=_alarms(records),
         operator=_operator(journal),
         file=plain_text(first.get("name", "")),
-        **{
-            k: plain_text(first.get(k, ""))
-            for k in ("who", "host", "path", "sha256", "profile", "port")
-        },
+        port=reported_port(journal.parent, plain_text(first.get("port", ""))),
+        **{k: plain_text(first.get(k, "")) for k in ("who", "host", "path", "sha256", "profile")},
     )
 
 

@@ -9,12 +9,15 @@ from typing import Any, TypeVar
 
 from design.files import write_text
 from printctl.machine.link.errors import NoLink
+from printctl.machine.link.ports import SIMULATED
 
 Kept = TypeVar("Kept")
 RECORD = "link.json"
 JOURNAL = "journal.log"
 LOG = "link.log"
 LOCK = "link.lock"
+SIM_ADDRESS = "sim.address"
+"""Where a simulated printer writes the port by which it is reached, in its print's folder."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,18 @@ def load_record(folder: Path) -> LinkRecord:
         "its run's folder, or its G-code file"
     )
     return read_private(folder / RECORD, LinkRecord, absent)
+
+
+def reported_port(folder: Path, port: str) -> str:
+    """Return the port of a folder's print, ``simulated`` where a simulated printer was behind it.
+
+    Where the print went to another port, the address is left of an earlier rehearsal.
+    """
+    try:
+        simulated = (folder / SIM_ADDRESS).read_text().partition("\n")[0].strip() == port
+    except (OSError, ValueError):
+        return port
+    return SIMULATED if simulated else port
 
 
 def save_private(path: Path, record: Any) -> None:

@@ -11,16 +11,13 @@ from typing import Final
 from printctl.errors import PrinterFailedError
 from printctl.machine.link.errors import LinkError
 from printctl.machine.link.ports import SIMULATED
-from printctl.machine.link.record import JOURNAL, load_record
+from printctl.machine.link.record import JOURNAL, SIM_ADDRESS, load_record, reported_port
 from printctl.sources import python_command
 
 __all__ = ["SIMULATED", "simulated_printer"]
 
 _COMES_UP_S: Final = 120.0
 """It takes one or two; a machine under heavy load needs far longer to import and compile."""
-
-SIM_ADDRESS: Final = "sim.address"
-"""Where a simulated printer writes the port by which it is reached."""
 
 
 def simulated_printer(
@@ -99,15 +96,8 @@ def simulated_printer(
 
 
 def was_simulated(folder: Path) -> bool:
-    """Return whether a folder's print went to a simulated printer.
-
-    A run's simulated printer writes its port beside the journal; where the print went to another
-    one, that is left of an earlier rehearsal.
-    """
+    """Return whether a folder's print went to a simulated printer."""
     try:
-        record = load_record(folder)
-        if record.port == SIMULATED:
-            return True
-        return (folder / SIM_ADDRESS).read_text().partition("\n")[0].strip() == record.port
-    except (LinkError, OSError):
+        return reported_port(folder, load_record(folder).port) == SIMULATED
+    except LinkError:
         return False

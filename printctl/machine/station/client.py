@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any, Final
 
 from firmware_profiles import Printer, load
@@ -57,6 +58,8 @@ MOVE_S: Final = 600.0
 """Longest wait for the end of a move: a slow axis, all of its way."""
 CHECK_S: Final = 180.0
 """Longest wait for a printer that is connected, or a print that begins."""
+FILES_BYTES: Final = 2**16
+"""Of a station's record, journal and address, with room for the record's next version."""
 
 
 class Station:
@@ -269,6 +272,8 @@ def connect(
         When its last print was interrupted and can be gone on with.
     LinkError
         When the printer can't be connected: port missing, denied or in use, no answer.
+    OSError
+        When the folder can't be written to, as on a full disk; nothing was started.
     """
     if sim_speed < 0 or not math.isfinite(sim_speed):
         raise Refused(f"sim_speed {sim_speed:g} isn't 0 or above")
@@ -281,6 +286,7 @@ def connect(
         )
     if not discard_interrupted and port != SIMULATED:
         _refuse_interrupted(folder)
+    _check_room(folder)
     command = [
         *python_command("printctl.machine.station"),
         "--printer",
@@ -316,6 +322,16 @@ def other_speed(folder: Path, sim_speed: float) -> str:
     if speed is None or speed == sim_speed:
         return ""
     return f"it is a simulated one at {speed:g} times real time, not {sim_speed:g}; "
+
+
+def _check_room(folder: Path) -> None:
+    """Raise unless a station could write its files, for on a full disk it couldn't say so."""
+    try:
+        with TemporaryFile(dir=folder) as probe:
+            probe.write(bytes(FILES_BYTES))
+            probe.flush()
+    except OSError as exc:
+        raise OSError(exc.errno, exc.strerror, str(folder)) from exc
 
 
 def _refuse_interrupted(folder: Path) -> None:

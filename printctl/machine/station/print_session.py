@@ -177,7 +177,7 @@ class PrintSession:
             self.report.tell(StationState.READY, ended)
             return
         try:
-            self.connection.connect(ended)
+            self.connection.connect(ended, trusted=self.known.trusted)
         except LinkError as exc:
             self.connection.down(StationState.LOST, f"{ended}; {exc}", type(exc).__name__)
 

@@ -63,8 +63,11 @@ class PrinterConnection:
         standby = self._speaker.standby
         return standby is not None and standby.firmware.capabilities.get("AUTOREPORT_TEMP", False)
 
-    def connect(self, ready: str = "ready") -> None:
+    def connect(self, ready: str = "ready", *, trusted: bool = True) -> None:
         """Open the port, find the printer and check it; ``ready`` is said when that is done.
+
+        A simulated printer, ``trusted``, stands where it was started; after a stop it isn't: like
+        any board it must be homed then, or told its place.
 
         Raises
         ------
@@ -82,7 +85,7 @@ class PrinterConnection:
             raise exc if isinstance(exc, LinkError) else HandshakeError(exc.message) from exc
         finally:
             self._speaker.switched()
-        if port.socket.simulated:  # it stands where it was started, and counts so
+        if port.socket.simulated and trusted:
             self.hands.declare(port.start, set(AXES))
         report.write_down("state", state="ready", message="connected", port=port.socket.port)
         report.tell(StationState.READY, ready)
@@ -113,7 +116,7 @@ class PrinterConnection:
         """
         self._port.close()
         try:
-            self.connect()
+            self.connect(trusted=False)
         except LinkError as exc:
             self.down(StationState.LOST, str(exc), type(exc).__name__)
             raise

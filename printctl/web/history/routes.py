@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass, replace
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, File, Path, Query, UploadFile
 from fastapi.responses import FileResponse, PlainTextResponse, StreamingResponse
 from starlette.background import BackgroundTask
 
 from printctl.errors import UsageError
-from printctl.history.signing import BundleError
-from printctl.history.table import day_begins, day_ends
+from printctl.history.repeat import Difference, make_job, plan_repeat
+from printctl.history.signing import lab_key
+from printctl.history.table import csv_lines, day_begins, day_ends
+from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_query import MOST, PAGE, HistoryQuery, SortBy
-from printctl.web.errors import BadRequestError, ConflictError
+from printctl.pipeline.evidence import PHOTOS, evidence
+from printctl.web.errors import BadRequestError, NotFoundError
 from printctl.web.history.service import (
-    Choices,
+    PICTURES,
     HistoryService,
-    NewJob,
     PastPrintDetails,
     PrintsPage,
-    Repetition,
     Verification,
+    verified,
 )
 from printctl.web.rest import API, REFUSALS
 
@@ -54,18 +56,34 @@ def history_query(
     offset: Annotated[int, Query(ge=0, le=10**9)] = 0,
 ) -> HistoryQuery:
     """Read what is asked for; days are the server's."""
-    return HistoryQuery(
-        words=words,
-        states=tuple(state or ()),
-        profile=profile,
-        who=who,
-        since=_begins(since),
-        until=_ends(until),
-        sort=sort,
-        descending=descending,
-        limit=limit,
-        offset=offset,
-    )
+    try:
+        begins, ends = day_begins(str(since or ""), "day"), day_ends(str(until or ""), "day")
+    except UsageError as exc:
+        raise BadRequestError(str(exc)) from exc
+    states = tuple(state or ())
+    return HistoryQuery(words, states, profile, who, begins, ends, sort, descending, limit, offset)
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """What it would mean to print the same again.
+
+    Attributes
+    ----------
+    sha256 : str
+        Of the G-code.
+    differences : tuple of Difference
+        What isn't as it was when it was printed.
+    unknown : tuple of str
+        What can't be compared.
+    set_up : dict
+        Names of profiles.
+    """
+
+    sha256: str
+    differences: tuple[Difference, ...]
+    unknown: tuple[str, ...]
+    set_up: dict[str, Any]
 
 
 Asked = Annotated[HistoryQuery, Depends(history_query)]
@@ -82,13 +100,21 @@ def router(service: HistoryService) -> APIRouter:
 
 
 def _lists(made: APIRouter, service: HistoryService) -> None:
+    def narrowed(query: HistoryQuery, here: bool) -> HistoryQuery:
+        return replace(query, within=service.folders) if here else query
+
     @made.get("", summary="Past prints, a page of them")
     def prints(query: Asked, here: Here = False) -> PrintsPage:
-        return service.listed(service.here(query) if here else query)
+        return service.listed(narrowed(query, here))
 
     @made.get("/choices", summary="Profiles, operators and ends that there are")
-    def choices(here: Here = False) -> Choices:
-        return service.choices(here)
+    def choices(here: Here = False) -> dict[Literal["profiles", "people", "states"], list[str]]:
+        history, within = PrintHistory(), service.folders if here else ()
+        return {
+            "profiles": history.known("profile", within),
+            "people": history.known("who", within),
+            "states": history.known("state", within),
+        }
 
     @made.get(
         "/csv",
@@ -98,7 +124,8 @@ def _lists(made: APIRouter, service: HistoryService) -> None:
     )
     def table(query: Asked, here: Here = False) -> StreamingResponse:
         head = {"Content-Disposition": 'attachment; filename="prints.csv"'}
-        lines = service.csv(service.here(query) if here else query)
+        every = replace(narrowed(query, here), limit=None, offset=0)
+        lines = csv_lines(service.find(every).entries)
         return StreamingResponse(lines, headers=head, media_type="text/csv")
 
 
@@ -111,7 +138,7 @@ def _records(made: APIRouter, service: HistoryService) -> None:
     )
     def key() -> PlainTextResponse:
         head = {"Content-Disposition": 'attachment; filename="lab_key.pem"'}
-        pem = service.public_key().pem()
+        pem = lab_key().public.pem()
         return PlainTextResponse(pem, headers=head, media_type="application/x-pem-file")
 
     @made.post("/verify", summary="Tell whether a bundle is as it was filed, and who signed it")
@@ -124,7 +151,7 @@ def _records(made: APIRouter, service: HistoryService) -> None:
         pem = key.file.read(_KEY_BYTES + 1) if key is not None else b""
         if len(pem) > _KEY_BYTES:
             raise BadRequestError(f"the key has more than {_KEY_BYTES} bytes; it is no key")
-        return service.verify(bundle.file, pem)
+        return verified(bundle.file, pem)
 
 
 def _one(made: APIRouter, service: HistoryService) -> None:
@@ -139,10 +166,7 @@ def _one(made: APIRouter, service: HistoryService) -> None:
         responses={200: {"content": {"application/zip": {}}}},
     )
     def bundle(print_id: PrintId) -> FileResponse:
-        try:
-            path = service.bundle(print_id)
-        except BundleError as exc:
-            raise ConflictError(str(exc)) from exc
+        path = service.bundle(print_id)
         return FileResponse(
             path,
             filename=f"print_{print_id}.zip",
@@ -157,7 +181,9 @@ def _one(made: APIRouter, service: HistoryService) -> None:
         responses={200: {"content": {media: {} for media in _MEDIA.values()}}},
     )
     def report(print_id: PrintId, kind: Literal["html", "json", "pdf"] = "html") -> FileResponse:
-        path = service.report(print_id, kind)
+        path = evidence(service.entry(print_id)).report.get(f"report.{kind}")
+        if path is None:
+            raise NotFoundError(f"print {print_id} has no report as {kind.upper()}")
         return FileResponse(path, media_type=_MEDIA[kind], headers=_ALONE)
 
     @made.get(
@@ -167,28 +193,19 @@ def _one(made: APIRouter, service: HistoryService) -> None:
         responses={200: {"content": {"image/jpeg": {}, "image/png": {}}}},
     )
     def photo(print_id: PrintId, name: Photo) -> FileResponse:
-        path, media = service.photo(print_id, name)
+        path = evidence(service.entry(print_id)).noted.get(f"{PHOTOS}/{name}")
+        media = PICTURES.get(path.suffix.lower()) if path is not None else None
+        if path is None or media is None:
+            raise NotFoundError(f"print {print_id} has no such photo")
         return FileResponse(path, media_type=media)
 
     @made.get("/{print_id}/repeat", summary="What differs today from when it was printed")
     def plan(print_id: PrintId) -> Repetition:
-        return service.repetition(print_id)
+        planned = plan_repeat(service.entry(print_id))
+        sha256, unknown = planned.entry.sha256, planned.unknown
+        return Repetition(sha256, planned.differences, unknown, planned.set_up)
 
     @made.post("/{print_id}/repeat", summary="Make a job of the same bytes; nothing is started")
-    def repeat(print_id: PrintId) -> NewJob:
-        return service.repeat(print_id)
-
-
-def _begins(day: date | None) -> float:
-    return _in_range(day_begins, day)
-
-
-def _ends(day: date | None) -> float:
-    return _in_range(day_ends, day)
-
-
-def _in_range(read: Callable[[str, str], float], day: date | None) -> float:
-    try:
-        return read(str(day), "day") if day else 0.0
-    except UsageError as exc:
-        raise BadRequestError(str(exc)) from exc
+    def repeat(print_id: PrintId) -> dict[Literal["job"], str]:
+        planned = plan_repeat(service.entry(print_id))
+        return {"job": f"file~{make_job(planned, service.workspace.root / 'jobs').name}"}

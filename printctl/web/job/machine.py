@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import field
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +11,7 @@ from pydantic import computed_field
 from pydantic.dataclasses import dataclass
 
 from firmware_profiles import Dish, load
-from printctl.checks.gate import RIM_MARGIN_MM
+from printctl.checks.gate import RIM_MARGIN_MM, STEP_DOWN_MM
 from printctl.errors import SafetyError
 from printctl.machine.link.client import PrintClient
 from printctl.machine.link.errors import NoLink
@@ -20,6 +21,7 @@ from printctl.machine.station import Station, StationState, StationStatus, attac
 from printctl.machine.station.status import NO_PRINTER
 from printctl.web.errors import ConflictError
 from printctl.web.job.set_up import JobSetUp, Place
+from printctl.web.profile_store import ProfileStore
 
 PARTS: Final = ("needle", "syringe", "ink", "bath", "dish")
 """What can be mounted on a printer."""
@@ -115,7 +117,7 @@ class StationPrinting:
         Raises
         ------
         SafetyError
-            When nobody knows where the tip stands.
+            When nobody knows where the tip stands, or how high the dish's floor is.
         ConflictError
             When no printer is connected.
         LinkError
@@ -129,6 +131,13 @@ class StationPrinting:
                 "(page Printer), then it can be moved to the start"
             )
         over_mm, mounted = None, status.mounted
+        away_mm = math.dist(status.position_mm, start_mm)
+        if mounted.touch_off_due and away_mm > STEP_DOWN_MM:
+            raise SafetyError(
+                f"the floor of {ProfileStore.name(mounted.dish)} isn't touched off with the needle "
+                "mounted, so nobody knows how high the tip clears the rim; nothing was moved. "
+                "Touch off the floor (page Printer, Touch off), then move the tip to the start"
+            )
         if mounted.dish and mounted.floor_mm is not None:
             over_mm = mounted.floor_mm + load(Dish, mounted.dish).wall_mm + RIM_MARGIN_MM
         for x, y, z in places_to(status.position_mm, start_mm, over_mm):

@@ -6,7 +6,6 @@ import asyncio
 import hashlib
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -14,8 +13,8 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, HTTPException, Request, Response
 
-from printctl.web.live.source import JobSource, SceneError, cached_scene
-from printctl.web.worker import BEHIND, NOW, LineProcess
+from printctl.web.live.source import SOURCES, JobSource, SceneError, cached_scene
+from printctl.web.worker import LineProcess
 
 # Load the live view's scripts and styles for serving, with modules shared with the report.
 #
@@ -29,26 +28,13 @@ _VIEWER: Final = ("flat.js", "lines.js", "page.js", "scale.js", "stage.js")
 """Modules of the reports' viewer that the live view needs."""
 
 
-@dataclass(frozen=True)
-class StaticFile:
-    """A file as it is sent.
-
-    Attributes
-    ----------
-    data : bytes
-    media_type : str
-    tag : str
-        Changes with the file.
-    """
-
-    data: bytes
-    media_type: str
-    tag: str
+_NOT_AT_ONCE: Final = ("flat_painter.js",)
+"""What only browsers without WebGL draw with."""
 
 
 @cache
-def static_files() -> dict[str, StaticFile]:
-    """All of them, by name."""
+def static_files() -> dict[str, tuple[bytes, str, str]]:
+    """Return data, tag (which changes with the data) and media type of each file, by name."""
     report = Path(__file__).parents[3] / "registration" / "report"
     paths = {path.name: path for path in sorted(_STATIC.iterdir()) if path.suffix in _TYPES}
     paths |= {name: report / "viewer" / name for name in _VIEWER}
@@ -57,18 +43,14 @@ def static_files() -> dict[str, StaticFile]:
     return {name: _read(name, path) for name, path in paths.items()}
 
 
-def _read(name: str, path: Path) -> StaticFile:
+def _read(name: str, path: Path) -> tuple[bytes, str, str]:
     data = path.read_bytes()
     if path.suffix == ".js" and name != "three.js":
         data = _BARE.sub(rb'"./\1.js"', data)
         for bare, url in ((b"three", b"./three.js"), (b"three/orbit", b"./orbit.js")):
             data = re.sub(rb"""from ['"]%b['"]""" % bare, b'from "%b"' % url, data)
     tag = f'"{hashlib.sha256(data).hexdigest()[:16]}"'
-    return StaticFile(data, _TYPES[path.suffix], tag)
-
-
-_NOT_AT_ONCE: Final = ("flat_painter.js",)
-"""What only browsers without WebGL draw with."""
+    return data, tag, _TYPES[path.suffix]
 
 
 def preload(job: str) -> str:
@@ -99,35 +81,21 @@ _KEEP_MEMORY: Final = {
 }
 
 
-class SceneMaker:
+class SceneMaker(LineProcess):
     """Makes scenes, one at a time, without the event loop waiting for any of it.
 
-    While a print goes on they are made behind it; else somebody waits for them. The process begins
-    with `start`, best when the server does (importing and loading the kernels takes seconds), or
-    with the first job; it begins again when it died.
+    The process begins with `start`, best when the server does (importing and loading the kernels
+    takes seconds), or with the first job; it begins again when it died.
 
     Parameters
     ----------
-    printing : callable
-        Tells whether a print goes on.
     longest_s : float, s
         That a scene may take.
     """
 
-    def __init__(
-        self, printing: Callable[[], bool] = lambda: False, longest_s: float = _LONGEST_S
-    ) -> None:
-        self._printing = printing
+    def __init__(self, longest_s: float = _LONGEST_S) -> None:
+        super().__init__("printctl.web.live.scene_worker", _KEEP_MEMORY)
         self._longest_s = longest_s
-        self.maker = LineProcess("printctl.web.live", _KEEP_MEMORY)
-
-    async def start(self) -> None:
-        """Begin the process unless it runs."""
-        await self.maker.start()
-
-    async def close(self) -> None:
-        """End the process."""
-        await self.maker.close()
 
     async def scene_file(self, source: JobSource) -> Path:
         """The file of a job's scene, made now unless it is there.
@@ -140,10 +108,9 @@ class SceneMaker:
         path = await asyncio.to_thread(cached_scene, source)
         if path.is_file():
             return path
-        async with self.maker.turn:
-            when = BEHIND if await asyncio.to_thread(self._printing) else NOW
+        async with self.turn:
             try:
-                answer = await self.maker.ask(f"{when} {source.to_json()}", self._longest_s)
+                answer = await self.ask(SOURCES.dump_json(source).decode(), self._longest_s)
             except TimeoutError as exc:
                 raise SceneError(
                     f"the view of {source.gcode.name} wasn't made in {self._longest_s:g} s; "
@@ -180,7 +147,7 @@ def router(jobs: Jobs, maker: SceneMaker) -> APIRouter:
         file = static_files().get(name)
         if file is None:
             raise HTTPException(404, "no such file of the live view")
-        return _answer(request, file.tag, file.data, file.media_type)
+        return _answer(request, *file)
 
     @routes.get(
         "/{job}/scene",
@@ -206,7 +173,7 @@ def router(jobs: Jobs, maker: SceneMaker) -> APIRouter:
             raise HTTPException(422, str(exc)) from exc
         except OSError as exc:
             raise HTTPException(422, f"the view of this job can't be read: {exc.strerror}") from exc
-        return _answer(request, tag, data, "application/octet-stream")
+        return _answer(request, data, tag, "application/octet-stream")
 
     return routes
 
@@ -217,7 +184,7 @@ def _has(request: Request, tag: str) -> bool:
     return tag in [each.strip().removeprefix("W/") for each in held.split(",")]
 
 
-def _answer(request: Request, tag: str, data: bytes, media_type: str) -> Response:
+def _answer(request: Request, data: bytes, tag: str, media_type: str) -> Response:
     headers = {**_KEPT, "ETag": tag, "X-Content-Type-Options": "nosniff"}
     if _has(request, tag):
         return Response(status_code=304, headers=headers)

@@ -49,9 +49,6 @@ class LiveScene:
     time_s: NDArray[np.float32]
     about: dict[str, Any]
 
-    def __len__(self) -> int:
-        return len(self.command)
-
 
 def make_scene(source: JobSource, gcode: bytes, line_map: LineMap | None) -> LiveScene:
     """Make the scene of a file.
@@ -71,8 +68,10 @@ def make_scene(source: JobSource, gcode: bytes, line_map: LineMap | None) -> Liv
     # Strictly: moves are told by the count of commands that the link sends.
     reading = read_with_program(gcode, source.gcode.name, source.pushing(), line_map, strict=True)
     job, program = reading.job, reading.program
-    number = commands_of_lines(job.text, program.line)
-    kept = np.flatnonzero(_goes_somewhere(reading))
+    sent = np.zeros(job.text.count(b"\n") + 2, np.int64)
+    sent[program.line] = 1  # the link sends the lines that the reader found a command in
+    number = np.cumsum(sent)
+    kept = np.flatnonzero(_differ(job.start, job.end) & np.isin(job.act, _SHOWN))
     apart = np.ones(len(kept), bool)
     apart[1:] = _differ(job.start[kept[1:]], job.end[kept[:-1]])
     apart[:1] = False
@@ -81,14 +80,16 @@ def make_scene(source: JobSource, gcode: bytes, line_map: LineMap | None) -> Liv
     jumped = np.insert(np.zeros(len(kept), bool), jumps, True)
     end = np.where(jumped[:, None], job.start[move], job.end[move])
     place = np.vstack([job.start[kept[:1]], end])
-    low, step = _box(place)
+    low, high = _box(place)
+    step = np.maximum((high - low) / 65_535, 1e-6)  # so that all places fit into 16 bits
     group = max(1, -(-len(job.layers) // MOST))
     points = np.zeros((len(place), 8), np.uint16)
     points[:, :3] = np.rint((place - low) / step)
     points[1:, LAYER] = job.layer[move] // group
     points[1:, VESSEL] = _vessels(job.vessel, move)
     points[1:, HEAD] = program.tool[reading.row[move]]
-    points[1:, WIDTH] = _widths(np.where(jumped, np.nan, job.width_mm[move]))
+    width_um = np.where(jumped, 0, np.nan_to_num(job.width_mm[move]) / _UM)
+    points[1:, WIDTH] = np.clip(np.rint(width_um), 0, MOST)
     points[1:, ACT] = np.where(jumped, np.uint8(Act.JUMP), job.act[move])
     time = np.cumsum(job.time_s)
     about = _about(reading, place, points, group)
@@ -102,27 +103,6 @@ def make_scene(source: JobSource, gcode: bytes, line_map: LineMap | None) -> Liv
     )
 
 
-def commands_of_lines(text: bytes, line: IntArray) -> IntArray:
-    """How many commands the link sends of the first k lines, (lines + 1,).
-
-    Parameters
-    ----------
-    text : bytes
-        The file, each line ended by a line feed.
-    line : (n,) int64
-        Lines that the reader found a command in; the link sends those.
-    """
-    count = text.count(b"\n") + 1
-    sent = np.zeros(count + 1, np.int64)
-    sent[line] = 1
-    return np.cumsum(sent)
-
-
-def _goes_somewhere(reading: Reading) -> BoolArray:
-    job = reading.job
-    return np.asarray(_differ(job.start, job.end) & np.isin(job.act, _SHOWN))
-
-
 def _differ(one: FloatArray, other: FloatArray) -> BoolArray:
     """Whether places, (n, 3) each, differ; column by column, five times as fast as by rows."""
     apart = one[:, 0] != other[:, 0]
@@ -131,34 +111,17 @@ def _differ(one: FloatArray, other: FloatArray) -> BoolArray:
     return np.asarray(apart)
 
 
-def _written_box(place: FloatArray, writes: BoolArray) -> tuple[list[float], list[float]]:
-    """Lowest and highest corner of the moves that write, mm."""
-    ends = np.zeros(len(place), bool)
-    ends[1:] = writes
-    ends[:-1] |= writes
-    columns = [place[ends, axis] for axis in range(3)]
-    return [float(one.min()) for one in columns], [float(one.max()) for one in columns]
-
-
 def _box(place: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lowest corner and the step of each axis, mm, so that all places fit into 16 bits."""
-    # Column by column for the same reason as `_differ`.
-    low, high = (
-        np.array([extreme(place[:, axis]) for axis in range(3)]) for extreme in (np.min, np.max)
-    )
-    return low, np.maximum((high - low) / 65_535, 1e-6)
+    """Lowest and highest corner, mm; column by column for the same reason as `_differ`."""
+    columns = [place[:, axis] for axis in range(3)]
+    return np.array([one.min() for one in columns]), np.array([one.max() for one in columns])
 
 
 def _vessels(vessel: IntArray | None, move: IntArray) -> NDArray[np.uint16]:
     if vessel is None:
         return np.full(len(move), NONE, np.uint16)
-    of = vessel[move]
-    return np.where(of < 0, NONE, of % MOST).astype(np.uint16)
-
-
-def _widths(width_mm: FloatArray) -> NDArray[np.uint16]:
-    um = np.clip(np.rint(np.nan_to_num(width_mm) / _UM), 0, MOST)
-    return np.asarray(um.astype(np.uint16))
+    number = vessel[move]
+    return np.where(number < 0, NONE, number % MOST).astype(np.uint16)
 
 
 def _about(
@@ -167,7 +130,11 @@ def _about(
     """Numbers and names that the view shows."""
     job = reading.job
     vessels = points[1:, VESSEL]
-    low, high = _written_box(place, points[1:, ACT] == Act.WRITE)
+    writes = points[1:, ACT] == Act.WRITE
+    ends = np.zeros(len(place), bool)
+    ends[1:] = writes
+    ends[:-1] |= writes
+    low, high = _box(place[ends])
     return {
         "name": job.name,
         "passes": job.layers.passes,
@@ -175,8 +142,8 @@ def _about(
         "layers": np.round(job.layers.z_mm[group - 1 :: group], 4).tolist(),
         "vessels": len(np.unique(vessels[vessels != NONE])),
         "heads": int(points[1:, HEAD].max(initial=0)) + 1,
-        "written_low_mm": low,
-        "written_high_mm": high,
+        "written_low_mm": low.tolist(),
+        "written_high_mm": high.tolist(),
         "duration_s": float(job.time_s.sum()),
         "notes": list(job.notes),
     }

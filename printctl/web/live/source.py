@@ -1,17 +1,21 @@
-"""Inputs of a live-view scene and its cache key: G-code file, profiles, rims of dish and wells."""
+"""Inputs of a live-view scene and its cache file: G-code, profiles, rims of dish and wells."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
+
+from pydantic import TypeAdapter
 
 from firmware_profiles import Printer, Syringe, load
 from printctl.checks.gcode_view import Pushing
 from printctl.errors import UsageError
 from printctl.web.workspace import file_hash
+
+VERSION: Final = 1
+"""Of the scenes' format (`printctl.web.live.scene_worker`)."""
 
 
 class SceneError(UsageError):
@@ -34,8 +38,6 @@ class JobSource:
         Folder for the scene that is made of it, best the one that the job lies in.
     printer, syringe : str
         Profiles, by name or path.
-    flow_ul_s : float or None, µL/s
-        Of a pneumatic head; None takes the profile's.
     outlines : tuple of Outline
         What stands on the bed: a dish's rim, a plate's wells.
     """
@@ -44,11 +46,10 @@ class JobSource:
     cache: Path
     printer: str = "generic_marlin"
     syringe: str = "hamilton_1ml"
-    flow_ul_s: float | None = None
     outlines: tuple[Outline, ...] = ()
 
     def pushing(self) -> Pushing:
-        """How E becomes a volume.
+        """Return how E becomes a volume.
 
         Raises
         ------
@@ -56,58 +57,30 @@ class JobSource:
             When a profile isn't there or isn't valid.
         """
         syringe = load(Syringe, self.syringe)
-        return Pushing(
-            printer=load(Printer, self.printer),
-            bore_mm=None,
-            bore_said="",
-            syringe_mm=syringe.inner_mm,
-            syringe_said=syringe.name,
-            flow_ul_s=self.flow_ul_s,
-        )
-
-    def to_json(self) -> str:
-        """One line of text that `from_json` reads."""
-        values = asdict(self) | {"gcode": str(self.gcode), "cache": str(self.cache)}
-        return json.dumps(values)
-
-    @staticmethod
-    def from_json(text: str) -> JobSource:
-        """Read `to_json`."""
-        values: dict[str, Any] = json.loads(text)
-        outlines = tuple(tuple(tuple(at) for at in line) for line in values["outlines"])
-        paths = {name: Path(values[name]) for name in ("gcode", "cache")}
-        return JobSource(**{**values, **paths, "outlines": outlines})
-
-    def key(self, version: int) -> str:
-        """Hash of the file, its map, what is mounted and the scene's version; 32 hex digits.
-
-        Raises
-        ------
-        OSError
-            When the file can't be read.
-        """
-        digest = hashlib.sha256()
-        for path in (self.gcode, self.gcode.with_suffix(".map.npz")):
-            if path == self.gcode or path.is_file():
-                digest.update(file_hash(path).encode())
-        parts = (version, self.printer, self.syringe, self.flow_ul_s, self.outlines)
-        digest.update(repr(parts).encode())
-        return digest.hexdigest()[:32]
+        return Pushing(load(Printer, self.printer), None, "", syringe.inner_mm, syringe.name)
 
 
-VERSION: Final = 1
-"""Of the scenes' format (`printctl.web.live.scene_worker`)."""
+SOURCES: Final = TypeAdapter(JobSource)
+"""Writes and reads a source as JSON."""
 
 
 def cached_scene(source: JobSource) -> Path:
-    """Path of a job's scene, whether it exists or not.
+    """Return the path of a job's scene, whether it exists or not.
+
+    Its name is a hash of the file, its map, what is mounted and the format's version.
 
     Raises
     ------
     SceneError
         When the job can't be read.
     """
+    digest, line_map = hashlib.sha256(), source.gcode.with_suffix(".map.npz")
     try:
-        return source.cache / f"{source.key(VERSION)}.scene"
+        digest.update(file_hash(source.gcode).encode())
+        if line_map.is_file():
+            digest.update(file_hash(line_map).encode())
     except OSError as exc:
         raise SceneError(f"{source.gcode} can't be read: {exc.strerror}") from exc
+    parts = (VERSION, source.printer, source.syringe, source.outlines)
+    digest.update(repr(parts).encode())
+    return source.cache / f"{digest.hexdigest()[:32]}.scene"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Final
 
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, ProfileError, Syringe
@@ -20,13 +20,9 @@ PARTS: Final[dict[str, type[Facts]]] = {
 
 
 @dataclass(frozen=True)
-class FoundPort:
+class FoundPort(PortInfo):
     """A port, and the profiles whose USB id it has."""
 
-    device: str
-    description: str
-    usb_id: str
-    serial_number: str
     profiles: tuple[str, ...]
 
 
@@ -51,34 +47,21 @@ class PrinterChoice:
 
 @dataclass(frozen=True)
 class PartChoice:
-    """A part that can be mounted.
-
-    Attributes
-    ----------
-    name, about : str
-    volume_ul : float or None, µL
-        Of a syringe.
-    """
+    """A part that can be mounted; ``volume_ul`` is a syringe's."""
 
     name: str
     about: str
     volume_ul: float | None = None
 
 
-def ports_with_profiles(
-    store: ProfileStore, ports: list[PortInfo] | None = None
-) -> list[FoundPort]:
+def ports_with_profiles(store: ProfileStore) -> list[FoundPort]:
     """List this machine's serial ports; nothing is opened."""
     printers = {name: store.load(Printer, name) for name in store.printers()}
     return [
         FoundPort(
-            port.device,
-            port.description,
-            port.usb_id,
-            port.serial_number,
-            tuple(name for name, printer in printers.items() if matches(printer, port)),
+            **asdict(port), profiles=tuple(n for n, p in printers.items() if matches(p, port))
         )
-        for port in (list_ports() if ports is None else ports)
+        for port in list_ports()
     ]
 
 
@@ -120,7 +103,7 @@ def _part(store: ProfileStore, model: type[Facts], name: str) -> PartChoice:
 
 
 def summary(printer: Printer) -> str:
-    """What a printer is, on one line."""
+    """Describe a printer on one line."""
     x, y, z = (f"{s.low:g} to {s.high:g}" for s in (printer.x_mm, printer.y_mm, printer.z_mm))
     pushes = (
         f"pneumatic, {printer.pneumatic.pressure_kpa:g} kPa"

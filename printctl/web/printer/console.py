@@ -5,26 +5,34 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from design.files import write_text
-from firmware_profiles import Printer, load
+from firmware_profiles import Printer
 from firmware_profiles.yaml_file import read_yaml
 from printctl.checks.gate import Refusal, judge_stored_line
 from printctl.machine.link.errors import LinkError
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError, WebError
-from printctl.web.printer.printer_commands import PrinterAccess
-from printctl.web.profile_store import ProfileStore
+from printctl.web.printer.service import PrinterService
+from printctl.web.rest import Asking, Body
 
 KEPT: Final = 500
 LONGEST: Final = 200
+
+
+class ConsoleLine(Body):
+    """A line for the console."""
+
+    text: Annotated[str, Field(min_length=1, max_length=LONGEST)]
+
+
+Replies = dict[Literal["replies"], list[str]]
 
 
 @dataclass(frozen=True)
@@ -49,31 +57,29 @@ class Entry:
     replies: tuple[str, ...] = ()
     refused: str = ""
 
-    def to_dict(self) -> dict[str, Any]:
-        """As a JSON object."""
-        return asdict(self)
-
 
 class Console:
     """Sends lines and keeps what came of them, the same for all browsers.
 
     Parameters
     ----------
-    access : PrinterAccess
-    clock : function
-        Seconds since 1970.
+    service : PrinterService
     """
 
-    def __init__(self, access: PrinterAccess, clock: Callable[[], float] = time.time) -> None:
-        self._access, self._clock = access, clock
+    def __init__(self, service: PrinterService) -> None:
+        self._service = service
         self._entries: deque[Entry] = deque(maxlen=KEPT)
         self._count = 0
         self._lock = threading.Lock()
 
-    def entries(self, after: int = 0) -> list[Entry]:
-        """Those with a number above ``after``, oldest first."""
+    def console(self, after: int = 0) -> list[Entry]:
+        """Return those with a number above ``after``, oldest first; a route."""
         with self._lock:
             return [entry for entry in self._entries if entry.number > after]
+
+    def command(self, body: ConsoleLine, who: Asking) -> Replies:
+        """Send a line; a route."""
+        return {"replies": self.send(who, body.text)}
 
     def send(self, who: Principal, typed: str) -> list[str]:
         """Send a line; give the reply.
@@ -86,7 +92,7 @@ class Console:
         """
         text = checked_line(typed)
         try:
-            replies = self._access.ask(who).command(text)
+            replies = self._service.ask(who).command(text)
         except (LinkError, WebError) as exc:
             self._keep(who, text, refused=str(exc))
             raise
@@ -98,13 +104,13 @@ class Console:
     ) -> None:
         with self._lock:
             self._count += 1
-            entry = Entry(self._count, self._clock(), who.name, text, replies, refused)
+            entry = Entry(self._count, time.time(), who.name, text, replies, refused)
             self._entries.append(entry)
-        self._access.core.events.publish("console", **entry.to_dict())
+        self._service.core.events.publish("console", **asdict(entry))
 
 
 def checked_line(typed: str) -> str:
-    """One command as it can be sent.
+    """Return one command as it can be sent.
 
     Raises
     ------
@@ -118,8 +124,6 @@ def checked_line(typed: str) -> str:
         )
     return text
 
-
-# Store, check and run macros: named lists of G-code commands, per printer profile.
 
 MOST: Final = 50
 
@@ -136,93 +140,75 @@ class Macro(BaseModel):
     commands: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)]
 
 
-class _File(BaseModel):
+class MacroFile(BaseModel):
+    """Macros of a printer profile."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     macros: Annotated[tuple[Macro, ...], Field(max_length=MOST)] = ()
 
+    def without(self, name: str) -> list[Macro]:
+        """Return all but the one of that name."""
+        return [one for one in self.macros if one.name != name]
+
 
 class Macros:
-    """Reads, checks, keeps and runs them.
+    """Reads, checks, keeps and runs macros; its methods are routes.
 
     Parameters
     ----------
-    access : PrinterAccess
-    store : ProfileStore
+    service : PrinterService
     console : Console
     """
 
-    def __init__(self, access: PrinterAccess, store: ProfileStore, console: Console) -> None:
-        self._access, self._store, self._console = access, store, console
+    def __init__(self, service: PrinterService, console: Console) -> None:
+        self._service, self._console = service, console
         self._lock = threading.Lock()
 
-    def of(self, profile: str) -> list[Macro]:
-        """Those of a printer profile.
-
-        Raises
-        ------
-        ConflictError
-            When their file can't be read.
-        """
+    def listed(self, profile: str) -> MacroFile:
+        """Return those of a printer profile."""
         path = self._path(profile)
         if not path.is_file():
-            return []
+            return MacroFile()
         try:
-            return list(_File.model_validate(read_yaml(path.read_text("utf-8"))).macros)
+            return MacroFile.model_validate(read_yaml(path.read_text("utf-8")))
         except (yaml.YAMLError, UnicodeDecodeError, ValidationError) as exc:
             raise ConflictError(f"{path} holds no macros: {exc}; mend or remove it") from exc
 
-    def save(self, who: Principal, profile: str, macro: Macro) -> None:
-        """Keep a macro, in place of one of the same name.
-
-        Raises
-        ------
-        BadRequestError
-            For a command that the console would refuse.
-        """
-        self._access.core.controls.require(who)
-        self._check(profile, macro)
+    def save(self, profile: str, body: Macro, who: Asking) -> MacroFile:
+        """Keep a macro, in place of one of the same name, if the console would take its lines."""
+        self._service.core.controls.require(who)
+        self._check(profile, body)
         with self._lock:
-            kept = [one for one in self.of(profile) if one.name != macro.name]
+            kept = self.listed(profile).without(body.name)
             if len(kept) >= MOST:
                 raise ConflictError(f"there are {MOST} macros already; remove one first")
-            self._write(profile, [*kept, macro])
+            return self._write(profile, [*kept, body])
 
-    def remove(self, who: Principal, profile: str, name: str) -> None:
-        """Forget a macro.
-
-        Raises
-        ------
-        NotFoundError
-        """
-        self._access.core.controls.require(who)
+    def remove(self, profile: str, name: str, who: Asking) -> MacroFile:
+        """Forget a macro."""
+        self._service.core.controls.require(who)
         with self._lock:
-            every = self.of(profile)
-            kept = [one for one in every if one.name != name]
-            if len(kept) == len(every):
+            before = self.listed(profile)
+            kept = before.without(name)
+            if len(kept) == len(before.macros):
                 raise NotFoundError(f"{profile} has no macro {name!r}")
-            self._write(profile, kept)
+            return self._write(profile, kept)
 
-    def run(self, who: Principal, name: str) -> list[str]:
-        """Send a macro's commands to the printer that is connected; give all replies.
-
-        Raises
-        ------
-        NotFoundError
-        LinkError
-            When a command is refused; those after it aren't sent.
-        """
-        self._access.ask(who)
-        profile = self._store.name(self._access.status.profile)
-        named = [one for one in self.of(profile) if one.name == name]
-        if not named:
+    def run(self, name: str, who: Asking) -> Replies:
+        """Send a macro's commands to the printer that is connected, until one is refused."""
+        self._service.ask(who)
+        profile = self._service.status.printer
+        macro = next((one for one in self.listed(profile).macros if one.name == name), None)
+        if macro is None:
             raise NotFoundError(f"{profile} has no macro {name!r}")
-        self._check(profile, named[0])
-        with self._access.moving(who):
-            return [reply for text in named[0].commands for reply in self._console.send(who, text)]
+        self._check(profile, macro)
+        with self._service.moving(who):
+            sent = [self._console.send(who, text) for text in macro.commands]
+        return {"replies": [reply for replies in sent for reply in replies]}
 
     def _check(self, profile: str, macro: Macro) -> None:
-        printer = load(Printer, self._store.given(Printer, profile))
+        printer = self._service.store.load(Printer, profile)
         for number, text in enumerate(macro.commands, 1):
             verdict = judge_stored_line(checked_line(text), printer)
             if isinstance(verdict, Refusal):
@@ -230,10 +216,12 @@ class Macros:
                     f"macro {macro.name!r}, line {number}: {verdict.message}; take it out"
                 )
 
-    def _write(self, profile: str, macros: list[Macro]) -> None:
-        data = {"macros": [one.model_dump(mode="json") for one in macros]}
-        write_text(self._path(profile), yaml.safe_dump(data, sort_keys=False, allow_unicode=True))
+    def _write(self, profile: str, macros: list[Macro]) -> MacroFile:
+        kept = MacroFile(macros=tuple(macros))
+        data = yaml.safe_dump(kept.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+        write_text(self._path(profile), data)
+        return kept
 
     def _path(self, profile: str) -> Path:
-        self._store.given(Printer, profile)
-        return self._access.core.workspace.private / "macros" / f"{profile}.yaml"
+        self._service.store.given(Printer, profile)  # refuses what is no profile's name
+        return self._service.core.workspace.private / "macros" / f"{profile}.yaml"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Final
@@ -10,6 +11,7 @@ from firmware_profiles import Dish, Ink, Printer, ProfileError, Syringe, load
 from printctl.machine.station import StationState, StationStatus
 from printctl.machine.station.idle_commands import UNNAMED_UL_S
 from printctl.machine.station.status import MountedParts
+from printctl.web.errors import ConflictError
 from printctl.web.printer.choices import PARTS
 from printctl.web.profile_store import ProfileStore
 
@@ -23,6 +25,10 @@ STATE_WORDS: Final = {
     StationState.LOST: "lost: the port went away or nothing answers; check the cable, reconnect",
     StationState.CLOSED: "not connected",
 }
+CLEAR_MM: Final = 5.0
+"""So far above the dish's rim is out of the bath."""
+BLIND_LIFT_MM: Final = 20.0
+"""How far up where the rim's height is unknown; a controlled stop lifts as far."""
 
 
 @dataclass(frozen=True)
@@ -76,28 +82,41 @@ def described(status: StationStatus) -> PrinterStatus:
     )
 
 
-def rim_mm(mounted: MountedParts) -> float | None:
-    """Height of the tip at the rim of the dish mounted, mm; None where that isn't known."""
-    if not mounted.dish or mounted.floor_mm is None:
-        return None
-    return mounted.floor_mm + load(Dish, mounted.dish).wall_mm
-
-
-def fastest_ul_s(profile: str, mounted: MountedParts) -> float | None:
-    """Fastest plunger, µL/s, with the syringe and the ink mounted; None where no syringe is."""
-    if not mounted.syringe or not profile:
-        return None
-    area = load(Syringe, mounted.syringe).area_mm2
-    bears = load(Ink, mounted.ink).plunger_ul_s if mounted.ink else UNNAMED_UL_S
-    return min(area * load(Printer, profile).max_speed_mm_s.e, bears)
-
-
 @lru_cache(maxsize=8)
 def _limits(profile: str, mounted: MountedParts) -> tuple[float | None, float | None, float | None]:
     """Rim, fastest plunger, full syringe; a status comes four times a second, its parts rarely."""
-    syringe = load(Syringe, mounted.syringe) if mounted.syringe else None
-    full = None if syringe is None else syringe.volume_ul - syringe.dead_volume_ul
-    return rim_mm(mounted), fastest_ul_s(profile, mounted), full
+    rim = fastest = full = None
+    if mounted.dish and mounted.floor_mm is not None:
+        rim = mounted.floor_mm + load(Dish, mounted.dish).wall_mm
+    if mounted.syringe:
+        syringe = load(Syringe, mounted.syringe)
+        full = syringe.volume_ul - syringe.dead_volume_ul
+        if profile:
+            bears = load(Ink, mounted.ink).plunger_ul_s if mounted.ink else UNNAMED_UL_S
+            fastest = min(syringe.area_mm2 * load(Printer, profile).max_speed_mm_s.e, bears)
+    return rim, fastest, full
+
+
+def way_out_mm(status: StationStatus) -> float:
+    """Return how far up the tip is out of the bath and above the dish's rim, mm.
+
+    Raises
+    ------
+    ConflictError
+        When it is there already, or the axis ends below.
+    """
+    if status.position_mm is None:
+        raise ConflictError("the printer hasn't told where it stands; home it, or jog Z up")
+    z = status.position_mm[2]
+    rim = described(status).rim_mm
+    top = load(Printer, status.profile).z_mm.high if status.position_trusted else math.inf
+    way = min(BLIND_LIFT_MM if rim is None else rim + CLEAR_MM - z, top - z)
+    if way <= 0:
+        raise ConflictError(
+            f"the tip is at Z {z:.2f} mm already"
+            + (", the end of the axis" if rim is None else f", the rim at {rim:.2f} mm")
+        )
+    return way
 
 
 def _position_words(status: StationStatus) -> str:

@@ -102,6 +102,18 @@ def test_one_print_is_told_with_all_there_is(script, tmp_path):
     assert [e["kind"] for e in told["events"]] == ["begun", "state", "state", "alarm", "end"]
 
 
+def test_rehearsed_print_is_told_as_simulated(script, tmp_path):
+    place = tmp_path / "run" / "print"
+    place.mkdir(parents=True)
+    (place / "sim.address").write_text("/dev/pts/3\n")  # as the simulated printer leaves it
+    rehearsed, real = printed(tmp_path / "run"), printed(tmp_path / "other", started=2e9)
+    told = script.get(f"{WAY}/{rehearsed.id}").json()
+    assert told["print"]["port"] == "simulated"
+    assert told["events"][0]["text"] == "part.gcode on simulated"
+    ports = [one["port"] for one in script.get(WAY).json()["prints"]]
+    assert ports == [real.port, "simulated"] == ["/dev/pts/3", "simulated"]
+
+
 @pytest.mark.parametrize(
     ("way", "status"),
     [("1000000000-00000000", 404), ("..%2f..%2fetc%2fpasswd", 404), ("x", 422), ("1-2-3", 422)],

@@ -1,5 +1,6 @@
 import asyncio
 import json
+import os
 from pathlib import Path
 
 import httpx
@@ -74,7 +75,7 @@ def test_a_maker_that_died_begins_again(tmp_path: Path) -> None:
     async def die_and_ask() -> Path:
         maker = SceneMaker()
         await maker.start()
-        process = maker.maker.process
+        process = maker.process
         assert process is not None
         process.kill()
         await process.wait()
@@ -86,25 +87,18 @@ def test_a_maker_that_died_begins_again(tmp_path: Path) -> None:
     assert asyncio.run(die_and_ask()).is_file()
 
 
-def test_while_a_print_goes_on_scenes_are_made_behind_it(tmp_path: Path) -> None:
-    async def ask() -> tuple[Path, str]:
-        maker = SceneMaker(lambda: True)
-        asked: list[str] = []
-        send = maker.maker.ask
-
-        async def noted(line: str, longest_s: float) -> dict[str, str]:
-            asked.append(line)
-            return await send(line, longest_s)
-
-        maker.maker.ask = noted  # type: ignore[method-assign]
+@pytest.mark.skipif(not hasattr(os, "nice"), reason="no priorities")
+def test_scenes_are_made_behind_a_print(tmp_path: Path) -> None:
+    async def priority() -> int:
+        maker = SceneMaker()
         try:
-            return await maker.scene_file(jobs.source(tmp_path, jobs.squares(1))), asked[0]
+            await maker.scene_file(jobs.source(tmp_path, jobs.squares(1)))
+            assert maker.process is not None
+            return os.getpriority(os.PRIO_PROCESS, maker.process.pid)
         finally:
             await maker.close()
 
-    path, line = asyncio.run(ask())
-    assert path.is_file()
-    assert line.startswith("behind {")
+    assert asyncio.run(priority()) >= 10
 
 
 def test_a_job_that_takes_too_long_is_given_up(tmp_path: Path) -> None:
