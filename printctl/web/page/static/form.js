@@ -1,7 +1,6 @@
 // The form of a recipe, made from its JSON Schema (GET /recipes/schema; printctl/web/design/schema.py).
-import { Badge, Button, Field, Note, html, number, useEffect, useMemo, useRef, useState } from "./ui.js";
+import { Badge, Button, Field, Note, html, number, useEffect, useMemo, useRef, useState, useTyped } from "./ui.js";
 
-const PAUSE_MS = 500; // after the last key that was pressed
 const FOUND = 12;
 const AXES = { 2: ["1st", "2nd"], 3: ["x", "y", "z"] };
 
@@ -138,29 +137,6 @@ function problemAt(form, path) {
 }
 
 const below = (form, path) => form.problems.filter((one) => path.every((key, k) => one.path[k] === key)).length;
-
-// A typed value that is told when nothing was typed for a while, or the field is left.
-function useTyped(shown, tell) {
-  const [text, setText] = useState(shown);
-  const waiting = useRef(null);
-  const now = useRef({});
-  now.current = { text, tell };
-  const end = () => {
-    if (waiting.current === null) return;
-    clearTimeout(waiting.current);
-    waiting.current = null;
-    now.current.tell(now.current.text);
-  };
-  useEffect(() => { if (waiting.current === null) setText(shown); }, [shown]);
-  useEffect(() => end, []);
-  const type = (next) => {
-    setText(next);
-    now.current.text = next;
-    clearTimeout(waiting.current);
-    waiting.current = setTimeout(end, PAUSE_MS);
-  };
-  return { value: text, onChange: type, onBlur: end };
-}
 
 function Typed({ form, node, path, kind, value, label, hint, say }) {
   const field = useTyped(written(value, kind), (text) => {

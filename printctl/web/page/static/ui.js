@@ -104,6 +104,58 @@ export function useKept(name, first) {
   return [value, keep];
 }
 
+// "light" or "dark", as the page is now.
+export function useTheme() {
+  const root = document.documentElement;
+  const [theme, setTheme] = useState(root.dataset.theme);
+  useEffect(() => {
+    const watch = new MutationObserver(() => setTheme(root.dataset.theme));
+    watch.observe(root, { attributeFilter: ["data-theme"] });
+    return () => watch.disconnect();
+  }, []);
+  return theme;
+}
+
+// A typed value that is told when nothing was typed for `pause_ms` (0: however long), or the field is left.
+export function useTyped(shown, tell, pause_ms = 500, again = null) {
+  const [text, setText] = useState(shown);
+  const waiting = useRef(null);
+  const now = useRef({});
+  Object.assign(now.current, { text, tell });
+  const end = () => {
+    if (waiting.current === null) return;
+    clearTimeout(waiting.current);
+    waiting.current = null;
+    now.current.tell(now.current.text);
+  };
+  useEffect(() => { if (waiting.current === null) setText(shown); }, [shown, again]);
+  useEffect(() => end, []);
+  const type = (next) => {
+    setText(next);
+    now.current.text = next;
+    clearTimeout(waiting.current);
+    waiting.current = pause_ms ? setTimeout(end, pause_ms) : -1;
+  };
+  return { value: text, onChange: type, onBlur: end };
+}
+
+// Call `work` when something that went on goes on no more.
+export function useEnd(going, work) {
+  const before = useRef(false);
+  useEffect(() => {
+    if (before.current && !going) work();
+    before.current = going;
+  }, [going]);
+}
+
+// The first `count` of a list, and the button that shows the rest.
+export function useFew(rows, count) {
+  const [all, setAll] = useState(false);
+  const more = !all && rows.length > count && html`
+    <div><${Button} onClick=${() => setAll(true)}>Show all ${rows.length}</${Button}></div>`;
+  return [all ? rows : rows.slice(0, count), more];
+}
+
 // --- states --------------------------------------------------------------------------------------
 
 export const Loading = ({ what = "" }) =>
@@ -115,6 +167,9 @@ export const Failed = ({ problem, again }) => html`
     ${again && html`<${Button} onClick=${again}>Try again</${Button}>`}
   </div>`;
 
+// Why an action was refused, beside its button.
+export const Refused = ({ problem }) => problem && html`<p class="problem" role="alert">${problem.message}</p>`;
+
 export const Empty = ({ children }) => html`<p class="empty">${children}</p>`;
 
 // Shows `children(value)` of what useGet gave, or that it loads or failed.
@@ -123,6 +178,10 @@ export function Loaded({ of, what, children }) {
   if (of.loading && of.value === null) return html`<${Loading} what=${what} />`;
   return (Array.isArray(children) ? children[0] : children)(of.value);
 }
+
+// Names in the workspace that can't be used.
+export const Unusable = ({ names }) => names?.length > 0 && html`<${Note} tone="warn">Not shown: ${names.join(", ")}.
+  Rename each: 1 to 64 letters a to z, digits, ".", "_" or "-", beginning with a letter or digit.</${Note}>`;
 
 // A sentence that matters: tone is "info", "good", "warn" or "bad".
 export const Note = ({ tone = "info", children }) =>
@@ -168,9 +227,18 @@ export const Facts = ({ rows }) => html`
   <dl class="facts">${rows.filter((row) => row && row[1] !== null && row[1] !== undefined && row[1] !== "").map(([name, value]) => html`
     <div key=${name}><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>`;
 
-// A table; columns: [{ name, of: row => value, number }].
-export const Table = ({ columns, rows, caption, keyOf }) => html`
-  <div class="table" tabindex="0" role="region" aria-label=${caption}>
+// Sentences below each other.
+export const Bullets = ({ rows, list = "ul" }) => html`
+  <${list} class="bullets">${rows.map((row, at) => html`<li key=${at}>${row}</li>`)}</${list}>`;
+
+// Figures in boxes beside each other: [name, value, more, tone].
+export const Tiles = ({ rows, children }) => html`<dl class="tiles">${rows.filter(Boolean).map(([name, value, more, tone]) => html`
+  <div key=${name} class=${classes("tile", tone && `note-${tone}`)}><dt class="name">${name}</dt>
+    <dd class="value">${value}</dd>${more && html`<dd class="more">${more}</dd>`}</div>`)}${children}</dl>`;
+
+// A table; columns: [{ name, of: row => value, number }]. A `tall` one is scrolled.
+export const Table = ({ columns, rows, caption, keyOf, tall }) => html`
+  <div class=${classes("table", tall && "table-tall")} tabindex="0" role="region" aria-label=${caption}>
     <table>
       <thead><tr>${columns.map((one) => html`<th scope="col" class=${one.number ? "number" : ""}>${one.name}</th>`)}</tr></thead>
       <tbody>${rows.map((row, at) => html`<tr key=${keyOf ? keyOf(row) : at}>${columns.map((one) => html`
@@ -178,17 +246,38 @@ export const Table = ({ columns, rows, caption, keyOf }) => html`
     </table>
   </div>`;
 
-// "light" or "dark", as the page is now.
-export function useTheme() {
-  const root = document.documentElement;
-  const [theme, setTheme] = useState(root.dataset.theme);
-  useEffect(() => {
-    const watch = new MutationObserver(() => setTheme(root.dataset.theme));
-    watch.observe(root, { attributeFilter: ["data-theme"] });
-    return () => watch.disconnect();
-  }, []);
-  return theme;
+// Steps as [title, body], each numbered; the one that is due (`at`) shows its body.
+export const Steps = ({ steps, at }) => html`<ol class="todo">${steps.map(([title, body], index) => html`
+  <li key=${title} aria-current=${index === at ? "step" : undefined}><h3>${title}</h3>
+    ${index === at && html`<div class="stack">${body}</div>`}</li>`)}</ol>`;
+
+// What was checked, as { check or what, value, limit, unit, place, remedy }. `mend(one)` gives what helps.
+export const Findings = ({ rows, label, refuses, mend = () => null }) => html`
+  <ul class=${classes("findings", refuses && "findings-bad")} aria-label=${label}>${rows.map((one) => html`
+    <li key=${`${one.check ?? one.what} ${one.about} ${one.place}`}>
+      <div class="grow"><strong>${sentence(one.check ?? one.what)}</strong>${measured(one)}</div>
+      ${mend(one)}
+      ${reason(one) && html`<p class="quiet">${reason(one)}</p>`}</li>`)}</ul>`;
+
+// "3.2 mm, limit 0.05 mm"; nothing for a question to a person.
+function measured({ value, limit, unit }) {
+  const [found, allowed] = [value, limit].map((one) => `${number(one)}${unit ? ` ${unit}` : ""}`);
+  return value === null && limit === null ? "" : `: ${found}, limit ${allowed}`;
 }
+
+const reason = ({ place, remedy, passed }) =>
+  sentence([!remedy?.includes(place) && place, !passed && remedy].filter(Boolean).join(": "));
+
+export const Photos = ({ rows }) => html`<div class="photos">${rows.map(({ href, alt }) => html`
+  <a key=${href} href=${href} target="_blank" rel="noopener"><img src=${href} alt=${alt} loading="lazy" /></a>`)}</div>`;
+
+const OUTCOMES = {
+  pass: ["good", "Passed"], fail: ["bad", "Not passed"],
+  undecided: ["warn", "Undecided: neither pass nor fail is proven"], "": ["info", "Measured; no verdict yet"],
+};
+export const toneOf = (outcome) => OUTCOMES[outcome.split(":")[0]]?.[0] ?? "info";
+export const Verdict = ({ outcome }) => html`<div class="grow" role="status"><${Note} tone=${toneOf(outcome)}>
+  <strong>${OUTCOMES[outcome][1]}</strong></${Note}></div>`;
 
 // Tabs: [{ id, name, body: () => vnode }].
 export function Tabs({ tabs, at, onChange, label }) {
@@ -221,21 +310,35 @@ export function Button({ kind = "quiet", href, busy, disabled, why, onClick, chi
 }
 
 // A button that runs `work` (async); while it runs it can't be pressed, and below it stands what was
-// refused. With `ask` ({ title, text, yes }) it asks once more.
+// refused. With `ask` ({ title, text, yes, no, danger }) it asks once more, in a dialog.
 export function Act({ work, ask, children, ...more }) {
-  const [run, state] = useAction(work);
+  const [run, { busy, problem }] = useAction(work);
   const [asking, setAsking] = useState(false);
   return html`<div class="act">
-    <${Button} ...${more} busy=${state.busy} onClick=${ask ? () => setAsking(true) : () => run()}>${children}</${Button}>
-    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
-    ${asking && html`<${Dialog} title=${ask.title} onClose=${() => setAsking(false)}>
-      ${ask.text && html`<p>${ask.text}</p>`}
-      <div class="row">
-        <${Button} kind=${ask.danger ? "danger" : "main"} onClick=${() => { setAsking(false); run(); }}>${ask.yes ?? "Yes"}</${Button}>
-        <${Button} onClick=${() => setAsking(false)}>${ask.no ?? "No"}</${Button}>
-      </div>
-    </${Dialog}>`}
+    <${Button} ...${more} busy=${busy} onClick=${ask ? () => setAsking(true) : () => run()}>${children}</${Button}>
+    <${Refused} problem=${problem} />
+    ${asking && html`<${Ask} no="No" ...${ask} work=${work} onClose=${() => setAsking(false)} />`}
   </div>`;
+}
+
+// A dialog with a form: its button or Enter runs `work` (async), then `onClose`. What is refused stays in it,
+// with what was typed.
+export function Ask({ title, text, yes = "Yes", no = "Cancel", danger, why, work, onClose, tools, children }) {
+  const [run, { busy, problem }] = useAction(async () => {
+    await work();
+    onClose();
+  });
+  const send = (event) => {
+    event.preventDefault();
+    if (!why) run();
+  };
+  return html`<${Dialog} title=${title} onClose=${onClose}><form class="stack" onSubmit=${send} novalidate>
+    ${text && html`<p>${text}</p>`}${children}
+    <${Refused} problem=${problem} />
+    <div class="row row-top">
+      <${Button} type="submit" kind=${danger ? "danger" : "main"} busy=${busy} why=${why}>${yes}</${Button}>
+      <${Button} onClick=${onClose}>${no}</${Button}>${tools}</div>
+  </form></${Dialog}>`;
 }
 
 // A dialog below the header, so that STOP is always in reach. Escape closes it; what had the focus
@@ -267,7 +370,7 @@ export function Dialog({ title, onClose, wide, children }) {
 
 // --- fields ----------------------------------------------------------------------------------------
 
-// One value. kind: "text", "number", "choice" (options: [[value, name], ...]), "flag", "slider",
+// One value. kind: "text", "number", "choice" (options: values, or [value, name]), "flag", "slider",
 // "long" or "password". `onChange` is told the value: a number or null for numbers, as it is typed.
 export function Field({ label, kind = "text", value, onChange, unit, hint, problem, options = [], min, max, step, ...more }) {
   const id = useId();
@@ -277,8 +380,10 @@ export function Field({ label, kind = "text", value, onChange, unit, hint, probl
   const number = (event) => onChange(event.target.value === "" ? null : Number(event.target.value));
   let input;
   if (kind === "choice") {
-    input = html`<select ...${common} value=${value ?? ""} onChange=${told}>${options.map(([one, name]) => html`
-      <option key=${one} value=${one} selected=${one === (value ?? "")}>${name ?? one}</option>`)}</select>`;
+    input = html`<select ...${common} value=${value ?? ""} onChange=${told}>${options.map((option) => {
+      const [one, name = one] = [option].flat(); // a value alone is its name
+      return html`<option key=${one} value=${one} selected=${one === (value ?? "")}>${name}</option>`;
+    })}</select>`;
   } else if (kind === "flag") {
     input = html`<input type="checkbox" ...${common} checked=${Boolean(value)} onChange=${(event) => onChange(event.target.checked)} />`;
   } else if (kind === "slider") {
@@ -297,6 +402,27 @@ export function Field({ label, kind = "text", value, onChange, unit, hint, probl
     ${problem && html`<p class="problem" id=${`${id}-problem`}>${problem}</p>`}
   </div>`;
 }
+
+// A field that is kept by `save` (async): at once what is chosen, what is typed when one leaves it.
+export function Kept({ save, value, ...more }) {
+  const [problem, setProblem] = useState(null);
+  const done = (next) => next !== value && save(next).then(() => setProblem(null), setProblem);
+  const typed = useTyped(value, done, 0, problem); // what was refused goes back to what was kept
+  const change = (next) => {
+    typed.onChange(next);
+    if (["choice", "flag"].includes(more.kind)) typed.onBlur();
+  };
+  return html`<${Field} ...${more} ...${typed} onChange=${change} problem=${problem?.message}
+    onKeyDown=${(event) => event.key === "Enter" && more.kind !== "long" && typed.onBlur()} />`;
+}
+
+// Fields of the values in `of`, each { name, ...what Field takes }. `save(change)` (async) keeps each one; without
+// it `onChange` is told all values.
+export const Fields = ({ fields, of, save, onChange, children }) => html`<div class="fields">
+  ${fields.filter(Boolean).map(({ name, ...field }) => (save
+    ? html`<${Kept} key=${name} ...${field} value=${of[name]} save=${(value) => save({ [name]: value })} />`
+    : html`<${Field} key=${name} ...${field} value=${of[name]} onChange=${(value) => onChange({ ...of, [name]: value })} />`
+  ))}${children}</div>`;
 
 // One of a few, all seen: options as [value, name].
 export const Segments = ({ label, options, value, onChange }) => html`
@@ -327,7 +453,7 @@ export function Drop({ label, accept, path, onDone, field, more }) {
       onChange=${(event) => { const [file] = event.target.files; event.target.value = ""; if (file) run(file); }} /></label>
     <span class="quiet">or drop it here</span>
     ${share !== null && html`<${Progress} share=${share} label="Sending" />`}
-    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
+    <${Refused} problem=${state.problem} />
   </div>`;
 }
 
@@ -338,6 +464,10 @@ export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   return String(Number(value.toPrecision(digits))).replace("-", "\u2212");
 }
+
+// A job's name for people; the run that it is of, "" for a file that was brought.
+export const nameOf = (job) => job.replace(/^(run|file)~/, "").replace(/\.gcode$/, "");
+export const runOf = (job) => (job.startsWith("run~") ? job.slice(4) : "");
 
 // A text of the program as a sentence: its first letter large.
 export const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);

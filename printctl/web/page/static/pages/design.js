@@ -2,17 +2,17 @@
 import { get, part, send } from "../api.js";
 import { Problems, RecipeForm } from "../form.js";
 import { Frame } from "../frame.js";
+import { Does, Stages, isGoing } from "../runs.js";
 import {
-  Act, Badge, Button, Card, Dialog, Drop, Empty, Field, Fold, Loaded, Loading, Note, Page, Progress, Tabs,
-  html, useAction, useEffect, useGet, useRef, useState, useStyle,
+  Act, Ask, Badge, Button, Card, Dialog, Drop, Empty, Field, Fold, Loaded, Loading, Note, Page, Tabs, Unusable,
+  html, useEffect, useGet, useRef, useState, useStyle,
 } from "../ui.js";
-import { Compare, Figures, Look, Names } from "./design_runs.js";
+import { Compare, Figures, Look } from "./design_runs.js";
 
 const STATES = {
   never: "Not made yet", starting: "Starting", running: "Being made", done: "Made", failed: "Failed",
   interrupted: "Broken off",
 };
-const MARKS = { waiting: "·", running: "▸", done: "✓", failed: "✕" };
 const TYPING_MS = 600;
 
 // --- the recipe that is edited -----------------------------------------------------------------------
@@ -128,9 +128,7 @@ export default function Design({ recipe = "", tab = "recipe" }) {
       <${Button} kind="main" onClick=${() => setDialog("new")}>New</${Button}>
       <${Button} onClick=${() => setDialog("import")}>Import</${Button}>`}>
     ${said}
-    ${choices.value?.unusable.length > 0 && html`<${Note} tone="warn"><p>Not shown:
-      ${choices.value.unusable.join(", ")}. Rename each: 1 to 64 letters a to z, digits, ".", "_" or "-", beginning
-      with a letter or digit.</p></${Note}>`}
+    <${Unusable} names=${choices.value?.unusable} />
     <${Loaded} of=${recipes} what="Reading the recipes">${() => (rows.length || names.length ? html`<div class="design">
       <${Recipes} rows=${rows} made=${made} chosen=${chosen} choose=${choose} />
       <${Card} title=${chosen || "No recipe"} tools=${chosen && html`<${State} editor=${editor} />
@@ -161,8 +159,8 @@ const Conflict = ({ editor: { problem, load } }) => problem && html`<${Note} ton
 
 // On a phone a choice; else a list.
 const Recipes = ({ rows, made, chosen, choose }) => html`<nav class="design-recipes" aria-label="Recipes">
-  <div class="design-choice"><${Names} label="Recipe" value=${chosen} onChange=${choose}
-    names=${rows.map((one) => one.name)} /></div>
+  <div class="design-choice"><${Field} kind="choice" label="Recipe" value=${chosen} onChange=${choose}
+    options=${rows.map((one) => one.name)} /></div>
   <ul class="list card">${rows.map((one) => html`<li key=${one.name}>
     <a class="link-row" href=${`/design?recipe=${part(one.name)}`} aria-current=${String(one.name === chosen)}
       onClick=${(event) => { event.preventDefault(); choose(one.name); }}><span>${one.name}</span>
@@ -172,29 +170,16 @@ const Recipes = ({ rows, made, chosen, choose }) => html`<nav class="design-reci
 
 // --- dialogs -----------------------------------------------------------------------------------------
 
-// What is refused stays in the dialog, with what was chosen.
-function Asking({ title, work, close, yes, children }) {
-  const [run, state] = useAction(work);
-  const press = (event) => {
-    event.preventDefault();
-    run();
-  };
-  return html`<${Dialog} title=${title} onClose=${close}><form class="stack" onSubmit=${press}>${children}
-    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
-    <div class="row"><${Button} kind="main" busy=${state.busy} onClick=${run}>${yes}</${Button}>
-      <${Button} onClick=${close}>Cancel</${Button}></div>
-  </form></${Dialog}>`;
-}
-
 function NewDialog({ choices, done, close }) {
   const [name, setName] = useState("");
   const [source, setSource] = useState("starter");
   const work = async () => done(await send("POST", "/recipes", { name, source }));
-  return html`<${Asking} title="New recipe" yes="Make" close=${close} work=${work}>
+  return html`<${Ask} title="New recipe" yes="Make" onClose=${close} work=${work}>
     <${Field} label="Name" value=${name} onChange=${setName} autocomplete="off"
       hint="Letters a to z, digits, '.', '_' and '-'." />
-    <${Names} label="Begin from" value=${source} onChange=${setSource} names=${choices.value?.examples ?? [source]} />
-  </${Asking}>`;
+    <${Field} kind="choice" label="Begin from" value=${source} onChange=${setSource}
+      options=${choices.value?.examples ?? [source]} />
+  </${Ask}>`;
 }
 
 function NameDialog({ chosen, act, done, close }) {
@@ -202,13 +187,12 @@ function NameDialog({ chosen, act, done, close }) {
   const [name, setName] = useState(copies ? `${chosen}_2` : chosen);
   const title = copies ? "Duplicate" : "Rename";
   const work = async () => {
-    if (name === chosen && !copies) close();
-    else done(await send("POST", `/recipes/${part(chosen)}/${act}`, { name }));
+    if (copies || name !== chosen) done(await send("POST", `/recipes/${part(chosen)}/${act}`, { name }));
   };
-  return html`<${Asking} title=${title} yes=${title} close=${close} work=${work}>
+  return html`<${Ask} title=${title} yes=${title} onClose=${close} work=${work}>
     <${Field} label=${copies ? "Name of the copy" : "New name"} value=${name} onChange=${setName} autocomplete="off"
       hint=${copies ? "" : "A run that was made of it keeps its name."} />
-  </${Asking}>`;
+  </${Ask}>`;
 }
 
 function ImportDialog({ choices, done, close }) {
@@ -263,9 +247,9 @@ function Pick({ doc, change }) {
     setSaid(`${target.name}: ${place.join(", ")} mm`);
   };
   if (!doc.places.length) return null;
-  return html`<${Fold} title="Pick places on the tissue"><div class="row design-run">
-      <${Names} label="A click on the surface sets" value=${target.name} onChange=${setName}
-        names=${doc.places.map((one) => one.name)} />
+  return html`<${Fold} title="Pick places on the tissue"><div class="row row-end">
+      <${Field} kind="choice" label="A click on the surface sets" value=${target.name} onChange=${setName}
+        options=${doc.places.map((one) => one.name)} />
       <${Button} onClick=${() => setShown(shown + 1)}>${shown ? "Show the tissue anew" : "Show the tissue"}</${Button}>
     </div>
     <p role="status">${said}</p>
@@ -280,36 +264,29 @@ function MakeTab({ name, stages, problems, made, look }) {
   const [until, setUntil] = useState("");
   const progress = useGet(name && `/runs/${part(name)}/progress`, { every });
   const run = progress.value;
-  const busy = run?.state === "running" || run?.state === "starting";
+  const busy = isGoing(run);
   useEffect(() => {
     setEvery(busy ? 1000 : 5000);
     made();
   }, [run?.state]);
-  const act = (path, body) => async () => {
-    await send("POST", `/runs/${part(name)}/${path}`, body);
-    progress.reload();
-  };
+  const does = { way: `/runs/${part(name)}`, onDone: progress.reload };
   const last = until || stages.at(-1);
   const why = problems.length ? "The recipe has something to mend first." : "";
   return html`<${Loaded} of=${progress}>${() => html`
-    <div class="row design-make">
-      <${Names} label="As far as" value=${last} onChange=${setUntil} names=${stages} />
-      <${Act} kind="main" disabled=${busy} why=${why} work=${act("start", { until: last })}>Make the design</${Act}>
-      ${busy && html`<${Act} work=${act("cancel")}>Cancel</${Act}>`}
+    <div class="row row-end">
+      <${Field} kind="choice" label="As far as" value=${last} onChange=${setUntil} options=${stages} />
+      <${Does} ...${does} kind="main" disabled=${busy} why=${why} action="start" body=${{ until: last }}>
+        Make the design</${Does}>
+      ${busy && html`<${Does} ...${does} action="cancel" />`}
     </div>
     ${why && html`<p class="quiet">${why}</p>`}
     <p role="status" class=${busy ? "loading" : ""}>${busy && html`<span class="spinner" aria-hidden="true"></span>`}
       <strong>${STATES[run.state]}${run.state === "done" && run.until && ` as far as ${run.until}`}</strong></p>
-    ${run.message && html`<${Note} tone=${run.state === "failed" ? "bad" : "warn"}>
-      <p class="design-message">${run.message}</p></${Note}>`}
-    ${run.stages.length > 0 && html`<ol class="list">${run.stages.map((one) => html`<li key=${one.name}>
-      <div class="design-stage"><span><span aria-hidden="true">${MARKS[one.state]}</span> ${one.name}</span>
-        <${Progress} share=${one.fraction} label=${one.name} /><span class="quiet">${one.note || one.state}</span></div>
-      ${one.remarks.map((remark) => html`<p class="hint" key=${remark}>${remark}</p>`)}</li>`)}</ol>`}
+    <${Stages} of=${run} />
     ${run.state === "done" && html`<div class="row"><${Button} onClick=${look}>Look at it</${Button}>
       ${stages.indexOf(run.until) >= stages.indexOf("toolpath") && html`
         <${Button} href=${`/job?job=run~${part(name)}`}>Print it</${Button}>`}</div>`}
     ${run.print_state === "done" && !busy && html`<div class="row">
-      <${Act} work=${act("continue")}>Continue after the print</${Act}>
+      <${Does} ...${does} action="continue">Continue after the print</${Does}>
       <span class="quiet">Its print is done: scan, registration and report come next.</span></div>`}`}</${Loaded}>`;
 }

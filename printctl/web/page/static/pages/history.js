@@ -1,11 +1,11 @@
 // Past prints: a list that is searched and narrowed, and one print with all that there is of it.
 import { url } from "../api.js";
 import {
-  Button, Card, Drop, Empty, Failed, Field, Fold, Loaded, Note, Page, Segments, Table,
-  html, useEffect, useGet, useRef, useState, useStyle,
+  Button, Card, Drop, Empty, Failed, Field, Fields, Fold, Loaded, Note, Page, Segments, Table,
+  html, span, useEffect, useGet, useRef, useState, useStyle, useTyped, when,
 } from "../ui.js";
 import OnePrint, { End } from "./history_print.js";
-import { nameOf, stateOf, took } from "./history_words.js";
+import { stateOf, titleOf } from "./history_words.js";
 
 const PER_PAGE = 10; // a screen of them
 const TYPING_MS = 300;
@@ -89,45 +89,32 @@ function List({ query }) {
 
 function Filters({ filter, change }) {
   const choices = useGet(`/history/choices${filter.of === "all" ? "" : "?here=true"}`).value;
-  const [words, setWords] = useState(filter.words);
-  useEffect(() => {
-    const timer = setTimeout(() => words !== filter.words && change({ words }), TYPING_MS);
-    return () => clearTimeout(timer);
-  }, [words]);
+  const search = useTyped(filter.words, (words) => change({ words }), TYPING_MS);
   const choice = (name, label, known, text = (one) => one) => {
     const names = [...new Set([filter[name], ...(known ?? [])])].filter(Boolean);
-    return html`<${Field} kind="choice" label=${label} value=${filter[name]}
-      options=${[["", "all"], ...names.map((one) => [one, text(one)])]}
-      onChange=${(one) => change({ [name]: one })} />`;
+    return { name, label, kind: "choice", options: [["", "all"], ...names.map((one) => [one, text(one)])] };
   };
   const more = set(filter).filter(([name]) => !["words", "page", "of"].includes(name)).length;
   return html`
-    <${Field} kind="search" label="Search: name, operator, hash, alarm" value=${words} onChange=${setWords}
-      maxlength="200" />
+    <${Field} kind="search" label="Search: name, operator, hash, alarm" ...${search} maxlength="200" />
     <${Fold} title=${more ? `Narrow and order (${more} set)` : "Narrow and order"} open=${more > 0 || undefined}>
-      <div class="history-filters">
-        ${choice("state", "End", choices?.states, stateOf)}
-        ${choice("profile", "Printer", choices?.profiles)}
-        ${choice("who", "Operator", choices?.people)}
-        <${Field} kind="date" label="From day" value=${filter.since} onChange=${(since) => change({ since })} />
-        <${Field} kind="date" label="To day" value=${filter.until} onChange=${(until) => change({ until })} />
-        <${Field} kind="choice" label="Order" value=${filter.sort} options=${ORDERS}
-          onChange=${(sort) => change({ sort })} />
-        <${Field} kind="flag" label="Last first" value=${filter.descending === "true"}
-          onChange=${(last) => change({ descending: String(last) })} />
-      </div>
+      <${Fields} of=${{ ...filter, descending: filter.descending === "true" }} fields=${[
+        choice("state", "End", choices?.states, stateOf), choice("profile", "Printer", choices?.profiles),
+        choice("who", "Operator", choices?.people),
+        { name: "since", label: "From day", kind: "date" }, { name: "until", label: "To day", kind: "date" },
+        { name: "sort", label: "Order", kind: "choice", options: ORDERS },
+        { name: "descending", label: "Last first", kind: "flag" },
+      ]} onChange=${(next) => change({ ...next, page: "1", descending: String(next.descending) })} />
     </${Fold}>`;
 }
 
-const day = (seconds) => new Date(1000 * seconds).toLocaleDateString([], { dateStyle: "medium" });
-const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { timeStyle: "short" });
 const alarms = (many) => (many ? html` <span class="quiet">${many === 1 ? "1 alarm" : `${many} alarms`}</span>` : "");
 
 const COLUMNS = [
-  { name: "What", of: (one) => html`<a class="history-name" href=${`/history?print=${one.id}`}>${nameOf(one)}</a>` },
+  { name: "What", of: (one) => html`<a class="history-name" href=${`/history?print=${one.id}`}>${titleOf(one)}</a>` },
   { name: "End", of: (one) => html`<${End} state=${one.state} />${alarms(one.alarms.length)}` },
-  { name: "Begun", of: (one) => html`<span class="history-day">${day(one.started)}</span> ${clock(one.started)}` },
-  { name: "Took", number: true, of: (one) => (one.ended ? took(one.ended - one.started) : "") },
+  { name: "Begun", of: (one) => when(one.started) },
+  { name: "Took", number: true, of: (one) => (one.ended ? span(one.ended - one.started) : "") },
   { name: "Lines", number: true, of: (one) => `${one.done} of ${one.total}` },
   { name: "Printer", of: (one) => one.profile },
   { name: "Operator", of: (one) => one.operator || one.who },
@@ -165,7 +152,7 @@ function Checked({ check, name }) {
   const good = check.whole && check.signature === "trusted";
   return html`<div role="status"><${Note} tone=${good ? "good" : check.whole ? "warn" : "bad"}>
     <strong>${name}</strong>
-    ${check.lines.slice(0, 52).map((line) => html`<p class="history-line">${line}</p>`)}
+    ${check.lines.slice(0, 52).map((line) => html`<p class="lines">${line}</p>`)}
     ${check.print_id && html`<p>It is of ${check.file}, print ${check.print_id}.</p>`}
   </${Note}></div>`;
 }

@@ -1,18 +1,10 @@
 // Words of past prints, for the list and for one print.
 
+import { nameOf } from "../ui.js";
+
 // A print is known by its design; G-code that was brought by its file.
-export const nameOf = (print) => print.job.replace(/^(run|file)~/, "") || print.file || "(no name)";
-
+export const titleOf = (print) => nameOf(print.job) || print.file || "(no name)";
 export const stateOf = (state) => state.replaceAll("_", " ");
-
-// How long something took.
-export function took(seconds) {
-  if (!(seconds > 0)) return "0 s";
-  if (seconds < 60) return `${seconds.toFixed(1)} s`;
-  const minutes = Math.floor(Math.round(seconds) / 60);
-  if (minutes < 60) return `${minutes} min ${Math.round(seconds) % 60} s`;
-  return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
-}
 
 // --- what the operator noted ---------------------------------------------------------------------
 
