@@ -16,29 +16,27 @@ export const go = (address, replace = false) =>
 // --- values of the server ----------------------------------------------------------------------
 
 // The value at a path of the API: { value, problem, loading, reload }. Asked for again after any of
-// the events `on`, every `every` ms and with another `key`; what was there stays shown meanwhile. No path, no question.
+// the events `on`, every `every` ms and with another `key`; what was there stays shown meanwhile. No path, no
+// question. `reload` resolves when the answer is here.
 export function useGet(path, { on = [], every = 0, key = "" } = {}) {
   const [state, setState] = useState({ value: null, problem: null, loading: true });
-  const [turn, setTurn] = useState(0);
-  const reload = useCallback(() => setTurn((one) => one + 1), []);
-  const asked = useRef(null);
+  const turn = useRef(0);
+  const reload = useCallback(() => {
+    const mine = (turn.current += 1); // an answer that is older than the last question is let go
+    const set = (change) => mine === turn.current && setState((old) => ({ ...old, loading: false, problem: null, ...change }));
+    return path ? get(path).then((value) => set({ value }), (problem) => set({ problem })) : Promise.resolve();
+  }, [path]);
   useEffect(() => {
-    let gone = false;
-    if (!path) return undefined;
-    if (asked.current !== path) setState({ value: null, problem: null, loading: true });
-    asked.current = path;
-    get(path).then(
-      (value) => gone || setState({ value, problem: null, loading: false }),
-      (problem) => gone || setState((old) => ({ ...old, problem, loading: false })),
-    );
-    return () => { gone = true; };
-  }, [path, turn, key]);
-  useEffect(() => (on.length ? listen((one) => on.includes(one.event) && reload()) : undefined), [on.join()]);
+    setState({ value: null, problem: null, loading: true });
+    return () => { turn.current += 1; };
+  }, [path]);
+  useEffect(() => { reload(); }, [reload, key]);
+  useEffect(() => (on.length ? listen((one) => on.includes(one.event) && reload()) : undefined), [on.join(), reload]);
   useEffect(() => {
     if (!every) return undefined;
     const timer = setInterval(() => document.hidden || reload(), every);
     return () => clearInterval(timer);
-  }, [every]);
+  }, [every, reload]);
   return { ...state, reload };
 }
 
@@ -218,9 +216,13 @@ export function Card({ title, tools, fold, folded = false, tone, children, ...mo
   </section>`;
 }
 
-// Details that most people don't need.
-export const Fold = ({ title, open, children }) => html`
-  <details class="details" open=${open}><summary>${title}</summary><div class="stack">${children}</div></details>`;
+// Details that most people don't need; what is folded isn't drawn.
+export function Fold({ title, open = false, children, ...more }) {
+  const [now, setNow] = useState(open);
+  useEffect(() => { if (open) setNow(true); }, [open]);
+  return html`<details class="details" open=${now} onToggle=${(event) => setNow(event.currentTarget.open)} ...${more}>
+    <summary>${title}</summary>${now && html`<div class="stack">${children}</div>`}</details>`;
+}
 
 // Names and values: rows of [name, value]; a value of null is left out.
 export const Facts = ({ rows }) => html`

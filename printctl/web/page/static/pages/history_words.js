@@ -1,6 +1,7 @@
 // Words of past prints, for the list and for one print.
 
-import { nameOf } from "../ui.js";
+import { RECORD } from "../record.js";
+import { nameOf, when } from "../ui.js";
 
 // A print is known by its design; G-code that was brought by its file.
 export const titleOf = (print) => nameOf(print.job) || print.file || "(no name)";
@@ -9,29 +10,18 @@ export const stateOf = (state) => state.replaceAll("_", " ");
 // --- what the operator noted ---------------------------------------------------------------------
 
 const NAMES = {
-  operator: "Operator",
-  ink_lot: "Lot of the ink",
-  bath_lot: "Lot of the bath",
-  needle_lot: "Lot of the needle",
-  cells: "Cells",
-  passage: "Passage",
-  density_per_ml: "Density, cells per mL",
-  viability_percent: "Viability when mixed, %",
-  mixed_at: "Mixed",
-  viability_min: "Time the cells have, min",
-  sterility: "Sterility",
-  ticked: "Checklist",
+  ...Object.fromEntries(RECORD.map(({ name, label, unit }) => [name, unit ? `${label} (${unit})` : label])),
+  mixed_at: "Mixed", sterility: "Sterility", ticked: "Checklist",
 };
 const UNNAMED = ["text", "note", "step", "name"];
 const isRecord = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
-const clock = (seconds) => new Date(1000 * seconds).toLocaleString([], { dateStyle: "medium", timeStyle: "medium" });
 
 function textOf(key, value) {
   if (key === "ticked" && isRecord(value)) {
     const ticks = Object.values(value);
     return `${ticks.filter((one) => one === true).length} of ${ticks.length} points ticked before the start`;
   }
-  if (key === "mixed_at" && typeof value === "number") return clock(value);
+  if (key === "mixed_at" && typeof value === "number") return when(value);
   if (typeof value === "number") return value.toLocaleString([], { maximumFractionDigits: 6 });
   return isRecord(value) || Array.isArray(value) ? JSON.stringify(value) : String(value);
 }
@@ -55,5 +45,5 @@ function lineOf(entry) {
     if (typeof value === "boolean") return value ? `(${key})` : `(not ${key})`;
     return UNNAMED.includes(key) ? textOf(key, value) : `${key}: ${textOf(key, value)}`;
   });
-  return [typeof at === "number" ? clock(at) : "", who ?? "", ...words].filter(Boolean).join("  ");
+  return [typeof at === "number" ? when(at) : "", who ?? "", ...words].filter(Boolean).join("  ");
 }

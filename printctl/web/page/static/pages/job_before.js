@@ -1,10 +1,11 @@
 // Before a print: the job, the printer, all that refuses a start with what helps, then the start.
-import { get, listen, part, send } from "../api.js";
+import { get, part, send } from "../api.js";
 import {
   Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fields, Findings, Fold, Kept, Loaded, Loading, Note,
-  Unusable, bytes, go, html, nameOf, number, runOf, span, useCallback, useEffect, useFew, useGet, useRef,
-  useState, useStyle, when,
+  Unusable, bytes, go, html, nameOf, number, runOf, span, useCallback, useEffect, useFew, useGet, useNews,
+  useRef, useState, useStyle, when,
 } from "../ui.js";
+import { RECORD } from "../record.js";
 import { LiveView } from "./job_views.js";
 
 const POLL_MS = 2000;
@@ -50,44 +51,18 @@ const factsOf = (one) => [
 // What refuses a start, asked for again and again: the machine changes without us. A job that wasn't
 // checked with this set-up is, beside that, which takes as long as its dry run.
 function useReadiness(job) {
-  const [state, setState] = useState({ value: null, problem: null });
-  const again = useRef(() => null);
+  const path = `/jobs/${part(job)}/readiness`;
+  const station = useNews("station")?.state;
+  const now = useGet(`${path}?wait=false`, { every: POLL_MS, on: ["controls"], key: station });
+  const checking = useRef(false);
+  const last = useRef(null);
   useEffect(() => {
-    const path = `/jobs/${part(job)}/readiness`;
-    let gone = false, looking = false, timer = 0, turn = 0;
-    const ask = async () => {
-      clearTimeout(timer);
-      const mine = (turn += 1);
-      try {
-        const value = await get(`${path}?wait=false`);
-        if (gone || mine !== turn) return;
-        setState((old) => ({ value: value.checked ? value : withEarlier(value, old.value), problem: null }));
-        if (!value.checked && !looking) look();
-      } catch (problem) {
-        if (gone || mine !== turn) return;
-        setState((old) => ({ ...old, problem }));
-      }
-      timer = setTimeout(ask, document.hidden ? 5 * POLL_MS : POLL_MS);
-    };
-    const look = async () => {
-      looking = true;
-      const value = await get(path).catch(() => null);
-      looking = false;
-      if (value?.checked && !gone) await ask();
-    };
-    again.current = ask;
-    ask();
-    let station = "";
-    const end = listen((one) => {
-      if (one.event === "controls") ask();
-      if (one.event === "station" && one.state !== station) {
-        station = one.state;
-        ask();
-      }
-    });
-    return () => { gone = true; clearTimeout(timer); end(); };
-  }, [job]);
-  return { ...state, loading: state.value === null && !state.problem, reload: () => again.current() };
+    if (!now.value || now.value.checked || checking.current) return;
+    checking.current = true;
+    get(path).catch(() => null).then(() => { checking.current = false; }).then(now.reload);
+  }, [now.value]);
+  if (now.value) last.current = now.value.checked ? now.value : withEarlier(now.value, last.current);
+  return { ...now, value: last.current };
 }
 
 // While a job is checked anew, what its last check found stays in its place.
@@ -336,14 +311,6 @@ async function write({ job, refresh }, changes) {
   await refresh();
 }
 
-const text = (name, label) => ({ name, label, maxlength: 200 });
-const figure = (name, label, unit, step = "any") => ({ name, label, unit, step, kind: "number", min: 0 });
-const RECORD = [
-  text("operator", "Operator's name"), text("ink_lot", "Lot of the ink"), text("bath_lot", "Lot and age of the bath"),
-  text("needle_lot", "Lot of the needle"), text("cells", "Cells (line or donor)"),
-  figure("passage", "Passage", "", 1), figure("density_per_ml", "Cells per mL of ink", "/mL"),
-  figure("viability_percent", "Viability when mixed", "%"), figure("viability_min", "Time the cells have", "min"),
-];
 const STERILITY = [{ name: "sterility", kind: "long", label: "Notes on sterility" }];
 const CLOCK = { late: "bad", close: "warn", "in time": "good" };
 

@@ -1,4 +1,5 @@
 // Scans of printed parts: added, looked at, compared with a design, judged.
+import { part, send, url } from "../api.js";
 import {
   Act, Bullets, Button, Card, Drop, Empty, Field, Fold, Loaded, Page, Tabs, Tiles, Unusable,
   bytes, html, number, useEffect, useEnd, useGet, useState, useStyle, when,
