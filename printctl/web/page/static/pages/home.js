@@ -85,7 +85,7 @@ const NETWORKS = ".csv,.vtp,.swc,.json,.npz,.txt";
 function Bring() {
   const [file, setFile] = useState(null);
   return html`<${Card} title="Or bring your own">
-    <div class="grid">
+    <div class="columns">
       <div class="stack"><h3>A shape to fill with vessels, or a network to print</h3>
         <p class="quiet">A closed mesh (STL, OBJ, PLY, 3MF), or vessels (CSV, VTP, SWC, JSON, NPZ).</p>
         <${Drop} label="Choose a file" accept=${`${SHAPES},${NETWORKS}`} path="/recipes/files" onDone=${(_, sent) => setFile(sent.name)} /></div>

@@ -157,7 +157,8 @@ function Check({ project, reload }) {
     <${Card} title=${refused.length ? `${refused.length} of ${project.checks.length} checks refuse the print`
       : `All ${project.checks.length} checks let it be printed`} tone=${refused.length ? "bad" : undefined}>
       ${refused.length > 0 && html`<${Findings} rows=${refused} refuses label="What refuses the print" />`}
-      ${noted.length > 0 && html`<${Findings} rows=${noted} label="To know before the print" />`}
+      ${noted.length > 0 && html`<${Fold} title=${`${noted.length} to know before the print`} open>
+        <${Findings} rows=${noted} /></${Fold}>`}
       <div class="row">
         <${Button} kind=${refused.length ? "quiet" : "main"} onClick=${() => to(project, "print")}
           why=${refused.length ? "something refuses the print" : ""}>Next: print or rehearse</${Button}>
