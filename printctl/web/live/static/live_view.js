@@ -145,7 +145,7 @@ class Panel {
 }
 
 function button(text, label, action) {
-  const given = { type: "button", className: "live-button", title: label, "aria-label": label };
+  const given = { type: "button", className: "button", title: label, "aria-label": label };
   const found = make("button", given, text);
   found.addEventListener("click", action);
   return found;

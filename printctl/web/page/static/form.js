@@ -1,5 +1,7 @@
 // The form of a recipe, made from its JSON Schema (GET /recipes/schema; printctl/web/design/schema.py).
-import { Badge, Button, Field, Fold, Note, html, number, useEffect, useMemo, useRef, useState, useTyped } from "./ui.js";
+import {
+  Badge, Button, Field, Fold, Note, html, number, useEffect, useMemo, useRef, useState, useTyped,
+} from "./ui.js";
 
 const FOUND = 12;
 const AXES = { 2: ["1st", "2nd"], 3: ["x", "y", "z"] };

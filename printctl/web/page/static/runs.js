@@ -39,7 +39,8 @@ export function Pages({ run, views, first = views[0][0], children }) {
       <${Segments} label="View" options=${views} value=${view} onChange=${setView} />
       ${view && html`<${Button} href=${`${url(address)}?theme=${theme}`} target="_blank" rel="noopener">
         Open in a tab of its own</${Button}>`}</div>
-    ${view && html`<${Frame} key=${address} src=${address} title=${`${Object.fromEntries(views)[view]} of ${run}`} />`}`;
+    ${view && html`<${Frame} key=${address} src=${address}
+      title=${`${Object.fromEntries(views)[view]} of ${run}`} />`}`;
 }
 
 // Files to fetch, below `way`, with what each is.

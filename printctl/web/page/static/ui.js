@@ -23,7 +23,8 @@ export function useGet(path, { on = [], every = 0, key = "" } = {}) {
   const turn = useRef(0);
   const reload = useCallback(() => {
     const mine = (turn.current += 1); // an answer that is older than the last question is let go
-    const set = (change) => mine === turn.current && setState((old) => ({ ...old, loading: false, problem: null, ...change }));
+    const set = (change) => mine === turn.current
+      && setState((old) => ({ ...old, loading: false, problem: null, ...change }));
     return path ? get(path).then((value) => set({ value }), (problem) => set({ problem })) : Promise.resolve();
   }, [path]);
   useEffect(() => {
@@ -79,6 +80,14 @@ export function useStyle(path) {
     if (document.querySelector(`link[href="${href}"]`)) return;
     document.head.append(Object.assign(document.createElement("link"), { rel: "stylesheet", href }));
   }, [path]);
+}
+
+// Keep what is shown in the address, without what is empty.
+export function useAddress(path, values, known = true) {
+  const words = new URLSearchParams(Object.entries(values).filter(([, value]) => value)).toString();
+  useEffect(() => {
+    if (known && location.pathname === path) history.replaceState(history.state, "", words ? `${path}?${words}` : path);
+  }, [words, known]);
 }
 
 // A value kept in this browser under a name.
@@ -234,9 +243,9 @@ export const Bullets = ({ rows, list = "ul" }) => html`
   <${list} class="bullets">${rows.map((row, at) => html`<li key=${at}>${row}</li>`)}</${list}>`;
 
 // Figures in boxes beside each other: [name, value, more, tone].
-export const Tiles = ({ rows, children }) => html`<dl class="tiles">${rows.filter(Boolean).map(([name, value, more, tone]) => html`
+export const Tiles = ({ rows }) => html`<dl class="tiles">${rows.filter(Boolean).map(([name, value, more, tone]) => html`
   <div key=${name} class=${classes("tile", tone && `note-${tone}`)}><dt class="name">${name}</dt>
-    <dd class="value">${value}</dd>${more && html`<dd class="more">${more}</dd>`}</div>`)}${children}</dl>`;
+    <dd class="value">${value}</dd>${more && html`<dd class="more">${more}</dd>`}</div>`)}</dl>`;
 
 // A table; columns: [{ name, of: row => value, number }]. A `tall` one is scrolled.
 export const Table = ({ columns, rows, caption, keyOf, tall }) => html`
@@ -271,7 +280,8 @@ const reason = ({ place, remedy, passed }) =>
   sentence([!remedy?.includes(place) && place, !passed && remedy].filter(Boolean).join(": "));
 
 export const Photos = ({ rows }) => html`<div class="photos">${rows.map(({ href, alt }) => html`
-  <a key=${href} href=${href} target="_blank" rel="noopener"><img src=${href} alt=${alt} loading="lazy" /></a>`)}</div>`;
+  <a key=${href} href=${href} target="_blank" rel="noopener">
+    <img src=${href} alt=${alt} loading="lazy" /></a>`)}</div>`;
 
 const OUTCOMES = {
   pass: ["good", "Passed"], fail: ["bad", "Not passed"],
@@ -373,8 +383,11 @@ export function Dialog({ title, onClose, wide, children }) {
 // --- fields ----------------------------------------------------------------------------------------
 
 // One value. kind: "text", "number", "choice" (options: values, or [value, name]), "flag", "slider",
-// "long" or "password". `onChange` is told the value: a number or null for numbers, as it is typed.
-export function Field({ label, kind = "text", value, onChange, unit, hint, problem, options = [], min, max, step, ...more }) {
+// "long" or "password"; a slider's value may be `shown` in words. `onChange` is told the value as it is typed: a
+// number or null for numbers.
+export function Field({
+  label, kind = "text", value, onChange, unit, hint, problem, options = [], min, max, step, shown = value, ...more
+}) {
   const id = useId();
   const said = [hint && `${id}-hint`, problem && `${id}-problem`].filter(Boolean).join(" ") || undefined;
   const common = { id, "aria-describedby": said, "aria-invalid": problem ? "true" : undefined, ...more };
@@ -399,7 +412,8 @@ export function Field({ label, kind = "text", value, onChange, unit, hint, probl
   }
   return html`<div class=${classes("field", `field-${kind}`)}>
     <label for=${id}>${label}</label>
-    <div class="field-input">${input}${unit && html`<span class="unit">${unit}</span>`}${kind === "slider" && html`<output for=${id}>${value}</output>`}</div>
+    <div class="field-input">${input}${unit && html`<span class="unit">${unit}</span>`}${
+      kind === "slider" && html`<output for=${id}>${shown}</output>`}</div>
     ${hint && html`<p class="hint" id=${`${id}-hint`}>${hint}</p>`}
     ${problem && html`<p class="problem" id=${`${id}-problem`}>${problem}</p>`}
   </div>`;
@@ -423,8 +437,8 @@ export function Kept({ save, value, ...more }) {
 export const Fields = ({ fields, of, save, onChange, children }) => html`<div class="fields">
   ${fields.filter(Boolean).map(({ name, ...field }) => (save
     ? html`<${Kept} key=${name} ...${field} value=${of[name]} save=${(value) => save({ [name]: value })} />`
-    : html`<${Field} key=${name} ...${field} value=${of[name]} onChange=${(value) => onChange({ ...of, [name]: value })} />`
-  ))}${children}</div>`;
+    : html`<${Field} key=${name} ...${field} value=${of[name]}
+        onChange=${(value) => onChange({ ...of, [name]: value })} />`))}${children}</div>`;
 
 // One of a few, all seen: options as [value, name].
 export const Segments = ({ label, options, value, onChange }) => html`

@@ -19,7 +19,7 @@ from printctl.run_folder.manifest import Manifest, StageRecord
 from printctl.web.design import run_views as views
 from printctl.web.design.recipe_text import read_text
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import LOOKS, serious, shown
+from tests.printctl.web.shell.browsers import serious, shown
 from tests.system.cli import called as printctl
 from tests.system.forks import FORK, of_fork
 from tests.waiting import wait_for
@@ -246,20 +246,6 @@ def _differ(one: bytes, other: bytes) -> float:
     """Mean difference of two pictures, 0 to 255."""
     seen = [Image.open(io.BytesIO(data)).convert("L") for data in (one, other)]
     return float(ImageStat.Stat(ImageChops.difference(*seen)).mean[0])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("viewport", "colours"), LOOKS[1:])
-def test_the_page_fits_small_screens(
-    served: Process, browser: Any, made: Path, viewport: dict[str, int], colours: str
-) -> None:
-    for tab in ("recipe", "text", "make", "look", "figures", "compare"):
-        url = f"{served.url}/design?recipe=one&tab={tab}"
-        page = shown(browser, url, viewport=viewport, color_scheme=colours)
-        page.wait_for_timeout(1500)
-        assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"]
-        assert serious(page) == []
-        page.close()
 
 
 def test_a_file_is_imported_and_chosen_in_the_form(

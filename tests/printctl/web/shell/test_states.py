@@ -1,7 +1,7 @@
 """Every state of every page passes axe and fits its screen, in each size and theme.
 
-A state is an address, what is changed in the server's answers on their way (so that what takes minutes
-or a broken machine is there at once), what is pressed, and a text that is seen then.
+A state is an address, what is changed in the server's answers on their way (so that what takes
+minutes or a broken machine is there at once), what is pressed, and a text that is seen then.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ REFUSED = {"error": "Internal", "message": "The server has failed; its log says 
 CHECKS = [
     {"check": "lumen open", "passed": False, "refuses": True, "value": 0.02, "limit": 0.1,
      "unit": "mm", "place": "vessel 3", "remedy": "make the smallest vessels wider"},
-    {"check": "ink left", "passed": False, "refuses": False, "value": 4.0, "limit": 5.0, "unit": "µL",
-     "place": "whole part", "remedy": "fill another syringe"},
-    {"check": "gap of lines", "passed": True, "refuses": True, "value": 0.3, "limit": 0.2, "unit": "mm",
-     "place": "layer 2", "remedy": ""},
+    {"check": "ink left", "passed": False, "refuses": False, "value": 4.0, "limit": 5.0,
+     "unit": "µL", "place": "whole part", "remedy": "fill another syringe"},
+    {"check": "gap of lines", "passed": True, "refuses": True, "value": 0.3, "limit": 0.2,
+     "unit": "mm", "place": "layer 2", "remedy": ""},
 ]  # fmt: skip
 STAGES = [
     {"name": name, "state": state, "fraction": share, "note": note, "remarks": []}
@@ -55,6 +55,13 @@ GOING = {"name": "first", "state": "running", "stages": STAGES, "message": "", "
 FAILED = {**GOING, "state": "failed", "message": "vasculature: no room for 900 terminals"}
 MADE = {"made": True, "step": "print", "checks": CHECKS[1:], "problems": [], "print_time_s": 420.0}
 HALT = {"state": "halted", "message": "The printer has halted: M112", "state_words": "halted"}
+
+SMALL_TARGETS = """[...document.querySelectorAll(
+  "#content :is(button:not([aria-expanded]), .button, td a)")]
+  .filter((one) => one.offsetParent).map((one) => [one.innerText, one.getBoundingClientRect()])
+  .filter(([, box]) => box.height < 41.5 || box.width < 41.5).map(([text]) => text)"""
+"""Words of what a glove would miss."""
+DIALOG_TOP = """document.querySelector("[role=dialog]")?.getBoundingClientRect().y ?? innerHeight"""
 
 
 @dataclass(frozen=True)
@@ -119,10 +126,11 @@ STATES = [
     State("scan slices", "/scan?scan=file~chip_7.tif", "From above", press=("Slices",)),
     State("scan lacks", "/scan?scan=file~bare.tif", "doesn't say"),
     State("scan registering", "/scan?scan=file~chip_7.tif", "layer 3 of 9",
-          {"/scans/file~chip_7.tif/with/chip/progress": GOING}),
+          {"/scans/file~chip_7.tif/with/chip/progress": GOING}, tall=True),
     State("scan delete", "/scan?scan=file~chip_7.tif", "what was found with it", press=("Delete",)),
     State("history", "/history", "4 prints"),
-    State("history one", "/history?words=hostile", "What happened", press=("hostile",)),
+    State("history one", "/history?words=hostile", "What happened", press=("hostile",),
+          tall=True),
     State("history verify", "/history", "Choose a record", press=("Verify a record",)),
     State("printer", "/printer", "What is mounted"),
     State("touch off", "/printer?tab=needle", "The floor needs"),
@@ -140,7 +148,8 @@ STATES = [
     State("lost", "/printer", "The connection is lost", station={**HALT, "state": "lost"}),
     State("before", f"/job?job={JOB}", "things refuse the start"),
     State("before, open", f"/job?job={JOB}", "Extra ink after a pause",
-          press=("Change what is mounted", "How the print is watched", "Record: operator"), tall=True),
+          press=("Change what is mounted", "How the print is watched", "Record: operator"),
+          tall=True),
     State("during", "/job", "Printing ·", world="printing"),
     State("during, cancel", "/job", "Yes, cancel it", press=("Cancel print",), world="printing"),
     State("printer locked", "/printer", "A print goes on", world="printing"),
@@ -162,7 +171,7 @@ STATES = [
 
 
 class World:
-    """Servers that states are of: each is begun when it is first needed, in the order of the table."""
+    """Servers that states are of: each is begun when it is first needed, in the table's order."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -323,4 +332,6 @@ def test_state_passes_axe_and_fits(
             assert tall <= (2000 if width == PHONE[0] else 1000), look
         if state.name == "during":
             assert tall <= height, look
+        assert page.evaluate(SMALL_TARGETS) == [], look
+        assert page.evaluate(DIALOG_TOP) >= page.locator(".header").bounding_box()["height"], look
     assert wrong == []

@@ -5,7 +5,7 @@ import { Frame } from "../frame.js";
 import { Does, Stages, isGoing } from "../runs.js";
 import {
   Act, Ask, Badge, Button, Card, Dialog, Drop, Empty, Field, Fold, Loaded, Loading, Note, Page, Tabs, Unusable,
-  html, useEffect, useGet, useRef, useState, useStyle,
+  html, useAddress, useEffect, useGet, useRef, useState, useStyle, useTyped,
 } from "../ui.js";
 import { Compare, Figures, Look } from "./design_runs.js";
 
@@ -17,59 +17,29 @@ const TYPING_MS = 600;
 
 // --- the recipe that is edited -----------------------------------------------------------------------
 
-// { doc, loads, problem, draft, change, type, load, forget }. Changes are sent one after the other, each with the
-// version that it changes. `draft` is a text that isn't in the file (yet): { text, problem }.
+// { doc, loads, problem, unread, typed, load, change }. Changes are sent one after the other, each with the version
+// that it changes. `typed` is its text, `unread` why what was typed isn't in the file.
 function useRecipe(name) {
-  const [doc, setDoc] = useState(null);
-  const [loads, setLoads] = useState(0);
-  const [problem, setProblem] = useState(null);
-  const [draft, setDraft] = useState(null);
-  const now = useRef(name);
-  const versions = useRef(new Map());
+  const path = `/recipes/${part(name)}`;
+  const [state, setState] = useState({ doc: null, loads: 0, problem: null, unread: null });
+  const set = (change) => setState((old) => ({ ...old, ...change }));
+  const version = useRef(0);
   const queue = useRef(Promise.resolve());
-  const typing = useRef(null);
-  now.current = name;
-  const keep = (one) => {
-    versions.current.set(one.name, one.version);
-    if (one.name === now.current) setDoc(one);
+  const keep = (doc) => {
+    version.current = doc.version;
+    set({ doc, problem: null, unread: null });
   };
   const load = async () => {
-    setProblem(null);
-    setDraft(null);
-    await get(`/recipes/${part(name)}`).then(keep, setProblem);
-    setLoads((old) => old + 1);
+    await get(path).then(keep, (problem) => set({ problem }));
+    setState((old) => ({ ...old, loads: old.loads + 1 }));
   };
-  useEffect(() => {
-    setDoc(null);
-    if (name) load();
-  }, [name]);
-  const put = async (method, body, refused) => {
-    try {
-      const one = await send(method, `/recipes/${part(name)}`, { ...body, version: versions.current.get(name) });
-      keep(one);
-      setProblem(null);
-      setDraft((old) => (old && old.text !== one.text && method === "PUT" ? old : null));
-    } catch (why) {
-      refused(why);
-    }
+  useEffect(() => { if (name) load(); }, []);
+  const write = (method, body) => {
+    queue.current = queue.current.then(() => send(method, path, { ...body, version: version.current })).then(keep,
+      (why) => set(method === "PUT" && why.status === 422 ? { unread: why } : { problem: why }));
   };
-  const write = (...what) => { queue.current = queue.current.then(() => put(...what)); };
-  const save = (text) => {
-    typing.current = null;
-    write("PUT", { text }, (why) => (why.status === 422 ? setDraft({ text, problem: why }) : setProblem(why)));
-  };
-  const type = (text) => {
-    setDraft((old) => ({ text, problem: old?.problem ?? null }));
-    clearTimeout(typing.current?.timer);
-    typing.current = { timer: setTimeout(save, TYPING_MS, text), text };
-  };
-  useEffect(() => () => { // what was typed last is sent before another recipe is shown
-    if (!typing.current) return;
-    clearTimeout(typing.current.timer);
-    save(typing.current.text);
-  }, [name]);
-  const change = (body) => write("PATCH", body, setProblem);
-  return { doc, loads, problem, draft, load, type, change, forget: () => setDraft(null) };
+  const typed = useTyped(state.doc?.text ?? "", (text) => write("PUT", { text }), TYPING_MS, state.loads);
+  return { ...state, typed, load, change: (body) => write("PATCH", body) };
 }
 
 // --- page --------------------------------------------------------------------------------------------
@@ -85,15 +55,7 @@ export default function Design({ recipe = "", tab = "recipe" }) {
   const [said, setSaid] = useState(null);
   const rows = recipes.value ?? [];
   const chosen = rows.some((one) => one.name === name) ? name : rows[0]?.name ?? "";
-  const editor = useRecipe(chosen);
-  const count = editor.doc?.problems.length;
-  useEffect(() => {
-    const address = `/design?${new URLSearchParams({ recipe: chosen, tab: at })}`;
-    if (recipes.value && location.pathname === "/design") history.replaceState(history.state, "", address);
-  }, [chosen, at, recipes.value]);
-  useEffect(() => {
-    if (count !== undefined && count !== rows.find((one) => one.name === chosen)?.problems) recipes.reload();
-  }, [count]);
+  useAddress("/design", { recipe: chosen, tab: at }, recipes.value !== null);
   const choose = (next) => {
     setSaid(null);
     setName(next);
@@ -112,18 +74,9 @@ export default function Design({ recipe = "", tab = "recipe" }) {
   };
   const names = (runs.value ?? []).filter((one) => one.state !== "never").map((one) => one.name);
   const made = (runs.value ?? []).filter((one) => one.state === "done").map((one) => one.name);
-  const ofRuns = { key: chosen, names, first: chosen };
   const dialogs = { choices, chosen, done, close: () => setDialog("") };
-  const tabs = [
-    { id: "recipe", name: "Recipe",
-      body: () => html`<${RecipeTab} editor=${editor} choices=${choices} toText=${() => setAt("text")} />` },
-    { id: "text", name: "Text", body: () => html`<${TextTab} editor=${editor} />` },
-    { id: "make", name: "Make", body: () => html`<${MakeTab} key=${chosen} name=${chosen} made=${runs.reload}
-      stages=${choices.value?.stages ?? []} problems=${editor.doc?.problems ?? []} look=${() => setAt("look")} />` },
-    { id: "look", name: "Look", body: () => html`<${Look} ...${ofRuns} />` },
-    { id: "figures", name: "Figures and files", body: () => html`<${Figures} ...${ofRuns} />` },
-    { id: "compare", name: "Compare", body: () => html`<${Compare} ...${ofRuns} />` },
-  ];
+  const tools = html`<${Button} onClick=${() => setDialog("duplicate")}>Duplicate</${Button}>
+    <${Button} onClick=${() => setDialog("rename")}>Rename</${Button}><${Act} work=${remove}>Delete</${Act}>`;
   return html`<${Page} title="Design" wide tools=${html`
       <${Button} kind="main" onClick=${() => setDialog("new")}>New</${Button}>
       <${Button} onClick=${() => setDialog("import")}>Import</${Button}>`}>
@@ -131,12 +84,8 @@ export default function Design({ recipe = "", tab = "recipe" }) {
     <${Unusable} names=${choices.value?.unusable} />
     <${Loaded} of=${recipes} what="Reading the recipes">${() => (rows.length || names.length ? html`<div class="design">
       <${Recipes} rows=${rows} made=${made} chosen=${chosen} choose=${choose} />
-      <${Card} title=${chosen || "No recipe"} tools=${chosen && html`<${State} editor=${editor} />
-          <${Button} onClick=${() => setDialog("duplicate")}>Duplicate</${Button}>
-          <${Button} onClick=${() => setDialog("rename")}>Rename</${Button}><${Act} work=${remove}>Delete</${Act}>`}>
-        <${Conflict} editor=${editor} />
-        <${Tabs} label="Parts of the design" tabs=${tabs} at=${at} onChange=${setAt} />
-      </${Card}></div>`
+      <${Recipe} key=${chosen} name=${chosen} row=${rows.find((one) => one.name === chosen)} choices=${choices}
+        names=${names} tools=${tools} at=${at} setAt=${setAt} recipes=${recipes} runs=${runs} /></div>`
     : html`<${Card}><${Empty}>A recipe says what is printed and how: tissue, vessels, toolpath, printer. Begin one from
         an example, or import a file. Step by step it goes on <a href="/">Home</a>.</${Empty}></${Card}>`)}</${Loaded}>
     ${dialog === "new" && html`<${NewDialog} ...${dialogs} />`}
@@ -145,17 +94,40 @@ export default function Design({ recipe = "", tab = "recipe" }) {
   </${Page}>`;
 }
 
-function State({ editor: { doc, draft } }) {
+// The recipe that is chosen, and the runs; without one only what runs have made.
+function Recipe({ name, row, choices, names, tools, at, setAt, recipes, runs }) {
+  const editor = useRecipe(name);
+  const { doc, problem, load } = editor;
+  const count = doc?.problems.length;
+  useEffect(() => {
+    if (count !== undefined && count !== row?.problems) recipes.reload();
+  }, [count]);
+  const ofRuns = { names, first: name };
+  const tabs = [
+    { id: "recipe", name: "Recipe",
+      body: () => html`<${RecipeTab} editor=${editor} choices=${choices} toText=${() => setAt("text")} />` },
+    { id: "text", name: "Text", body: () => html`<${TextTab} editor=${editor} />` },
+    { id: "make", name: "Make", body: () => html`<${MakeTab} name=${name} made=${runs.reload}
+      stages=${choices.value?.stages ?? []} problems=${doc?.problems ?? []} look=${() => setAt("look")} />` },
+    { id: "look", name: "Look", body: () => html`<${Look} ...${ofRuns} />` },
+    { id: "figures", name: "Figures and files", body: () => html`<${Figures} ...${ofRuns} />` },
+    { id: "compare", name: "Compare", body: () => html`<${Compare} ...${ofRuns} />` },
+  ];
+  return html`<${Card} title=${name || "No recipe"} tools=${name && html`<${State} editor=${editor} />${tools}`}>
+    ${name && problem && html`<${Note} tone="bad"><p>${problem.message}</p>
+      <${Button} onClick=${load}>Load it again${problem.status === 409 && "; my last change is lost"}</${Button}>
+    </${Note}>`}
+    <${Tabs} label="Parts of the design" tabs=${tabs} at=${at} onChange=${setAt} />
+  </${Card}>`;
+}
+
+function State({ editor: { doc, typed, unread } }) {
   if (!doc) return null;
   const count = doc.problems.length;
-  const kept = !draft ? "saved" : draft.problem ? "not saved: this can't be read" : "saving …";
+  const kept = unread ? "not saved: this can't be read" : typed.value === doc.text ? "saved" : "saving …";
   return html`<span role="status" class="row">${count ? html`<${Badge} tone="warn">${count} to mend</${Badge}>`
     : html`<${Badge} tone="good">ready to be made</${Badge}>`} <span class="quiet">${kept}</span></span>`;
 }
-
-const Conflict = ({ editor: { problem, load } }) => problem && html`<${Note} tone="bad"><p>${problem.message}</p>
-  <${Button} onClick=${load}>Load it again${problem.status === 409 && "; my last change is lost"}</${Button}>
-</${Note}>`;
 
 // On a phone a choice; else a list.
 const Recipes = ({ rows, made, chosen, choose }) => html`<nav class="design-recipes" aria-label="Recipes">
@@ -210,28 +182,26 @@ function ImportDialog({ choices, done, close }) {
 
 function RecipeTab({ editor, choices, toText }) {
   const schema = useGet("/recipes/schema");
-  const { doc, draft } = editor;
-  if (draft?.problem || (doc && !doc.data)) {
-    return html`<${Note} tone="warn"><p>${draft?.problem?.message ?? doc.problems[0].message}</p>
+  const { doc, unread } = editor;
+  if (unread || (doc && !doc.data)) {
+    return html`<${Note} tone="warn"><p>${(unread ?? doc.problems[0]).message}</p>
       <p>The form comes back once the text can be read.</p>
       <div class="row"><${Button} onClick=${toText}>Mend the text</${Button}>
-        ${draft && html`<${Button} onClick=${editor.forget}>Back to what is saved</${Button}>`}</div></${Note}>`;
+        ${unread && html`<${Button} onClick=${editor.load}>Back to what is saved</${Button}>`}</div></${Note}>`;
   }
   if (!doc) return html`<${Loading} what="Reading the recipe" />`;
-  const key = `${doc.name} ${editor.loads}`;
-  return html`<${Pick} key=${`pick ${key}`} doc=${doc} change=${editor.change} />
+  return html`<${Pick} key=${`pick ${editor.loads}`} doc=${doc} change=${editor.change} />
     <${Loaded} of=${schema}>${(root) => html`<${Loaded} of=${choices}>${(known) => html`
-      <${RecipeForm} key=${key} schema=${root} choices=${known} doc=${doc} change=${editor.change} />`}</${Loaded}>`}
-    </${Loaded}>`;
+      <${RecipeForm} key=${editor.loads} schema=${root} choices=${known} doc=${doc} change=${editor.change} />`
+    }</${Loaded}>`}</${Loaded}>`;
 }
 
-function TextTab({ editor }) {
-  const { doc, draft } = editor;
+function TextTab({ editor: { doc, typed, unread } }) {
   if (!doc) return html`<${Loading} what="Reading the recipe" />`;
-  return html`${draft?.problem && html`<${Note} tone="bad">Not saved. ${draft.problem.message}</${Note}>`}
+  return html`${unread && html`<${Note} tone="bad">Not saved. ${unread.message}</${Note}>`}
     <${Problems} problems=${doc.problems} />
-    <textarea class="design-text mono" aria-label="Recipe as YAML" spellcheck=${false} value=${draft?.text ?? doc.text}
-      onInput=${(event) => editor.type(event.target.value)}></textarea>`;
+    <textarea class="design-text mono" aria-label="Recipe as YAML" spellcheck=${false} value=${typed.value}
+      onInput=${(event) => typed.onChange(event.target.value)} onBlur=${typed.onBlur}></textarea>`;
 }
 
 // A place that is clicked on the tissue is written into the recipe.

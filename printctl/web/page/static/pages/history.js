@@ -2,7 +2,7 @@
 import { url } from "../api.js";
 import {
   Button, Card, Drop, Empty, Failed, Field, Fields, Fold, Loaded, Note, Page, Segments, Table,
-  html, span, useEffect, useGet, useRef, useState, useStyle, useTyped, when,
+  html, span, useAddress, useEffect, useGet, useRef, useState, useStyle, useTyped, when,
 } from "../ui.js";
 import OnePrint, { End } from "./history_print.js";
 import { stateOf, titleOf } from "./history_words.js";
@@ -24,17 +24,6 @@ export default function History({ print = "", ...query }) {
   return print ? html`<${OnePrint} id=${print} />` : html`<${List} query=${query} />`;
 }
 
-// What stands in the address, so that a list can be shared; what makes no sense in it is left out.
-function filterOf(query) {
-  const known = Object.keys(USUAL).filter((name) => name in query);
-  const filter = { ...USUAL, ...Object.fromEntries(known.map((name) => [name, query[name].slice(0, 200)])) };
-  filter.descending = filter.descending.toLowerCase() === "false" ? "false" : "true";
-  if (!ORDERS.some(([name]) => name === filter.sort)) filter.sort = USUAL.sort;
-  if (!/^[1-9]\d{0,6}$/.test(filter.page)) filter.page = "1";
-  for (const day of ["since", "until"]) if (!/^\d{4}-\d{2}-\d{2}$/.test(filter[day])) filter[day] = "";
-  return filter;
-}
-
 const set = (filter) => Object.entries(filter).filter(([name, value]) => value !== USUAL[name]);
 
 // The filter in the API's words, without which page.
@@ -44,18 +33,11 @@ function asked(filter) {
   return words;
 }
 
-function useFilter(query) {
-  const [filter, setFilter] = useState(() => filterOf(query));
-  const change = (more) => setFilter((old) => ({ ...old, page: "1", ...more }));
-  useEffect(() => {
-    const words = new URLSearchParams(set(filter)).toString();
-    window.history.replaceState(null, "", words ? `/history?${words}` : "/history");
-  }, [filter]);
-  return [filter, change];
-}
-
 function List({ query }) {
-  const [filter, change] = useFilter(query);
+  // What stands in the address, so that a list can be shared.
+  const [filter, setFilter] = useState({ ...USUAL, ...query });
+  const change = (more) => setFilter((old) => ({ ...old, page: "1", ...more }));
+  useAddress("/history", Object.fromEntries(set(filter)));
   const words = asked(filter);
   const found = useGet(`/history?${words}&limit=${PER_PAGE}&offset=${PER_PAGE * (filter.page - 1)}`, AGAIN);
   const before = useRef(null);

@@ -137,7 +137,8 @@ function Happened({ it }) {
   ];
   return html`<${Card} title="What happened">
     <${Strip} states=${it.states} />
-    <div class="history-events"><${Table} caption="Events of the print" columns=${columns} rows=${it.events} tall /></div>
+    <div class="history-events">
+      <${Table} caption="Events of the print" columns=${columns} rows=${it.events} tall /></div>
     ${it.more_events > 0 && html`<p class="quiet">${it.more_events} more events are in the journal.</p>`}
   </${Card}>`;
 }

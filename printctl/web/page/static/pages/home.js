@@ -25,7 +25,8 @@ export default function Home() {
 function Running() {
   const print = useNews("print");
   if (!print?.state || print.ended) return null;
-  return html`<${Note} tone="info"><p><b>${nameOf(print.job)}</b> is on the printer: ${print.state.replaceAll("_", " ")}${
+  return html`<${Note} tone="info"><p>
+    <b>${nameOf(print.job)}</b> is on the printer: ${print.state.replaceAll("_", " ")}${
     Number.isFinite(print.share) ? `, ${(100 * print.share).toFixed(0)} %` : ""}${
     Number.isFinite(print.time_left_s) ? `, ${span(print.time_left_s)} left` : ""}.</p>
     <${Button} kind="main" href=${`/job?job=${part(print.job)}`}>See the print</${Button}></${Note}>`;

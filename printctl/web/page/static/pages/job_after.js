@@ -74,7 +74,8 @@ function Steps({ job }) {
   return html`<${Card} title="What follows">
     <${Loaded} of=${steps} what="Reading the steps">${(rows) => rows.map((one) => html`
       <div key=${one.id} class="job-step">
-      <${Kept} kind="flag" label=${one.text} value=${one.done} hint=${one.done && one.at ? `${when(one.at)}, ${one.who}` : ""}
+      <${Kept} kind="flag" label=${one.text} value=${one.done}
+        hint=${one.done && one.at ? `${when(one.at)}, ${one.who}` : ""}
         save=${(done) => send("PUT", `${path}/${part(one.id)}`, { done }).then(steps.reload)} />
       ${more[one.id] && html`<${more[one.id]} job=${job} />`}
     </div>`)}</${Loaded}>
@@ -139,8 +140,8 @@ function Notes({ job }) {
       <${Act} work=${add} why=${text.trim() ? "" : "write the note first"}>Add note</${Act}>
     </div>
     <${Loaded} of=${photos} what="Reading the photos">${(rows) => rows.length > 0 && html`<${Photos}
-      rows=${rows.map((one) => ({ href: url(`${way}/photos/${part(one.name)}`), alt: `Photo of ${when(one.at)}, ${one.who}` }))} />`
-    }</${Loaded}>
+      rows=${rows.map(({ name, at, who }) => ({
+        href: url(`${way}/photos/${part(name)}`), alt: `Photo of ${when(at)}, ${who}` }))} />`}</${Loaded}>
     <${Drop} label="Add a photo" accept="image/*" path=${`${way}/photos`} onDone=${photos.reload} />
   </${Card}>`;
 }

@@ -122,7 +122,7 @@ function TheJob({ job, entry, ready }) {
       ["Vessels", found.vessels || null],
       ["Lines", found.commands || null],
       run && ["Run", html`<a href=${`/design?recipe=${part(run)}`}>${run}</a>`],
-      ["SHA-256", html`<span class="mono" title=${entry.sha256}>${entry.sha256.slice(0, 12)}…</span>`],
+      ["SHA-256", html`<span class="mono" title=${entry.sha256}>${entry.sha256.slice(0, 8)}…</span>`],
     ]} /></div>
   </${Step}>`;
 }

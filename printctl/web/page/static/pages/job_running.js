@@ -91,7 +91,8 @@ function Alert({ print, look }) {
 
 const CANCEL = {
   title: "Cancel the print?", yes: "Yes, cancel it", no: "No, go on", danger: true,
-  text: "The move in flight ends, the plunger is relieved, the needle goes straight up. The print can't be gone on with.",
+  text: "The move in flight ends, the plunger is relieved, the needle goes straight up. The print can't be "
+    + "gone on with.",
 };
 const RESUME = { paused: "Resume", looking: "Go on without the observer" };
 

@@ -1,6 +1,6 @@
 // The printer's page: connect it, move it, heat it, say what is mounted; the rest in tabs.
 import {
-  Button, Card, Field, Fold, Loaded, Loading, Note, Page, Segments, Tabs, html, useAction, useGet, useKept,
+  Button, Card, Field, Fold, Loaded, Loading, Note, Page, Segments, Tabs, html, useAction, useAddress, useGet, useKept,
   useNews, useState, useStyle,
 } from "../ui.js";
 import { Calibration } from "./printer_calibrate.js";
@@ -25,14 +25,12 @@ export default function Printer({ tab = "daily", open = null }) {
   const [dialog, setDialog] = useState(open);
   const Which = status && standsBy(status) ? DIALOGS[dialog] : null;
   const close = () => setDialog(null);
-  const goTo = (id) => {
-    setShown(id);
-    history.replaceState(null, "", id === "daily" ? "/printer" : `/printer?tab=${id}`);
-  };
+  useAddress("/printer", { tab: shown !== "daily" && shown });
   return html`<${Page} title="Printer" tools=${status && !none(status) && html`<${Connection} status=${status} />`}>
     <${Loaded} of=${{ ...first, value: status }} what="Asking how the printer is">${() =>
-      html`<${Body} status=${status} tab=${shown} onTab=${goTo} onOpen=${setDialog} />`}</${Loaded}>
-    ${Which && html`<${Which} status=${status} onClose=${close} onTouchOff=${() => { close(); goTo("needle"); }} />`}
+      html`<${Body} status=${status} tab=${shown} onTab=${setShown} onOpen=${setDialog} />`}</${Loaded}>
+    ${Which && html`<${Which} status=${status} onClose=${close}
+      onTouchOff=${() => { close(); setShown("needle"); }} />`}
   </${Page}>`;
 }
 

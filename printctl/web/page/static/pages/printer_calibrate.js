@@ -71,7 +71,8 @@ function Wizard({ wizard, status, onBack }) {
         <${Bullets} rows=${made.notes} />
       </${Note}>`}`}
     <div class="columns">
-      <${Sheet} wizard=${wizard} rows=${rows} tip=${status.position_mm} onRows=${(next) => keep({ rows: next, made })} />
+      <${Sheet} wizard=${wizard} rows=${rows} tip=${status.position_mm}
+        onRows=${(next) => keep({ rows: next, made })} />
       <div class="stack">
         ${weighs && html`<${Field} kind="number" label="Density" unit="g/cm³" min=${0.1} max=${20} value=${density}
           onChange=${setDensity} />`}
@@ -100,8 +101,8 @@ function Sheet({ wizard, rows, tip, onRows }) {
   const remove = { name: "", of: ({ row }) => html`<${Button} aria-label=${`Remove row ${row + 1}`}
     onClick=${() => onRows(rows.filter((_, at) => at !== row))}>×</${Button}>` };
   return html`<div class="stack">
-    ${rows.length > 0 && html`<div class="printer-sheet"><${Table} caption="Readings" columns=${[...columns, remove]} tall
-      rows=${rows.map((cells, row) => ({ cells, row }))} /></div>`}
+    ${rows.length > 0 && html`<div class="printer-sheet"><${Table} caption="Readings" tall
+      columns=${[...columns, remove]} rows=${rows.map((cells, row) => ({ cells, row }))} /></div>`}
     ${wizard.placed
       ? html`<div class="row row-end">
           <div class="grow">${wizard.name === "level"

@@ -42,7 +42,8 @@ function Heater({ name, now_c: now, target_c: target, look, locked }) {
       <${Field} kind="number" label=${`Target, ${name}, °C`} placeholder="°C" min=${0} max=${300} value=${wanted}
         onChange=${setWanted} />
       <${Button} busy=${busy} onClick=${() => set(off ? 0 : wanted)}
-        aria-label=${off ? `Switch the ${name} off` : `Set the target of the ${name}`}>${off ? "Off" : "Set"}</${Button}>`}
+        aria-label=${off ? `Switch the ${name} off` : `Set the target of the ${name}`}>
+        ${off ? "Off" : "Set"}</${Button}>`}
     <${Refused} problem=${problem} />
   </form>`;
 }

@@ -1,6 +1,8 @@
 // Move the tip by hand: the pad, homing, saying where it stands, touching off.
 import { send } from "../api.js";
-import { Act, Ask, Button, Card, Facts, Field, Fields, Refused, Segments, html, useAction, useGet, useState } from "../ui.js";
+import {
+  Act, Ask, Button, Card, Facts, Field, Fields, Refused, Segments, html, useAction, useGet, useState,
+} from "../ui.js";
 
 const AXES = ["X", "Y", "Z"];
 const STEPS = [0.01, 0.1, 1, 10].map((mm) => [mm, `${mm} mm`]);

@@ -89,7 +89,8 @@ function Change({ title, status, steps, onClose }) {
   const [step, setStep] = useState(0);
   const next = () => setStep((old) => old + 1);
   const raise = ["Raise the needle", html`
-    <p>Straight up, out of the bath and above the rim of the dish. The tip is at Z ${mm(status.position_mm?.[2])} mm.</p>
+    <p>Straight up, out of the bath and above the rim of the dish. The tip is at
+      Z ${mm(status.position_mm?.[2])} mm.</p>
     <div class="row row-top"><${Post} kind="main" path="lift-out">Raise</${Post}>
       <${Button} onClick=${next}>It is up: next</${Button}></div>`];
   return html`<${Dialog} title=${title} onClose=${onClose}>

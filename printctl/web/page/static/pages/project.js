@@ -92,10 +92,9 @@ function Slide({ one, value, onChange }) {
   const fold = one.least > 0 && one.most / one.least > 50;
   const [up, down] = fold ? [Math.log, Math.exp] : [(x) => x, (x) => x];
   const told = (x) => onChange(Number((Math.round(down(x) / one.step) * one.step).toPrecision(6)));
-  return html`<div class="slide">
-    <${Field} label=${one.label} kind="slider" hint=${one.hint} value=${up(value)} min=${up(one.least)} max=${up(one.most)}
-      step=${fold ? "any" : one.step} onChange=${told} aria-valuetext=${`${number(value)} ${one.unit}`} />
-    <span class="slide-value">${number(value)} ${one.unit}</span></div>`;
+  const words = `${number(value)} ${one.unit}`;
+  return html`<${Field} label=${one.label} kind="slider" hint=${one.hint} value=${up(value)} min=${up(one.least)}
+    max=${up(one.most)} step=${fold ? "any" : one.step} onChange=${told} shown=${words} aria-valuetext=${words} />`;
 }
 
 function SketchState({ of }) {

@@ -2,7 +2,7 @@
 import { part, send, url } from "../api.js";
 import {
   Act, Bullets, Button, Card, Drop, Empty, Field, Fold, Loaded, Page, Tabs, Tiles, Unusable,
-  bytes, html, number, useEffect, useEnd, useGet, useState, useStyle, when,
+  bytes, html, number, useAddress, useEnd, useGet, useState, useStyle, when,
 } from "../ui.js";
 import { Frame } from "../frame.js";
 import { Does, Files, Stages, isGoing } from "../runs.js";
@@ -43,11 +43,7 @@ function Room({ scan, run }) {
   const own = rows.find((one) => one.scan === `run~${at.run}`);
   // Who comes from a print without a scan is asked for one; others see the newest.
   const row = rows.find((one) => one.scan === at.scan) ?? own ?? (at.run || at.scan === NONE ? undefined : rows[0]);
-  useEffect(() => {
-    const set = Object.entries({ scan: row?.scan, run: at.run }).filter(([, value]) => value);
-    const words = new URLSearchParams(set).toString();
-    if (scans.value) window.history.replaceState(null, "", words ? `/scan?${words}` : "/scan");
-  }, [row?.scan, at.run, scans.value]);
+  useAddress("/scan", { scan: row?.scan, run: at.run }, scans.value !== null);
   const show = (more) => { scans.reload(); go(more); };
   // Runs whose print is done, and which were not scanned by the simulator yet.
   const done = (useGet("/prints").value ?? []).filter((one) => one.state === "done");

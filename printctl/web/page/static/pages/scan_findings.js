@@ -28,7 +28,8 @@ const COLUMNS = [
   { name: "Kind", key: "kind", of: (row) => row.kind },
   figure("Designed (µm)", "designed_um", 4), figure("Measured (µm)", "measured_um", 4),
   figure("Error (%)", "error_percent"), figure("RMS (µm)", "rms_um"), figure("Axis off by (µm)", "offset_um"),
-  { name: "Verdict", key: "verdict", of: ({ verdict }) => html`<${Badge} tone=${toneOf(verdict)}>${verdict}</${Badge}>` },
+  { name: "Verdict", key: "verdict",
+    of: ({ verdict }) => html`<${Badge} tone=${toneOf(verdict)}>${verdict}</${Badge}>` },
 ];
 
 function compare(a, b) {
