@@ -257,6 +257,12 @@ export const Table = ({ columns, rows, caption, keyOf, tall }) => html`
     </table>
   </div>`;
 
+// What can be chosen, each a link: { href, name, about, badge, current }. With `choose` it stays on this page.
+export const Links = ({ rows, choose }) => html`<ul class="links">${rows.map(({ href, name, about, badge, current }) => html`
+  <li key=${href}><a class="link-row" href=${href} aria-current=${current ? "true" : undefined}
+    onClick=${choose && ((event) => { event.preventDefault(); choose(name); })}>
+    <strong>${name}</strong><span class="quiet">${about}</span>${badge}</a></li>`)}</ul>`;
+
 // Steps as [title, body], each numbered; the one that is due (`at`) shows its body.
 export const Steps = ({ steps, at }) => html`<ol class="todo">${steps.map(([title, body], index) => html`
   <li key=${title} aria-current=${index === at ? "step" : undefined}><h3>${title}</h3>
@@ -344,7 +350,9 @@ export function Ask({ title, text, yes = "Yes", no = "Cancel", danger, why, work
     event.preventDefault();
     if (!why) run();
   };
-  return html`<${Dialog} title=${title} onClose=${onClose}><form class="stack" onSubmit=${send} novalidate>
+  // Enter on a tick would send the form, which may move the printer.
+  const press = (event) => event.key === "Enter" && event.target.type === "checkbox" && event.preventDefault();
+  return html`<${Dialog} title=${title} onClose=${onClose}><form class="stack" onSubmit=${send} onKeyDown=${press} novalidate>
     ${text && html`<p>${text}</p>`}${children}
     <${Refused} problem=${problem} />
     <div class="row row-top">

@@ -81,7 +81,7 @@ def test_what_a_scan_lacks_is_asked_for_and_then_its_slices_are_seen(
         slider.press("ArrowRight")
     page.get_by_role("button", name="Delete").click()
     page.get_by_role("dialog").get_by_role("button", name="Delete").click()
-    page.get_by_role("button", name="part.tif").wait_for(state="detached")
+    page.get_by_role("link", name="part.tif").wait_for(state="detached")
 
 
 def test_verdict_stands_first_as_text(browser: Any, served: str) -> None:

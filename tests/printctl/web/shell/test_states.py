@@ -153,8 +153,8 @@ STATES = [
     State("during", "/job", "Printing ·", world="printing"),
     State("during, cancel", "/job", "Yes, cancel it", press=("Cancel print",), world="printing"),
     State("printer locked", "/printer", "A print goes on", world="printing"),
-    State("after", "/job", "What came out", world="ended"),
-    State("after, open", "/job", "Allowed wall shear", world="ended",
+    State("after", f"/job?job={PRINTED}", "What came out", world="ended"),
+    State("after, open", f"/job?job={PRINTED}", "Allowed wall shear", world="ended",
           press=("Warm the bath slowly", "How hard the channels"), tall=True),
     *(
         State(f"failed {at} {path}", at, "Try again", {path: 500})

@@ -4,7 +4,7 @@ import { Problems, RecipeForm } from "../form.js";
 import { Frame } from "../frame.js";
 import { Does, Stages, isGoing } from "../runs.js";
 import {
-  Act, Ask, Badge, Button, Card, Dialog, Drop, Empty, Field, Fold, Loaded, Loading, Note, Page, Tabs, Unusable,
+  Act, Ask, Badge, Button, Card, Dialog, Drop, Empty, Field, Fold, Links, Loaded, Loading, Note, Page, Tabs, Unusable,
   html, useAddress, useEffect, useGet, useRef, useState, useStyle, useTyped,
 } from "../ui.js";
 import { Compare, Figures, Look } from "./design_runs.js";
@@ -133,11 +133,11 @@ function State({ editor: { doc, typed, unread } }) {
 const Recipes = ({ rows, made, chosen, choose }) => html`<nav class="design-recipes" aria-label="Recipes">
   <div class="design-choice"><${Field} kind="choice" label="Recipe" value=${chosen} onChange=${choose}
     options=${rows.map((one) => one.name)} /></div>
-  <ul class="list card">${rows.map((one) => html`<li key=${one.name}>
-    <a class="link-row" href=${`/design?recipe=${part(one.name)}`} aria-current=${String(one.name === chosen)}
-      onClick=${(event) => { event.preventDefault(); choose(one.name); }}><span>${one.name}</span>
-      ${one.problems > 0 ? html`<${Badge} tone="warn">${one.problems} to mend</${Badge}>`
-        : made.includes(one.name) && html`<${Badge} tone="good">made</${Badge}>`}</a></li>`)}</ul>
+  <div class="card"><${Links} choose=${choose} rows=${rows.map(({ name, problems }) => ({
+    href: `/design?recipe=${part(name)}`, name, current: name === chosen,
+    badge: problems > 0 ? html`<${Badge} tone="warn">${problems} to mend</${Badge}>`
+      : made.includes(name) && html`<${Badge} tone="good">made</${Badge}>`,
+  }))} /></div>
 </nav>`;
 
 // --- dialogs -----------------------------------------------------------------------------------------

@@ -4,8 +4,7 @@ import {
   Button, Card, Drop, Empty, Failed, Field, Fields, Fold, Loaded, Note, Page, Segments, Table,
   html, span, useAddress, useEffect, useGet, useRef, useState, useStyle, useTyped, when,
 } from "../ui.js";
-import OnePrint, { End } from "./history_print.js";
-import { stateOf, titleOf } from "./history_words.js";
+import OnePrint, { End, stateOf, titleOf } from "./history_print.js";
 
 const PER_PAGE = 10; // a screen of them
 const TYPING_MS = 300;

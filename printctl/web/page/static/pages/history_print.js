@@ -4,7 +4,11 @@ import {
   Act, Badge, Bullets, Button, Card, Empty, Facts, Fold, Loaded, Note, Page, Photos, Table, Verdict,
   html, nameOf, runOf, span, useGet, useState, when,
 } from "../ui.js";
-import { notedLines, notedValues, stateOf, titleOf } from "./history_words.js";
+import { RECORD } from "../record.js";
+
+// A print is known by its design; G-code that was brought by its file.
+export const titleOf = (print) => nameOf(print.job) || print.file || "(no name)";
+export const stateOf = (state) => state.replaceAll("_", " ");
 
 const ENDS = { done: "good", running: "info", stopped: "warn" };
 export const End = ({ state }) => html`<${Badge} tone=${ENDS[state] ?? "bad"}>${stateOf(state)}</${Badge}>`;
@@ -115,17 +119,6 @@ function Filing({ it }) {
   </${Card}>`;
 }
 
-function Noted({ note }) {
-  const rows = notedValues(note);
-  const lists = [["Steps after the print", notedLines(note, "steps")], ["Notes", notedLines(note, "notes")]];
-  if (!rows.length && !lists.some(([, lines]) => lines.length)) return null;
-  return html`<${Card} title="What the operator noted">
-    <${Facts} rows=${rows} />
-    ${lists.map(([name, lines]) => lines.length > 0 && html`<h3>${name}</h3>
-      <div class="lines"><${Bullets} rows=${lines} /></div>`)}
-  </${Card}>`;
-}
-
 function Happened({ it }) {
   if (!it.events.length) return null;
   const kind = (name) => (["alarm", "damaged"].includes(name) ? html`<${Badge} tone="bad">${name}</${Badge}>` : name);
@@ -153,4 +146,56 @@ function Strip({ states }) {
       <i data-state=${one.state} style=${{ flexGrow: (one.end_s - one.start_s) / whole }}></i>`)}</div>
     <ul class="row history-keys" aria-label="Times in each state">${[...sums].map(([state, seconds]) => html`
       <li key=${state}><i data-state=${state}></i>${state} ${span(seconds)}</li>`)}</ul>`;
+}
+
+// --- what the operator noted ---------------------------------------------------------------------
+
+const NAMES = {
+  ...Object.fromEntries(RECORD.map(({ name, label, unit }) => [name, unit ? `${label} (${unit})` : label])),
+  mixed_at: "Mixed", sterility: "Sterility", ticked: "Checklist",
+};
+const UNNAMED = ["text", "note", "step", "name"];
+const isRecord = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
+
+function textOf(key, value) {
+  if (key === "ticked" && isRecord(value)) {
+    const ticks = Object.values(value);
+    return `${ticks.filter((one) => one === true).length} of ${ticks.length} points ticked before the start`;
+  }
+  if (key === "mixed_at" && typeof value === "number") return when(value);
+  if (typeof value === "number") return value.toLocaleString([], { maximumFractionDigits: 6 });
+  return isRecord(value) || Array.isArray(value) ? JSON.stringify(value) : String(value);
+}
+
+const isEmpty = (value) =>
+  value === null || value === "" || (typeof value === "object" && Object.keys(value).length === 0);
+
+// Names and values; those that nobody filled in are left out.
+const notedValues = (note) =>
+  Object.entries(isRecord(note.values) ? note.values : {})
+    .filter(([, value]) => !isEmpty(value))
+    .map(([key, value]) => [NAMES[key] ?? key.replaceAll("_", " "), textOf(key, value)]);
+
+// Steps after the print, or notes, each in a line: when, who, what.
+const notedLines = (note, list) => (Array.isArray(note[list]) ? note[list] : []).slice(0, 500).map(lineOf);
+
+function lineOf(entry) {
+  if (!isRecord(entry)) return String(entry);
+  const { at, who, ...rest } = entry;
+  const words = Object.entries(rest).filter(([, value]) => value !== null && value !== "").map(([key, value]) => {
+    if (typeof value === "boolean") return value ? `(${key})` : `(not ${key})`;
+    return UNNAMED.includes(key) ? textOf(key, value) : `${key}: ${textOf(key, value)}`;
+  });
+  return [typeof at === "number" ? when(at) : "", who ?? "", ...words].filter(Boolean).join("  ");
+}
+
+function Noted({ note }) {
+  const rows = notedValues(note);
+  const lists = [["Steps after the print", notedLines(note, "steps")], ["Notes", notedLines(note, "notes")]];
+  if (!rows.length && !lists.some(([, lines]) => lines.length)) return null;
+  return html`<${Card} title="What the operator noted">
+    <${Facts} rows=${rows} />
+    ${lists.map(([name, lines]) => lines.length > 0 && html`<h3>${name}</h3>
+      <div class="lines"><${Bullets} rows=${lines} /></div>`)}
+  </${Card}>`;
 }

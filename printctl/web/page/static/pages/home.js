@@ -1,7 +1,7 @@
 // Where everybody begins: what goes on, what was begun, and what one can begin with.
 import { part, send } from "../api.js";
 import {
-  Act, Ask, Badge, Button, Card, Drop, Empty, Fields, Loaded, Note, Page, go, html, nameOf, span, useFew, useGet,
+  Act, Ask, Badge, Button, Card, Drop, Empty, Fields, Links, Loaded, Note, Page, go, html, nameOf, span, useFew, useGet,
   useNews, useState, when,
 } from "../ui.js";
 
@@ -35,10 +35,10 @@ function Running() {
 function Projects({ rows }) {
   const [few, more] = useFew(rows, LISTED);
   return html`<${Card} title="Go on with">
-    <ul class="projects">${few.map(({ name, step, modified }) => html`
-      <li key=${name}><a class="link-row" href=${`/project?name=${part(name)}`}>
-        <b class="grow">${name}</b> <span class="quiet">${when(modified)}</span>
-        <${Badge} tone=${NEXT[step][1]}>${NEXT[step][0]}</${Badge}></a></li>`)}</ul>
+    <${Links} rows=${few.map(({ name, step, modified }) => ({
+      href: `/project?name=${part(name)}`, name, about: when(modified),
+      badge: html`<${Badge} tone=${NEXT[step][1]}>${NEXT[step][0]}</${Badge}>`,
+    }))} />
     ${more}
   </${Card}>`;
 }

@@ -1,7 +1,7 @@
 // Before a print: the job, the printer, all that refuses a start with what helps, then the start.
 import { get, part, send } from "../api.js";
 import {
-  Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fields, Findings, Fold, Kept, Loaded, Loading, Note,
+  Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fields, Findings, Fold, Kept, Links, Loaded, Loading, Note,
   Unusable, bytes, go, html, nameOf, number, runOf, span, useCallback, useEffect, useFew, useGet, useNews,
   useRef, useState, useStyle, when,
 } from "../ui.js";
@@ -34,9 +34,8 @@ function Listed({ rows }) {
   if (!rows.length) {
     return html`<${Empty}>No job yet. Upload a G-code file, or <a href="/">begin with a design</a>.</${Empty}>`;
   }
-  return html`<ul class="list">${few.map((one) => html`<li key=${one.id}>
-    <a class="link-row" href=${address(one.id)}><strong class="job-name">${one.name}</strong><br />
-      <span class="quiet">${factsOf(one)} · ${when(one.changed)}</span></a></li>`)}</ul>${more}`;
+  return html`<${Links} rows=${few.map((one) => ({
+    href: address(one.id), name: one.name, about: `${factsOf(one)} · ${when(one.changed)}` }))} />${more}`;
 }
 
 const factsOf = (one) => [

@@ -1,7 +1,7 @@
 // Scans of printed parts: added, looked at, compared with a design, judged.
 import { part, send, url } from "../api.js";
 import {
-  Act, Bullets, Button, Card, Drop, Empty, Field, Fold, Loaded, Page, Tabs, Tiles, Unusable,
+  Act, Bullets, Button, Card, Drop, Empty, Field, Fold, Links, Loaded, Page, Tabs, Tiles, Unusable,
   bytes, html, number, useAddress, useEnd, useGet, useState, useStyle, when,
 } from "../ui.js";
 import { Frame } from "../frame.js";
@@ -76,10 +76,9 @@ function List({ rows, at, choose }) {
     const compared = one.scan.startsWith("file~") && one.registered.length > 0 && `with ${one.registered.join(", ")}`;
     return [when(one.modified), size, compared].filter(Boolean).join(" · ");
   };
-  return rows.length > 0 && html`<ul class="list scan-list">${rows.map((one) => html`<li key=${one.scan}>
-    <button type="button" class="link-row" aria-current=${one.scan === at ? "true" : undefined}
-      onClick=${() => choose(one.scan)}>
-      <strong>${plain(one.scan)}</strong><span class="quiet">${about(one)}</span></button></li>`)}</ul>`;
+  return html`<div class="scan-list"><${Links} rows=${rows.map((one) => ({
+    href: `/scan?scan=${part(one.scan)}`, name: plain(one.scan), about: about(one), current: one.scan === at,
+  }))} choose=${(name) => choose(rows.find((one) => plain(one.scan) === name).scan)} /></div>`;
 }
 
 // --- before there is a scan ------------------------------------------------------------------------
