@@ -363,11 +363,11 @@ export function Ask({ title, text, yes = "Yes", no = "Cancel", danger, why, work
 
 // A dialog below the header, so that STOP is always in reach. Escape closes it; what had the focus
 // gets it back.
-export function Dialog({ title, onClose, wide, children }) {
+export function Dialog({ title, onClose, children }) {
   const box = useRef(null);
   const close = useRef(onClose);
   close.current = onClose;
-  useEffect(() => {
+  useLayoutEffect(() => { // at once: a frame later one may be typing
     const before = document.activeElement;
     const first = box.current.querySelector("[autofocus], input:not([type=hidden]), select, textarea, button:not(.dialog-close)");
     (first ?? box.current).focus();
@@ -380,7 +380,7 @@ export function Dialog({ title, onClose, wide, children }) {
   }, []);
   const id = useId();
   return html`<div class="scrim" onClick=${(event) => event.target === event.currentTarget && onClose()}>
-    <div class=${classes("dialog", wide && "dialog-wide")} role="dialog" aria-modal="true" aria-labelledby=${id} tabindex="-1" ref=${box}>
+    <div class="dialog" role="dialog" aria-modal="true" aria-labelledby=${id} tabindex="-1" ref=${box}>
       <div class="card-head"><h2 id=${id}>${title}</h2>
         <button type="button" class="dialog-close" aria-label="Close" onClick=${onClose}>×</button></div>
       <div class="stack">${children}</div>

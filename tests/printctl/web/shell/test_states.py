@@ -44,7 +44,7 @@ CHECKS = [
     {"check": "gap of lines", "passed": True, "refuses": True, "value": 0.3, "limit": 0.2,
      "unit": "mm", "place": "layer 2", "remedy": ""},
 ]  # fmt: skip
-STAGES = [
+STAGES: list[dict[str, Any]] = [
     {"name": name, "state": state, "fraction": share, "note": note, "remarks": []}
     for name, state, share, note in (
         ("tissue", "done", 1, "unchanged since"), ("vasculature", "done", 1, "31 vessels"),
