@@ -61,7 +61,7 @@ def serve_docs(app: FastAPI) -> None:
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
             f'<link rel="stylesheet" href="{link("page.css")}">'
             f'<script src="{link("theme.js")}"></script>'
-            f'<script src="{link("reference.js")}" defer></script></head>'
+            f'<script type="module" src="{link("reference.js")}"></script></head>'
             f'<body><main class="page reference" data-api="{API}/openapi.json">'
             '<h1>printctl: API</h1><p><a href="/">Back to the page</a></p>'
             '<div id="api">Reading the description …</div></main></body></html>'

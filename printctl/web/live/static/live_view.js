@@ -145,7 +145,7 @@ class Panel {
 }
 
 function button(text, label, action) {
-  const given = { type: "button", className: "live-button", title: label, "aria-label": label };
+  const given = { type: "button", className: "button", title: label, "aria-label": label };
   const found = make("button", given, text);
   found.addEventListener("click", action);
   return found;
@@ -251,17 +251,8 @@ class LiveView {
     this.painter.show(this.state);
   }
 
-  // Takes what is known of the print, by the names above or by those of `LiveView.tell`.
   update(news) {
-    const taken = {
-      executed: news.executed ?? news.lines_executed,
-      acknowledged: news.acknowledged ?? news.lines_done,
-      position: news.position,
-      mends: news.mends,
-    };
-    for (const [name, value] of Object.entries(taken)) {
-      if (value !== undefined && value !== null) this.status[name] = value;
-    }
+    Object.assign(this.status, news);
     this.live = true;
     if (this.timer || !this.panel) return;
     const wait = Math.max(this.last.needle + this.least.needle - performance.now(), 0);

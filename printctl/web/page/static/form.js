@@ -1,7 +1,8 @@
 // The form of a recipe, made from its JSON Schema (GET /recipes/schema; printctl/recipe/schema.py).
-import { Badge, Button, Field, Note, html, number, useEffect, useMemo, useRef, useState } from "./ui.js";
+import {
+  Badge, Button, Field, Fold, Note, html, number, useEffect, useMemo, useRef, useState, useTyped,
+} from "./ui.js";
 
-const PAUSE_MS = 500; // after the last key that was pressed
 const FOUND = 12;
 const AXES = { 2: ["1st", "2nd"], 3: ["x", "y", "z"] };
 
@@ -139,29 +140,6 @@ function problemAt(form, path) {
 
 const below = (form, path) => form.problems.filter((one) => path.every((key, k) => one.path[k] === key)).length;
 
-// A typed value that is told when nothing was typed for a while, or the field is left.
-function useTyped(shown, tell) {
-  const [text, setText] = useState(shown);
-  const waiting = useRef(null);
-  const now = useRef({});
-  now.current = { text, tell };
-  const end = () => {
-    if (waiting.current === null) return;
-    clearTimeout(waiting.current);
-    waiting.current = null;
-    now.current.tell(now.current.text);
-  };
-  useEffect(() => { if (waiting.current === null) setText(shown); }, [shown]);
-  useEffect(() => end, []);
-  const type = (next) => {
-    setText(next);
-    now.current.text = next;
-    clearTimeout(waiting.current);
-    waiting.current = setTimeout(end, PAUSE_MS);
-  };
-  return { value: text, onChange: type, onBlur: end };
-}
-
 function Typed({ form, node, path, kind, value, label, hint, say }) {
   const field = useTyped(written(value, kind), (text) => {
     const trimmed = text.trim();
@@ -222,7 +200,7 @@ function Row({ form, node, path }) {
 
 // Fields of a section, behind `lead`: first those that the recipe says or needs, then, folded, those left to
 // their defaults.
-function Fields({ form, node, path, without = [], lead = null }) {
+function FieldsOf({ form, node, path, without = [], lead = null }) {
   const all = Object.keys(node.properties).filter((key) => !without.includes(key))
     .map((key) => ({ key, node: nodeOf(form, node, key), path: [...path, key] }))
     .filter((one) => !("const" in one.node && one.node.needed));
@@ -232,9 +210,9 @@ function Fields({ form, node, path, without = [], lead = null }) {
   const rest = all.filter((one) => !isShown(one));
   return html`<${FieldList} form=${form} fields=${all.filter(isShown)} lead=${lead} />
     ${rest.length > 0 && html`
-    <${Folded} title=${`${rest.length} more ${rest.length > 1 ? "fields" : "field"}, at their defaults`}>
+    <${Fold} title=${`${rest.length} more ${rest.length > 1 ? "fields" : "field"}, at their defaults`}>
       <${FieldList} form=${form} fields=${rest} />
-    </${Folded}>`}`;
+    </${Fold}>`}`;
 }
 
 const nodeOf = (form, node, key) =>
@@ -251,37 +229,32 @@ const Value = ({ form, node, path }) =>
   kindOf(form.root, node) === "row" ? html`<${Row} form=${form} node=${node} path=${path} />`
     : html`<${Leaf} form=${form} node=${node} path=${path} />`;
 
-// What is folded isn't drawn: a recipe has hundreds of fields.
-function Folded({ title, open = false, children, ...more }) {
-  const [now, setNow] = useState(open);
-  useEffect(() => { if (open) setNow(true); }, [open]);
-  return html`<details class="details" open=${now} onToggle=${(event) => setNow(event.currentTarget.open)} ...${more}>
-    <summary>${title}</summary>${now && html`<div class="stack">${children}</div>`}</details>`;
-}
-
 function Part({ form, node, path }) {
   const wrong = below(form, path);
   const place = path.join(".");
   const open = valueAt(form.data, path) !== undefined || form.opened.has(place);
   const title = html`<span class="form-title">${node.title}</span>
     ${wrong > 0 && html`<${Badge} tone="bad">${wrong} to mend</${Badge}>`}`;
-  return html`<${Folded} class="details form-part" key=${`${place} ${form.turn}`} title=${title} open=${open}
+  return html`<${Fold} class="details form-part" key=${`${place} ${form.turn}`} title=${title} open=${open}
       data-path=${place}>
     ${node.description && html`<p class="hint">${node.description}</p>`}
     ${problemAt(form, path) && html`<p class="problem">${problemAt(form, path)}</p>`}
     <${Inside} form=${form} node=${node} path=${path} />
-  </${Folded}>`;
+  </${Fold}>`;
 }
 
-function Inside({ form, node, path }) {
-  const kind = kindOf(form.root, node);
-  if (kind === "list") return html`<${List} form=${form} node=${node} path=${path} />`;
-  if (kind === "choice") return html`<${Choice} form=${form} node=${node} path=${path} />`;
-  if (kind !== "section") return html`<${Value} form=${form} node=${node} path=${path} />`;
+function Inside(of) {
+  const { form, node } = of;
+  const Which = { list: List, choice: Choice, section: Section }[kindOf(form.root, node)] ?? Value;
+  return html`<${Which} ...${of} />`;
+}
+
+function Section(of) {
+  const { form, node, path } = of;
   const on = valueAt(form.data, path) !== undefined;
   const lead = node.optional && html`<${Field} kind="flag" label=${`with ${node.title}`} value=${on}
     onChange=${(yes) => form.change(path, yes ? {} : undefined)} />`;
-  return on || !node.optional ? html`<${Fields} form=${form} node=${node} path=${path} lead=${lead} />` : lead;
+  return on || !node.optional ? html`<${FieldsOf} ...${of} lead=${lead} />` : lead;
 }
 
 // One of several sorts of section.
@@ -297,7 +270,7 @@ function Choice({ form, node, path }) {
   const lead = html`<${Field} kind="choice" label=${`kind of ${node.title}`} value=${String(now)} options=${options}
     hint=${shown?.description} onChange=${(k) => form.change(path, node.begins[Number(k)])} />`;
   return shown
-    ? html`<${Fields} key=${at} form=${form} node=${shown} path=${path} without=${fixed} lead=${lead} />` : lead;
+    ? html`<${FieldsOf} key=${at} form=${form} node=${shown} path=${path} without=${fixed} lead=${lead} />` : lead;
 }
 
 function List({ form, node, path }) {
@@ -351,7 +324,7 @@ export function RecipeForm({ schema, choices, doc, change }) {
   }, [target]);
   return html`<div class="stack" ref=${box}>
     <${Problems} problems=${doc.problems} show=${(path) => nodeAt(schema, data, path) && (() => show(path))} />
-    <${Fields} form=${form} node=${schema} path=${[]} lead=${html`
+    <${FieldsOf} form=${form} node=${schema} path=${[]} lead=${html`
       <${Field} kind="search" label="Find a field" value=${query} onChange=${setQuery} autocomplete="off" />
       <${Found} form=${form} query=${query} show=${show} />`} />
   </div>`;

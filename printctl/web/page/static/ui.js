@@ -16,29 +16,28 @@ export const go = (address, replace = false) =>
 // --- values of the server ----------------------------------------------------------------------
 
 // The value at a path of the API: { value, problem, loading, reload }. Asked for again after any of
-// the events `on`, every `every` ms and with another `key`; what was there stays shown meanwhile. No path, no question.
+// the events `on`, every `every` ms and with another `key`; what was there stays shown meanwhile. No path, no
+// question. `reload` resolves when the answer is here.
 export function useGet(path, { on = [], every = 0, key = "" } = {}) {
   const [state, setState] = useState({ value: null, problem: null, loading: true });
-  const [turn, setTurn] = useState(0);
-  const reload = useCallback(() => setTurn((one) => one + 1), []);
-  const asked = useRef(null);
+  const turn = useRef(0);
+  const reload = useCallback(() => {
+    const mine = (turn.current += 1); // an answer that is older than the last question is let go
+    const set = (change) => mine === turn.current
+      && setState((old) => ({ ...old, loading: false, problem: null, ...change }));
+    return path ? get(path).then((value) => set({ value }), (problem) => set({ problem })) : Promise.resolve();
+  }, [path]);
   useEffect(() => {
-    let gone = false;
-    if (!path) return undefined;
-    if (asked.current !== path) setState({ value: null, problem: null, loading: true });
-    asked.current = path;
-    get(path).then(
-      (value) => gone || setState({ value, problem: null, loading: false }),
-      (problem) => gone || setState((old) => ({ ...old, problem, loading: false })),
-    );
-    return () => { gone = true; };
-  }, [path, turn, key]);
-  useEffect(() => (on.length ? listen((one) => on.includes(one.event) && reload()) : undefined), [on.join()]);
+    setState({ value: null, problem: null, loading: true });
+    return () => { turn.current += 1; };
+  }, [path]);
+  useEffect(() => { reload(); }, [reload, key]);
+  useEffect(() => (on.length ? listen((one) => on.includes(one.event) && reload()) : undefined), [on.join(), reload]);
   useEffect(() => {
     if (!every) return undefined;
     const timer = setInterval(() => document.hidden || reload(), every);
     return () => clearInterval(timer);
-  }, [every]);
+  }, [every, reload]);
   return { ...state, reload };
 }
 
@@ -83,6 +82,14 @@ export function useStyle(path) {
   }, [path]);
 }
 
+// Keep what is shown in the address, without what is empty.
+export function useAddress(path, values, known = true) {
+  const words = new URLSearchParams(Object.entries(values).filter(([, value]) => value)).toString();
+  useEffect(() => {
+    if (known && location.pathname === path) history.replaceState(history.state, "", words ? `${path}?${words}` : path);
+  }, [words, known]);
+}
+
 // A value kept in this browser under a name.
 export function useKept(name, first) {
   const key = `printctl.${name}`;
@@ -104,6 +111,58 @@ export function useKept(name, first) {
   return [value, keep];
 }
 
+// "light" or "dark", as the page is now.
+export function useTheme() {
+  const root = document.documentElement;
+  const [theme, setTheme] = useState(root.dataset.theme);
+  useEffect(() => {
+    const watch = new MutationObserver(() => setTheme(root.dataset.theme));
+    watch.observe(root, { attributeFilter: ["data-theme"] });
+    return () => watch.disconnect();
+  }, []);
+  return theme;
+}
+
+// A typed value that is told when nothing was typed for `pause_ms` (0: however long), or the field is left.
+export function useTyped(shown, tell, pause_ms = 500, again = null) {
+  const [text, setText] = useState(shown);
+  const waiting = useRef(null);
+  const now = useRef({});
+  Object.assign(now.current, { text, tell });
+  const end = () => {
+    if (waiting.current === null) return;
+    clearTimeout(waiting.current);
+    waiting.current = null;
+    now.current.tell(now.current.text);
+  };
+  useEffect(() => { if (waiting.current === null) setText(shown); }, [shown, again]);
+  useEffect(() => end, []);
+  const type = (next) => {
+    setText(next);
+    now.current.text = next;
+    clearTimeout(waiting.current);
+    waiting.current = pause_ms ? setTimeout(end, pause_ms) : -1;
+  };
+  return { value: text, onChange: type, onBlur: end };
+}
+
+// Call `work` when something that went on goes on no more.
+export function useEnd(going, work) {
+  const before = useRef(false);
+  useEffect(() => {
+    if (before.current && !going) work();
+    before.current = going;
+  }, [going]);
+}
+
+// The first `count` of a list, and the button that shows the rest.
+export function useFew(rows, count) {
+  const [all, setAll] = useState(false);
+  const more = !all && rows.length > count && html`
+    <div><${Button} onClick=${() => setAll(true)}>Show all ${rows.length}</${Button}></div>`;
+  return [all ? rows : rows.slice(0, count), more];
+}
+
 // --- states --------------------------------------------------------------------------------------
 
 export const Loading = ({ what = "" }) =>
@@ -115,6 +174,9 @@ export const Failed = ({ problem, again }) => html`
     ${again && html`<${Button} onClick=${again}>Try again</${Button}>`}
   </div>`;
 
+// Why an action was refused, beside its button.
+export const Refused = ({ problem }) => problem && html`<p class="problem" role="alert">${problem.message}</p>`;
+
 export const Empty = ({ children }) => html`<p class="empty">${children}</p>`;
 
 // Shows `children(value)` of what useGet gave, or that it loads or failed.
@@ -123,6 +185,10 @@ export function Loaded({ of, what, children }) {
   if (of.loading && of.value === null) return html`<${Loading} what=${what} />`;
   return (Array.isArray(children) ? children[0] : children)(of.value);
 }
+
+// Names in the workspace that can't be used.
+export const Unusable = ({ names }) => names?.length > 0 && html`<${Note} tone="warn">Not shown: ${names.join(", ")}.
+  Rename each: 1 to 64 letters a to z, digits, ".", "_" or "-", beginning with a letter or digit.</${Note}>`;
 
 // A sentence that matters: tone is "info", "good", "warn" or "bad".
 export const Note = ({ tone = "info", children }) =>
@@ -159,18 +225,31 @@ export function Card({ title, tools, fold, folded = false, tone, children, ...mo
   </section>`;
 }
 
-// Details that most people don't need.
-export const Fold = ({ title, open, children }) => html`
-  <details class="details" open=${open}><summary>${title}</summary><div class="stack">${children}</div></details>`;
+// Details that most people don't need; what is folded isn't drawn.
+export function Fold({ title, open = false, children, ...more }) {
+  const [now, setNow] = useState(open);
+  useEffect(() => { if (open) setNow(true); }, [open]);
+  return html`<details class="details" open=${now} onToggle=${(event) => setNow(event.currentTarget.open)} ...${more}>
+    <summary>${title}</summary>${now && html`<div class="stack">${children}</div>`}</details>`;
+}
 
 // Names and values: rows of [name, value]; a value of null is left out.
 export const Facts = ({ rows }) => html`
   <dl class="facts">${rows.filter((row) => row && row[1] !== null && row[1] !== undefined && row[1] !== "").map(([name, value]) => html`
     <div key=${name}><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>`;
 
-// A table; columns: [{ name, of: row => value, number }].
-export const Table = ({ columns, rows, caption, keyOf }) => html`
-  <div class="table" tabindex="0" role="region" aria-label=${caption}>
+// Sentences below each other.
+export const Bullets = ({ rows, list = "ul" }) => html`
+  <${list} class="bullets">${rows.map((row, at) => html`<li key=${at}>${row}</li>`)}</${list}>`;
+
+// Figures in boxes beside each other: [name, value, more, tone].
+export const Tiles = ({ rows }) => html`<dl class="tiles">${rows.filter(Boolean).map(([name, value, more, tone]) => html`
+  <div key=${name} class=${classes("tile", tone && `note-${tone}`)}><dt class="name">${name}</dt>
+    <dd class="value">${value}</dd>${more && html`<dd class="more">${more}</dd>`}</div>`)}</dl>`;
+
+// A table; columns: [{ name, of: row => value, number }]. A `tall` one is scrolled.
+export const Table = ({ columns, rows, caption, keyOf, tall }) => html`
+  <div class=${classes("table", tall && "table-tall")} tabindex="0" role="region" aria-label=${caption}>
     <table>
       <thead><tr>${columns.map((one) => html`<th scope="col" class=${one.number ? "number" : ""}>${one.name}</th>`)}</tr></thead>
       <tbody>${rows.map((row, at) => html`<tr key=${keyOf ? keyOf(row) : at}>${columns.map((one) => html`
@@ -178,17 +257,45 @@ export const Table = ({ columns, rows, caption, keyOf }) => html`
     </table>
   </div>`;
 
-// "light" or "dark", as the page is now.
-export function useTheme() {
-  const root = document.documentElement;
-  const [theme, setTheme] = useState(root.dataset.theme);
-  useEffect(() => {
-    const watch = new MutationObserver(() => setTheme(root.dataset.theme));
-    watch.observe(root, { attributeFilter: ["data-theme"] });
-    return () => watch.disconnect();
-  }, []);
-  return theme;
+// What can be chosen, each a link: { href, name, about, badge, current }. With `choose` it stays on this page.
+export const Links = ({ rows, choose }) => html`<ul class="links">${rows.map(({ href, name, about, badge, current }) => html`
+  <li key=${href}><a class="link-row" href=${href} aria-current=${current ? "true" : undefined}
+    onClick=${choose && ((event) => { event.preventDefault(); choose(name); })}>
+    <strong>${name}</strong><span class="quiet">${about}</span>${badge}</a></li>`)}</ul>`;
+
+// Steps as [title, body], each numbered; the one that is due (`at`) shows its body.
+export const Steps = ({ steps, at }) => html`<ol class="todo">${steps.map(([title, body], index) => html`
+  <li key=${title} aria-current=${index === at ? "step" : undefined}><h3>${title}</h3>
+    ${index === at && html`<div class="stack">${body}</div>`}</li>`)}</ol>`;
+
+// What was checked, as { check or what, value, limit, unit, place, remedy }. `mend(one)` gives what helps.
+export const Findings = ({ rows, label, refuses, mend = () => null }) => html`
+  <ul class=${classes("findings", refuses && "findings-bad")} aria-label=${label}>${rows.map((one) => html`
+    <li key=${`${one.check ?? one.what} ${one.about} ${one.place}`}>
+      <div class="grow"><strong>${sentence(one.check ?? one.what)}</strong>${measured(one)}</div>
+      ${mend(one)}
+      ${reason(one) && html`<p class="quiet">${reason(one)}</p>`}</li>`)}</ul>`;
+
+// "3.2 mm, limit 0.05 mm"; nothing for a question to a person.
+function measured({ value, limit, unit }) {
+  const [found, allowed] = [value, limit].map((one) => `${number(one)}${unit ? ` ${unit}` : ""}`);
+  return value === null && limit === null ? "" : `: ${found}, limit ${allowed}`;
 }
+
+const reason = ({ place, remedy, passed }) =>
+  sentence([!remedy?.includes(place) && place, !passed && remedy].filter(Boolean).join(": "));
+
+export const Photos = ({ rows }) => html`<div class="photos">${rows.map(({ href, alt }) => html`
+  <a key=${href} href=${href} target="_blank" rel="noopener">
+    <img src=${href} alt=${alt} loading="lazy" /></a>`)}</div>`;
+
+const OUTCOMES = {
+  pass: ["good", "Passed"], fail: ["bad", "Not passed"],
+  undecided: ["warn", "Undecided: neither pass nor fail is proven"], "": ["info", "Measured; no verdict yet"],
+};
+export const toneOf = (outcome) => OUTCOMES[outcome.split(":")[0]]?.[0] ?? "info";
+export const Verdict = ({ outcome }) => html`<div class="grow" role="status"><${Note} tone=${toneOf(outcome)}>
+  <strong>${OUTCOMES[outcome][1]}</strong></${Note}></div>`;
 
 // Tabs: [{ id, name, body: () => vnode }].
 export function Tabs({ tabs, at, onChange, label }) {
@@ -221,30 +328,46 @@ export function Button({ kind = "quiet", href, busy, disabled, why, onClick, chi
 }
 
 // A button that runs `work` (async); while it runs it can't be pressed, and below it stands what was
-// refused. With `ask` ({ title, text, yes }) it asks once more.
+// refused. With `ask` ({ title, text, yes, no, danger }) it asks once more, in a dialog.
 export function Act({ work, ask, children, ...more }) {
-  const [run, state] = useAction(work);
+  const [run, { busy, problem }] = useAction(work);
   const [asking, setAsking] = useState(false);
   return html`<div class="act">
-    <${Button} ...${more} busy=${state.busy} onClick=${ask ? () => setAsking(true) : () => run()}>${children}</${Button}>
-    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
-    ${asking && html`<${Dialog} title=${ask.title} onClose=${() => setAsking(false)}>
-      ${ask.text && html`<p>${ask.text}</p>`}
-      <div class="row">
-        <${Button} kind=${ask.danger ? "danger" : "main"} onClick=${() => { setAsking(false); run(); }}>${ask.yes ?? "Yes"}</${Button}>
-        <${Button} onClick=${() => setAsking(false)}>${ask.no ?? "No"}</${Button}>
-      </div>
-    </${Dialog}>`}
+    <${Button} ...${more} busy=${busy} onClick=${ask ? () => setAsking(true) : () => run()}>${children}</${Button}>
+    <${Refused} problem=${problem} />
+    ${asking && html`<${Ask} no="No" ...${ask} work=${work} onClose=${() => setAsking(false)} />`}
   </div>`;
+}
+
+// A dialog with a form: its button or Enter runs `work` (async), then `onClose`. What is refused stays in it,
+// with what was typed.
+export function Ask({ title, text, yes = "Yes", no = "Cancel", danger, why, work, onClose, tools, children }) {
+  const [run, { busy, problem }] = useAction(async () => {
+    await work();
+    onClose();
+  });
+  const send = (event) => {
+    event.preventDefault();
+    if (!why) run();
+  };
+  // Enter on a tick would send the form, which may move the printer.
+  const press = (event) => event.key === "Enter" && event.target.type === "checkbox" && event.preventDefault();
+  return html`<${Dialog} title=${title} onClose=${onClose}><form class="stack" onSubmit=${send} onKeyDown=${press} novalidate>
+    ${text && html`<p>${text}</p>`}${children}
+    <${Refused} problem=${problem} />
+    <div class="row row-top">
+      <${Button} type="submit" kind=${danger ? "danger" : "main"} busy=${busy} why=${why}>${yes}</${Button}>
+      <${Button} onClick=${onClose}>${no}</${Button}>${tools}</div>
+  </form></${Dialog}>`;
 }
 
 // A dialog below the header, so that STOP is always in reach. Escape closes it; what had the focus
 // gets it back.
-export function Dialog({ title, onClose, wide, children }) {
+export function Dialog({ title, onClose, children }) {
   const box = useRef(null);
   const close = useRef(onClose);
   close.current = onClose;
-  useEffect(() => {
+  useLayoutEffect(() => { // at once: a frame later one may be typing
     const before = document.activeElement;
     const first = box.current.querySelector("[autofocus], input:not([type=hidden]), select, textarea, button:not(.dialog-close)");
     (first ?? box.current).focus();
@@ -257,7 +380,7 @@ export function Dialog({ title, onClose, wide, children }) {
   }, []);
   const id = useId();
   return html`<div class="scrim" onClick=${(event) => event.target === event.currentTarget && onClose()}>
-    <div class=${classes("dialog", wide && "dialog-wide")} role="dialog" aria-modal="true" aria-labelledby=${id} tabindex="-1" ref=${box}>
+    <div class="dialog" role="dialog" aria-modal="true" aria-labelledby=${id} tabindex="-1" ref=${box}>
       <div class="card-head"><h2 id=${id}>${title}</h2>
         <button type="button" class="dialog-close" aria-label="Close" onClick=${onClose}>×</button></div>
       <div class="stack">${children}</div>
@@ -267,9 +390,12 @@ export function Dialog({ title, onClose, wide, children }) {
 
 // --- fields ----------------------------------------------------------------------------------------
 
-// One value. kind: "text", "number", "choice" (options: [[value, name], ...]), "flag", "slider",
-// "long" or "password". `onChange` is told the value: a number or null for numbers, as it is typed.
-export function Field({ label, kind = "text", value, onChange, unit, hint, problem, options = [], min, max, step, ...more }) {
+// One value. kind: "text", "number", "choice" (options: values, or [value, name]), "flag", "slider",
+// "long" or "password"; a slider's value may be `shown` in words. `onChange` is told the value as it is typed: a
+// number or null for numbers.
+export function Field({
+  label, kind = "text", value, onChange, unit, hint, problem, options = [], min, max, step, shown = value, ...more
+}) {
   const id = useId();
   const said = [hint && `${id}-hint`, problem && `${id}-problem`].filter(Boolean).join(" ") || undefined;
   const common = { id, "aria-describedby": said, "aria-invalid": problem ? "true" : undefined, ...more };
@@ -277,8 +403,10 @@ export function Field({ label, kind = "text", value, onChange, unit, hint, probl
   const number = (event) => onChange(event.target.value === "" ? null : Number(event.target.value));
   let input;
   if (kind === "choice") {
-    input = html`<select ...${common} value=${value ?? ""} onChange=${told}>${options.map(([one, name]) => html`
-      <option key=${one} value=${one} selected=${one === (value ?? "")}>${name ?? one}</option>`)}</select>`;
+    input = html`<select ...${common} value=${value ?? ""} onChange=${told}>${options.map((option) => {
+      const [one, name = one] = [option].flat(); // a value alone is its name
+      return html`<option key=${one} value=${one} selected=${one === (value ?? "")}>${name}</option>`;
+    })}</select>`;
   } else if (kind === "flag") {
     input = html`<input type="checkbox" ...${common} checked=${Boolean(value)} onChange=${(event) => onChange(event.target.checked)} />`;
   } else if (kind === "slider") {
@@ -292,11 +420,33 @@ export function Field({ label, kind = "text", value, onChange, unit, hint, probl
   }
   return html`<div class=${classes("field", `field-${kind}`)}>
     <label for=${id}>${label}</label>
-    <div class="field-input">${input}${unit && html`<span class="unit">${unit}</span>`}${kind === "slider" && html`<output for=${id}>${value}</output>`}</div>
+    <div class="field-input">${input}${unit && html`<span class="unit">${unit}</span>`}${
+      kind === "slider" && html`<output for=${id}>${shown}</output>`}</div>
     ${hint && html`<p class="hint" id=${`${id}-hint`}>${hint}</p>`}
     ${problem && html`<p class="problem" id=${`${id}-problem`}>${problem}</p>`}
   </div>`;
 }
+
+// A field that is kept by `save` (async): at once what is chosen, what is typed when one leaves it.
+export function Kept({ save, value, ...more }) {
+  const [problem, setProblem] = useState(null);
+  const done = (next) => next !== value && save(next).then(() => setProblem(null), setProblem);
+  const typed = useTyped(value, done, 0, problem); // what was refused goes back to what was kept
+  const change = (next) => {
+    typed.onChange(next);
+    if (["choice", "flag"].includes(more.kind)) typed.onBlur();
+  };
+  return html`<${Field} ...${more} ...${typed} onChange=${change} problem=${problem?.message}
+    onKeyDown=${(event) => event.key === "Enter" && more.kind !== "long" && typed.onBlur()} />`;
+}
+
+// Fields of the values in `of`, each { name, ...what Field takes }. `save(change)` (async) keeps each one; without
+// it `onChange` is told all values.
+export const Fields = ({ fields, of, save, onChange, children }) => html`<div class="fields">
+  ${fields.filter(Boolean).map(({ name, ...field }) => (save
+    ? html`<${Kept} key=${name} ...${field} value=${of[name]} save=${(value) => save({ [name]: value })} />`
+    : html`<${Field} key=${name} ...${field} value=${of[name]}
+        onChange=${(value) => onChange({ ...of, [name]: value })} />`))}${children}</div>`;
 
 // One of a few, all seen: options as [value, name].
 export const Segments = ({ label, options, value, onChange }) => html`
@@ -327,7 +477,7 @@ export function Drop({ label, accept, path, onDone, field, more }) {
       onChange=${(event) => { const [file] = event.target.files; event.target.value = ""; if (file) run(file); }} /></label>
     <span class="quiet">or drop it here</span>
     ${share !== null && html`<${Progress} share=${share} label="Sending" />`}
-    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
+    <${Refused} problem=${state.problem} />
   </div>`;
 }
 
@@ -338,6 +488,10 @@ export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   return String(Number(value.toPrecision(digits))).replace("-", "\u2212");
 }
+
+// A job's name for people; the run that it is of, "" for a file that was brought.
+export const nameOf = (job) => job.replace(/^(run|file)~/, "").replace(/\.gcode$/, "");
+export const runOf = (job) => (job.startsWith("run~") ? job.slice(4) : "");
 
 // A text of the program as a sentence: its first letter large.
 export const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);

@@ -19,7 +19,7 @@ from printctl.run_folder.manifest import Manifest, StageRecord
 from printctl.web.design import run_views as views
 from printctl.web.design.recipe_text import read_text
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import LOOKS, serious, shown
+from tests.printctl.web.shell.browsers import shown
 from tests.system.cli import called as printctl
 from tests.system.forks import FORK, of_fork
 from tests.waiting import wait_for
@@ -82,7 +82,6 @@ def test_a_recipe_is_begun_and_mended_in_its_text_and_its_form(
 ) -> None:
     page = shown(browser, f"{served.url}/design")
     page.get_by_text("A recipe says what is printed and how").wait_for()
-    assert serious(page) == []
     page.get_by_role("button", name="New", exact=True).click()
     dialog = page.get_by_role("dialog", name="New recipe")
     dialog.get_by_label("Begin from").select_option("planar_tree")
@@ -90,7 +89,6 @@ def test_a_recipe_is_begun_and_mended_in_its_text_and_its_form(
     dialog.get_by_role("button", name="Make").click()
     dialog.get_by_text("name 'not one' can't be used").wait_for()  # and what was chosen is kept
     assert dialog.get_by_label("Begin from").input_value() == "planar_tree"
-    assert serious(page) == []
     dialog.get_by_label("Begin from").select_option("starter")
     dialog.get_by_label("Name", exact=True).fill("first")
     dialog.get_by_role("button", name="Make").click()
@@ -107,7 +105,6 @@ def test_a_recipe_is_begun_and_mended_in_its_text_and_its_form(
     expect(layer).to_have_value("150")
     layer.fill("1")
     page.get_by_text("must be at least 10 (is 1)", exact=True).wait_for()
-    assert serious(page) == []
     page.get_by_role("tab", name="Text").click()
     assert "layer_um: 1, line_um: 400}" in text.input_value()
     page.get_by_role("tab", name="Recipe").click()
@@ -220,7 +217,6 @@ def test_a_design_is_seen_on_one_screen(served: Process, browser: Any, made: Pat
     assert slider.input_value() != before
     page.get_by_role("radio", name="Report").click()
     page.get_by_text("has no page 'report' yet").wait_for()
-    assert serious(page) == []
 
 
 @pytest.mark.slow
@@ -250,20 +246,6 @@ def _differ(one: bytes, other: bytes) -> float:
     return float(ImageStat.Stat(ImageChops.difference(*seen)).mean[0])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("viewport", "colours"), LOOKS[1:])
-def test_the_page_fits_small_screens(
-    served: Process, browser: Any, made: Path, viewport: dict[str, int], colours: str
-) -> None:
-    for tab in ("recipe", "text", "make", "look", "figures", "compare"):
-        url = f"{served.url}/design?recipe=one&tab={tab}"
-        page = shown(browser, url, viewport=viewport, color_scheme=colours)
-        page.wait_for_timeout(1500)
-        assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"]
-        assert serious(page) == []
-        page.close()
-
-
 def test_a_file_is_imported_and_chosen_in_the_form(
     served: Process, browser: Any, workspace: Path, tmp_path: Path
 ) -> None:
@@ -276,7 +258,6 @@ def test_a_file_is_imported_and_chosen_in_the_form(
     page = shown(browser, f"{served.url}/design?recipe=given")
     page.get_by_text("there is no file 'missing.csv' beside the recipe; upload it").first.wait_for()
     page.get_by_role("button", name="Import").click()
-    assert serious(page) == []
     page.get_by_label("Choose a file").set_input_files(str(vessels))
     page.get_by_text("vessels.csv can be named in recipes now").wait_for()
     page.get_by_label("network", exact=True).select_option("vessels.csv")
@@ -317,4 +298,3 @@ def test_inlets_are_picked_on_the_tissue(served: Process, browser: Any, workspac
     assert [one["at_mm"][2] for one in said] == [3.0, 3.0]
     assert said[0]["at_mm"][0] < 8.0 < said[1]["at_mm"][0]
     page.get_by_text("ready to be made").wait_for()
-    assert serious(page) == []

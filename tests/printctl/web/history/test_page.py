@@ -12,7 +12,7 @@ import pytest
 from printctl.web.workspace import Workspace
 from tests.printctl.history.records.prints import printed, with_run
 from tests.printctl.web.serving import server_process
-from tests.printctl.web.shell.browsers import LOOKS, PHONE, WIDE, serious, shown, until
+from tests.printctl.web.shell.browsers import shown, until
 
 pytestmark = pytest.mark.browser
 
@@ -116,28 +116,3 @@ def test_print_is_compared_filed_verified_and_made_ready_again(
     record.write_bytes(data)
     chosen.set_input_files(record)
     page.get_by_text("job.gcode: changed").wait_for()
-
-
-@pytest.mark.parametrize(("viewport", "theme"), LOOKS)
-def test_page_fits_the_screen_its_targets_the_finger_and_axe_finds_nothing(
-    browser: Any, served: tuple[str, Path], viewport: dict[str, int], theme: str
-) -> None:
-    page = shown(browser, f"{served[0]}/history", viewport, theme, own=True)
-    page.get_by_text("13 prints").wait_for()
-    limit = 2000 if viewport == PHONE else 1000 if viewport == WIDE else 1300
-    for step in ("list", "one"):
-        if step == "one":
-            page.get_by_role("link", name="chip_11").click()
-            page.get_by_role("button", name="Compare with today").click()
-            page.get_by_role("button", name="Make the job").wait_for()
-        height, width = page.evaluate(
-            "[document.documentElement.scrollHeight, document.documentElement.scrollWidth]"
-        )
-        assert (height <= limit, width) == (True, viewport["width"]), (step, height)
-        small = page.evaluate(
-            "[...document.querySelectorAll('#content td a, #content .button')]"
-            ".map(e => [e.innerText, e.getBoundingClientRect().height])"
-            ".filter(([t, h]) => h > 0 && h < 43.5)"
-        )
-        assert small == []
-        assert serious(page) == []

@@ -17,20 +17,6 @@ ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader"]  # 3D without a grap
 WIDE = {"width": 1280, "height": 800}
 PHONE = {"width": 390, "height": 844}
 TABLET = {"width": 820, "height": 1180}
-LOOKS = [
-    pytest.param(WIDE, "light", id="wide-light"),
-    pytest.param(PHONE, "dark", id="phone-dark"),
-    *(
-        pytest.param(size, theme, id=f"{name}-{theme}", marks=pytest.mark.slow)
-        for size, name, theme in (
-            (WIDE, "wide", "dark"),
-            (TABLET, "tablet", "light"),
-            (TABLET, "tablet", "dark"),
-            (PHONE, "phone", "light"),
-        )
-    ),
-]
-"""Sizes and themes of a page: the two that differ most in CI, all of them in `make test-slow`."""
 
 
 @contextmanager

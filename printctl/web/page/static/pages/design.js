@@ -2,74 +2,44 @@
 import { get, part, send } from "../api.js";
 import { Problems, RecipeForm } from "../form.js";
 import { Frame } from "../frame.js";
+import { Does, Stages, isGoing } from "../runs.js";
 import {
-  Act, Badge, Button, Card, Dialog, Drop, Empty, Field, Fold, Loaded, Loading, Note, Page, Progress, Tabs,
-  html, useAction, useEffect, useGet, useRef, useState, useStyle,
+  Act, Ask, Badge, Button, Card, Dialog, Drop, Empty, Field, Fold, Links, Loaded, Loading, Note, Page, Tabs, Unusable,
+  html, useAddress, useEffect, useGet, useRef, useState, useStyle, useTyped,
 } from "../ui.js";
-import { Compare, Figures, Look, Names } from "./design_runs.js";
+import { Compare, Figures, Look } from "./design_runs.js";
 
 const STATES = {
   never: "Not made yet", starting: "Starting", running: "Being made", done: "Made", failed: "Failed",
   interrupted: "Broken off",
 };
-const MARKS = { waiting: "·", running: "▸", done: "✓", failed: "✕" };
 const TYPING_MS = 600;
 
 // --- the recipe that is edited -----------------------------------------------------------------------
 
-// { doc, loads, problem, draft, change, type, load, forget }. Changes are sent one after the other, each with the
-// version that it changes. `draft` is a text that isn't in the file (yet): { text, problem }.
+// { doc, loads, problem, unread, typed, load, change }. Changes are sent one after the other, each with the version
+// that it changes. `typed` is its text, `unread` why what was typed isn't in the file.
 function useRecipe(name) {
-  const [doc, setDoc] = useState(null);
-  const [loads, setLoads] = useState(0);
-  const [problem, setProblem] = useState(null);
-  const [draft, setDraft] = useState(null);
-  const now = useRef(name);
-  const versions = useRef(new Map());
+  const path = `/recipes/${part(name)}`;
+  const [state, setState] = useState({ doc: null, loads: 0, problem: null, unread: null });
+  const set = (change) => setState((old) => ({ ...old, ...change }));
+  const version = useRef(0);
   const queue = useRef(Promise.resolve());
-  const typing = useRef(null);
-  now.current = name;
-  const keep = (one) => {
-    versions.current.set(one.name, one.version);
-    if (one.name === now.current) setDoc(one);
+  const keep = (doc) => {
+    version.current = doc.version;
+    set({ doc, problem: null, unread: null });
   };
   const load = async () => {
-    setProblem(null);
-    setDraft(null);
-    await get(`/recipes/${part(name)}`).then(keep, setProblem);
-    setLoads((old) => old + 1);
+    await get(path).then(keep, (problem) => set({ problem }));
+    setState((old) => ({ ...old, loads: old.loads + 1 }));
   };
-  useEffect(() => {
-    setDoc(null);
-    if (name) load();
-  }, [name]);
-  const put = async (method, body, refused) => {
-    try {
-      const one = await send(method, `/recipes/${part(name)}`, { ...body, version: versions.current.get(name) });
-      keep(one);
-      setProblem(null);
-      setDraft((old) => (old && old.text !== one.text && method === "PUT" ? old : null));
-    } catch (why) {
-      refused(why);
-    }
+  useEffect(() => { if (name) load(); }, []);
+  const write = (method, body) => {
+    queue.current = queue.current.then(() => send(method, path, { ...body, version: version.current })).then(keep,
+      (why) => set(method === "PUT" && why.status === 422 ? { unread: why } : { problem: why }));
   };
-  const write = (...what) => { queue.current = queue.current.then(() => put(...what)); };
-  const save = (text) => {
-    typing.current = null;
-    write("PUT", { text }, (why) => (why.status === 422 ? setDraft({ text, problem: why }) : setProblem(why)));
-  };
-  const type = (text) => {
-    setDraft((old) => ({ text, problem: old?.problem ?? null }));
-    clearTimeout(typing.current?.timer);
-    typing.current = { timer: setTimeout(save, TYPING_MS, text), text };
-  };
-  useEffect(() => () => { // what was typed last is sent before another recipe is shown
-    if (!typing.current) return;
-    clearTimeout(typing.current.timer);
-    save(typing.current.text);
-  }, [name]);
-  const change = (body) => write("PATCH", body, setProblem);
-  return { doc, loads, problem, draft, load, type, change, forget: () => setDraft(null) };
+  const typed = useTyped(state.doc?.text ?? "", (text) => write("PUT", { text }), TYPING_MS, state.loads);
+  return { ...state, typed, load, change: (body) => write("PATCH", body) };
 }
 
 // --- page --------------------------------------------------------------------------------------------
@@ -85,15 +55,7 @@ export default function Design({ recipe = "", tab = "recipe" }) {
   const [said, setSaid] = useState(null);
   const rows = recipes.value ?? [];
   const chosen = rows.some((one) => one.name === name) ? name : rows[0]?.name ?? "";
-  const editor = useRecipe(chosen);
-  const count = editor.doc?.problems.length;
-  useEffect(() => {
-    const address = `/design?${new URLSearchParams({ recipe: chosen, tab: at })}`;
-    if (recipes.value && location.pathname === "/design") history.replaceState(history.state, "", address);
-  }, [chosen, at, recipes.value]);
-  useEffect(() => {
-    if (count !== undefined && count !== rows.find((one) => one.name === chosen)?.problems) recipes.reload();
-  }, [count]);
+  useAddress("/design", { recipe: chosen, tab: at }, recipes.value !== null);
   const choose = (next) => {
     setSaid(null);
     setName(next);
@@ -112,33 +74,18 @@ export default function Design({ recipe = "", tab = "recipe" }) {
   };
   const names = (runs.value ?? []).filter((one) => one.state !== "never").map((one) => one.name);
   const made = (runs.value ?? []).filter((one) => one.state === "done").map((one) => one.name);
-  const ofRuns = { key: chosen, names, first: chosen };
   const dialogs = { choices, chosen, done, close: () => setDialog("") };
-  const tabs = [
-    { id: "recipe", name: "Recipe",
-      body: () => html`<${RecipeTab} editor=${editor} choices=${choices} toText=${() => setAt("text")} />` },
-    { id: "text", name: "Text", body: () => html`<${TextTab} editor=${editor} />` },
-    { id: "make", name: "Make", body: () => html`<${MakeTab} key=${chosen} name=${chosen} made=${runs.reload}
-      stages=${choices.value?.stages ?? []} problems=${editor.doc?.problems ?? []} look=${() => setAt("look")} />` },
-    { id: "look", name: "Look", body: () => html`<${Look} ...${ofRuns} />` },
-    { id: "figures", name: "Figures and files", body: () => html`<${Figures} ...${ofRuns} />` },
-    { id: "compare", name: "Compare", body: () => html`<${Compare} ...${ofRuns} />` },
-  ];
+  const tools = html`<${Button} onClick=${() => setDialog("duplicate")}>Duplicate</${Button}>
+    <${Button} onClick=${() => setDialog("rename")}>Rename</${Button}><${Act} work=${remove}>Delete</${Act}>`;
   return html`<${Page} title="Design" wide tools=${html`
       <${Button} kind="main" onClick=${() => setDialog("new")}>New</${Button}>
       <${Button} onClick=${() => setDialog("import")}>Import</${Button}>`}>
     ${said}
-    ${choices.value?.unusable.length > 0 && html`<${Note} tone="warn"><p>Not shown:
-      ${choices.value.unusable.join(", ")}. Rename each: 1 to 64 letters a to z, digits, ".", "_" or "-", beginning
-      with a letter or digit.</p></${Note}>`}
+    <${Unusable} names=${choices.value?.unusable} />
     <${Loaded} of=${recipes} what="Reading the recipes">${() => (rows.length || names.length ? html`<div class="design">
       <${Recipes} rows=${rows} made=${made} chosen=${chosen} choose=${choose} />
-      <${Card} title=${chosen || "No recipe"} tools=${chosen && html`<${State} editor=${editor} />
-          <${Button} onClick=${() => setDialog("duplicate")}>Duplicate</${Button}>
-          <${Button} onClick=${() => setDialog("rename")}>Rename</${Button}><${Act} work=${remove}>Delete</${Act}>`}>
-        <${Conflict} editor=${editor} />
-        <${Tabs} label="Parts of the design" tabs=${tabs} at=${at} onChange=${setAt} />
-      </${Card}></div>`
+      <${Recipe} key=${chosen} name=${chosen} row=${rows.find((one) => one.name === chosen)} choices=${choices}
+        names=${names} tools=${tools} at=${at} setAt=${setAt} recipes=${recipes} runs=${runs} /></div>`
     : html`<${Card}><${Empty}>A recipe says what is printed and how: tissue, vessels, toolpath, printer. Begin one from
         an example, or import a file. Step by step it goes on <a href="/">Home</a>.</${Empty}></${Card}>`)}</${Loaded}>
     ${dialog === "new" && html`<${NewDialog} ...${dialogs} />`}
@@ -147,54 +94,64 @@ export default function Design({ recipe = "", tab = "recipe" }) {
   </${Page}>`;
 }
 
-function State({ editor: { doc, draft } }) {
+// The recipe that is chosen, and the runs; without one only what runs have made.
+function Recipe({ name, row, choices, names, tools, at, setAt, recipes, runs }) {
+  const editor = useRecipe(name);
+  const { doc, problem, load } = editor;
+  const count = doc?.problems.length;
+  useEffect(() => {
+    if (count !== undefined && count !== row?.problems) recipes.reload();
+  }, [count]);
+  const ofRuns = { names, first: name };
+  const tabs = [
+    { id: "recipe", name: "Recipe",
+      body: () => html`<${RecipeTab} editor=${editor} choices=${choices} toText=${() => setAt("text")} />` },
+    { id: "text", name: "Text", body: () => html`<${TextTab} editor=${editor} />` },
+    { id: "make", name: "Make", body: () => html`<${MakeTab} name=${name} made=${runs.reload}
+      stages=${choices.value?.stages ?? []} problems=${doc?.problems ?? []} look=${() => setAt("look")} />` },
+    { id: "look", name: "Look", body: () => html`<${Look} ...${ofRuns} />` },
+    { id: "figures", name: "Figures and files", body: () => html`<${Figures} ...${ofRuns} />` },
+    { id: "compare", name: "Compare", body: () => html`<${Compare} ...${ofRuns} />` },
+  ];
+  return html`<${Card} title=${name || "No recipe"} tools=${name && html`<${State} editor=${editor} />${tools}`}>
+    ${name && problem && html`<${Note} tone="bad"><p>${problem.message}</p>
+      <${Button} onClick=${load}>Load it again${problem.status === 409 && "; my last change is lost"}</${Button}>
+    </${Note}>`}
+    <${Tabs} label="Parts of the design" tabs=${tabs} at=${at} onChange=${setAt} />
+  </${Card}>`;
+}
+
+function State({ editor: { doc, typed, unread } }) {
   if (!doc) return null;
   const count = doc.problems.length;
-  const kept = !draft ? "saved" : draft.problem ? "not saved: this can't be read" : "saving …";
+  const kept = unread ? "not saved: this can't be read" : typed.value === doc.text ? "saved" : "saving …";
   return html`<span role="status" class="row">${count ? html`<${Badge} tone="warn">${count} to mend</${Badge}>`
     : html`<${Badge} tone="good">ready to be made</${Badge}>`} <span class="quiet">${kept}</span></span>`;
 }
 
-const Conflict = ({ editor: { problem, load } }) => problem && html`<${Note} tone="bad"><p>${problem.message}</p>
-  <${Button} onClick=${load}>Load it again${problem.status === 409 && "; my last change is lost"}</${Button}>
-</${Note}>`;
-
 // On a phone a choice; else a list.
 const Recipes = ({ rows, made, chosen, choose }) => html`<nav class="design-recipes" aria-label="Recipes">
-  <div class="design-choice"><${Names} label="Recipe" value=${chosen} onChange=${choose}
-    names=${rows.map((one) => one.name)} /></div>
-  <ul class="list card">${rows.map((one) => html`<li key=${one.name}>
-    <a class="link-row" href=${`/design?recipe=${part(one.name)}`} aria-current=${String(one.name === chosen)}
-      onClick=${(event) => { event.preventDefault(); choose(one.name); }}><span>${one.name}</span>
-      ${one.problems > 0 ? html`<${Badge} tone="warn">${one.problems} to mend</${Badge}>`
-        : made.includes(one.name) && html`<${Badge} tone="good">made</${Badge}>`}</a></li>`)}</ul>
+  <div class="design-choice"><${Field} kind="choice" label="Recipe" value=${chosen} onChange=${choose}
+    options=${rows.map((one) => one.name)} /></div>
+  <div class="card"><${Links} choose=${choose} rows=${rows.map(({ name, problems }) => ({
+    href: `/design?recipe=${part(name)}`, name, current: name === chosen,
+    badge: problems > 0 ? html`<${Badge} tone="warn">${problems} to mend</${Badge}>`
+      : made.includes(name) && html`<${Badge} tone="good">made</${Badge}>`,
+  }))} /></div>
 </nav>`;
 
 // --- dialogs -----------------------------------------------------------------------------------------
-
-// What is refused stays in the dialog, with what was chosen.
-function Asking({ title, work, close, yes, children }) {
-  const [run, state] = useAction(work);
-  const press = (event) => {
-    event.preventDefault();
-    run();
-  };
-  return html`<${Dialog} title=${title} onClose=${close}><form class="stack" onSubmit=${press}>${children}
-    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
-    <div class="row"><${Button} kind="main" busy=${state.busy} onClick=${run}>${yes}</${Button}>
-      <${Button} onClick=${close}>Cancel</${Button}></div>
-  </form></${Dialog}>`;
-}
 
 function NewDialog({ choices, done, close }) {
   const [name, setName] = useState("");
   const [source, setSource] = useState("starter");
   const work = async () => done(await send("POST", "/recipes", { name, source }));
-  return html`<${Asking} title="New recipe" yes="Make" close=${close} work=${work}>
+  return html`<${Ask} title="New recipe" yes="Make" onClose=${close} work=${work}>
     <${Field} label="Name" value=${name} onChange=${setName} autocomplete="off"
       hint="Letters a to z, digits, '.', '_' and '-'." />
-    <${Names} label="Begin from" value=${source} onChange=${setSource} names=${choices.value?.examples ?? [source]} />
-  </${Asking}>`;
+    <${Field} kind="choice" label="Begin from" value=${source} onChange=${setSource}
+      options=${choices.value?.examples ?? [source]} />
+  </${Ask}>`;
 }
 
 function NameDialog({ chosen, act, done, close }) {
@@ -202,13 +159,12 @@ function NameDialog({ chosen, act, done, close }) {
   const [name, setName] = useState(copies ? `${chosen}_2` : chosen);
   const title = copies ? "Duplicate" : "Rename";
   const work = async () => {
-    if (name === chosen && !copies) close();
-    else done(await send("POST", `/recipes/${part(chosen)}/${act}`, { name }));
+    if (copies || name !== chosen) done(await send("POST", `/recipes/${part(chosen)}/${act}`, { name }));
   };
-  return html`<${Asking} title=${title} yes=${title} close=${close} work=${work}>
+  return html`<${Ask} title=${title} yes=${title} onClose=${close} work=${work}>
     <${Field} label=${copies ? "Name of the copy" : "New name"} value=${name} onChange=${setName} autocomplete="off"
       hint=${copies ? "" : "A run that was made of it keeps its name."} />
-  </${Asking}>`;
+  </${Ask}>`;
 }
 
 function ImportDialog({ choices, done, close }) {
@@ -226,28 +182,26 @@ function ImportDialog({ choices, done, close }) {
 
 function RecipeTab({ editor, choices, toText }) {
   const schema = useGet("/recipes/schema");
-  const { doc, draft } = editor;
-  if (draft?.problem || (doc && !doc.data)) {
-    return html`<${Note} tone="warn"><p>${draft?.problem?.message ?? doc.problems[0].message}</p>
+  const { doc, unread } = editor;
+  if (unread || (doc && !doc.data)) {
+    return html`<${Note} tone="warn"><p>${(unread ?? doc.problems[0]).message}</p>
       <p>The form comes back once the text can be read.</p>
       <div class="row"><${Button} onClick=${toText}>Mend the text</${Button}>
-        ${draft && html`<${Button} onClick=${editor.forget}>Back to what is saved</${Button}>`}</div></${Note}>`;
+        ${unread && html`<${Button} onClick=${editor.load}>Back to what is saved</${Button}>`}</div></${Note}>`;
   }
   if (!doc) return html`<${Loading} what="Reading the recipe" />`;
-  const key = `${doc.name} ${editor.loads}`;
-  return html`<${Pick} key=${`pick ${key}`} doc=${doc} change=${editor.change} />
+  return html`<${Pick} key=${`pick ${editor.loads}`} doc=${doc} change=${editor.change} />
     <${Loaded} of=${schema}>${(root) => html`<${Loaded} of=${choices}>${(known) => html`
-      <${RecipeForm} key=${key} schema=${root} choices=${known} doc=${doc} change=${editor.change} />`}</${Loaded}>`}
-    </${Loaded}>`;
+      <${RecipeForm} key=${editor.loads} schema=${root} choices=${known} doc=${doc} change=${editor.change} />`
+    }</${Loaded}>`}</${Loaded}>`;
 }
 
-function TextTab({ editor }) {
-  const { doc, draft } = editor;
+function TextTab({ editor: { doc, typed, unread } }) {
   if (!doc) return html`<${Loading} what="Reading the recipe" />`;
-  return html`${draft?.problem && html`<${Note} tone="bad">Not saved. ${draft.problem.message}</${Note}>`}
+  return html`${unread && html`<${Note} tone="bad">Not saved. ${unread.message}</${Note}>`}
     <${Problems} problems=${doc.problems} />
-    <textarea class="design-text mono" aria-label="Recipe as YAML" spellcheck=${false} value=${draft?.text ?? doc.text}
-      onInput=${(event) => editor.type(event.target.value)}></textarea>`;
+    <textarea class="design-text mono" aria-label="Recipe as YAML" spellcheck=${false} value=${typed.value}
+      onInput=${(event) => typed.onChange(event.target.value)} onBlur=${typed.onBlur}></textarea>`;
 }
 
 // A place that is clicked on the tissue is written into the recipe.
@@ -263,9 +217,9 @@ function Pick({ doc, change }) {
     setSaid(`${target.name}: ${place.join(", ")} mm`);
   };
   if (!doc.places.length) return null;
-  return html`<${Fold} title="Pick places on the tissue"><div class="row design-run">
-      <${Names} label="A click on the surface sets" value=${target.name} onChange=${setName}
-        names=${doc.places.map((one) => one.name)} />
+  return html`<${Fold} title="Pick places on the tissue"><div class="row row-end">
+      <${Field} kind="choice" label="A click on the surface sets" value=${target.name} onChange=${setName}
+        options=${doc.places.map((one) => one.name)} />
       <${Button} onClick=${() => setShown(shown + 1)}>${shown ? "Show the tissue anew" : "Show the tissue"}</${Button}>
     </div>
     <p role="status">${said}</p>
@@ -280,36 +234,29 @@ function MakeTab({ name, stages, problems, made, look }) {
   const [until, setUntil] = useState("");
   const progress = useGet(name && `/runs/${part(name)}/progress`, { every });
   const run = progress.value;
-  const busy = run?.state === "running" || run?.state === "starting";
+  const busy = isGoing(run);
   useEffect(() => {
     setEvery(busy ? 1000 : 5000);
     made();
   }, [run?.state]);
-  const act = (path, body) => async () => {
-    await send("POST", `/runs/${part(name)}/${path}`, body);
-    progress.reload();
-  };
+  const does = { way: `/runs/${part(name)}`, onDone: progress.reload };
   const last = until || stages.at(-1);
   const why = problems.length ? "The recipe has something to mend first." : "";
   return html`<${Loaded} of=${progress}>${() => html`
-    <div class="row design-make">
-      <${Names} label="As far as" value=${last} onChange=${setUntil} names=${stages} />
-      <${Act} kind="main" disabled=${busy} why=${why} work=${act("start", { until: last })}>Make the design</${Act}>
-      ${busy && html`<${Act} work=${act("cancel")}>Cancel</${Act}>`}
+    <div class="row row-end">
+      <${Field} kind="choice" label="As far as" value=${last} onChange=${setUntil} options=${stages} />
+      <${Does} ...${does} kind="main" disabled=${busy} why=${why} action="start" body=${{ until: last }}>
+        Make the design</${Does}>
+      ${busy && html`<${Does} ...${does} action="cancel" />`}
     </div>
     ${why && html`<p class="quiet">${why}</p>`}
     <p role="status" class=${busy ? "loading" : ""}>${busy && html`<span class="spinner" aria-hidden="true"></span>`}
       <strong>${STATES[run.state]}${run.state === "done" && run.until && ` as far as ${run.until}`}</strong></p>
-    ${run.message && html`<${Note} tone=${run.state === "failed" ? "bad" : "warn"}>
-      <p class="design-message">${run.message}</p></${Note}>`}
-    ${run.stages.length > 0 && html`<ol class="list">${run.stages.map((one) => html`<li key=${one.name}>
-      <div class="design-stage"><span><span aria-hidden="true">${MARKS[one.state]}</span> ${one.name}</span>
-        <${Progress} share=${one.fraction} label=${one.name} /><span class="quiet">${one.note || one.state}</span></div>
-      ${one.remarks.map((remark) => html`<p class="hint" key=${remark}>${remark}</p>`)}</li>`)}</ol>`}
+    <${Stages} of=${run} />
     ${run.state === "done" && html`<div class="row"><${Button} onClick=${look}>Look at it</${Button}>
       ${stages.indexOf(run.until) >= stages.indexOf("toolpath") && html`
         <${Button} href=${`/job?job=run~${part(name)}`}>Print it</${Button}>`}</div>`}
     ${run.print_state === "done" && !busy && html`<div class="row">
-      <${Act} work=${act("continue")}>Continue after the print</${Act}>
+      <${Does} ...${does} action="continue">Continue after the print</${Does}>
       <span class="quiet">Its print is done: scan, registration and report come next.</span></div>`}`}</${Loaded}>`;
 }

@@ -1,37 +1,24 @@
 // What runs have made: their pages, figures and files, and two of them beside each other.
-import { part, url } from "../api.js";
+import { part } from "../api.js";
 import { Frame } from "../frame.js";
-import {
-  Button, Empty, Facts, Field, Loaded, Segments, Table, html, number, useEffect, useGet, useRef, useState,
-  useTheme,
-} from "../ui.js";
+import { Files, Pages } from "../runs.js";
+import { Empty, Facts, Field, Loaded, Table, html, number, useEffect, useGet, useRef, useState } from "../ui.js";
 
 const VIEWS = [
   ["network", "Network in 3D"], ["layers", "Layers and passes"], ["dry_run", "Dry run"], ["report", "Report"],
 ];
 
-// A choice of names.
-export const Names = ({ names, ...more }) =>
-  html`<${Field} kind="choice" ...${more} options=${names.map((one) => [one])} />`;
-
 // [the run that is looked at, its choice]: the recipe's own, or else the newest, until another is chosen.
 function useRun({ names, first }) {
   const [name, setName] = useState("");
   const run = names.includes(name) ? name : names.includes(first) ? first : names[0] ?? "";
-  return [run, run ? html`<${Names} label="Run" value=${run} onChange=${setName} names=${names} />`
+  return [run, run ? html`<${Field} kind="choice" label="Run" value=${run} onChange=${setName} options=${names} />`
     : html`<${Empty}>Nothing is made yet: make a recipe's design first.</${Empty}>`];
 }
 
 export function Look(props) {
   const [run, choice] = useRun(props);
-  const [view, setView] = useState("network");
-  const theme = useTheme();
-  const address = `/runs/${part(run)}/pages/${view}`;
-  return html`<div class="row design-run">${choice}${run && html`
-      <${Segments} label="View" options=${VIEWS} value=${view} onChange=${setView} />
-      <${Button} href=${`${url(address)}?theme=${theme}`} target="_blank" rel="noopener">
-        Open in a tab of its own</${Button}>`}</div>
-    ${run && html`<${Frame} key=${address} src=${address} title=${`${Object.fromEntries(VIEWS)[view]} of ${run}`} />`}`;
+  return run ? html`<${Pages} run=${run} views=${VIEWS}>${choice}</${Pages}>` : choice;
 }
 
 function shown({ value, unit }) {
@@ -42,14 +29,12 @@ function shown({ value, unit }) {
 export function Figures(props) {
   const [run, choice] = useRun(props);
   const figures = useGet(run && `/runs/${part(run)}/figures`);
-  const files = useGet(run && `/runs/${part(run)}/files`);
-  return html`<div class="row design-run">${choice}</div>
+  return html`<div class="row">${choice}</div>
     ${run && html`<${Loaded} of=${figures}>${(rows) => html`<div class="design-figures">
       <${Facts} rows=${rows.map((one) => [one.name, shown(one)])} />
       ${!rows.length && html`<${Empty}>No stage has said a figure yet.</${Empty}>`}</div>`}</${Loaded}>
     <h3>Files</h3>
-    <${Loaded} of=${files}>${(rows) => html`<ul class="design-files">${rows.map((one) => html`<li key=${one}>
-      <a href=${url(`/runs/${part(run)}/files/${part(one)}`)} download>${one}</a></li>`)}</ul>`}</${Loaded}>`}`;
+    <${Files} key=${run} way=${`/runs/${part(run)}`} />`}`;
 }
 
 export function Compare({ names, first }) {
@@ -60,8 +45,9 @@ export function Compare({ names, first }) {
   const differ = names.length > 1 && pair[0] !== pair[1];
   const found = useGet(differ && `/runs/compare?${new URLSearchParams({ one: pair[0], other: pair[1] })}`);
   if (names.length < 2) return html`<${Empty}>Two runs are needed: make the designs of two recipes first.</${Empty}>`;
-  return html`<div class="columns"><${Names} label="One run" value=${pair[0]} onChange=${setOne} names=${names} />
-      <${Names} label="The other" value=${pair[1]} onChange=${setOther} names=${names} /></div>
+  const choice = (label, value, set) => html`
+    <${Field} kind="choice" label=${label} value=${value} onChange=${set} options=${names} />`;
+  return html`<div class="columns">${choice("One run", pair[0], setOne)}${choice("The other", pair[1], setOther)}</div>
     ${!differ ? html`<${Empty}>Choose two different runs.</${Empty}>` : html`<${Linked} names=${pair} />
       <${Loaded} of=${found}>${(rows) => html`
         <${Differences} title="Key figures" what="Figure" rows=${rows.figures} names=${pair} />

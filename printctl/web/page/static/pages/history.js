@@ -1,11 +1,10 @@
 // Past prints: a list that is searched and narrowed, and one print with all that there is of it.
 import { url } from "../api.js";
 import {
-  Button, Card, Drop, Empty, Failed, Field, Fold, Loaded, Note, Page, Segments, Table,
-  html, useEffect, useGet, useRef, useState, useStyle,
+  Button, Card, Drop, Empty, Failed, Field, Fields, Fold, Loaded, Note, Page, Segments, Table,
+  html, span, useAddress, useEffect, useGet, useRef, useState, useStyle, useTyped, when,
 } from "../ui.js";
-import OnePrint, { End } from "./history_print.js";
-import { nameOf, stateOf, took } from "./history_words.js";
+import OnePrint, { End, stateOf, titleOf } from "./history_print.js";
 
 const PER_PAGE = 10; // a screen of them
 const TYPING_MS = 300;
@@ -24,17 +23,6 @@ export default function History({ print = "", ...query }) {
   return print ? html`<${OnePrint} id=${print} />` : html`<${List} query=${query} />`;
 }
 
-// What stands in the address, so that a list can be shared; what makes no sense in it is left out.
-function filterOf(query) {
-  const known = Object.keys(USUAL).filter((name) => name in query);
-  const filter = { ...USUAL, ...Object.fromEntries(known.map((name) => [name, query[name].slice(0, 200)])) };
-  filter.descending = filter.descending.toLowerCase() === "false" ? "false" : "true";
-  if (!ORDERS.some(([name]) => name === filter.sort)) filter.sort = USUAL.sort;
-  if (!/^[1-9]\d{0,6}$/.test(filter.page)) filter.page = "1";
-  for (const day of ["since", "until"]) if (!/^\d{4}-\d{2}-\d{2}$/.test(filter[day])) filter[day] = "";
-  return filter;
-}
-
 const set = (filter) => Object.entries(filter).filter(([name, value]) => value !== USUAL[name]);
 
 // The filter in the API's words, without which page.
@@ -44,18 +32,11 @@ function asked(filter) {
   return words;
 }
 
-function useFilter(query) {
-  const [filter, setFilter] = useState(() => filterOf(query));
-  const change = (more) => setFilter((old) => ({ ...old, page: "1", ...more }));
-  useEffect(() => {
-    const words = new URLSearchParams(set(filter)).toString();
-    window.history.replaceState(null, "", words ? `/history?${words}` : "/history");
-  }, [filter]);
-  return [filter, change];
-}
-
 function List({ query }) {
-  const [filter, change] = useFilter(query);
+  // What stands in the address, so that a list can be shared.
+  const [filter, setFilter] = useState({ ...USUAL, ...query });
+  const change = (more) => setFilter((old) => ({ ...old, page: "1", ...more }));
+  useAddress("/history", Object.fromEntries(set(filter)));
   const words = asked(filter);
   const found = useGet(`/history?${words}&limit=${PER_PAGE}&offset=${PER_PAGE * (filter.page - 1)}`, AGAIN);
   const before = useRef(null);
@@ -89,45 +70,32 @@ function List({ query }) {
 
 function Filters({ filter, change }) {
   const choices = useGet(`/history/choices${filter.of === "all" ? "" : "?here=true"}`).value;
-  const [words, setWords] = useState(filter.words);
-  useEffect(() => {
-    const timer = setTimeout(() => words !== filter.words && change({ words }), TYPING_MS);
-    return () => clearTimeout(timer);
-  }, [words]);
+  const search = useTyped(filter.words, (words) => change({ words }), TYPING_MS);
   const choice = (name, label, known, text = (one) => one) => {
     const names = [...new Set([filter[name], ...(known ?? [])])].filter(Boolean);
-    return html`<${Field} kind="choice" label=${label} value=${filter[name]}
-      options=${[["", "all"], ...names.map((one) => [one, text(one)])]}
-      onChange=${(one) => change({ [name]: one })} />`;
+    return { name, label, kind: "choice", options: [["", "all"], ...names.map((one) => [one, text(one)])] };
   };
   const more = set(filter).filter(([name]) => !["words", "page", "of"].includes(name)).length;
   return html`
-    <${Field} kind="search" label="Search: name, operator, hash, alarm" value=${words} onChange=${setWords}
-      maxlength="200" />
+    <${Field} kind="search" label="Search: name, operator, hash, alarm" ...${search} maxlength="200" />
     <${Fold} title=${more ? `Narrow and order (${more} set)` : "Narrow and order"} open=${more > 0 || undefined}>
-      <div class="history-filters">
-        ${choice("state", "End", choices?.states, stateOf)}
-        ${choice("profile", "Printer", choices?.profiles)}
-        ${choice("who", "Operator", choices?.people)}
-        <${Field} kind="date" label="From day" value=${filter.since} onChange=${(since) => change({ since })} />
-        <${Field} kind="date" label="To day" value=${filter.until} onChange=${(until) => change({ until })} />
-        <${Field} kind="choice" label="Order" value=${filter.sort} options=${ORDERS}
-          onChange=${(sort) => change({ sort })} />
-        <${Field} kind="flag" label="Last first" value=${filter.descending === "true"}
-          onChange=${(last) => change({ descending: String(last) })} />
-      </div>
+      <${Fields} of=${{ ...filter, descending: filter.descending === "true" }} fields=${[
+        choice("state", "End", choices?.states, stateOf), choice("profile", "Printer", choices?.profiles),
+        choice("who", "Operator", choices?.people),
+        { name: "since", label: "From day", kind: "date" }, { name: "until", label: "To day", kind: "date" },
+        { name: "sort", label: "Order", kind: "choice", options: ORDERS },
+        { name: "descending", label: "Last first", kind: "flag" },
+      ]} onChange=${(next) => change({ ...next, page: "1", descending: String(next.descending) })} />
     </${Fold}>`;
 }
 
-const day = (seconds) => new Date(1000 * seconds).toLocaleDateString([], { dateStyle: "medium" });
-const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { timeStyle: "short" });
 const alarms = (many) => (many ? html` <span class="quiet">${many === 1 ? "1 alarm" : `${many} alarms`}</span>` : "");
 
 const COLUMNS = [
-  { name: "What", of: (one) => html`<a class="history-name" href=${`/history?print=${one.id}`}>${nameOf(one)}</a>` },
+  { name: "What", of: (one) => html`<a class="history-name" href=${`/history?print=${one.id}`}>${titleOf(one)}</a>` },
   { name: "End", of: (one) => html`<${End} state=${one.state} />${alarms(one.alarms.length)}` },
-  { name: "Begun", of: (one) => html`<span class="history-day">${day(one.started)}</span> ${clock(one.started)}` },
-  { name: "Took", number: true, of: (one) => (one.ended ? took(one.ended - one.started) : "") },
+  { name: "Begun", of: (one) => when(one.started) },
+  { name: "Took", number: true, of: (one) => (one.ended ? span(one.ended - one.started) : "") },
   { name: "Lines", number: true, of: (one) => `${one.done} of ${one.total}` },
   { name: "Printer", of: (one) => one.profile },
   { name: "Operator", of: (one) => one.operator || one.who },
@@ -165,7 +133,7 @@ function Checked({ check, name }) {
   const good = check.whole && check.signature === "trusted";
   return html`<div role="status"><${Note} tone=${good ? "good" : check.whole ? "warn" : "bad"}>
     <strong>${name}</strong>
-    ${check.lines.slice(0, 52).map((line) => html`<p class="history-line">${line}</p>`)}
+    ${check.lines.slice(0, 52).map((line) => html`<p class="lines">${line}</p>`)}
     ${check.print_id && html`<p>It is of ${check.file}, print ${check.print_id}.</p>`}
   </${Note}></div>`;
 }

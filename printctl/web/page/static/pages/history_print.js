@@ -1,21 +1,22 @@
 // One past print: what it was, how it went, what the scan says, its record, and how to print it again.
 import { get, part, send, url } from "../api.js";
 import {
-  Act, Badge, Button, Card, Empty, Facts, Fold, Loaded, Note, Page, Table, html, useGet, useState, when,
+  Act, Badge, Bullets, Button, Card, Empty, Facts, Fold, Loaded, Note, Page, Photos, Table, Verdict,
+  html, nameOf, runOf, span, useGet, useState, when,
 } from "../ui.js";
-import { madeRows, nameOf, notedLines, notedValues, stateOf, took } from "./history_words.js";
+import { RECORD } from "../record.js";
+import { madeRows } from "../runs.js";
 
-const TONES = { pass: "good", fail: "bad", undecided: "warn" };
-const VERDICTS = { pass: "Passed", fail: "Not passed", undecided: "Undecided: neither pass nor fail is proven" };
-const run = (print) => (print.job.startsWith("run~") ? print.job.slice(4) : "");
+// A print is known by its design; G-code that was brought by its file.
+export const titleOf = (print) => nameOf(print.job) || print.file || "(no name)";
+export const stateOf = (state) => state.replaceAll("_", " ");
 
 const ENDS = { done: "good", running: "info", stopped: "warn" };
 export const End = ({ state }) => html`<${Badge} tone=${ENDS[state] ?? "bad"}>${stateOf(state)}</${Badge}>`;
-const listed = (texts) => html`<ul class="history-plain">${texts.map((text) => html`<li>${text}</li>`)}</ul>`;
 
 export default function OnePrint({ id }) {
   const found = useGet(`/history/${part(id)}`, { every: 10_000 });
-  const name = found.value ? nameOf(found.value.print) : "Print";
+  const name = found.value ? titleOf(found.value.print) : "Print";
   const tools = html`<${Button} href="/history">All prints</${Button}>`;
   return html`<${Page} title=${name} tools=${tools}>
     <${Loaded} of=${found} what="Looking for all there is of it">${(it) => html`
@@ -24,7 +25,8 @@ export default function OnePrint({ id }) {
         <div class="stack"><${Judged} it=${it} /><${Again} it=${it} /></div>
         <${Noted} note=${it.note} />
       </div>
-      <${Photos} it=${it} />
+      ${it.photos.length > 0 && html`<${Card} title="Photos"><${Photos} rows=${it.photos.map((one) => ({
+        href: url(`/history/${part(id)}/photos/${part(one)}`), alt: `Photo ${one}` }))} /></${Card}>`}
       <${Happened} it=${it} />`}</${Loaded}>
   </${Page}>`;
 }
@@ -37,13 +39,13 @@ function Printed({ it }) {
       ["Why", print.state === "done" ? "" : print.message],
       ["Begun", when(print.started)],
       ["Over", print.ended ? when(print.ended) : ""],
-      ["Took", print.ended ? took(print.ended - print.started) : ""],
+      ["Took", print.ended ? span(print.ended - print.started) : ""],
       ...madeRows(it.progress),
-      ["Held", it.held_s >= 1 ? took(it.held_s) : ""],
-      ["Alarms", print.alarms.length ? listed(print.alarms.map((one) => one.text)) : ""],
+      ["Held", it.held_s >= 1 ? span(it.held_s) : ""],
+      ["Alarms", print.alarms.length ? html`<${Bullets} rows=${print.alarms.map((one) => one.text)} />` : ""],
       ["Printer", print.profile],
       ["Operator", print.operator || print.who],
-      ["Design", run(print) && html`<a href=${`/project?name=${run(print)}`}>${run(print)}</a>`],
+      ["Design", runOf(print.job) && html`<a href=${`/project?name=${runOf(print.job)}`}>${runOf(print.job)}</a>`],
     ]} />
     <${Fold} title="File, port, computer, hash"><${Facts} rows=${[
       ["File", print.file],
@@ -59,7 +61,7 @@ function Printed({ it }) {
 
 function Judged({ it }) {
   const address = `/history/${part(it.print.id)}/report`;
-  const scan = run(it.print) && `/scan?run=${run(it.print)}`;
+  const scan = runOf(it.print.job) && `/scan?run=${runOf(it.print.job)}`;
   if (!it.verdict && !it.report.length) {
     return html`<${Card} title="Is it right?">
       <${Empty}>No scan of this print was compared with its design. Scan the part, then drop the scan on the Scan
@@ -69,8 +71,8 @@ function Judged({ it }) {
     </${Card}>`;
   }
   return html`<${Card} title="Is it right?">
-    ${it.verdict && html`<p><${Badge} tone=${TONES[it.verdict]}>${VERDICTS[it.verdict]}</${Badge}></p>`}
-    ${it.reasons.length > 0 && listed(it.reasons)}
+    ${it.verdict && html`<${Verdict} outcome=${it.verdict} />`}
+    <${Bullets} rows=${it.reasons} />
     <div class="row">
       ${it.report.includes("report.html") && html`
         <${Button} href=${url(address)} target="_blank" rel="noopener">Open the report</${Button}>`}
@@ -94,13 +96,13 @@ function Again({ it }) {
       <${Act} why=${it.gcode_there ? "" : it.missing[0]} work=${look}>Compare with today</${Act}>`}
     ${!it.gcode_there && html`<${Empty}>Not possible here: ${it.missing[0]}.</${Empty}>`}
     ${plan && html`<p>The G-code is the one that was printed (its SHA-256 agrees).</p>
-      <ul class="history-plain">
-        ${plan.differences.length === 0 && html`<li>Nothing that is known differs.</li>`}
-        ${plan.differences.map((one) => html`<li>${one.what}: was ${one.then}, is ${one.now}</li>`)}
-        ${plan.unknown.map((text) => html`<li class="quiet">Not known: ${text}.</li>`)}
-      </ul>`}
+      <${Bullets} rows=${[
+        ...(plan.differences.length ? [] : ["Nothing that is known differs."]),
+        ...plan.differences.map((one) => `${one.what}: was ${one.then}, is ${one.now}`),
+        ...plan.unknown.map((text) => html`<span class="quiet">Not known: ${text}.</span>`),
+      ]} />`}
     ${plan && !job && html`<${Act} kind="main" work=${make}>Make the job</${Act}>`}
-    ${job && html`<${Note} tone="good"><p role="status">Job ${job.replace(/^file~/, "")} is ready.</p>
+    ${job && html`<${Note} tone="good"><p role="status">Job ${nameOf(job)} is ready.</p>
       <${Button} kind="main" href=${`/job?job=${part(job)}`}>Go to the job</${Button}></${Note}>`}
   </${Card}>`;
 }
@@ -119,38 +121,19 @@ function Filing({ it }) {
   </${Card}>`;
 }
 
-function Noted({ note }) {
-  const rows = notedValues(note);
-  const lists = [["Steps after the print", notedLines(note, "steps")], ["Notes", notedLines(note, "notes")]];
-  if (!rows.length && !lists.some(([, lines]) => lines.length)) return null;
-  return html`<${Card} title="What the operator noted">
-    <${Facts} rows=${rows} />
-    ${lists.map(([name, lines]) => lines.length > 0 && html`<h3>${name}</h3>
-      <ul class="history-plain history-line">${lines.map((line) => html`<li>${line}</li>`)}</ul>`)}
-  </${Card}>`;
-}
-
-function Photos({ it }) {
-  if (!it.photos.length) return null;
-  return html`<${Card} title="Photos"><div class="row">${it.photos.map((name) => {
-    const address = url(`/history/${part(it.print.id)}/photos/${part(name)}`);
-    return html`<a href=${address} target="_blank" rel="noopener">
-      <img class="history-photo" src=${address} alt=${`Photo ${name}`} loading="lazy" /></a>`;
-  })}</div></${Card}>`;
-}
-
 function Happened({ it }) {
   if (!it.events.length) return null;
   const kind = (name) => (["alarm", "damaged"].includes(name) ? html`<${Badge} tone="bad">${name}</${Badge}>` : name);
   const columns = [
     { name: "Clock", of: (one) => (one.at ? new Date(1000 * one.at).toLocaleTimeString() : "") },
-    { name: "After", of: (one) => took(one.after_s) },
+    { name: "After", of: (one) => span(one.after_s) },
     { name: "What", of: (one) => kind(one.kind) },
     { name: "Said", of: (one) => one.text },
   ];
   return html`<${Card} title="What happened">
     <${Strip} states=${it.states} />
-    <div class="history-events"><${Table} caption="Events of the print" columns=${columns} rows=${it.events} /></div>
+    <div class="history-events">
+      <${Table} caption="Events of the print" columns=${columns} rows=${it.events} tall /></div>
     ${it.more_events > 0 && html`<p class="quiet">${it.more_events} more events are in the journal.</p>`}
   </${Card}>`;
 }
@@ -161,12 +144,60 @@ function Strip({ states }) {
   for (const one of states) sums.set(one.state, (sums.get(one.state) ?? 0) + one.end_s - one.start_s);
   const whole = [...sums.values()].reduce((sum, one) => sum + one, 0);
   if (whole <= 0) return null;
-  const words = [...sums].map(([state, seconds]) => [state, `${state} ${took(seconds)}`]);
-  const label = `Times in each state: ${words.map(([, text]) => text).join(", ")}`;
-  return html`<div class="stack">
-    <div class="history-strip" role="img" aria-label=${label}>${states.map((one) => html`
+  return html`<div class="history-strip" aria-hidden="true">${states.map((one) => html`
       <i data-state=${one.state} style=${{ flexGrow: (one.end_s - one.start_s) / whole }}></i>`)}</div>
-    <div class="row">${words.map(([state, text]) => html`
-      <span class="history-key"><i data-state=${state}></i>${text}</span>`)}</div>
-  </div>`;
+    <ul class="row history-keys" aria-label="Times in each state">${[...sums].map(([state, seconds]) => html`
+      <li key=${state}><i data-state=${state}></i>${state} ${span(seconds)}</li>`)}</ul>`;
+}
+
+// --- what the operator noted ---------------------------------------------------------------------
+
+const NAMES = {
+  ...Object.fromEntries(RECORD.map(({ name, label, unit }) => [name, unit ? `${label} (${unit})` : label])),
+  mixed_at: "Mixed", sterility: "Sterility", ticked: "Checklist",
+};
+const UNNAMED = ["text", "note", "step", "name"];
+const isRecord = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
+
+function textOf(key, value) {
+  if (key === "ticked" && isRecord(value)) {
+    const ticks = Object.values(value);
+    return `${ticks.filter((one) => one === true).length} of ${ticks.length} points ticked before the start`;
+  }
+  if (key === "mixed_at" && typeof value === "number") return when(value);
+  if (typeof value === "number") return value.toLocaleString([], { maximumFractionDigits: 6 });
+  return isRecord(value) || Array.isArray(value) ? JSON.stringify(value) : String(value);
+}
+
+const isEmpty = (value) =>
+  value === null || value === "" || (typeof value === "object" && Object.keys(value).length === 0);
+
+// Names and values; those that nobody filled in are left out.
+const notedValues = (note) =>
+  Object.entries(isRecord(note.values) ? note.values : {})
+    .filter(([, value]) => !isEmpty(value))
+    .map(([key, value]) => [NAMES[key] ?? key.replaceAll("_", " "), textOf(key, value)]);
+
+// Steps after the print, or notes, each in a line: when, who, what.
+const notedLines = (note, list) => (Array.isArray(note[list]) ? note[list] : []).slice(0, 500).map(lineOf);
+
+function lineOf(entry) {
+  if (!isRecord(entry)) return String(entry);
+  const { at, who, ...rest } = entry;
+  const words = Object.entries(rest).filter(([, value]) => value !== null && value !== "").map(([key, value]) => {
+    if (typeof value === "boolean") return value ? `(${key})` : `(not ${key})`;
+    return UNNAMED.includes(key) ? textOf(key, value) : `${key}: ${textOf(key, value)}`;
+  });
+  return [typeof at === "number" ? when(at) : "", who ?? "", ...words].filter(Boolean).join("  ");
+}
+
+function Noted({ note }) {
+  const rows = notedValues(note);
+  const lists = [["Steps after the print", notedLines(note, "steps")], ["Notes", notedLines(note, "notes")]];
+  if (!rows.length && !lists.some(([, lines]) => lines.length)) return null;
+  return html`<${Card} title="What the operator noted">
+    <${Facts} rows=${rows} />
+    ${lists.map(([name, lines]) => lines.length > 0 && html`<h3>${name}</h3>
+      <div class="lines"><${Bullets} rows=${lines} /></div>`)}
+  </${Card}>`;
 }

@@ -1,8 +1,8 @@
 // Where everybody begins: what goes on, what was begun, and what one can begin with.
 import { part, send } from "../api.js";
 import {
-  Act, Badge, Button, Card, Dialog, Drop, Empty, Field, Loaded, Note, Page, go, html, span, useAction, useGet, useNews,
-  useState, useStyle, when,
+  Act, Ask, Badge, Button, Card, Drop, Empty, Fields, Links, Loaded, Note, Page, go, html, nameOf, span, useFew, useGet,
+  useNews, useState, when,
 } from "../ui.js";
 
 const NEXT = {
@@ -12,7 +12,6 @@ const NEXT = {
 const LISTED = 4;
 
 export default function Home() {
-  useStyle("pages/home.css");
   const projects = useGet("/projects");
   return html`<${Page} title="From a shape to a judged print">
     <${Running} />
@@ -26,22 +25,21 @@ export default function Home() {
 function Running() {
   const print = useNews("print");
   if (!print?.state || print.ended) return null;
-  const name = print.job.replace(/^(run|file)~/, "");
-  return html`<${Note} tone="info"><p><b>${name}</b> is on the printer: ${print.state.replaceAll("_", " ")}${
+  return html`<${Note} tone="info"><p>
+    <b>${nameOf(print.job)}</b> is on the printer: ${print.state.replaceAll("_", " ")}${
     Number.isFinite(print.share) ? `, ${(100 * print.share).toFixed(0)} %` : ""}${
     Number.isFinite(print.time_left_s) ? `, ${span(print.time_left_s)} left` : ""}.</p>
     <${Button} kind="main" href=${`/job?job=${part(print.job)}`}>See the print</${Button}></${Note}>`;
 }
 
 function Projects({ rows }) {
-  const [all, setAll] = useState(false);
-  const shown = all ? rows : rows.slice(0, LISTED);
+  const [few, more] = useFew(rows, LISTED);
   return html`<${Card} title="Go on with">
-    <ul class="projects">${shown.map(({ name, step, modified }) => html`
-      <li key=${name}><a class="link-row" href=${`/project?name=${part(name)}`}>
-        <b class="grow">${name}</b> <span class="quiet">${when(modified)}</span>
-        <${Badge} tone=${NEXT[step][1]}>${NEXT[step][0]}</${Badge}></a></li>`)}</ul>
-    ${rows.length > shown.length && html`<${Button} onClick=${() => setAll(true)}>Show all ${rows.length}</${Button}>`}
+    <${Links} rows=${few.map(({ name, step, modified }) => ({
+      href: `/project?name=${part(name)}`, name, about: when(modified),
+      badge: html`<${Badge} tone=${NEXT[step][1]}>${NEXT[step][0]}</${Badge}>`,
+    }))} />
+    ${more}
   </${Card}>`;
 }
 
@@ -88,7 +86,7 @@ const NETWORKS = ".csv,.vtp,.swc,.json,.npz,.txt";
 function Bring() {
   const [file, setFile] = useState(null);
   return html`<${Card} title="Or bring your own">
-    <div class="bring">
+    <div class="columns">
       <div class="stack"><h3>A shape to fill with vessels, or a network to print</h3>
         <p class="quiet">A closed mesh (STL, OBJ, PLY, 3MF), or vessels (CSV, VTP, SWC, JSON, NPZ).</p>
         <${Drop} label="Choose a file" accept=${`${SHAPES},${NETWORKS}`} path="/recipes/files" onDone=${(_, sent) => setFile(sent.name)} /></div>
@@ -101,21 +99,27 @@ function Bring() {
 }
 
 const needsUnit = (file) => !/\.(3mf|json|npz|txt)$/i.test(file);
+const UNITS = [["", "choose"], ["mm", "millimetres"], ["cm", "centimetres"], ["m", "metres"], ["um", "micrometres"],
+  ["in", "inches"]];
 
 function FromFile({ file, onClose }) {
   const mesh = SHAPES.split(",").some((one) => file.toLowerCase().endsWith(one));
-  const [name, setName] = useState(file.replace(/\.[^.]*$/, "").replace(/[^A-Za-z0-9._-]/g, "_").slice(0, 60));
-  const [unit, setUnit] = useState(needsUnit(file) ? "" : "mm");
-  const [make, state] = useAction(async () => {
-    await send("POST", "/projects", { name, file, unit });
-    go(`/project?name=${part(name)}`);
+  const asks = needsUnit(file);
+  const [said, setSaid] = useState({
+    name: file.replace(/\.[^.]*$/, "").replace(/[^A-Za-z0-9._-]/g, "_").slice(0, 60), unit: asks ? "" : "mm",
   });
-  return html`<${Dialog} title=${`Begin with ${file}`} onClose=${onClose}>
-    <${Field} label="Name of the project" value=${name} onChange=${setName} />
-    ${needsUnit(file) && html`<${Field} label="Unit of the file" kind="choice" value=${unit} onChange=${setUnit}
-      hint="Never guessed: the file doesn't say it." options=${[["", "choose"], ["mm", "millimetres"], ["cm", "centimetres"], ["m", "metres"], ["um", "micrometres"], ["in", "inches"]]} />`}
-    <p class="quiet">${mesh ? "A tree of vessels is grown in it; you shape it next." : "Its vessels are printed as they are."}</p>
-    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
-    <${Button} kind="main" busy=${state.busy} why=${unit ? "" : "choose the unit first"} onClick=${make}>Begin</${Button}>
-  </${Dialog}>`;
+  const make = async () => {
+    await send("POST", "/projects", { ...said, file });
+    go(`/project?name=${part(said.name)}`);
+  };
+  return html`<${Ask} title=${`Begin with ${file}`} yes="Begin" work=${make} onClose=${onClose}
+      why=${said.unit ? "" : "choose the unit first"}>
+    <${Fields} of=${said} onChange=${setSaid} fields=${[
+      { name: "name", label: "Name of the project" },
+      asks && { name: "unit", label: "Unit of the file", kind: "choice", options: UNITS,
+        hint: "Never guessed: the file doesn't say it." },
+    ]} />
+    <p class="quiet">${mesh ? "A tree of vessels is grown in it; you shape it next."
+      : "Its vessels are printed as they are."}</p>
+  </${Ask}>`;
 }

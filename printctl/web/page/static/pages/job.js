@@ -1,6 +1,8 @@
 // A job: before its print, while it goes on, and after it. A print is told by its own identity.
 import { get, last, listen, part } from "../api.js";
-import { Badge, Button, Failed, Loading, Page, html, useCallback, useEffect, useRef, useState, useStyle } from "../ui.js";
+import {
+  Badge, Button, Failed, Loading, Page, html, nameOf, useCallback, useEffect, useRef, useState, useStyle,
+} from "../ui.js";
 import After from "./job_after.js";
 import Before from "./job_before.js";
 import Running, { Ending } from "./job_running.js";
@@ -23,8 +25,6 @@ export default function Job({ job: asked = "", again, other }) {
     ${!goesOn && !over && html`<${Before} key=${job} job=${job} print=${mine} reload=${reload} />`}
   </${Page}>`;
 }
-
-const nameOf = (job) => job.replace(/^(run|file)~/, "").replace(/\.gcode$/, "");
 
 // The last print of a job as it stands, without one the print that goes on: asked for once, then as
 // the server tells of it.

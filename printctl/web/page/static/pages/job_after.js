@@ -1,10 +1,10 @@
 // After a print: what came out and where to go on, the steps that follow, notes and photos.
 import { part, send, url } from "../api.js";
 import {
-  Act, Button, Card, Drop, Empty, Facts, Field, Fold, Loaded, Note,
-  bytes, html, number, useEffect, useGet, useState, useStyle, when,
+  Act, Button, Card, Drop, Facts, Field, Fields, Fold, Kept, Loaded, Photos, bytes, html, nameOf, number, runOf,
+  useGet, useState, useStyle, when,
 } from "../ui.js";
-import { madeRows } from "./history_words.js";
+import { madeRows } from "../runs.js";
 
 export default function After({ job, print }) {
   useStyle("pages/job_steps.css");
@@ -19,7 +19,7 @@ export default function After({ job, print }) {
 // --- what came out, and what is next -------------------------------------------------------------
 
 function Outcome({ job, print }) {
-  const run = job.startsWith("run~") ? job.slice(4) : "";
+  const run = runOf(job);
   const files = useGet(run ? `/runs/${part(run)}/files` : null);
   const report = files.value?.includes("report.html") && `/runs/${part(run)}/pages/report`;
   const history = `/history/${part(print.print_id)}`;
@@ -52,12 +52,11 @@ function TimeLapse({ job, print }) {
   const lapse = useGet(`/prints/${part(job)}/timelapse`, { every: 5000 });
   const one = lapse.value;
   if (!one || !(one.frames || one.message)) return null;
-  const name = job.replace(/^(run|file)~/, "").replace(/\.gcode$/, "");
   const film = `/prints/${part(job)}/timelapse/film`;
   return html`<${Card} title="Time-lapse">
     ${one.film && html`<img class="job-film" src=${url(`${film}?of=${part(print.print_id)}`)}
         alt=${`Film of ${one.frames} pictures`} />
-      <${Button} href=${url(film)} download=${`${name}_timelapse.webp`}>Fetch the film (WebP)</${Button}>`}
+      <${Button} href=${url(film)} download=${`${nameOf(job)}_timelapse.webp`}>Fetch the film (WebP)</${Button}>`}
     <p class="quiet">${one.frames} pictures, ${bytes(one.bytes)}${one.making ? "; the film is being made" : ""}.
       ${" "}${one.message}</p>
   </${Card}>`;
@@ -68,39 +67,33 @@ function TimeLapse({ job, print }) {
 function Steps({ job }) {
   const path = `/prints/${part(job)}/steps`;
   const steps = useGet(path);
-  const [problem, setProblem] = useState("");
-  const tick = (one) => (done) => send("PUT", `${path}/${part(one.id)}`, { done })
-    .then(() => setProblem(""), (error) => setProblem(error.message)).then(steps.reload);
   const more = { melt_out: MeltOut, flush: Flush };
   return html`<${Card} title="What follows">
     <${Loaded} of=${steps} what="Reading the steps">${(rows) => rows.map((one) => html`
       <div key=${one.id} class="job-step">
-      <${Field} kind="flag" label=${one.text} value=${one.done} onChange=${tick(one)}
-        hint=${one.done && one.at ? `${when(one.at)}, ${one.who}` : ""} />
+      <${Kept} kind="flag" label=${one.text} value=${one.done}
+        hint=${one.done && one.at ? `${when(one.at)}, ${one.who}` : ""}
+        save=${(done) => send("PUT", `${path}/${part(one.id)}`, { done }).then(steps.reload)} />
       ${more[one.id] && html`<${more[one.id]} job=${job} />`}
     </div>`)}</${Loaded}>
-    ${problem && html`<p class="problem" role="alert">${problem}</p>`}
   </${Card}>`;
 }
 
-const HEATERS = [["bed", "bed"], ["nozzle", "nozzle"], ["chamber", "chamber"]];
+const RAMP = [
+  { name: "heater", kind: "choice", label: "Heater", options: ["bed", "nozzle", "chamber"] },
+  { name: "target_c", kind: "number", label: "Target", unit: "°C", min: 0, max: 60 },
+  { name: "rate_c_min", kind: "number", label: "Rate", unit: "°C/min", min: 0.1, max: 20 },
+];
 
 function MeltOut({ job }) {
   const first = useGet(`/prints/${part(job)}/melt-out`);
   const ramp = useGet("/melt-out", { every: 2000 });
-  const [said, setSaid] = useState(null);
-  useEffect(() => { if (first.value && !said) setSaid(first.value); }, [first.value]);
+  const [typed, setTyped] = useState(null);
+  const said = typed ?? first.value;
   const now = ramp.value;
   const celsius = (value) => (value === null ? "–" : `${value.toFixed(1)} °C`);
-  const change = (key) => (value) => setSaid({ ...said, [key]: value });
   return html`<${Fold} title="Warm the bath slowly" open=${now?.going_on}>
-    ${said && html`<div class="job-fields">
-      <${Field} kind="choice" label="Heater" value=${said.heater} options=${HEATERS} onChange=${change("heater")} />
-      <${Field} kind="number" label="Target" unit="°C" min="0" max="60" value=${said.target_c}
-        onChange=${change("target_c")} />
-      <${Field} kind="number" label="Rate" unit="°C/min" min="0.1" max="20" value=${said.rate_c_min}
-        onChange=${change("rate_c_min")} />
-    </div>
+    ${said && html`<${Fields} fields=${RAMP} of=${said} onChange=${setTyped} />
     <div class="row">
       <${Act} work=${() => send("POST", "/melt-out", said).then(ramp.reload)}>Warm</${Act}>
       <${Act} work=${() => send("DELETE", "/melt-out").then(ramp.reload)} disabled=${!now?.going_on}>Hold here</${Act}>
@@ -126,11 +119,12 @@ function Flush({ job }) {
 // --- notes and photos ----------------------------------------------------------------------------
 
 function Notes({ job }) {
-  const notes = useGet(`/prints/${part(job)}/notes`);
-  const photos = useGet(`/prints/${part(job)}/photos`);
+  const way = `/prints/${part(job)}`;
+  const notes = useGet(`${way}/notes`);
+  const photos = useGet(`${way}/photos`);
   const [text, setText] = useState("");
   const add = async () => {
-    await send("POST", `/prints/${part(job)}/notes`, { text });
+    await send("POST", `${way}/notes`, { text });
     setText("");
     notes.reload();
   };
@@ -142,12 +136,9 @@ function Notes({ job }) {
       <${Field} kind="long" label="Note" value=${text} maxlength="10000" onChange=${setText} />
       <${Act} work=${add} why=${text.trim() ? "" : "write the note first"}>Add note</${Act}>
     </div>
-    <${Loaded} of=${photos} what="Reading the photos">${(rows) => rows.length > 0 && html`
-      <div class="job-photos">${rows.map((one) => {
-      const place = url(`/prints/${part(job)}/photos/${part(one.name)}`);
-      return html`<a key=${one.name} href=${place} target="_blank" rel="noopener">
-        <img src=${place} alt=${`Photo of ${when(one.at)}, ${one.who}`} loading="lazy" /></a>`;
-    })}</div>`}</${Loaded}>
-    <${Drop} label="Add a photo" accept="image/*" path=${`/prints/${part(job)}/photos`} onDone=${photos.reload} />
+    <${Loaded} of=${photos} what="Reading the photos">${(rows) => rows.length > 0 && html`<${Photos}
+      rows=${rows.map(({ name, at, who }) => ({
+        href: url(`${way}/photos/${part(name)}`), alt: `Photo of ${when(at)}, ${who}` }))} />`}</${Loaded}>
+    <${Drop} label="Add a photo" accept="image/*" path=${`${way}/photos`} onDone=${photos.reload} />
   </${Card}>`;
 }

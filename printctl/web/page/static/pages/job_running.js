@@ -1,8 +1,8 @@
 // A print that goes on, on one screen: where it stands, what may be done, what is seen. And its end.
 import { part, send } from "../api.js";
 import {
-  Act, Button, Card, Dialog, Field, Fold, Loaded, Note, Progress, go, html, number, sentence, span, useAction, useGet,
-  useNews, useState,
+  Act, Ask, Bullets, Button, Card, Field, Fields, Fold, Loaded, Note, Progress, Tiles, go, html, number, sentence,
+  span, useGet, useNews, useState,
 } from "../ui.js";
 import { HeldLook, LastLooks, useLooks } from "./job_looks.js";
 import { Camera, LiveView } from "./job_views.js";
@@ -13,7 +13,6 @@ const clock = (at) => new Date(1000 * at).toLocaleTimeString([], { hour: "2-digi
 const day = (at) => new Date(1000 * at).toDateString();
 
 export default function Running({ job, print }) {
-  const [cancelling, setCancelling] = useState(false);
   const changing = can(print, "resume").needs === "syringe";
   const looks = useLooks(job, print);
   const asks = Boolean(looks.held?.waits);
@@ -24,13 +23,12 @@ export default function Running({ job, print }) {
       <${Alert} print=${print} look=${looks.held} />
       <${HeldLook} job=${job} print=${print} looks=${looks} />
       ${changing && html`<${NewSyringe} job=${job} />`}
-      <${Actions} job=${job} print=${print} changing=${changing} asks=${asks} cancel=${() => setCancelling(true)} />
-      <${Tiles} job=${job} print=${print} />
+      <${Actions} job=${job} print=${print} changing=${changing} asks=${asks} />
+      <${Now} job=${job} print=${print} />
       <${LastLooks} job=${job} looks=${looks.all} />
     </section>
     <${LiveView} key=${print.print_id} job=${job} print=${print} />
     <${Camera} job=${job} print=${print} />
-    ${cancelling && html`<${Cancelling} job=${job} onClose=${() => setCancelling(false)} />`}
   </div>`;
 }
 
@@ -91,9 +89,14 @@ function Alert({ print, look }) {
 
 // --- what may be done ----------------------------------------------------------------------------
 
+const CANCEL = {
+  title: "Cancel the print?", yes: "Yes, cancel it", no: "No, go on", danger: true,
+  text: "The move in flight ends, the plunger is relieved, the needle goes straight up. The print can't be "
+    + "gone on with.",
+};
 const RESUME = { paused: "Resume", looking: "Go on without the observer" };
 
-function Actions({ job, print, changing, asks, cancel }) {
+function Actions({ job, print, changing, asks }) {
   const does = (action, body) => () => send("POST", path(job, action), body);
   const pause = can(print, "pause").possible;
   const mayReload = ["printing", "paused", "looking"].includes(print.state);
@@ -106,39 +109,25 @@ function Actions({ job, print, changing, asks, cancel }) {
     ${print.state === "printing" && print.words.vessel && html`
       <${Act} work=${does("pause", { after: "vessel" })}>Pause after vessel</${Act}>`}
     ${mayReload && !changing && html`<${Act} work=${does("reload", {})}>Change syringe</${Act}>`}
-    ${can(print, "stop").possible && html`<${Button} kind="danger" onClick=${cancel}>Cancel print</${Button}>`}
+    ${can(print, "stop").possible && html`<${Act} kind="danger" ask=${CANCEL} work=${does("cancel")}>
+      Cancel print</${Act}>`}
   </div>`;
 }
 
-function Cancelling({ job, onClose }) {
-  const [run, state] = useAction(async () => {
-    await send("POST", path(job, "cancel"));
-    onClose();
-  });
-  return html`<${Dialog} title="Cancel the print?" onClose=${onClose}>
-    <p>The move in flight ends, the plunger is relieved, the needle goes straight up.
-      The print can't be gone on with.</p>
-    ${state.problem && html`<p class="problem" role="alert">${state.problem.message}</p>`}
-    <div class="row">
-      <${Button} kind="danger" busy=${state.busy} onClick=${run}>Yes, cancel it</${Button}>
-      <${Button} onClick=${onClose}>No, go on</${Button}>
-    </div>
-  </${Dialog}>`;
-}
+const PUT_IN = [
+  { name: "plunger_mm", kind: "number", label: "Plunger travel used up", unit: "mm", min: 0, max: 1000,
+    hint: "0 for a full syringe" },
+  { name: "syringe", label: "Its profile", hint: "Only where it is of another kind" },
+];
 
 // What is asked after a change of syringe.
 function NewSyringe({ job }) {
-  const [used, setUsed] = useState(0);
-  const [syringe, setSyringe] = useState("");
+  const [put, setPut] = useState({ plunger_mm: 0, syringe: "" });
   const resume = (body) => () => send("POST", path(job, "resume"), body);
   return html`<${Card} title="What was put in?">
-    <div class="row job-syringe">
-      <${Field} kind="number" label="Plunger travel used up" unit="mm" min="0" max="1000"
-        value=${used} onChange=${setUsed} hint="0 for a full syringe" />
-      <${Field} label="Its profile" value=${syringe} onChange=${setSyringe} hint="Only where it is of another kind" />
-    </div>
+    <${Fields} fields=${PUT_IN} of=${put} onChange=${setPut} />
     <div class="row">
-      <${Act} kind="main" work=${resume({ plunger_mm: used ?? 0, syringe: syringe || null })}>
+      <${Act} kind="main" work=${resume({ plunger_mm: put.plunger_mm ?? 0, syringe: put.syringe || null })}>
         Resume with this syringe</${Act}>
       <${Act} work=${resume({ unchanged: true })}>Resume, syringe unchanged</${Act}>
     </div>
@@ -147,43 +136,41 @@ function NewSyringe({ job }) {
 
 // --- where it stands -----------------------------------------------------------------------------
 
-function Tiles({ job, print }) {
+function Now({ job, print }) {
   const station = useNews("station");
-  return html`<dl class="job-tiles">
-    <${Tile} name="Time left" ...${timeOf(print)} />
-    <${Tile} name=${print.progress?.passes ? "Pass" : "Layer"} ...${layerOf(print)} />
-    <${Tile} name="Ink" ...${inkOf(print.progress)} />
-    <${Tile} name="Temperatures" value=${heatOf(station)} more=${print.readings.join(", ")} />
-    <${Tile} name="Tip" value=${print.words.tip || "not known"} />
-    <${Tile} name="Alarms" value=${print.alarms ? `${print.alarms}, see above` : "none"}
-      more=${print.line_errors ? `${print.line_errors} lines sent again` : ""} />
-    <${Cells} job=${job} state=${print.state} />
-  </dl>`;
+  const cells = useGet(path(job, "viability"), { every: 60_000, key: print.state }).value;
+  const late = ["late", "close"].includes(cells?.state);
+  return html`<div class="job-tiles"><${Tiles} rows=${[
+    ["Time left", ...timeOf(print)],
+    [print.progress?.passes ? "Pass" : "Layer", ...layerOf(print)],
+    ["Ink", ...inkOf(print.progress)],
+    ["Temperatures", heatOf(station), print.readings.join(", ")],
+    ["Tip", print.words.tip || "not known"],
+    ["Alarms", print.alarms ? `${print.alarms}, see above` : "none",
+      print.line_errors ? `${print.line_errors} lines sent again` : ""],
+    cells && cells.minutes !== null && ["Cells", cells.words, "", late && "warn"],
+  ]} /></div>`;
 }
 
-const Tile = ({ name, value, more, tone }) => html`
-  <div class=${tone ? `tile note-${tone}` : "tile"}><dt class="name">${name}</dt>
-    <dd class="value">${value}</dd>${more && html`<dd class="more">${more}</dd>`}</div>`;
-
 function timeOf({ progress, time_left_s: left }) {
-  if (left === null || !progress) return { value: "not known yet" };
+  if (left === null || !progress) return ["not known yet"];
   const error = progress.remaining_error_s;
   const at = progress.ends_at;
   const until = day(at) === new Date().toDateString() ? clock(at) : `${clock(at)} on ${day(at).slice(0, 10)}`;
-  return { value: span(left), more: `${error === null || error < 1 ? "" : `± ${span(error)}, `}until ${until}` };
+  return [span(left), `${error === null || error < 1 ? "" : `± ${span(error)}, `}until ${until}`];
 }
 
 function layerOf({ progress, lines_executed: made, lines_total: all }) {
-  if (!progress) return { value: `${made} of ${all} commands` };
+  if (!progress) return [`${made} of ${all} commands`];
   const { layer, layers, layers_done: whole, vessel, vessels } = progress;
-  return { value: `${layer} of ${layers}`, more: vessels ? `vessel ${vessel} of ${vessels}` : `${whole} whole` };
+  return [`${layer} of ${layers}`, vessels ? `vessel ${vessel} of ${vessels}` : `${whole} whole`];
 }
 
 function inkOf(progress) {
-  if (!progress) return { value: "not known yet" };
+  if (!progress) return ["not known yet"];
   const { ink_left_ul: left, ink_ul: ink, ink_total_ul: all } = progress;
   const written = `${number(ink, 3)} of ${number(all, 3)} µL written`;
-  return left === null ? { value: written } : { value: `${left.toFixed(0)} µL left`, more: written };
+  return left === null ? [written] : [`${left.toFixed(0)} µL left`, written];
 }
 
 function heatOf(station) {
@@ -193,37 +180,30 @@ function heatOf(station) {
   return station.temperatures.map(one).join(", ") || "not known";
 }
 
-// The clock of the cells, where it was told when they were mixed in.
-function Cells({ job, state }) {
-  const cells = useGet(path(job, "viability"), { every: 60_000, key: state });
-  if (cells.value === null || cells.value.minutes === null) return null;
-  const late = ["late", "close"].includes(cells.value.state);
-  return html`<${Tile} name="Cells" value=${cells.value.words} tone=${late ? "warn" : null} />`;
-}
-
 // --- a print that broke off ----------------------------------------------------------------------
 
-const GO_ON = "Look first: the printer must have kept its power, and nobody may have moved the needle. "
-  + "The printer is asked for its last line; where that or its position doesn't agree, nothing moves.";
-const GIVE_UP = "The end is written into the print's record. It can't be gone on with afterwards; the printer may be "
-  + "connected again. Nothing is sent to the printer.";
+const GO_ON = {
+  title: "Go on with the print?", yes: "Yes, go on",
+  text: "Look first: the printer must have kept its power, and nobody may have moved the needle. "
+    + "The printer is asked for its last line; where that or its position doesn't agree, nothing moves.",
+};
+const GIVE_UP = {
+  title: "Give the print up?", yes: "Yes, give it up",
+  text: "The end is written into the print's record. It can't be gone on with afterwards; the printer may be "
+    + "connected again. Nothing is sent to the printer.",
+};
 
 function BrokeOff({ job, print, reload }) {
   const [asking, setAsking] = useState(false);
-  const does = (action) => async () => {
-    await send("POST", path(job, action));
-    reload();
-  };
-  const offered = ["go_on", "recover", "give_up"].filter((one) => can(print, one).possible);
-  if (!offered.length) return null;
+  const does = (action) => () => send("POST", path(job, action)).then(reload);
+  const offered = (action) => can(print, action).possible;
+  if (!["go_on", "recover", "give_up"].some(offered)) return null;
   return html`
-    ${offered.includes("go_on") && html`<${Act} kind="main" work=${does("go-on")}
-      ask=${{ title: "Go on with the print?", text: GO_ON, yes: "Yes, go on" }}>Go on …</${Act}>`}
-    ${offered.includes("recover") && html`<${Button} onClick=${() => setAsking(true)}>Recover …</${Button}>`}
-    ${offered.includes("give_up") && html`<${Act} work=${does("give-up")}
-      ask=${{ title: "Give the print up?", text: GIVE_UP, yes: "Yes, give it up" }}>Give up …</${Act}>`}
+    ${offered("go_on") && html`<${Act} kind="main" work=${does("go-on")} ask=${GO_ON}>Go on …</${Act}>`}
+    ${offered("recover") && html`<${Button} onClick=${() => setAsking(true)}>Recover …</${Button}>`}
+    ${offered("give_up") && html`<${Act} work=${does("give-up")} ask=${GIVE_UP}>Give up …</${Act}>`}
     ${asking && html`<${Recovery} job=${job} plan=${can(print, "recover")} onClose=${() => setAsking(false)} />`}
-    ${!offered.includes("go_on") && print.state === "interrupted" && html`
+    ${!offered("go_on") && print.state === "interrupted" && html`
       <p class="hint">No Go on: ${can(print, "go_on").reason}.</p>`}`;
 }
 
@@ -236,16 +216,12 @@ function Recovery({ job, plan, onClose }) {
     const made = await send("POST", path(job, "recover"), { from_line: line });
     go(`/job?job=${part(made.job)}`);
   };
-  return html`<${Dialog} title="Recover the rest of the print?" onClose=${onClose}>
-    <p>The rest becomes a job of its own, which is checked and started like any other.</p>
+  return html`<${Ask} title="Recover the rest of the print?" yes="Write the rest as a job" no="Not now" work=${write}
+      onClose=${onClose} text="The rest becomes a job of its own, which is checked and started like any other.">
     ${plan.reason && html`<${Note} tone="warn">${sentence(plan.reason)}</${Note}>`}
     ${!needsLine && html`<${Loaded} of=${rest} what="Planning the rest">${({ steps }) => html`
-      <ol class="job-steps">${steps.map((one) => html`<li key=${one}>${one}</li>`)}</ol>`}</${Loaded}>`}
+      <div class="job-steps"><${Bullets} list="ol" rows=${steps} /></div>`}</${Loaded}>`}
     <${Field} kind="number" label="Line of the job's file to begin with" min="1" step="1"
       value=${line} onChange=${setLine} hint=${needsLine ? "" : "Left empty: where the last sure place is"} />
-    <div class="row">
-      <${Act} kind="main" work=${write}>Write the rest as a job</${Act}>
-      <${Button} onClick=${onClose}>Not now</${Button}>
-    </div>
-  </${Dialog}>`;
+  </${Ask}>`;
 }

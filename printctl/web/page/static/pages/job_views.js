@@ -37,7 +37,7 @@ export function LiveView({ job, print = null }) {
   useEffect(() => {
     if (!view || !print) return;
     view.update({
-      lines_executed: inFile(executed, inserted), lines_done: inFile(ahead ? print.lines_done : executed, inserted),
+      executed: inFile(executed, inserted), acknowledged: inFile(ahead ? print.lines_done : executed, inserted),
       mends: mends.map((one) => ({ ...one, written: one.last <= executed })),
     });
   }, [view, executed, print?.lines_done, mends]);

@@ -1,12 +1,12 @@
 // The printer's page: connect it, move it, heat it, say what is mounted; the rest in tabs.
 import {
-  Act, Button, Card, Field, Fold, Loaded, Loading, Note, Page, Segments, Tabs, html, useAction, useGet, useKept,
+  Button, Card, Field, Fold, Loaded, Loading, Note, Page, Segments, Tabs, html, useAction, useAddress, useGet, useKept,
   useNews, useState, useStyle,
 } from "../ui.js";
 import { Calibration } from "./printer_calibrate.js";
 import { Console, Log, Macros } from "./printer_console.js";
 import { Temperatures } from "./printer_heat.js";
-import { HomeDialog, Move, PlaceDialog, TouchOff, post } from "./printer_move.js";
+import { HomeDialog, Move, PlaceDialog, Post, TouchOff, post } from "./printer_move.js";
 import { MountDialog, Mounted, NeedleDialog, Plunger, SyringeDialog } from "./printer_parts.js";
 
 const DIALOGS = {
@@ -25,14 +25,12 @@ export default function Printer({ tab = "daily", open = null }) {
   const [dialog, setDialog] = useState(open);
   const Which = status && standsBy(status) ? DIALOGS[dialog] : null;
   const close = () => setDialog(null);
-  const goTo = (id) => {
-    setShown(id);
-    history.replaceState(null, "", id === "daily" ? "/printer" : `/printer?tab=${id}`);
-  };
+  useAddress("/printer", { tab: shown !== "daily" && shown });
   return html`<${Page} title="Printer" tools=${status && !none(status) && html`<${Connection} status=${status} />`}>
     <${Loaded} of=${{ ...first, value: status }} what="Asking how the printer is">${() =>
-      html`<${Body} status=${status} tab=${shown} onTab=${goTo} onOpen=${setDialog} />`}</${Loaded}>
-    ${Which && html`<${Which} status=${status} onClose=${close} onTouchOff=${() => { close(); goTo("needle"); }} />`}
+      html`<${Body} status=${status} tab=${shown} onTab=${setShown} onOpen=${setDialog} />`}</${Loaded}>
+    ${Which && html`<${Which} status=${status} onClose=${close}
+      onTouchOff=${() => { close(); setShown("needle"); }} />`}
   </${Page}>`;
 }
 
@@ -43,11 +41,9 @@ function Body({ status, tab, onTab, onOpen }) {
   if (!standsBy(status)) return html`<${Down} status=${status} />`;
   const props = { status, onOpen };
   const tabs = [
-    { id: "daily", name: "Heat and ink", body: () => html`<div class="printer-two">
-      <${Temperatures} status=${status} />
-      <div class="stack"><${Mounted} ...${props} /><${Plunger} ...${props} /></div></div>` },
+    { id: "daily", name: "Heat and ink", body: () => html`<${Daily} ...${props} />` },
     { id: "needle", name: "Touch off", body: () => html`<${TouchOff} ...${props} />` },
-    { id: "console", name: "Console", body: () => html`<div class="printer-two printer-console">
+    { id: "console", name: "Console", body: () => html`<div class="columns printer-console">
       <${Console} /><${Macros} status=${status} /></div>` },
     { id: "calibration", name: "Calibration", body: () => html`<${Calibration} status=${status} />` },
   ];
@@ -59,12 +55,15 @@ function Body({ status, tab, onTab, onOpen }) {
     </div>`;
 }
 
+const Daily = (props) => html`<div class="columns"><${Temperatures} ...${props} />
+  <div class="stack"><${Mounted} ...${props} /><${Plunger} ...${props} /></div></div>`;
+
 // How the connection stands, in one line, and the way out of it.
 const Connection = ({ status }) => html`
   <p class="quiet printer-state" role="status"><strong>${status.state_words}</strong>
     ${(standsBy(status) || status.state === "printing") && html`<span> · ${status.printer}, ${status.port}</span>
       <span class="printer-firmware"> · ${status.firmware}</span>`}</p>
-  ${standsBy(status) && html`<${Act} work=${() => post("disconnect")}>Disconnect</${Act}>`}`;
+  ${standsBy(status) && html`<${Post} path="disconnect">Disconnect</${Post}>`}`;
 
 // --- nothing is connected --------------------------------------------------------------------------
 
@@ -97,7 +96,7 @@ function Connect({ status, again }) {
     };
     return html`
       <${Segments} label="Which printer" options=${WAYS} value=${kept.way} onChange=${(way) => change({ way })} />
-      <${Field} label="Printer profile" kind="choice" value=${chosen.name} options=${list.map((one) => [one.name])}
+      <${Field} label="Printer profile" kind="choice" value=${chosen.name} options=${list.map((one) => one.name)}
         hint=${chosen.summary} onChange=${(profile) => change({ profile })} />
       ${real && html`
         ${chosen.starting_values.length > 0 && html`<p class="hint">Starting values, to be measured or compared with
@@ -142,8 +141,8 @@ const Down = ({ status }) => html`
       lift the needle by hand, straight up, if it stands in the bath. Then reset the board if it has halted, and
       reconnect.</p>
     <div class="row">
-      <${Act} kind="main" work=${() => post("reconnect")}>Reconnect</${Act}>
-      <${Act} work=${() => post("disconnect")}>Disconnect</${Act}>
+      <${Post} kind="main" path="reconnect">Reconnect</${Post}>
+      <${Post} path="disconnect">Disconnect</${Post}>
       ${status.print_folder && html`<a href="/job">Its print, on the page Job</a>`}
     </div>
   </${Card}>
@@ -161,9 +160,6 @@ function WhilePrinting({ status }) {
         on the page Job.</p>
       <${Button} kind="main" href="/job">To the page Job</${Button}>
     </${Note}>
-    <div class="printer-two">
-      <${Temperatures} status=${status} locked />
-      <div class="stack"><${Mounted} status=${status} locked /><${Plunger} status=${status} locked /></div>
-    </div>
+    <${Daily} status=${status} locked />
     <${Console} fold />`;
 }

@@ -1,7 +1,7 @@
 // Calibrations: what each needs; a test to print, a sheet to fill in, what the readings say.
 import { part } from "../api.js";
 import {
-  Act, Button, Card, Facts, Field, Fold, Loaded, Note, Table, html, span, useGet, useKept, useState,
+  Act, Bullets, Button, Card, Facts, Field, Fields, Fold, Loaded, Note, Table, html, span, useGet, useKept, useState,
 } from "../ui.js";
 import { mm, post } from "./printer_move.js";
 
@@ -28,26 +28,28 @@ export function Calibration({ status }) {
   }}</${Loaded}>`;
 }
 
+const names = (list, name) => (list ?? [{ name }]).map((one) => one.name);
+
 // The sheet stays in this browser: a weighing takes an hour, and is done at the balance.
 function Wizard({ wizard, status, onBack }) {
   const profiles = useGet(wizard.printed ? "/printer/profiles" : null);
   const parts = useGet(wizard.printed ? "/printer/parts" : null);
-  const [printer, setPrinter] = useState(status.printer);
-  const [syringe, setSyringe] = useState(status.parts.syringe || "hamilton_1ml");
+  const [used, setUsed] = useState({ printer: status.printer, syringe: status.parts.syringe || "hamilton_1ml" });
   const [density, setDensity] = useState(0.998);
   const [{ rows, made }, keep] = useKept(`calibration.${wizard.name}`, { rows: [], made: null });
   const [result, setResult] = useState(null);
   const weighs = wizard.name === "weigh";
+  const { printer, syringe } = used;
   const fit = async () => setResult(await post(`calibrations/${wizard.name}/fit`, read()));
   const make = async () => {
     if (!status.position_mm) throw new Error("Where the tip stands isn't known: home it, or say where it is.");
-    const test = await post(`calibrations/${wizard.name}/job`, { printer, syringe, at_mm: status.position_mm });
+    const test = await post(`calibrations/${wizard.name}/job`, { ...used, at_mm: status.position_mm });
     keep({ rows: test.rows, made: test });
   };
   const read = () => {
     const filled = rows.map((row) => row.map((cell) => cell.trim())).filter((row) => row.at(-1));
     if (!filled.length) throw new Error(`Fill in the last column, ${wizard.columns.at(-1)}.`);
-    return { rows: filled, printer, syringe, ...(weighs && density ? { density_g_cm3: density } : {}) };
+    return { rows: filled, ...used, ...(weighs && density ? { density_g_cm3: density } : {}) };
   };
   const again = () => {
     keep({ rows: [], made: null });
@@ -57,22 +59,20 @@ function Wizard({ wizard, status, onBack }) {
       tools=${html`<${Button} onClick=${onBack}>Back to the list</${Button}>`}>
     <p>Needs ${wizard.needs}.</p>
     ${wizard.printed && html`
-      <div class="printer-two">
-        <${Field} kind="choice" label="Printer profile" value=${printer} onChange=${setPrinter}
-          options=${(profiles.value ?? [{ name: printer }]).map((one) => [one.name])} />
-        <${Field} kind="choice" label="Syringe" value=${syringe} onChange=${setSyringe}
-          options=${(parts.value?.syringe ?? [{ name: syringe }]).map((one) => [one.name])} />
-      </div>
+      <${Fields} of=${used} onChange=${setUsed} fields=${[
+        { name: "printer", kind: "choice", label: "Printer profile", options: names(profiles.value, printer) },
+        { name: "syringe", kind: "choice", label: "Syringe", options: names(parts.value?.syringe, syringe) },
+      ]} />
       <${Act} kind=${made ? "quiet" : "main"} work=${make}>Make the test's G-code</${Act}>
       ${made && html`<${Note} tone="good">
         <p>${made.job}: ${made.lines} lines, ${span(made.duration_s)}, from X, Y, Z
           ${" "}${made.start_mm.map(mm).join(", ")} mm.${" "}
           <a href=${`/job?job=${part(made.job)}`}>Print it by the page Job</a>, then fill in the last column.</p>
-        ${made.notes.map((text) => html`<p key=${text}>${text}</p>`)}
+        <${Bullets} rows=${made.notes} />
       </${Note}>`}`}
-    <div class=${wizard.printed ? "printer-two" : "stack"}>
-      <div class="stack"><${Sheet} wizard=${wizard} rows=${rows} tip=${status.position_mm}
-        onRows=${(next) => keep({ rows: next, made })} /></div>
+    <div class="columns">
+      <${Sheet} wizard=${wizard} rows=${rows} tip=${status.position_mm}
+        onRows=${(next) => keep({ rows: next, made })} />
       <div class="stack">
         ${weighs && html`<${Field} kind="number" label="Density" unit="g/cm³" min=${0.1} max=${20} value=${density}
           onChange=${setDensity} />`}
@@ -100,18 +100,19 @@ function Sheet({ wizard, rows, tip, onRows }) {
       onInput=${(event) => write(row, column, event.target.value)} /></div>` }));
   const remove = { name: "", of: ({ row }) => html`<${Button} aria-label=${`Remove row ${row + 1}`}
     onClick=${() => onRows(rows.filter((_, at) => at !== row))}>×</${Button}>` };
-  return html`
-    ${rows.length > 0 && html`<div class="printer-sheet"><${Table} caption="Readings" columns=${[...columns, remove]}
-      rows=${rows.map((cells, row) => ({ cells, row }))} /></div>`}
+  return html`<div class="stack">
+    ${rows.length > 0 && html`<div class="printer-sheet"><${Table} caption="Readings" tall
+      columns=${[...columns, remove]} rows=${rows.map((cells, row) => ({ cells, row }))} /></div>`}
     ${wizard.placed
       ? html`<div class="row row-end">
           <div class="grow">${wizard.name === "level"
             ? html`<${Field} kind="choice" label="Surface" value=${word} onChange=${setWord}
-                options=${[["bed", "bed (dry floor)"], ["bath", "bath"]]} />`
+                options=${[["bed", "bed (dry floor)"], "bath"]} />`
             : html`<${Field} label="Needle" value=${word} onChange=${setWord} maxlength="24" />`}</div>
           ${tip && html`<${Button} kind="main" onClick=${() => add([word, ...tip.map((one) => one.toFixed(3))])}>
             Take where the tip is</${Button}>`}</div>`
-      : html`<div><${Button} onClick=${() => add(wizard.columns.map(() => ""))}>Add a row</${Button}></div>`}`;
+      : html`<div><${Button} onClick=${() => add(wizard.columns.map(() => ""))}>Add a row</${Button}></div>`}
+  </div>`;
 }
 
 function Copy({ printer, syringe, read }) {

@@ -1,9 +1,9 @@
 // Console and macros.
 import { get, listen, part, send } from "../api.js";
 import {
-  Act, Button, Card, Dialog, Empty, Field, Loaded, html, useAction, useEffect, useGet, useRef, useState,
+  Act, Ask, Button, Card, Empty, Field, Fields, Loaded, Refused, html, useAction, useEffect, useGet, useRef, useState,
 } from "../ui.js";
-import { post } from "./printer_move.js";
+import { Post, post } from "./printer_move.js";
 
 const SHOWN = 100;
 
@@ -63,17 +63,16 @@ export function Console({ fold }) {
         placeholder="M115" class="mono" autocomplete="off" spellcheck="false" maxlength="200" /></div>
       <${Button} busy=${busy} onClick=${go}>Send</${Button}>
     </form>
-    ${problem && html`<p class="problem" role="alert">${problem.message}</p>`}
+    <${Refused} problem=${problem} />
     <p class="hint">What would break the count of lines or the position is refused. Arrow Up brings back what you
       typed.</p>
   </${Card}>`;
 }
 
-export function Macros({ status }) {
-  const profile = status.printer;
+export function Macros({ status: { printer: profile } }) {
   const kept = useGet(`/printer/macros/${part(profile)}`);
   const [edited, setEdited] = useState(null);
-  const done = () => {
+  const close = () => {
     setEdited(null);
     kept.reload();
   };
@@ -83,37 +82,32 @@ export function Macros({ status }) {
         ? html`<${Empty}>${profile} has none yet. A macro is commands as you would type them, under a name.</${Empty}>`
         : html`<p class="hint">Of ${profile}; sent like typed commands, until one is refused.</p>`}
       ${macros.map((one) => html`<div key=${one.name} class="row row-top">
-        <${Act} work=${() => post(`macros/run/${part(one.name)}`)}>${one.name}</${Act}>
+        <${Post} path=${`macros/run/${part(one.name)}`}>${one.name}</${Post}>
         <${Button} aria-label=${`Edit ${one.name}`} onClick=${() => setEdited(one)}>Edit</${Button}>
       </div>`)}`}</${Loaded}>
     <div><${Button} onClick=${() => setEdited({ name: "", commands: [] })}>New macro …</${Button}></div>
-    ${edited && html`<${MacroDialog} profile=${profile} macro=${edited} onDone=${done}
-      onClose=${() => setEdited(null)} />`}
+    ${edited && html`<${MacroDialog} profile=${profile} macro=${edited} onClose=${close} />`}
   </${Card}>`;
 }
 
-function MacroDialog({ profile, macro, onDone, onClose }) {
-  const [name, setName] = useState(macro.name);
-  const [text, setText] = useState(macro.commands.join("\n"));
+const MACRO = [
+  { name: "name", label: "Name", maxlength: 40 },
+  { name: "text", kind: "long", label: "Commands, one a line", class: "mono", spellcheck: "false" },
+];
+
+function MacroDialog({ profile, macro, onClose }) {
+  const [said, setSaid] = useState({ name: macro.name, text: macro.commands.join("\n") });
   const path = `/printer/macros/${part(profile)}`;
+  const remove = () => send("DELETE", `${path}/${part(macro.name)}`);
   const save = async () => {
-    const commands = text.split("\n").map((one) => one.trim()).filter(Boolean);
-    if (!name.trim() || !commands.length) throw new Error("A macro has a name and at least one command.");
-    await send("PUT", path, { name: name.trim(), commands });
-    if (macro.name && macro.name !== name.trim()) await send("DELETE", `${path}/${part(macro.name)}`);
-    onDone();
+    const name = said.name.trim();
+    const commands = said.text.split("\n").map((one) => one.trim()).filter(Boolean);
+    if (!name || !commands.length) throw new Error("A macro has a name and at least one command.");
+    await send("PUT", path, { name, commands });
+    if (macro.name && macro.name !== name) await remove();
   };
-  const remove = async () => {
-    await send("DELETE", `${path}/${part(macro.name)}`);
-    onDone();
-  };
-  return html`<${Dialog} title="Macro" onClose=${onClose}>
-    <${Field} label="Name" value=${name} onChange=${setName} maxlength="40" />
-    <${Field} kind="long" label="Commands, one a line" value=${text} onChange=${setText} class="mono"
-      spellcheck="false" />
-    <div class="row row-top">
-      <${Act} kind="main" work=${save}>Save</${Act}>
-      ${macro.name && html`<${Act} kind="danger" work=${remove}>Remove</${Act}>`}
-    </div>
-  </${Dialog}>`;
+  return html`<${Ask} title="Macro" yes="Save" work=${save} onClose=${onClose} tools=${macro.name && html`
+      <${Act} kind="danger" work=${() => remove().then(onClose)}>Remove</${Act}>`}>
+    <${Fields} fields=${MACRO} of=${said} onChange=${setSaid} />
+  </${Ask}>`;
 }

@@ -1,6 +1,6 @@
 // Temperatures, and what forces and pressures the profile watches: the last ten minutes, and targets.
-import { Act, Button, Card, Empty, Field, html, useAction, useGet, useState } from "../ui.js";
-import { post } from "./printer_move.js";
+import { Button, Card, Empty, Field, Refused, html, useAction, useGet, useState } from "../ui.js";
+import { Post, post } from "./printer_move.js";
 
 const SPAN_MIN = 10;
 const [WIDE, HIGH] = [400, 170];
@@ -18,7 +18,7 @@ export function Temperatures({ status, locked }) {
     ${temperatures.map((one) => html`
       <${Heater} key=${one.name} ...${one} look=${lines.indexOf(one.name)} locked=${locked} />`)}
     ${!locked && temperatures.filter((one) => one.target_c).length > 1 && html`
-      <${Act} work=${() => post("heaters-off")}>All heaters off</${Act}>`}
+      <${Post} path="heaters-off">All heaters off</${Post}>`}
     ${columns && Object.keys(columns.readings).length > 0 && html`
       <${Chart} at=${columns.at_s} values=${columns.readings} marks=${columns.limits} unit=""
         label="Forces and pressures of the last ten minutes, limits dotted; numbers below" />`}
@@ -34,18 +34,17 @@ function Heater({ name, now_c: now, target_c: target, look, locked }) {
     await post("heat", { name, celsius });
     setWanted(null);
   });
-  const heats = target !== null && !locked;
+  const off = wanted === null && target > 0;
   return html`<form class="printer-heater" onSubmit=${(event) => { event.preventDefault(); set(wanted); }}>
     <p class="grow"><${Sample} look=${look} /> ${name} <strong>${now.toFixed(1)} °C</strong>
       <span class="quiet">${target ? ` → ${target.toFixed(1)} °C` : target === 0 ? " off" : ""}</span></p>
-    ${heats && html`
+    ${target !== null && !locked && html`
       <${Field} kind="number" label=${`Target, ${name}, °C`} placeholder="°C" min=${0} max=${300} value=${wanted}
         onChange=${setWanted} />
-      ${wanted === null && target > 0
-        ? html`<${Button} busy=${busy} onClick=${() => set(0)} aria-label=${`Switch the ${name} off`}>Off</${Button}>`
-        : html`<${Button} busy=${busy} onClick=${() => set(wanted)} aria-label=${`Set the target of the ${name}`}>
-            Set</${Button}>`}`}
-    ${problem && html`<p class="problem" role="alert">${problem.message}</p>`}
+      <${Button} busy=${busy} onClick=${() => set(off ? 0 : wanted)}
+        aria-label=${off ? `Switch the ${name} off` : `Set the target of the ${name}`}>
+        ${off ? "Off" : "Set"}</${Button}>`}
+    <${Refused} problem=${problem} />
   </form>`;
 }
 

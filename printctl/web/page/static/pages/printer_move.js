@@ -1,6 +1,8 @@
 // Move the tip by hand: the pad, homing, saying where it stands, touching off.
 import { send } from "../api.js";
-import { Act, Button, Card, Dialog, Facts, Field, Segments, html, useAction, useGet, useState } from "../ui.js";
+import {
+  Act, Ask, Button, Card, Facts, Field, Fields, Refused, Segments, html, useAction, useGet, useState,
+} from "../ui.js";
 
 const AXES = ["X", "Y", "Z"];
 const STEPS = [0.01, 0.1, 1, 10].map((mm) => [mm, `${mm} mm`]);
@@ -11,6 +13,10 @@ const PAD = [["y", 1], ["z", 1], ["x", -1], ["x", 1], ["y", -1], ["z", -1]];
 export const mm = (value) => (value === null || value === undefined ? "–" : value.toFixed(2).replace("-", "\u2212"));
 export const post = (path, body) => send("POST", `/printer/${path}`, body);
 const ends = (low, high) => `${Math.round(10 * low) / 10}…${Math.round(10 * high) / 10}`.replaceAll("-", "\u2212");
+
+// A button that posts `body` to a path below /printer.
+export const Post = ({ path, body, children, ...more }) =>
+  html`<${Act} ...${more} work=${() => post(path, body)}>${children}</${Act}>`;
 
 export function Move({ status, onOpen }) {
   const [step, setStep] = useState(1);
@@ -32,16 +38,16 @@ export function Move({ status, onOpen }) {
     <div class="printer-pad" tabindex="0" role="group" onKeyDown=${press}
       aria-label="Jog pad: arrow keys move X and Y, Page Up and Page Down move Z, by the step chosen">
       ${PAD.map(([axis, sign]) => html`
-        <${Button} key=${axis + sign} class=${`button jog-${axis}${sign > 0 ? "up" : "down"}`}
+        <${Button} key=${axis + sign} style=${{ gridArea: `${axis}${sign > 0 ? "up" : "down"}` }}
           onClick=${() => jog(axis, sign)}>${axis.toUpperCase()} ${sign > 0 ? "+" : "−"}</${Button}>`)}
     </div>
-    ${problem ? html`<p class="problem" role="alert">${problem.message}</p>`
+    ${problem ? html`<${Refused} problem=${problem} />`
       : html`<p class="hint">Keys on the pad: arrows, Page Up, Page Down.</p>`}
     <div class="row">
-      <${Act} work=${() => post("lift-out")}>Up, out of the bath</${Act}>
+      <${Post} path="lift-out">Up, out of the bath</${Post}>
       <${Button} onClick=${() => onOpen("home")}>Home …</${Button}>
       <${Button} onClick=${() => onOpen("place")}>Where the tip is …</${Button}>
-      <${Act} kind="danger" work=${() => post("stop-motion")}>Stop this move</${Act}>
+      <${Post} kind="danger" path="stop-motion">Stop this move</${Post}>
     </div>
     <${Facts} rows=${[
       ["Position", status.position_words.replace(/^position /, "")],
@@ -51,41 +57,38 @@ export function Move({ status, onOpen }) {
   </${Card}>`;
 }
 
+const HOMED = [
+  ...AXES.map((axis) => ({ name: axis.toLowerCase(), kind: "flag", label: `${axis} axis` })),
+  { name: "off", kind: "flag", label: "The needle is taken off" },
+];
+
 export function HomeDialog({ onClose }) {
-  const [chosen, setChosen] = useState({ x: true, y: true, z: true });
-  const [off, setOff] = useState(false);
+  const [chosen, setChosen] = useState({ x: true, y: true, z: true, off: false });
   const home = async () => {
-    const list = Object.keys(chosen).filter((axis) => chosen[axis]);
-    if (!list.length) throw new Error("Choose an axis.");
-    await post("home", { axes: list, needle_off: off });
-    onClose();
+    const axes = ["x", "y", "z"].filter((axis) => chosen[axis]);
+    if (!axes.length) throw new Error("Choose an axis.");
+    await post("home", { axes, needle_off: chosen.off });
   };
-  return html`<${Dialog} title="Home" onClose=${onClose}>
-    <p>Homing drives an axis to its switch, through whatever is in the way. With a needle above a dish it is refused:
-      raise Z and take the needle off first. X and Y home at the height where the tip is now.</p>
-    ${Object.keys(chosen).map((axis) => html`<${Field} key=${axis} kind="flag" label=${`${axis.toUpperCase()} axis`}
-      value=${chosen[axis]} onChange=${(on) => setChosen({ ...chosen, [axis]: on })} />`)}
-    <${Field} kind="flag" label="The needle is taken off" value=${off} onChange=${setOff} />
-    <${Act} kind="main" work=${home}>Home these axes</${Act}>
-  </${Dialog}>`;
+  return html`<${Ask} title="Home" yes="Home these axes" work=${home} onClose=${onClose}
+      text=${"Homing drives an axis to its switch, through whatever is in the way. With a needle above a dish it is "
+        + "refused: raise Z and take the needle off first. X and Y home at the height where the tip is now."}>
+    <${Fields} fields=${HOMED} of=${chosen} onChange=${setChosen} />
+  </${Ask}>`;
 }
 
+export const coordinate = (name, label = name.toUpperCase()) =>
+  ({ name, label, kind: "number", unit: "mm", min: -1000, max: 1000 });
+export const rounded = (place) => place.map((one) => (one === null ? null : Number(one.toFixed(3))));
+
 export function PlaceDialog({ status, onClose }) {
-  const now = status.position_mm ?? [null, null, null];
-  const [place, setPlace] = useState(now.map((one) => (one === null ? null : Number(one.toFixed(3)))));
-  const say = async () => {
-    await post("set-position", { x: place[0], y: place[1], z: place[2] });
-    onClose();
-  };
-  return html`<${Dialog} title="Where the tip is" onClose=${onClose}>
-    <p>Nothing moves. The printer calls the place where its tip stands now by these numbers, and trusts them: measure,
-      don't guess. What was touched off moves along. Needed after a needle was put on, for no axis homes with one above
-      a dish.</p>
-    <div class="printer-three">${AXES.map((axis, at) => html`
-      <${Field} key=${axis} kind="number" label=${axis} unit="mm" min=${-1000} max=${1000} value=${place[at]}
-        onChange=${(value) => setPlace(place.map((one, which) => (which === at ? value : one)))} />`)}</div>
-    <${Act} kind="main" work=${say}>The tip stands there</${Act}>
-  </${Dialog}>`;
+  const [x, y, z] = rounded(status.position_mm ?? [null, null, null]);
+  const [place, setPlace] = useState({ x, y, z });
+  return html`<${Ask} title="Where the tip is" yes="The tip stands there" work=${() => post("set-position", place)}
+      onClose=${onClose} text=${"Nothing moves. The printer calls the place where its tip stands now by these numbers, "
+        + "and trusts them: measure, don't guess. What was touched off moves along. Needed after a needle was put on, "
+        + "for no axis homes with one above a dish."}>
+    <${Fields} fields=${["x", "y", "z"].map((axis) => coordinate(axis))} of=${place} onChange=${setPlace} />
+  </${Ask}>`;
 }
 
 // --- touching off ------------------------------------------------------------------------------------
@@ -95,54 +98,51 @@ const HOW = {
     + "take the reading; go up, and do it again.",
   bath: "Bring the tip down until it just dimples the bath's surface, then take the reading; go up, and do it again.",
 };
-const FINE_MM = [0.1, 0.02];
+const FINE_MM = [-0.1, 0.1, -0.02, 0.02, null, 1];
+
+function heightsOf({ parts, mounted, needs_touch_off: due }) {
+  const { floor_mm: floor, bath_level_mm: bath } = mounted;
+  if (!parts.needle) return "No needle is named; say first what is mounted.";
+  if (due) return `Needle ${parts.needle}: to be touched off before the next print.`;
+  return `Needle ${parts.needle}: floor ${floor === null ? "not touched off" : `Z ${mm(floor)} mm`}, bath ${
+    bath === null ? "not known" : `Z ${mm(bath)} mm`}.`;
+}
 
 export function TouchOff({ status, onOpen }) {
   const asked = useGet("/printer/touch-off", { every: 2000 });
   const [foil, setFoil] = useState(0);
-  const after = (work) => async () => {
-    await work();
-    asked.reload();
-  };
-  const begin = (surface) => after(() => post("touch-off", { surface, foil_mm: foil ?? 0 }));
+  const after = (path, body) => () => post(path, body).then(asked.reload);
+  const begin = (surface) => after("touch-off", { surface, foil_mm: foil ?? 0 });
   const now = asked.value?.touching;
-  const { parts } = status;
-  const { floor_mm: floor, bath_level_mm: bath } = status.mounted;
-  let stands = `Needle ${parts.needle}: floor ${floor === null ? "not touched off" : `Z ${mm(floor)} mm`}, bath ${
-    bath === null ? "not known" : `Z ${mm(bath)} mm`}.`;
-  if (status.needs_touch_off) stands = `Needle ${parts.needle}: to be touched off before the next print.`;
-  if (!parts.needle) stands = "No needle is named; say first what is mounted.";
+  const { needle, dish } = status.parts;
+  const both = needle && dish;
   return html`<${Card} title="Needle offset and bath level" aria-label="Needle offset and bath level">
-    <p role="status"><strong>${stands}</strong></p>
+    <p role="status"><strong>${heightsOf(status)}</strong></p>
     ${!now && html`
       <p>Tells the printer where the dish's floor is for the needle mounted, and how high the bath stands: three
         readings within 0.05 mm each.</p>
-      ${parts.needle && parts.dish
+      ${both
         ? html`<div class="printer-fine"><${Field} kind="number" label="Foil under the tip" unit="mm" min=${0} max=${2}
             step=${0.01} value=${foil} hint="0 for none" onChange=${setFoil} /></div>`
         : html`<p>The floor needs a needle and a dish.</p>`}
       <div class="row">
-        ${parts.needle && parts.dish && html`<${Act} kind="main" work=${begin("floor")}>Touch off the floor</${Act}>`}
-        ${parts.needle && html`<${Act} work=${begin("bath")}>Find the bath's surface</${Act}>`}
-        ${!(parts.needle && parts.dish) && html`
-          <${Button} kind=${parts.needle ? "quiet" : "main"} onClick=${() => onOpen("mount")}>
+        ${both && html`<${Act} kind="main" work=${begin("floor")}>Touch off the floor</${Act}>`}
+        ${needle && html`<${Act} work=${begin("bath")}>Find the bath's surface</${Act}>`}
+        ${!both && html`<${Button} kind=${needle ? "quiet" : "main"} onClick=${() => onOpen("mount")}>
             Name the parts …</${Button}>`}
       </div>`}
     ${now && html`
       <p>${HOW[now.surface]}</p>
-      <div class="printer-fine">
-        ${FINE_MM.map((step) => html`
-          <${Act} key=${`down${step}`} work=${() => post("jog", { axis: "z", mm: -step })}>Down ${step} mm</${Act}>
-          <${Act} key=${`up${step}`} work=${() => post("jog", { axis: "z", mm: step })}>Up ${step} mm</${Act}>`)}
-        <span></span><${Act} work=${() => post("jog", { axis: "z", mm: 1 })}>Up 1 mm</${Act}>
-      </div>
-      <${Act} kind=${now.agrees ? "quiet" : "main"} work=${after(() => post("touch-off/reading"))}>
+      <div class="printer-fine">${FINE_MM.map((step) => (step === null ? html`<span></span>` : html`
+        <${Post} key=${step} path="jog" body=${{ axis: "z", mm: step }}>
+          ${step > 0 ? "Up" : "Down"} ${Math.abs(step)} mm</${Post}>`))}</div>
+      <${Act} kind=${now.agrees ? "quiet" : "main"} work=${after("touch-off/reading")}>
         Touched at Z ${mm(status.position_mm?.[2])}: take this reading</${Act}>
       <p>Readings: ${now.readings_mm.length ? `${now.readings_mm.map(mm).join(", ")} mm` : "none yet"}</p>
       <p role="status">${now.said}</p>
       <div class="row">
-        ${now.agrees && html`<${Act} kind="main" work=${after(() => post("touch-off/use"))}>Use this height</${Act}>`}
-        <${Act} work=${after(() => send("DELETE", "/printer/touch-off"))}>Give up</${Act}>
+        ${now.agrees && html`<${Act} kind="main" work=${after("touch-off/use")}>Use this height</${Act}>`}
+        <${Act} work=${() => send("DELETE", "/printer/touch-off").then(asked.reload)}>Give up</${Act}>
       </div>`}
   </${Card}>`;
 }

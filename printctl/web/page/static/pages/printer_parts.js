@@ -1,11 +1,11 @@
 // What is mounted, the plunger, and changes of needle and syringe step by step.
 import {
-  Act, Button, Card, Dialog, Facts, Field, Loaded, Progress, html, number, useEffect, useGet, useState,
+  Act, Ask, Button, Card, Dialog, Facts, Field, Fields, Loaded, Progress, Steps, html, number, sentence, useEffect,
+  useGet, useState,
 } from "../ui.js";
-import { mm, post } from "./printer_move.js";
+import { Post, coordinate, mm, post, rounded } from "./printer_move.js";
 
 const SORTS = ["needle", "syringe", "ink", "dish", "bath"];
-const capital = (word) => word[0].toUpperCase() + word.slice(1);
 const choices = (list) => list.map((one) => [one.name, `${one.name} · ${one.about}`]);
 
 export function Mounted({ status, onOpen, locked }) {
@@ -13,7 +13,7 @@ export function Mounted({ status, onOpen, locked }) {
   const place = centre ? ` at X ${number(centre[0])}, Y ${number(centre[1])}` : ", place not said";
   const said = (sort) => (status.parts[sort] ? status.parts[sort] + (sort === "dish" ? place : "") : "not said");
   return html`<${Card} title="What is mounted" aria-label="What is mounted">
-    <${Facts} rows=${SORTS.map((sort) => [capital(sort), said(sort)])} />
+    <${Facts} rows=${SORTS.map((sort) => [sentence(sort), said(sort)])} />
     ${!locked && html`
       <p class="hint">Limits and µL follow from this; only you can check it.</p>
       <div class="row">
@@ -26,14 +26,14 @@ export function Mounted({ status, onOpen, locked }) {
 export function Plunger({ status, onOpen, locked }) {
   const { syringe, ink } = status.parts;
   const { ul_left: left, full_ul: full, fastest_ul_s: fastest, plunger_mm: at, plunger_left_mm: rest } = status;
-  const [ul, setUl] = useState(1);
-  const [rate, setRate] = useState(1);
-  useEffect(() => { if (fastest !== null) setRate(Number(fastest.toFixed(3))); }, [syringe, ink, fastest]);
-  const push = (sign) => () => {
-    if (!ul || !rate) throw new Error("Give a volume and a rate above 0.");
-    return post("plunger", { ul: sign * ul, ul_s: rate });
+  const [push, setPush] = useState({ ul: 1, ul_s: 1 });
+  useEffect(() => {
+    if (fastest !== null) setPush((old) => ({ ...old, ul_s: Number(fastest.toFixed(3)) }));
+  }, [syringe, ink, fastest]);
+  const pushed = (sign) => () => {
+    if (!push.ul || !push.ul_s) throw new Error("Give a volume and a rate above 0.");
+    return post("plunger", { ...push, ul: sign * push.ul });
   };
-  const fresh = html`<${Button} onClick=${() => onOpen("syringe")}>New syringe …</${Button}>`;
   return html`<${Card} title="Ink in the syringe" aria-label="Ink in the syringe">
     <p>${left === null ? "µL left: not known" : html`<span class="big">${left.toFixed(1)}</span> µL left`}</p>
     ${left !== null && full && html`
@@ -41,132 +41,114 @@ export function Plunger({ status, onOpen, locked }) {
     <p class="hint">${!syringe ? "No syringe is named: put in a new one, or say what is mounted."
       : at === null ? "Where the plunger stands isn't known: a new syringe sets its zero."
         : `Plunger at ${at.toFixed(2)} mm of travel${rest === null ? "" : `, ${rest.toFixed(1)} mm to its end`}.`}</p>
-    ${syringe && !locked && html`
-      <div class="printer-two">
-        <${Field} kind="number" label="Volume" unit="µL" min=${0} max=${1000} value=${ul} onChange=${setUl} />
-        <${Field} kind="number" label=${`Rate, ≤ ${number(fastest, 3)}`} unit="µL/s" min=${0} value=${rate}
-          onChange=${setRate} />
-      </div>
+    ${!locked && html`
+      ${syringe && html`<${Fields} of=${push} onChange=${setPush} fields=${[
+        { name: "ul", label: "Volume", unit: "µL", kind: "number", min: 0, max: 1000 },
+        { name: "ul_s", label: `Rate, ≤ ${number(fastest, 3)}`, unit: "µL/s", kind: "number", min: 0 },
+      ]} />`}
       <div class="row row-top">
-        <${Act} work=${push(1)}>Push</${Act}>
-        <${Act} work=${push(-1)}>Draw back</${Act}>
-        ${fresh}
+        ${syringe && html`<${Act} work=${pushed(1)}>Push</${Act}><${Act} work=${pushed(-1)}>Draw back</${Act}>`}
+        <${Button} onClick=${() => onOpen("syringe")}>New syringe …</${Button}>
       </div>`}
-    ${!syringe && !locked && html`<div>${fresh}</div>`}
   </${Card}>`;
 }
 
 export function MountDialog({ status, onClose }) {
   const parts = useGet("/printer/parts");
-  const [said, setSaid] = useState(status.parts);
-  const [centre, setCentre] = useState(status.mounted.dish_centre_mm ?? [null, null]);
+  const [x, y] = status.mounted.dish_centre_mm ?? [null, null];
+  const before = { ...status.parts, x, y };
+  const [said, setSaid] = useState(before);
   const say = async () => {
-    const others = SORTS.filter((sort) => said[sort] !== status.parts[sort]);
+    const others = SORTS.filter((sort) => said[sort] !== before[sort]);
     const changed = Object.fromEntries(others.map((sort) => [sort, said[sort]]));
-    const was = status.mounted.dish_centre_mm ?? [null, null];
-    if (centre.every(Number.isFinite) && centre.some((one, at) => one !== was[at])) changed.dish_centre_mm = centre;
+    const centre = [said.x, said.y];
+    if (centre.every(Number.isFinite) && (said.x !== x || said.y !== y)) changed.dish_centre_mm = centre;
     await post("mount", changed);
-    onClose();
   };
-  return html`<${Dialog} title="What is mounted" onClose=${onClose}>
+  const tip = () => {
+    const [here, there] = rounded(status.position_mm);
+    setSaid({ ...said, x: here, y: there });
+  };
+  const fields = (lists) => [
+    ...SORTS.map((sort) => ({ name: sort, kind: "choice", label: sentence(sort),
+      options: [["", "nothing, or not known"], ...choices(lists[sort])] })),
+    coordinate("x", "Dish's middle X"), coordinate("y", "Dish's middle Y"),
+  ];
+  return html`<${Ask} title="What is mounted" yes="That is mounted" work=${say} onClose=${onClose}
+      tools=${status.position_mm && html`<${Button} onClick=${tip}>The dish's middle is where the tip is</${Button}>`}>
     <${Loaded} of=${parts} what="Reading profiles">${(lists) => html`
-      ${SORTS.map((sort) => html`<${Field} key=${sort} kind="choice" label=${capital(sort)} value=${said[sort]}
-        options=${[["", "nothing, or not known"], ...choices(lists[sort])]}
-        onChange=${(name) => setSaid({ ...said, [sort]: name })} />`)}
-      <div class="row row-end">${["X", "Y"].map((axis, at) => html`<div class="grow" key=${axis}>
-        <${Field} kind="number" label=${`Dish's middle ${axis}`} unit="mm" min=${-1000} max=${1000} value=${centre[at]}
-          onChange=${(value) => setCentre(centre.map((one, which) => (which === at ? value : one)))} /></div>`)}
-        ${status.position_mm && html`
-          <${Button} onClick=${() => setCentre(status.position_mm.slice(0, 2).map((one) => Number(one.toFixed(3))))}>
-            Where the tip is</${Button}>`}
-      </div>
-      <${Act} kind="main" work=${say}>That is mounted</${Act}>`}</${Loaded}>
-  </${Dialog}>`;
+      <${Fields} fields=${fields(lists)} of=${said} onChange=${setSaid} />`}</${Loaded}>
+  </${Ask}>`;
 }
 
 // --- changes, step by step -------------------------------------------------------------------------
 
-// Steps as [title, body]; the body of the one that is due is shown.
-const Steps = ({ steps, at }) => html`<ol class="printer-steps">${steps.map(([title, body], index) => html`
-  <li key=${title} aria-current=${index === at ? "step" : undefined}><h3>${title}</h3>
-    ${index === at && html`<div class="stack">${body}</div>`}</li>`)}</ol>`;
-
-const raise = (status, next) => ["Raise the needle", html`
-  <p>Straight up, out of the bath and above the rim of the dish. The tip is at Z ${mm(status.position_mm?.[2])} mm.</p>
-  <div class="row row-top"><${Act} kind="main" work=${() => post("lift-out")}>Raise</${Act}>
-    <${Button} onClick=${next}>It is up: next</${Button}></div>`];
-
-export function SyringeDialog({ status, onClose }) {
+// Steps of a change: `steps(profiles, next)` gives them after the first, which raises the needle.
+function Change({ title, status, steps, onClose }) {
   const parts = useGet("/printer/parts");
   const [step, setStep] = useState(0);
-  const [syringe, setSyringe] = useState(status.parts.syringe);
-  const [ink, setInk] = useState(status.parts.ink);
-  const [filled, setFilled] = useState(null);
+  const next = () => setStep((old) => old + 1);
+  const raise = ["Raise the needle", html`
+    <p>Straight up, out of the bath and above the rim of the dish. The tip is at
+      Z ${mm(status.position_mm?.[2])} mm.</p>
+    <div class="row row-top"><${Post} kind="main" path="lift-out">Raise</${Post}>
+      <${Button} onClick=${next}>It is up: next</${Button}></div>`];
+  return html`<${Dialog} title=${title} onClose=${onClose}>
+    <${Loaded} of=${parts} what="Reading profiles">${(lists) => html`
+      <${Steps} steps=${[raise, ...steps(lists, next)]} at=${step} />`}</${Loaded}></${Dialog}>`;
+}
+
+export function SyringeDialog({ status, onClose }) {
+  const [put, setPut] = useState({ syringe: status.parts.syringe, ink: status.parts.ink, filled_ul: null });
   const [pushed, setPushed] = useState(0);
   const [wiped, setWiped] = useState(false);
-  const next = () => setStep(step + 1);
-  const purge = (ul) => async () => {
+  const purge = (ul) => html`<${Act} work=${async () => {
     await post("change/purge", { ul });
     setPushed((sum) => sum + ul);
-  };
-  const body = (lists) => {
-    const chosen = lists.syringe.find((one) => one.name === syringe) ?? lists.syringe[0];
-    const volume = filled ?? chosen.volume_ul;
-    const putIn = async () => {
-      await post("change/syringe", { syringe: chosen.name, ink, filled_ul: volume });
-      next();
-    };
-    const steps = [
-      raise(status, next),
+  }}>Push ${ul} µL</${Act}>`;
+  const steps = (lists, next) => {
+    const chosen = lists.syringe.find((one) => one.name === put.syringe) ?? lists.syringe[0];
+    const now = { syringe: chosen.name, ink: put.ink, filled_ul: put.filled_ul ?? chosen.volume_ul };
+    const change = (to) => setPut(to.syringe === chosen.name ? to : { ...to, filled_ul: null });
+    return [
       ["Put the syringe in", html`
-        <${Field} kind="choice" label="Syringe" value=${chosen.name} options=${choices(lists.syringe)}
-          onChange=${(name) => { setSyringe(name); setFilled(null); }} />
-        <${Field} kind="choice" label="Ink" value=${ink} options=${[["", "not named"], ...choices(lists.ink)]}
-          onChange=${setInk} />
-        <${Field} kind="number" label="Filled with" unit="µL" min=${0.1} max=${chosen.volume_ul} value=${volume}
-          onChange=${setFilled} />
+        <${Fields} of=${now} onChange=${change} fields=${[
+          { name: "syringe", kind: "choice", label: "Syringe", options: choices(lists.syringe) },
+          { name: "ink", kind: "choice", label: "Ink", options: [["", "not named"], ...choices(lists.ink)] },
+          { name: "filled_ul", kind: "number", label: "Filled with", unit: "µL", min: 0.1, max: chosen.volume_ul },
+        ]} />
         <p>Bring the plunger drive down until it touches the syringe's plunger.</p>
-        <${Act} kind="main" work=${putIn}>It is in, the plunger touched: zero</${Act}>`],
+        <${Act} kind="main" work=${() => post("change/syringe", now).then(next)}>
+          It is in, the plunger touched: zero</${Act}>`],
       ["Push the bubbles out", html`
         <p>Until ink without bubbles comes: at most 5 µL at a time, slowly, 50 µL in all.</p>
         <p role="status">${pushed} µL pushed out</p>
-        <div class="row row-top"><${Act} work=${purge(1)}>Push 1 µL</${Act}><${Act} work=${purge(5)}>Push 5 µL</${Act}>
+        <div class="row row-top">${purge(1)}${purge(5)}
           <${Button} kind="main" onClick=${next}>It comes clean: next</${Button}></div>`],
       ["Wipe the needle", html`
         <p>With a lint-free swab, downwards: its drop would go into the bath.</p>
         <${Field} kind="flag" label="Wiped" value=${wiped} onChange=${setWiped} />
         ${wiped && html`<div><${Button} kind="main" onClick=${onClose}>Done</${Button}></div>`}`],
     ];
-    return html`<${Steps} steps=${steps} at=${step} />`;
   };
-  return html`<${Dialog} title="Change of syringe" onClose=${onClose}>
-    <${Loaded} of=${parts} what="Reading profiles">${body}</${Loaded}></${Dialog}>`;
+  return html`<${Change} title="Change of syringe" status=${status} steps=${steps} onClose=${onClose} />`;
 }
 
 export function NeedleDialog({ status, onClose, onTouchOff }) {
-  const parts = useGet("/printer/parts");
-  const [step, setStep] = useState(0);
   const [needle, setNeedle] = useState(status.parts.needle);
-  const next = () => setStep(step + 1);
-  const body = (lists) => {
+  const steps = (lists, next) => {
     const chosen = needle || lists.needle[0].name;
-    const putIn = async () => {
-      await post("change/needle", { needle: chosen });
-      next();
-    };
-    const steps = [
-      raise(status, next),
+    return [
       ["Put the needle in", html`
         <${Field} kind="choice" label="Needle" value=${chosen} options=${choices(lists.needle)} onChange=${setNeedle} />
         <p>Tighten it: one that turns later stands elsewhere.</p>
-        <${Act} kind="main" work=${putIn}>It is in and tight</${Act}>`],
+        <${Act} kind="main" work=${() => post("change/needle", { needle: chosen }).then(next)}>
+          It is in and tight</${Act}>`],
       ["Touch off", html`
         <p>The floor's and the bath's height are forgotten: this needle's tip stands elsewhere. Touch off the floor
           before the next print.</p>
         <div><${Button} kind="main" onClick=${onTouchOff}>To the touch-off</${Button}></div>`],
     ];
-    return html`<${Steps} steps=${steps} at=${step} />`;
   };
-  return html`<${Dialog} title="Change of needle" onClose=${onClose}>
-    <${Loaded} of=${parts} what="Reading profiles">${body}</${Loaded}></${Dialog}>`;
+  return html`<${Change} title="Change of needle" status=${status} steps=${steps} onClose=${onClose} />`;
 }

@@ -2,17 +2,17 @@
 // has come; whoever leaves and comes back finds it where it was.
 import { part, send } from "../api.js";
 import { Frame } from "../frame.js";
+import { Does, Pages, Stages, isGoing } from "../runs.js";
 import { SketchView } from "../sketch_view.js";
 import {
-  Act, Badge, Button, Card, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Table, go, html, number, sentence,
-  span, useEffect, useGet, useKept, useLayoutEffect, useNews, useRef, useState, useStyle,
+  Act, Badge, Bullets, Button, Card, Empty, Facts, Field, Findings, Fold, Loaded, Note, Page, go, html, number, span,
+  useEffect, useEnd, useGet, useKept, useLayoutEffect, useNews, useRef, useState, useStyle,
 } from "../ui.js";
 
-const STEPS = [
-  ["shape", "Shape"], ["check", "Check"], ["print", "Print"], ["judge", "Judge"],
-];
-const BUSY = ["starting", "running"];
-const busy = (project) => BUSY.includes(project.run.state);
+const STEPS = [["shape", "Shape"], ["check", "Check"], ["print", "Print"], ["judge", "Judge"]];
+const busy = (project) => isGoing(project.run);
+const wayOf = (project) => `/runs/${part(project.name)}`;
+const settings = (name) => `/design?recipe=${part(name ?? "")}`;
 
 export default function Project({ name, step }) {
   useStyle("pages/project.css");
@@ -23,12 +23,9 @@ export default function Project({ name, step }) {
     const timer = setInterval(got.reload, 1000);
     return () => clearInterval(timer);
   }, [working]);
-  const worked = useRef(false);
-  useEffect(() => { // what was made or rehearsed is shown where it leads to
-    if (worked.current && !working) to(got.value, ["print", "judge"].includes(step) ? next(got.value) : "check", true);
-    worked.current = working;
-  }, [working]);
-  return html`<${Page} title=${name} tools=${html`<${Button} href=${`/design?recipe=${part(name ?? "")}`}>All settings</${Button}>`}>
+  // What was made or rehearsed is shown where it leads to.
+  useEnd(working, () => to(got.value, ["print", "judge"].includes(step) ? next(got.value) : "check", true));
+  return html`<${Page} title=${name} tools=${html`<${Button} href=${settings(name)}>All settings</${Button}>`}>
     <${Loaded} of=${got} what="Opening the project">${(project) => html`
       <${Way} project=${project} chosen=${step} reload=${got.reload} />`}</${Loaded}>
   </${Page}>`;
@@ -51,8 +48,8 @@ function Way({ project, chosen, reload }) {
           <span class="step-mark" aria-hidden="true">${done(id) ? "✓" : k + 2}</span>${title}${done(id) && html`<span class="unseen"> (done)</span>`}</a></li>`)}
     </ol></nav>
     ${project.problems.length > 0 && html`<${Note} tone="bad"><p>The recipe can't be used as it stands:</p>
-      <ul>${project.problems.map((one) => html`<li>${one}</li>`)}</ul>
-      <${Button} href=${`/design?recipe=${part(project.name)}`}>Mend it on the page Design</${Button}></${Note}>`}
+      <${Bullets} rows=${project.problems} />
+      <${Button} href=${settings(project.name)}>Mend it on the page Design</${Button}></${Note}>`}
     <${Step} project=${project} reload=${reload} />`;
 }
 
@@ -95,10 +92,9 @@ function Slide({ one, value, onChange }) {
   const fold = one.least > 0 && one.most / one.least > 50;
   const [up, down] = fold ? [Math.log, Math.exp] : [(x) => x, (x) => x];
   const told = (x) => onChange(Number((Math.round(down(x) / one.step) * one.step).toPrecision(6)));
-  return html`<div class="slide">
-    <${Field} label=${one.label} kind="slider" hint=${one.hint} value=${up(value)} min=${up(one.least)} max=${up(one.most)}
-      step=${fold ? "any" : one.step} onChange=${told} aria-valuetext=${`${number(value)} ${one.unit}`} />
-    <span class="slide-value">${number(value)} ${one.unit}</span></div>`;
+  const words = `${number(value)} ${one.unit}`;
+  return html`<${Field} label=${one.label} kind="slider" hint=${one.hint} value=${up(value)} min=${up(one.least)}
+    max=${up(one.most)} step=${fold ? "any" : one.step} onChange=${told} shown=${words} aria-valuetext=${words} />`;
 }
 
 function SketchState({ of }) {
@@ -147,77 +143,52 @@ function useSketch(project, values) {
 
 // --- check -------------------------------------------------------------------------------------
 
+const VIEWS = [["network", "Network"], ["layers", "Print, line by line"], ["dry_run", "Dry run"]];
+
 function Check({ project, reload }) {
   if (busy(project)) return html`<${Making} project=${project} reload=${reload} />`;
   if (!project.made) return html`<${NotMade} project=${project} reload=${reload} />`;
   const failed = project.checks.filter((one) => !one.passed);
   const refused = failed.filter((one) => one.refuses);
+  const noted = failed.filter((one) => !one.refuses);
   const passed = project.checks.filter((one) => one.passed);
   return html`
     <${Card} title=${refused.length ? `${refused.length} of ${project.checks.length} checks refuse the print`
       : `All ${project.checks.length} checks let it be printed`} tone=${refused.length ? "bad" : undefined}>
-      ${failed.length > 0 && html`<ul class="list">${failed.map((one) => html`<${Finding} one=${one} project=${project} />`)}</ul>`}
+      ${refused.length > 0 && html`<${Findings} rows=${refused} refuses label="What refuses the print" />`}
+      ${noted.length > 0 && html`<${Fold} title=${`${noted.length} to know before the print`} open>
+        <${Findings} rows=${noted} /></${Fold}>`}
       <div class="row">
         <${Button} kind=${refused.length ? "quiet" : "main"} onClick=${() => to(project, "print")}
           why=${refused.length ? "something refuses the print" : ""}>Next: print or rehearse</${Button}>
-        <${Button} onClick=${() => to(project, "shape")}>Change the shape</${Button}></div>
-      <${Fold} title=${`${passed.length} checks passed`}><${Table} caption="Checks that passed" rows=${passed} columns=${[
-        { name: "Check", of: (one) => sentence(one.check) }, { name: "Found", number: true, of: (one) => `${number(one.value)} ${one.unit}` },
-        { name: "Limit", number: true, of: (one) => `${number(one.limit)} ${one.unit}` }, { name: "Where", of: (one) => one.place },
-      ]} /></${Fold}>
+        <${Mend} project=${project} main=${refused.length > 0} /></div>
+      <${Fold} title=${`${passed.length} checks passed`}><${Findings} rows=${passed} /></${Fold}>
     </${Card}>
-    <${Look} project=${project} pages=${[["network", "Network"], ["layers", "Print, line by line"], ["dry_run", "Dry run"]]} />`;
+    <${Card} title="Look at it"><${Pages} run=${project.name} views=${VIEWS} first="" /></${Card}>`;
 }
 
-function Finding({ one, project }) {
-  return html`<li class="stack">
-    <div class="row"><${Badge} tone=${one.refuses ? "bad" : "warn"}>${one.refuses ? "refuses" : "note"}</${Badge}><b>${sentence(one.check)}</b>
-      ${one.value !== null && html`<span>${number(one.value)}${one.unit && ` ${one.unit}`}, limit ${number(one.limit)}</span>`}
-      <span class="quiet">${one.place}</span></div>
-    ${one.remedy && html`<p>${sentence(one.remedy)}.</p>`}
-    ${one.refuses && html`<div class="row"><${Button} onClick=${() => to(project, "shape")}>Change the shape</${Button}>
-      <${Button} href=${`/design?recipe=${part(project.name)}`}>All settings</${Button}></div>`}
-  </li>`;
-}
+const Mend = ({ project, main }) => html`
+  <${Button} kind=${main ? "main" : "quiet"} onClick=${() => to(project, "shape")}>Change the shape</${Button}>
+  ${main && html`<${Button} href=${settings(project.name)}>All settings</${Button}>`}`;
 
 function NotMade({ project, reload }) {
   const failed = project.run.stages.find((one) => one.state === "failed");
-  const make = async () => {
-    await send("POST", `/runs/${part(project.name)}/start`, {});
-    reload();
-  };
   return html`<${Card} title=${failed ? "It can't be made as it stands" : "Not made yet, as the recipe stands now"} tone=${failed ? "bad" : undefined}>
     ${failed && html`<p><b>${failed.name}</b>: ${failed.note || project.run.message}</p>`}
     ${!failed && project.run.message && html`<p>${project.run.message}</p>`}
-    <div class="row">${failed ? html`<${Button} kind="main" onClick=${() => to(project, "shape")}>Change the shape</${Button}>
-      <${Button} href=${`/design?recipe=${part(project.name)}`}>All settings</${Button}>` : null}
-      <${Act} kind=${failed ? "quiet" : "main"} work=${make}>${failed ? "Try again" : "Make it"}</${Act}></div>
+    <div class="row">${failed && html`<${Mend} project=${project} main />`}
+      <${Does} kind=${failed ? "quiet" : "main"} way=${wayOf(project)} action="start" body=${{}} onDone=${reload}>
+        ${failed ? "Try again" : "Make it"}</${Does}></div>
   </${Card}>`;
 }
 
 function Making({ project, reload, title = "Making it" }) {
-  const cancel = async () => {
-    await send("POST", `/runs/${part(project.run.name)}/cancel`, {});
-    reload();
-  };
-  const share = project.run.stages.length ? project.run.stages.reduce((sum, one) => sum + one.fraction, 0) / project.run.stages.length : undefined;
   const kept = project.run.stages.filter((one) => one.state === "done" && one.note.startsWith("unchanged"));
-  return html`<${Card} title=${title} tools=${html`<${Act} work=${cancel}>Cancel</${Act}>`}>
-    <${Progress} share=${share} label=${title} />
+  const stages = project.run.stages.filter((one) => !kept.includes(one));
+  return html`<${Card} title=${title} tools=${html`
+      <${Does} way=${`/runs/${part(project.run.name)}`} action="cancel" body=${{}} onDone=${reload} />`}>
     ${kept.length > 0 && html`<p class="quiet">Made before and unchanged: ${kept.map((one) => one.name).join(", ")}.</p>`}
-    <ol class="stages">${project.run.stages.filter((one) => !kept.includes(one)).map((one) => html`<li key=${one.name} class=${`stage stage-${one.state}`}>
-      <span>${one.name}</span><span class="quiet">${one.state === "waiting" ? "" : one.note || one.state}</span></li>`)}</ol>
-    ${!project.run.stages.length && html`<p class="quiet">Starting …</p>`}
-  </${Card}>`;
-}
-
-// Pages of the run, each in a frame as tall as the window leaves.
-function Look({ project, pages }) {
-  const [page, setPage] = useState(null);
-  return html`<${Card} title="Look at it" tools=${pages.map(([id, title]) => html`
-      <${Button} key=${id} aria-pressed=${String(page === id)} onClick=${() => setPage(page === id ? null : id)}>${title}</${Button}>`)}>
-    ${page ? html`<${Frame} title=${page} src=${`/api/v1/runs/${part(project.name)}/pages/${page}`} />`
-      : html`<${Empty}>Choose what to see.</${Empty}>`}
+    <${Stages} of=${{ ...project.run, stages }} />
   </${Card}>`;
 }
 
@@ -269,14 +240,10 @@ function Judge({ project, reload }) {
   if (busy(project)) return html`<${Rehearsing} project=${project} reload=${reload} />`;
   if (project.has_report) return html`<${Report} project=${project} />`;
   const printed = project.print_state === "done";
-  const judge = async () => {
-    await send("POST", `/runs/${part(project.name)}/continue`);
-    reload();
-  };
   return html`<${Card} title=${printed ? "Printed; now scan it" : "Nothing to judge yet"}>
     ${printed ? html`<p>Scan the part and drop the scan on the page Scan, or have the scan made that the recipe names.</p>
       <div class="row"><${Button} kind="main" href=${`/scan?run=${part(project.name)}`}>Take in a scan</${Button}>
-        <${Act} work=${judge}>Take the recipe's own scan</${Act}></div>`
+        <${Does} way=${wayOf(project)} action="continue" onDone=${reload}>Take the recipe's own scan</${Does}></div>`
       : html`<p>First it is printed or rehearsed.</p><div class="row"><${Button} kind="main" onClick=${() => to(project, "print")}>Back to Print</${Button}></div>`}
   </${Card}>`;
 }
@@ -287,7 +254,7 @@ function Report({ project }) {
   return html`
     <${Card} title=${`The ${what} ${project.passed ? "is" : "isn't"} as designed`} tone=${project.passed ? undefined : "bad"}
       tools=${html`<${Button} href=${address} target="_blank">Open the report in a tab of its own</${Button}>`}>
-      <ul class="reasons">${project.reasons.slice(0, 5).map((one) => html`<li>${one}</li>`)}</ul>
+      <${Bullets} rows=${project.reasons.slice(0, 5)} />
       <${Fold} title="What next">
         <div class="row"><${Button} onClick=${() => to(project, "shape")}>Change the shape</${Button}>
           <${Button} onClick=${() => to(project, "print")}>Print it again</${Button}>

@@ -1,10 +1,11 @@
 // Scans of printed parts: added, looked at, compared with a design, judged.
 import { part, send, url } from "../api.js";
 import {
-  Act, Button, Card, Drop, Empty, Facts, Field, Fold, Loaded, Note, Page, Progress, Tabs,
-  bytes, html, number, useEffect, useGet, useRef, useState, useStyle, when,
+  Act, Bullets, Button, Card, Drop, Empty, Field, Fold, Links, Loaded, Page, Tabs, Tiles, Unusable,
+  bytes, html, number, useAddress, useEnd, useGet, useState, useStyle, when,
 } from "../ui.js";
 import { Frame } from "../frame.js";
+import { Does, Files, Stages, isGoing } from "../runs.js";
 import Findings, { Vessels } from "./scan_findings.js";
 import { Metadata, Missing } from "./scan_metadata.js";
 import Slices from "./scan_slices.js";
@@ -35,17 +36,14 @@ function Report({ scan, run }) {
 function Room({ scan, run }) {
   const scans = useGet("/scans");
   const runs = useGet("/runs");
+  const unusable = useGet("/scans/unusable");
   const [at, setAt] = useState({ scan, run });
   const go = (more) => setAt((old) => ({ ...old, ...more }));
   const rows = scans.value ?? [];
   const own = rows.find((one) => one.scan === `run~${at.run}`);
   // Who comes from a print without a scan is asked for one; others see the newest.
   const row = rows.find((one) => one.scan === at.scan) ?? own ?? (at.run || at.scan === NONE ? undefined : rows[0]);
-  useEffect(() => {
-    const set = Object.entries({ scan: row?.scan, run: at.run }).filter(([, value]) => value);
-    const words = new URLSearchParams(set).toString();
-    if (scans.value) window.history.replaceState(null, "", words ? `/scan?${words}` : "/scan");
-  }, [row?.scan, at.run, scans.value]);
+  useAddress("/scan", { scan: row?.scan, run: at.run }, scans.value !== null);
   const show = (more) => { scans.reload(); go(more); };
   // Runs whose print is done, and which were not scanned by the simulator yet.
   const done = (useGet("/prints").value ?? []).filter((one) => one.state === "done");
@@ -56,7 +54,8 @@ function Room({ scan, run }) {
       <div class="stack">
         <${Card} title=${row ? "Scans" : "Scan the part, then drop the scan here"}>
           <${Drop} label="Add a scan" path="/scans" onDone=${(one) => show({ scan: one.scan })} />
-          <${Fold} title="Which files"><p class="hint">${FORMATS}</p><${Hidden} /></${Fold}>
+          <${Fold} title="Which files"><p class="hint">${FORMATS}</p>
+            <${Unusable} names=${unusable.value} /></${Fold}>
           <${List} rows=${rows} at=${row?.scan} choose=${(name) => go({ scan: name })} />
           ${row && printed.length > 0 && html`
             <${Button} onClick=${() => go({ scan: NONE, run: "" })}>Scan of a simulated print …</${Button}>`}
@@ -71,22 +70,15 @@ function Room({ scan, run }) {
   </${Page}>`;
 }
 
-function Hidden() {
-  const names = useGet("/scans/unusable").value ?? [];
-  return names.length > 0 && html`<p class="hint">Not shown: ${names.join(", ")}. Rename each: 1 to 64 letters a to z,
-    digits, '.', '_' or '-', beginning with a letter or digit.</p>`;
-}
-
 function List({ rows, at, choose }) {
   const about = (one) => {
     const size = one.megabytes ? bytes(1e6 * one.megabytes) : "slices";
     const compared = one.scan.startsWith("file~") && one.registered.length > 0 && `with ${one.registered.join(", ")}`;
     return [when(one.modified), size, compared].filter(Boolean).join(" · ");
   };
-  return rows.length > 0 && html`<ul class="list scan-list">${rows.map((one) => html`<li key=${one.scan}>
-    <button type="button" class="link-row" aria-current=${one.scan === at ? "true" : undefined}
-      onClick=${() => choose(one.scan)}>
-      <strong>${plain(one.scan)}</strong><span class="quiet">${about(one)}</span></button></li>`)}</ul>`;
+  return html`<div class="scan-list"><${Links} rows=${rows.map((one) => ({
+    href: `/scan?scan=${part(one.scan)}`, name: plain(one.scan), about: about(one), current: one.scan === at,
+  }))} choose=${(name) => choose(rows.find((one) => plain(one.scan) === name).scan)} /></div>`;
 }
 
 // --- before there is a scan ------------------------------------------------------------------------
@@ -97,29 +89,24 @@ function Purpose({ run, printed, onDone }) {
   const name = run ? printed.find((one) => one === run) : printed.find((one) => one === chosen) ?? printed[0];
   const progress = useGet(name && `/runs/${part(name)}/progress`, { every: FOLLOWED_MS });
   const going = isGoing(progress.value);
-  const start = async () => {
-    await send("POST", `/runs/${part(name)}/continue`);
-    progress.reload();
-  };
+  const way = `/runs/${part(name ?? "")}`;
   useEnd(going, () => progress.value?.state === "done" && onDone(name));
   return html`<${Card} title="What comes of it">
     <p>The scan is laid over the design: each vessel is measured, and the report says whether the part is right, and
       where it isn't.</p>
-    <ol class="scan-reasons">
-      <li>Scan the part (OCT, micro-CT or confocal).</li>
-      <li>Drop the scan's file where it says so.</li>
-      <li>Choose its design and press Register.</li>
-    </ol>
+    <${Bullets} list="ol" rows=${["Scan the part (OCT, micro-CT or confocal).",
+      "Drop the scan's file where it says so.", "Choose its design and press Register."]} />
     ${name ? html`
       <h3>After a rehearsal</h3>
       <p>A simulated print can be scanned by the simulator.</p>
-      <div class="row scan-row">
+      <div class="row row-end scan-row">
         ${!run && printed.length > 1 && html`<${Field} kind="choice" label="Print" value=${name} onChange=${setChosen}
-          options=${printed.map((one) => [one, one])} />`}
-        ${going ? html`<${Cancel} way=${`/runs/${part(name)}`} onDone=${progress.reload} />`
-          : html`<${Act} kind="main" work=${start}>Simulate the scan of ${name}, and judge it</${Act}>`}
+          options=${printed} />`}
+        ${going ? html`<${Does} way=${way} action="cancel" onDone=${progress.reload} />`
+          : html`<${Does} kind="main" way=${way} action="continue" onDone=${progress.reload}>
+            Simulate the scan of ${name}, and judge it</${Does}>`}
       </div>
-      <${Stages} now=${progress.value} />`
+      <${Stages} of=${progress.value} />`
     : run && html`<${Empty}>${run} has no finished print here; a scan of any part of its design can be compared with
         it.</${Empty}>`}
   </${Card}>`;
@@ -157,16 +144,14 @@ function OneScan({ row, run, runs, onRun, onChange, onGone }) {
 
 function Known({ it }) {
   const times = (values, digits) => values.map((one) => number(one, digits)).join(" × ");
-  const tiles = [
+  return html`<${Tiles} rows=${[
     ["Size (x, y, z)", `${times(it.size_mm, 3)} mm`],
     ["Voxels", times(it.shape, 6)],
     ["Voxel size", `${times(it.voxel_um, 4)} µm`],
     ["Scanned by", MODALITIES[it.modality] ?? it.modality],
     it.modality === "oct" && ["Depth", `grows ${it.depth_down ? "down" : "up"}, index ${number(it.refractive_index)}`],
     it.scale === "db" && ["Intensity", "dB"],
-  ].filter(Boolean);
-  return html`<div class="tiles">${tiles.map(([name, value]) => html`
-      <div class="tile"><span class="name">${name}</span><span class="value">${value}</span></div>`)}</div>
+  ]} />
     ${it.notes.map((text) => html`<p class="hint">Note: ${text}.</p>`)}`;
 }
 
@@ -189,10 +174,6 @@ function Compare({ row, run, runs, volume, onRun, onChange }) {
     files.reload();
     onChange();
   });
-  const start = async () => {
-    await (own ? send("POST", `${works}/continue`) : send("POST", `${way}/start`, { filled }));
-    progress.reload();
-  };
   const result = measured && !going ? found.value : null;
   const report = `/scan?scan=${part(row.scan)}&run=${part(chosen)}&view=report`;
   const vessels = result && `Vessels (${result.vessels.length})`;
@@ -200,63 +181,29 @@ function Compare({ row, run, runs, volume, onRun, onChange }) {
     result && { id: "result", name: "Result", body: () => html`<${Findings} found=${result} report=${report} />` },
     result && { id: "vessels", name: vessels, body: () => html`<${Vessels} rows=${result.vessels} />` },
     { id: "slices", name: "Slices", body: () => html`<${Slices} scan=${row.scan} volume=${volume} />` },
-    result && { id: "files", name: "Files", body: () => html`<${Files} way=${way} of=${files} />` },
+    result && { id: "files", name: "Files", body: () => html`<${Files} way=${way} words=${WHAT} />` },
   ].filter(Boolean);
-  const stages = html`<${Stages} now=${progress.value} />`;
+  const stages = html`<${Stages} of=${progress.value} />`;
   const words = own ? "Judge it again" : result ? "Register again" : "Register";
   return html`
     <${Card} title="Compare with the design" fold=${result ? "scan.compare" : undefined} folded>
       ${!names.length ? html`<${Empty}>There is no design yet to compare it with. Make one on the
           <a href="/">home page</a>.</${Empty}>` : html`
-        <div class="row scan-row">
-          <${Field} kind="choice" label="Design (run)" value=${chosen} options=${names.map((one) => [one, one])}
-            onChange=${onRun} />
+        <div class="row row-end scan-row">
+          <${Field} kind="choice" label="Design (run)" value=${chosen} options=${names} onChange=${onRun} />
           ${!own && !going && html`<${Field} kind="flag" label="Lumens are bright (filled with contrast agent)"
             value=${filled} onChange=${setFilled} />`}
-          ${going ? html`<${Cancel} way=${works} onDone=${progress.reload} />`
-            : html`<${Act} kind=${result ? "quiet" : "main"} work=${start}>${words}</${Act}>`}
+          ${going ? html`<${Does} way=${works} action="cancel" onDone=${progress.reload} />`
+            : html`<${Does} kind=${result ? "quiet" : "main"} way=${works} action=${own ? "continue" : "start"}
+              body=${own ? undefined : { filled }} onDone=${progress.reload}>${words}</${Does}>`}
         </div>
         ${own && html`<p class="hint">This scan is the run's own: judging it continues the run.</p>`}
         ${going && stages}`}
     </${Card}>
-    ${!going && stages}
+    ${["failed", "interrupted"].includes(progress.value?.state) && stages}
     <${Card}>
       <${Tabs} label="What is shown of the scan" tabs=${tabs} at=${tab || tabs[0].id} onChange=${setTab} />
     </${Card}>`;
-}
-
-// Call `work` when something that went on goes on no more.
-function useEnd(going, work) {
-  const before = useRef(false);
-  useEffect(() => {
-    if (before.current && !going) work();
-    before.current = going;
-  }, [going]);
-}
-
-const isGoing = (progress) => ["starting", "running"].includes(progress?.state);
-
-const Cancel = ({ way, onDone }) => html`
-  <${Act} work=${async () => { await send("POST", `${way}/cancel`); onDone(); }}>Cancel</${Act}>`;
-
-// How far the work is, stage by stage; how it failed.
-function Stages({ now }) {
-  if (!isGoing(now) && !["failed", "interrupted"].includes(now?.state)) return null;
-  const words = (one) => [one.state === "waiting" ? "" : one.state, one.note].filter(Boolean).join(": ");
-  const list = html`<ul class="scan-stages">${now.stages.map((one) => html`<li key=${one.name}>
-    <span>${one.name}</span><${Progress} share=${one.fraction} label=${one.name} />
-    <span class="quiet">${words(one)}</span></li>`)}</ul>`;
-  if (!isGoing(now)) {
-    const [tone, end] = now.state === "failed" ? ["bad", "It failed."] : ["warn", "It was broken off."];
-    return html`<${Note} tone=${tone}><p><strong>${end}</strong> ${now.message}</p></${Note}>`;
-  }
-  return now.stages.length ? list : html`<${Progress} label="Starting" />`;
-}
-
-function Files({ way, of }) {
-  const link = (name) => html`<a href=${url(`${way}/files/${name}`)} download>${name}</a>`;
-  return html`<${Loaded} of=${of}>${(names) => html`
-    <${Facts} rows=${names.map((name) => [link(name), WHAT[name] ?? " "])} />`}</${Loaded}>`;
 }
 
 const WHAT = {

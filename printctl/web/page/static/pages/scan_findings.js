@@ -1,25 +1,18 @@
 // What a registration found: the verdict first, then alignment and vessels.
-import { Badge, Button, Empty, Facts, Fold, Note, Table, html, number, useState } from "../ui.js";
+import {
+  Badge, Bullets, Button, Empty, Facts, Fold, Table, Verdict, html, number, toneOf, useFew, useState,
+} from "../ui.js";
 
-const OUTCOMES = {
-  pass: ["good", "Passed"],
-  fail: ["bad", "Not passed"],
-  undecided: ["warn", "Undecided: neither pass nor fail is proven"],
-  "": ["info", "Measured; no verdict yet"],
-};
 const RANK = { fail: 0, undecided: 1, pass: 3 };
 const MOST = 200;
 
 export default function Findings({ found, report }) {
-  const [tone, words] = OUTCOMES[found.outcome];
   return html`
-    <div class="row">
-      <div class="grow" role="status"><${Note} tone=${tone}><strong>${words}</strong></${Note}></div>
+    <div class="row"><${Verdict} outcome=${found.outcome} />
       <${Button} kind="main" href=${report}>Show the report</${Button}></div>
     <div class="columns">
       <div class="stack"><h3>Why</h3>
-        ${found.reasons.length
-          ? html`<ul class="scan-reasons">${found.reasons.map((one) => html`<li>${one}</li>`)}</ul>`
+        ${found.reasons.length ? html`<${Bullets} rows=${found.reasons} />`
           : html`<${Empty}>The registration gave no reasons.</${Empty}>`}</div>
       <${Fold} title="Alignment" open=${window.innerWidth > 760}>
         <${Facts} rows=${found.alignment.map((one) => [one.name, one.value])} /></${Fold}>
@@ -29,21 +22,15 @@ export default function Findings({ found, report }) {
 // Decided worst first: not passed, undecided, not seen, passed; of each the farthest off.
 const worst = (row) => (RANK[row.verdict.split(":")[0]] ?? 2) * 1e6 - Math.abs(row.error_percent ?? 0);
 
-const um = (name, key) => ({ name, key, number: true, of: (row) => number(row[key], 4) });
+const figure = (name, key, digits = 2) => ({ name, key, number: true, of: (row) => number(row[key], digits) });
 const COLUMNS = [
   { name: "Vessel", key: "vessel", of: (row) => row.vessel },
   { name: "Kind", key: "kind", of: (row) => row.kind },
-  um("Designed (µm)", "designed_um"),
-  um("Measured (µm)", "measured_um"),
-  { name: "Error (%)", key: "error_percent", number: true, of: (row) => number(row.error_percent, 2) },
-  { name: "RMS (µm)", key: "rms_um", number: true, of: (row) => number(row.rms_um, 2) },
-  { name: "Axis off by (µm)", key: "offset_um", number: true, of: (row) => number(row.offset_um, 2) },
-  {
-    name: "Verdict", key: "verdict",
-    of: (row) => html`<${Badge} tone=${toneOf(row.verdict)}>${row.verdict}</${Badge}>`,
-  },
+  figure("Designed (µm)", "designed_um", 4), figure("Measured (µm)", "measured_um", 4),
+  figure("Error (%)", "error_percent"), figure("RMS (µm)", "rms_um"), figure("Axis off by (µm)", "offset_um"),
+  { name: "Verdict", key: "verdict",
+    of: ({ verdict }) => html`<${Badge} tone=${toneOf(verdict)}>${verdict}</${Badge}>` },
 ];
-const toneOf = (verdict) => ({ pass: "good", fail: "bad", undecided: "warn" })[verdict.split(":")[0]] ?? "info";
 
 function compare(a, b) {
   if (a === null || b === null) return (a === null) - (b === null); // what wasn't seen stands last
@@ -52,10 +39,10 @@ function compare(a, b) {
 
 export function Vessels({ rows }) {
   const [order, setOrder] = useState({ key: "", down: false });
-  const [all, setAll] = useState(false);
-  if (!rows.length) return html`<${Empty}>No vessel was measured.</${Empty}>`;
   const sorted = [...rows].sort((a, b) =>
     order.key ? (order.down ? -1 : 1) * compare(a[order.key], b[order.key]) : worst(a) - worst(b));
+  const [few, more] = useFew(sorted, MOST);
+  if (!rows.length) return html`<${Empty}>No vessel was measured.</${Empty}>`;
   const sort = (key) => setOrder((old) => ({ key, down: old.key === key && !old.down }));
   const mark = html`<span role="img" aria-label=${order.down ? "largest first" : "smallest first"}>${
     order.down ? " ▾" : " ▴"}</span>`;
@@ -68,8 +55,6 @@ export function Vessels({ rows }) {
   return html`
     <p class="quiet">${good} of ${rows.length} pass${order.key ? "" : "; the worst stand first"}. Press a column's name
       to put them in its order.</p>
-    <div class="scan-vessels"><${Table} caption="Vessels" columns=${columns} keyOf=${(row) => row.vessel}
-      rows=${all ? sorted : sorted.slice(0, MOST)} /></div>
-    ${!all && rows.length > MOST && html`
-      <div><${Button} onClick=${() => setAll(true)}>Show all ${rows.length}</${Button}></div>`}`;
+    <div class="scan-vessels"><${Table} caption="Vessels" columns=${columns} keyOf=${(row) => row.vessel} rows=${few}
+      tall /></div>${more}`;
 }

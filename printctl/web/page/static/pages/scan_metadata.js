@@ -2,28 +2,21 @@
 import { part, send } from "../api.js";
 import { Act, Field, Fold, Note, html, useState } from "../ui.js";
 
-const flag = (yes, no) => [["", "–"], ["true", yes], ["false", no]];
+const choice = (label, name, options) => ({ label, name, kind: "choice", options: [["", "–"], ...options] });
+const flag = (label, name, yes, no) => ({ ...choice(label, name, [["true", yes], ["false", no]]), flag: true });
 const FIELDS = {
-  voxel_um: { label: "the voxel size" },
-  modality: {
-    label: "what scanned", name: "Scanned by",
-    options: [["", "–"], ["oct", "OCT"], ["microct", "micro-CT"], ["confocal", "confocal"]],
-  },
-  scale: {
-    label: "what its grey values are", name: "Grey values",
-    options: [["", "–"], ["linear", "linear intensity"], ["db", "dB"]],
-  },
+  voxel_um: { label: "the voxel size", parts: ["Voxel along x", "along y", "along z"], unit: "µm" },
+  modality: choice("what scanned", "Scanned by", [["oct", "OCT"], ["microct", "micro-CT"], "confocal"]),
+  scale: choice("what its grey values are", "Grey values", [["linear", "linear intensity"], ["db", "dB"]]),
   refractive_index: {
     label: "the refractive index", name: "Refractive index (hydrogels near 1.34)", kind: "number", min: 1, max: 2,
   },
-  optical_depth: {
-    label: "what its depth counts", name: "Depth voxel counts", options: flag("optical path", "length"),
-  },
-  depth_down: { label: "which way depth grows", name: "Depth index grows", options: flag("down", "up") },
+  optical_depth: flag("what its depth counts", "Depth voxel counts", "optical path", "length"),
+  depth_down: flag("which way depth grows", "Depth index grows", "down", "up"),
   axes: { label: "the order of its axes", name: "Order of axes, slowest first", kind: "text", placeholder: "zyx" },
-  mirrored: { label: "whether it is mirrored", name: "Axes are mirrored", options: flag("yes (left-handed)", "no") },
-  db_range: { label: "dB of its counts", name: "dB of the lowest and the highest count", pair: true },
-  count_range: { label: "the counts of those dB", name: "Counts that mean them", pair: true },
+  mirrored: flag("whether it is mirrored", "Axes are mirrored", "yes (left-handed)", "no"),
+  db_range: { label: "dB of its counts", parts: ["dB of the lowest and the highest count", "to"] },
+  count_range: { label: "the counts of those dB", parts: ["Counts that mean them", "to"] },
   counts_per_db: { label: "counts per dB", name: "or counts per dB", kind: "number", min: 0 },
   db_at_zero: { label: "dB of count 0", name: "dB of count 0", kind: "number" },
 };
@@ -61,28 +54,18 @@ export function Metadata({ scan, needs, onSaid }) {
   return html`
     ${!needs.missing.length && html`<p class="hint">What is filled in here stands above what the file says; the rest is as
       in the file.</p>`}
-    <div class="scan-fields">${due.map(draw)}</div>
+    <div class="fields">${due.map(draw)}</div>
     ${rest.length > 0 && html`<${Fold} title="More that can be said">
-      <div class="scan-fields">${rest.map(draw)}</div></${Fold}>`}
+      <div class="fields">${rest.map(draw)}</div></${Fold}>`}
     <div class="row"><${Act} kind="main" work=${keep}>Keep and show the scan</${Act}></div>`;
 }
 
 function One({ name, value, onChange }) {
-  const field = FIELDS[name];
-  if (name === "voxel_um") {
-    const names = ["Voxel along x", "along y", "along z"];
-    return html`<${Numbers} names=${names} unit="µm" value=${value} onChange=${onChange} />`;
-  }
-  if (field.pair) return html`<${Numbers} names=${[field.name, "to"]} value=${value} onChange=${onChange} />`;
-  if (field.kind) {
-    const { kind, name: label, min, max, placeholder } = field;
-    return html`<${Field} ...${{ kind, label, min, max, placeholder, value }}
-      onChange=${(one) => onChange(one === "" ? null : one)} />`;
-  }
-  const yesNo = field.options[1][0] === "true";
-  const read = (one) => (one === "" ? null : yesNo ? one === "true" : one);
-  return html`<${Field} kind="choice" label=${field.name} value=${value === null ? "" : String(value)}
-    options=${field.options} onChange=${(one) => onChange(read(one))} />`;
+  const { label, name: words, parts, unit, flag: isFlag, ...field } = FIELDS[name];
+  if (parts) return html`<${Numbers} names=${parts} unit=${unit} value=${value} onChange=${onChange} />`;
+  const read = (one) => (one === "" ? null : isFlag ? one === "true" : one);
+  return html`<${Field} ...${field} label=${words} value=${isFlag ? String(value ?? "") : value}
+    onChange=${(one) => onChange(read(one))} />`;
 }
 
 // Numbers that belong together; none of them given is none.

@@ -37,7 +37,7 @@ export default function Slices({ scan, volume }) {
   return html`
     <div class="scan-planes">${PLANES.map((plane) => html`
       <${Plane} key=${plane.axis} scan=${scan} volume=${volume} plane=${plane} look=${settled} />`)}</div>
-    <${Fold} title="Contrast and threshold"><div class="scan-levels">
+    <${Fold} title="Contrast and threshold"><div class="fields">
       ${level("Black at", low, setLow, volume.low - span / 2, volume.high)}
       ${level("White at", high, setHigh, volume.low, volume.high + span / 2)}
       <${Field} kind="flag" label="Tint what is brighter than" value=${tinted} onChange=${setTinted} />
