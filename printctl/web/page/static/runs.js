@@ -39,16 +39,15 @@ export function Stages({ of: progress }) {
 }
 
 // One of the pages of a run, each [id, name], chosen by `tools` beside other choices.
-export function Pages({ run, views, first = views[0][0], children }) {
-  const [view, setView] = useState(first);
+export function Pages({ run, views, children }) {
+  const [view, setView] = useState(views[0][0]);
   const theme = useTheme();
   const address = `/runs/${part(run)}/pages/${view}`;
   return html`<div class="row row-end">${children}
       <${Segments} label="View" options=${views} value=${view} onChange=${setView} />
-      ${view && html`<${Button} href=${`${url(address)}?theme=${theme}`} target="_blank" rel="noopener">
-        Open in a tab of its own</${Button}>`}</div>
-    ${view && html`<${Frame} key=${address} src=${address}
-      title=${`${Object.fromEntries(views)[view]} of ${run}`} />`}`;
+      <${Button} href=${`${url(address)}?theme=${theme}`} target="_blank" rel="noopener">
+        Open in a tab of its own</${Button}></div>
+    <${Frame} key=${address} src=${address} title=${`${Object.fromEntries(views)[view]} of ${run}`} />`;
 }
 
 // Files to fetch, below `way`, with what each is.

@@ -39,21 +39,25 @@ _NUMBERS_TO_ZERO = """() => {
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   while (walker.nextNode()) {
     const node = walker.currentNode;
-    if (!/\\d/.test(node.data) || node.parentElement.closest("script, style")) continue;
+    if (!/[\\d/]/.test(node.data) || node.parentElement.closest("script, style")) continue;
     window.looks.push([node, node.data]);
-    node.data = node.data.replace(/\\d[\\d.,:]*/g, "0");
+    node.data = node.data
+      .replace(/\\/\\S+\\/tty/g, "port")
+      .replace(/(Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec) /g, "May ")
+      .replace(/\\d[\\d.,:]*( [AP]M)?/g, "0");
   }
 }"""
 _NUMBERS_BACK = "() => window.looks.forEach(([node, said]) => { node.data = said; })"
 
 
-def assert_alike(page: Any, name: str) -> None:
+def assert_alike(page: Any, name: str, hidden: str = "") -> None:
     """Assert that a page looks as its pictures do; its size is as before then.
 
-    Numbers count as 0: what a picture holds is where things are, and how they look.
+    Numbers count as 0, days as May 0, a port as such: what a picture holds is where things are,
+    and how they look. What moves is ``hidden`` (a CSS selector).
     """
     before = page.viewport_size
-    _dress(page)
+    _dress(page, hidden)
     off = []
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
@@ -68,7 +72,7 @@ def assert_alike(page: Any, name: str) -> None:
     assert not off, "\n".join(off)
 
 
-def _dress(page: Any) -> None:
+def _dress(page: Any, hidden: str) -> None:
     """Put the style in force; page and font come from where the page's policy lets them."""
     font = importlib.resources.files("matplotlib") / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf"
     root = "{0.scheme}://{0.netloc}/looks".format(urlsplit(page.url))
@@ -76,8 +80,9 @@ def _dress(page: Any) -> None:
         f"{root}/looks.ttf",
         lambda route: route.fulfill(body=font.read_bytes(), content_type="font/ttf"),
     )
+    style = _STYLE + (f"{hidden} {{ visibility: hidden !important; }}" if hidden else "")
     page.route(
-        f"{root}/looks.css", lambda route: route.fulfill(body=_STYLE, content_type="text/css")
+        f"{root}/looks.css", lambda route: route.fulfill(body=style, content_type="text/css")
     )
     page.evaluate(
         """() => new Promise((done) => {
@@ -88,7 +93,8 @@ def _dress(page: Any) -> None:
           document.head.append(link);
         })"""
     )
-    page.unroute_all()
+    page.unroute(f"{root}/looks.ttf")
+    page.unroute(f"{root}/looks.css")
 
 
 def _compare(drawn: Image.Image, name: str) -> list[str]:

@@ -26,6 +26,7 @@ from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.scan.test_page import SAID, _registered, _volume
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import serious
+from tests.printctl.web.shell.looks import assert_alike
 from tests.sim_process import printer_process
 from tests.waiting import wait_for
 
@@ -95,7 +96,7 @@ STATES = [
     State("scan empty", "/scan", "Scan the part, then drop", world="empty"),
     State("history empty", "/history", "Nothing was printed here yet", world="empty"),
     State("home", "/", "Go on with", tall=True),
-    project("shape", "shape", "What matters"),
+    project("shape", "shape", "grown in"),
     project("problems", "shape", "can't be used as it stands", problems=["tissue: size_mm is 0"]),
     project("not made", "check", "Not made yet"),
     project("making", "check", "layer 3 of 9", run=GOING),
@@ -146,7 +147,7 @@ STATES = [
     State("macro", "/printer?tab=console", "Commands, one a line", press=("New macro",)),
     State("halted", "/printer", "The printer has halted", station=HALT),
     State("lost", "/printer", "The connection is lost", station={**HALT, "state": "lost"}),
-    State("before", f"/job?job={JOB}", "things refuse the start"),
+    State("before", f"/job?job={JOB}", "checks passed"),
     State("before, open", f"/job?job={JOB}", "Extra ink after a pause",
           press=("Change what is mounted", "How the print is watched", "Record: operator"),
           tall=True),
@@ -168,6 +169,12 @@ STATES = [
         )
     ),
 ]  # fmt: skip
+
+PICTURED = (
+    "home empty", "project shape", "project checked", "project print", "design form",
+    "scan result", "history", "printer", "before", "during", "after",
+)  # fmt: skip
+"""States whose pictures are compared with those of last time."""
 
 
 class World:
@@ -334,4 +341,8 @@ def test_state_passes_axe_and_fits(
             assert tall <= height, look
         assert page.evaluate(SMALL_TARGETS) == [], look
         assert page.evaluate(DIALOG_TOP) >= page.locator(".header").bounding_box()["height"], look
+    if state.name in PICTURED and looks is LOOKS:
+        page.emulate_media(color_scheme="light")
+        moving = "[role=application] *, main dd, #pc-print" if state.name == "during" else ""
+        assert_alike(page, state.name.replace(" ", "_"), moving)
     assert wrong == []

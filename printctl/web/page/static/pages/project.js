@@ -80,9 +80,11 @@ function Shape({ project, reload }) {
         onChange=${(value) => setValues({ ...values, [one.path]: value })} />`)
         : html`<${Empty}>This network comes with its design: there is nothing to drag. All else stands under All settings.</${Empty}>`}
       <${Figures} of=${sketch.value} />
-      ${changed && html`<${Button} onClick=${() => setValues({})}>Back to what was saved</${Button}>`}
-      ${ready ? html`<${Button} kind="main" onClick=${() => to(project, "check")}>Next: look at the checks</${Button}>`
-        : html`<${Act} kind="main" work=${make} disabled=${busy(project) || project.problems.length > 0}>${changed ? "Save and make it" : "Make it"}</${Act}>`}
+      <div class="row shape-next">
+        ${ready ? html`<${Button} kind="main" onClick=${() => to(project, "check")}>Next: look at the checks</${Button}>`
+          : html`<${Act} kind="main" work=${make} disabled=${busy(project) || project.problems.length > 0}>
+              ${changed ? "Save and make it" : "Make it"}</${Act}>`}
+        ${changed && html`<${Button} onClick=${() => setValues({})}>Back to what was saved</${Button}>`}</div>
     </${Card}>
   </div>`;
 }
@@ -152,7 +154,7 @@ function Check({ project, reload }) {
   const refused = failed.filter((one) => one.refuses);
   const noted = failed.filter((one) => !one.refuses);
   const passed = project.checks.filter((one) => one.passed);
-  return html`
+  return html`<div class="columns">
     <${Card} title=${refused.length ? `${refused.length} of ${project.checks.length} checks refuse the print`
       : `All ${project.checks.length} checks let it be printed`} tone=${refused.length ? "bad" : undefined}>
       ${refused.length > 0 && html`<${Findings} rows=${refused} refuses label="What refuses the print" />`}
@@ -164,7 +166,7 @@ function Check({ project, reload }) {
         <${Mend} project=${project} main=${refused.length > 0} /></div>
       <${Fold} title=${`${passed.length} checks passed`}><${Findings} rows=${passed} /></${Fold}>
     </${Card}>
-    <${Card} title="Look at it"><${Pages} run=${project.name} views=${VIEWS} first="" /></${Card}>`;
+    <${Card} title="Look at it"><${Pages} run=${project.name} views=${VIEWS} /></${Card}></div>`;
 }
 
 const Mend = ({ project, main }) => html`
@@ -254,7 +256,7 @@ function Report({ project }) {
   return html`
     <${Card} title=${`The ${what} ${project.passed ? "is" : "isn't"} as designed`} tone=${project.passed ? undefined : "bad"}
       tools=${html`<${Button} href=${address} target="_blank">Open the report in a tab of its own</${Button}>`}>
-      <${Bullets} rows=${project.reasons.slice(0, 5)} />
+      ${!project.passed && html`<${Bullets} rows=${project.reasons.slice(0, 5)} />`}
       <${Fold} title="What next">
         <div class="row"><${Button} onClick=${() => to(project, "shape")}>Change the shape</${Button}>
           <${Button} onClick=${() => to(project, "print")}>Print it again</${Button}>
