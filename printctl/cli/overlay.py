@@ -48,17 +48,11 @@ def overlay(
     known = None if pose is None else read_pose(pose, fit)
     run = read_written(model, messages(), fit)
     chosen = chosen_layers(run.layers, layer or [])
-    overrides = scan_said.overrides()
-    bars = StageBars(messages())
+    overrides, optics = scan_said.overrides(), scan_said.oct_calibration
+    bars, air, walls = StageBars(messages()), scan_said.air_above, scan_said.walls
     with bars.all():
         with bars.stage("scan"):
-            measured = corrected_scan(
-                scan,
-                overrides,
-                scan_said.oct_calibration,
-                scan_said.air_above,
-                walls=scan_said.walls,
-            )
+            measured = corrected_scan(scan, overrides, optics, air, walls=walls)
         with bars.stage("segmentation"):
             how = segmentation_options(measured, options, run.thinnest_mm)
             segmentation = segment(measured, replace(how, whole_part=True))

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-import typer
-
 from firmware_profiles import Printer, load
-from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
+from printctl.checks.preflight import file_checks, refuse_failed, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
 from printctl.cli.declare import json_command
@@ -52,8 +50,6 @@ from printctl.recipe.making import CarePart
 from printctl.settings import of, opt, settings
 from sim.gcode.dry_run.run import dry_run
 
-# Command-line options for supervising a print: checkpoints, dead-man's time, syringes, log.
-
 
 @settings
 class CareOptions:
@@ -79,9 +75,8 @@ class CareOptions:
     def care(self, syringes: Sequence[str], capacity_mm: Sequence[float]) -> Care:
         """As the link takes it; of several heads, what is in each."""
         several = len(syringes) > 1
-        every = self.checkpoint_every
         return Care(
-            checkpoint_s=None if math.isinf(every) else every,
+            checkpoint_s=None if math.isinf(self.checkpoint_every) else self.checkpoint_every,
             deadman_s=60.0 * self.deadman,
             deadman_stops=self.deadman_stops,
             syringe=syringes[0],
@@ -136,53 +131,28 @@ def print_job(
     retreat, *others = (retreat_for(one.syringe, one.ink, 20.0, prime_ul) for one in loads)
     retreat = replace(retreat, others=tuple(others))
     order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))
-    if running(order) is None:
+    if running(order) is None:  # Check the file before the first byte.
         set_for = set_up(profile, syringe, ink, tip, mounted)
-        care = _check(file, set_for, tip, AcceptedRisks(care, usable, reload, accept_crossings))
+        run, job = dry_run(read_gcode_file(file), profile, tip), load_job(file, profile)
+        shaft = file_shaft(file, run, set_for, accepted=accept_crossings)
+        checks = [*file_checks(run, set_for, file.with_suffix(".map.npz")), *shaft.checks]
+        checks, at, heads = with_reloads_of(checks, job, usable, wanted=reload)
+        refuse_failed(checks)
+        print_notes(warnings(checks))
+        care = replace(
+            care, reload_at=at, reload_heads=heads, accepted=shaft.accepted, start_mm=tip
+        )
         order = replace(order, care=care)
-        _tell_unobserved(file, order)
+        if (file.parent / ORDER).is_file() and not resume:
+            print_note(
+                f"note: nobody looks at this print, although {file.parent / ORDER} says how it is "
+                "observed: `printctl print` starts no observer; `printctl run RECIPE` and the page "
+                "(`printctl serve`) do for the run's whole part, nobody for the rest of one"
+            )
     done = _print(order, profile, tip, yes)
     facts = {"state": done.state.value, "proved": done.proved, "lines": done.lines_done}
     facts |= {"message": done.message, "folder": str(place)}
-    print_result(facts, [f"{done.state.value}: {done.message}", str(place)])
-    if not done.proved:
-        raise typer.Exit(1)
-
-
-@dataclass(frozen=True)
-class AcceptedRisks:
-    """What the user chose of what the checks may refuse."""
-
-    care: Care
-    usable: Sequence[float]  # plunger travel of each head's syringe, mm
-    reload: bool
-    accept_crossings: bool
-
-
-def _check(
-    file: Path, mounted: SetUp, tip: tuple[float, float, float], chosen: AcceptedRisks
-) -> Care:
-    """Check the file before the first byte; return the care, syringe changes and risks included."""
-    run = dry_run(read_gcode_file(file), mounted.printer, tip)
-    job = load_job(file, mounted.printer)
-    shaft = file_shaft(file, run, mounted, accepted=chosen.accept_crossings)
-    checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
-    checks, at, heads = with_reloads_of(checks, job, chosen.usable, wanted=chosen.reload)
-    refuse_failed(checks)
-    print_notes(warnings(checks))
-    return replace(
-        chosen.care, reload_at=at, reload_heads=heads, accepted=shaft.accepted, start_mm=tip
-    )
-
-
-def _tell_unobserved(file: Path, order: Order) -> None:
-    """Say so where a run's recipe has its print observed: only a run and the page observe."""
-    if (file.parent / ORDER).is_file() and not order.resume:
-        print_note(
-            f"note: nobody looks at this print, although {file.parent / ORDER} says how it is "
-            "observed: `printctl print` starts no observer; `printctl run RECIPE` and the page "
-            "(`printctl serve`) do for the run's whole part, nobody for the rest of one"
-        )
+    print_result(facts, [f"{done.state.value}: {done.message}", str(place)], done.proved)
 
 
 def _print(

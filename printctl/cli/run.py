@@ -47,29 +47,19 @@ from printctl.settings import arg, opt
 
 def process_lines(dry_run: Mapping[str, Any]) -> list[str]:
     """Time against what the ink's cells have, ink against what is loaded, the needle's shaft."""
-    shaft = dry_run.get("clearance")
-    return [_time(dry_run), _ink(dry_run), *(preflight.shaft_lines(shaft) if shaft else [])]
-
-
-def _time(facts: Mapping[str, Any]) -> str:
-    changes = int(facts["changes_of_syringe"])
-    timed = facts.get("changes_timed", True)
+    changes, fillings = int(dry_run["changes_of_syringe"]), int(dry_run["fillings"])
+    timed, shaft = dry_run.get("changes_timed", True), dry_run.get("clearance")
     with_ = f" with {changes} changes of syringe" if changes and timed else ""
     without = f" and {changes} changes of syringe, whose time isn't known" if not timed else ""
-    return (
-        f"print time {facts['print_time_s'] / 60:.1f} min{with_}{without}; time that the cells "
-        f"have: {facts['time_the_cells_have']}"
-    )
-
-
-def _ink(facts: Mapping[str, Any]) -> str:
-    fillings = int(facts["fillings"])
     each = "a filling" if fillings == 1 else f"each of {fillings} fillings"
-    return (
-        f"ink {facts['ink_needed_ul']:.4g} µL: {facts['ink_pushed_ul']:.4g} pushed, "
-        f"{facts['ink_left_per_filling_ul']:.3g} left behind by {each}; full, it holds "
-        f"{facts['fillings_hold_ul']:.4g} µL"
-    )
+    return [
+        f"print time {dry_run['print_time_s'] / 60:.1f} min{with_}{without}; time that the cells "
+        f"have: {dry_run['time_the_cells_have']}",
+        f"ink {dry_run['ink_needed_ul']:.4g} µL: {dry_run['ink_pushed_ul']:.4g} pushed, "
+        f"{dry_run['ink_left_per_filling_ul']:.3g} left behind by {each}; full, it holds "
+        f"{dry_run['fillings_hold_ul']:.4g} µL",
+        *(preflight.shaft_lines(shaft) if shaft else []),
+    ]
 
 
 @json_command
@@ -107,9 +97,8 @@ def run(
                          rehearse=rehearse)  # fmt: skip
         with kernels_for_a_run(*_works(loaded, until), listener=progress):
             data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
-    print_result(data, lambda: _ended(data, folder, until, pdf))
-    if until is None and not data["verdict"]["passed"]:
-        raise typer.Exit(1)
+    passed = until is not None or data["verdict"]["passed"]
+    print_result(data, lambda: _ended(data, folder, until, pdf), passed)
 
 
 def _works(recipe: Recipe, until: str | None) -> list[str]:
@@ -130,21 +119,10 @@ def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> 
     process += looks_lines(folder)
     if until is not None:
         return [*process, f"done as far as {until}", str(folder)]
-    verdict = data["verdict"]
-    return [
-        *process,
-        outcome(verdict),
-        *verdict["reasons"],
-        str(folder / HTML),
-        *(pdfs(data, folder) if pdf else []),
-    ]
-
-
-def pdfs(data: dict[str, Any], folder: Path) -> list[str]:
-    """Where the PDFs lie: the run's, or of a plate one for each well that was scanned."""
-    if "plate" not in data:
-        return [str(folder / PDF)]
-    return [str((folder / row["report"]).parent / PDF) for row in data["scanned"]]
+    verdict, pdfs = data["verdict"], [folder / PDF] if pdf else []
+    if pdf and "plate" in data:
+        pdfs = [(folder / row["report"]).parent / PDF for row in data["scanned"]]
+    return [*process, outcome(verdict), *verdict["reasons"], *map(str, (folder / HTML, *pdfs))]
 
 
 @json_command
@@ -161,7 +139,12 @@ def design(
     Nothing is sliced or printed. Files that are there are replaced, each by a whole new one. With
     --until the stages after that one aren't run; a later design goes on from there.
     """
-    last = _last_stage(until)
+    last = DESIGN_NAMES[-1] if until is None else names_until(until)[-1]
+    if last not in DESIGN_NAMES:
+        raise UsageError(
+            f"--until {until}: printctl design ends at {DESIGN_NAMES[-1]}; give one of "
+            f"{', '.join(DESIGN_NAMES)}, or use printctl run --until {until}"
+        )
     loaded = load_recipe(recipe, print_note)
     have_kernels("design")
     data = design_recipe(loaded, recipe.resolve().parent, out, messages(), last)
@@ -169,33 +152,18 @@ def design(
     print_result(data, lambda: [*_made(data), *reached, str(out)])
 
 
-def _last_stage(until: str | None) -> str:
-    """Name of the last stage that is run; one that comes after design is refused."""
-    name = DESIGN_NAMES[-1] if until is None else names_until(until)[-1]
-    if name not in DESIGN_NAMES:
-        raise UsageError(
-            f"--until {until}: printctl design ends at {DESIGN_NAMES[-1]}; give one of "
-            f"{', '.join(DESIGN_NAMES)}, or use printctl run --until {until}"
-        )
-    return name
-
-
-def _made(data: dict[str, Any]) -> list[str]:
+def _made(data: dict[str, Any]) -> Iterator[str]:
     """Say what the stages that were run have made."""
-    lines = []
-    if "network" in data:
-        network = data["network"]
-        lines.append(
+    if network := data.get("network"):
+        yield (
             f"{network['vessels']} vessels, {network['diameter_min_mm']:.3g} to "
             f"{network['diameter_max_mm']:.3g} mm, {network['volume_mm3']:.3g} mm³"
         )
-    if "flow" in data:
-        flow = data["flow"]
-        lines.append(
+    if flow := data.get("flow"):
+        yield (
             f"pressure drop {flow['pressure_drop_mmhg']:.3g} mmHg at "
             f"{flow['inlet_flow_ml_min']:.3g} mL/min"
         )
-    return lines
 
 
 def plan_lines(plan: Mapping[str, Any]) -> Iterator[str]:
@@ -207,32 +175,26 @@ def plan_lines(plan: Mapping[str, Any]) -> Iterator[str]:
             f"order (toolpath.leave_out); {len(cut)} written ones lose their supply"
             + (f": {', '.join(map(str, cut))}" if cut else "")
         )
-    yield from map(_left_out, left)
-    for one in plan.get("open", ()):
-        if "barred_by" in one:
-            yield _open(one)
-
-
-def _left_out(one: Mapping[str, Any]) -> str:
-    text = (
-        f"vessel {one['vessel']} isn't written: too near to vessel {one['other']} at "
-        f"{_place(one)}; they would have to be at least {one['apart_mm']:.3f} mm further apart"
-    )
-    if one["needle_mm"] > 0:
-        text += f", or the needle's tip {one['needle_mm']:.3f} mm wide outside"
-    return text
-
-
-def _open(one: Mapping[str, Any]) -> str:
-    text = f"joint of vessels {one['vessel']} and {one['other']} at {_place(one)} stays open"
-    if one["barred_by"] >= 0:
-        text += f": vessel {one['barred_by']} is in the shaft's way on either side"
-    if one["needle_mm"] > 0:
-        text += (
-            f"; a quarter of the overlap has room with that vessel {one['apart_mm']:.3f} mm "
-            f"further off sideways, or a tip {one['needle_mm']:.3f} mm wide outside"
+    for one in left:
+        text = (
+            f"vessel {one['vessel']} isn't written: too near to vessel {one['other']} at "
+            f"{_place(one)}; they would have to be at least {one['apart_mm']:.3f} mm further apart"
         )
-    return text
+        if one["needle_mm"] > 0:
+            text += f", or the needle's tip {one['needle_mm']:.3f} mm wide outside"
+        yield text
+    for one in plan.get("open", ()):
+        if "barred_by" not in one:
+            continue
+        text = f"joint of vessels {one['vessel']} and {one['other']} at {_place(one)} stays open"
+        if one["barred_by"] >= 0:
+            text += f": vessel {one['barred_by']} is in the shaft's way on either side"
+        if one["needle_mm"] > 0:
+            text += (
+                f"; a quarter of the overlap has room with that vessel {one['apart_mm']:.3f} mm "
+                f"further off sideways, or a tip {one['needle_mm']:.3f} mm wide outside"
+            )
+        yield text
 
 
 def _place(one: Mapping[str, Any]) -> str:
@@ -253,14 +215,11 @@ def toolpath(
     loaded = load_recipe(recipe, print_note)
     with tempfile.TemporaryDirectory() as scratch:
         data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())
-        beside = [(LINE_MAP, out.with_suffix(".map.npz")), (GCODE, out)]
+        beside = {LINE_MAP: ".map.npz", GCODE: out.suffix}
         if loaded.plate is not None:
-            beside += [
-                (PLATE_TABLE, out.with_suffix(".wells.csv")),
-                (PLATE_PICTURE, out.with_suffix(".svg")),
-            ]
-        for name, place in beside:
-            with atomic_replacement(place) as draft:
+            beside |= {PLATE_TABLE: ".wells.csv", PLATE_PICTURE: ".svg"}
+        for name, suffix in beside.items():
+            with atomic_replacement(out.with_suffix(suffix)) as draft:
                 shutil.copyfile(Path(scratch) / name, draft)
     made = data["toolpath"]
     print_result(
@@ -306,7 +265,11 @@ def migrate(
     made = migrated_text(text, steps)
     parse_recipe(read_yaml(made), f"{file}, once migrated,")
     if out is None:
-        kept = _backup(file, data["schema"])
+        kept = file.with_name(f"{file.stem}.schema{data['schema']}{file.suffix}")
+        if kept.exists():
+            raise UsageError(
+                f"{kept}, where the old recipe is kept, exists; move it away, or use --out"
+            )
         write_text(kept, text)
         print_note(f"the recipe as it was: {kept}")
     elif out.exists():
@@ -315,16 +278,6 @@ def migrate(
     print_lines(
         *(f"schema {one.old} to {one.old + 1}: {one.why}" for one in steps), str(out or file)
     )
-
-
-def _backup(file: Path, schema: int) -> Path:
-    """Where the old text is kept; never over a file that is there."""
-    kept = file.with_name(f"{file.stem}.schema{schema}{file.suffix}")
-    if kept.exists():
-        raise UsageError(
-            f"{kept}, where the old recipe is kept, exists; move it away, or use --out"
-        )
-    return kept
 
 
 recipe = group(
@@ -343,4 +296,4 @@ def init(
     if path.exists():
         raise UsageError(f"{path} exists and isn't overwritten; give another name")
     write_text(path, STARTER.read_text(encoding="utf-8"))
-    print_lines(f"{path}", f"next: printctl run {path}")
+    print_lines(str(path), f"next: printctl run {path}")
