@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal, cast, get_args
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration import (
@@ -50,10 +50,9 @@ At = Annotated[str, opt("Where the tip stands, printer's frame, mm.", metavar="X
 Write = Annotated[Path | None, opt("Write a profile with the result to this file.")]
 
 
-def read_csv_argument(
-    path: Path | None, numbers: tuple[str, ...], words: tuple[str, ...] = ()
-) -> Readings:
-    """Read the file that must be there when no test is to be written."""
+def read_csv_argument(path: Path | None, *numbers: str, word: str = "") -> Readings:
+    """Read the file that must be there when no test is to be written; ``word`` is no number."""
+    words = (word,) if word else ()
     if path is None:
         raise UsageError(
             f"give a CSV file with the columns {', '.join((*words, *numbers))}; where there is a "
@@ -64,11 +63,8 @@ def read_csv_argument(
 
 def print_estimates(lines: Mapping[str, Estimate], notes: Sequence[str]) -> None:
     """Numbers with their 95 % intervals, then what they mean."""
-    values = {
-        name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
-        for name, e in lines.items()
-    }
     reported = [f"{name:<40} {estimate.text()}" for name, estimate in lines.items()]
+    values = {name: vars(estimate) for name, estimate in lines.items()}
     facts = {"estimates": values, "level": 0.95, "notes": notes}
     print_result(facts, [*reported, "(95 % intervals)", *notes])
 
@@ -111,27 +107,21 @@ def backlash(
 
     With --gcode it writes the G-code of the test, which comes to each place from both sides.
     """
-    if gcode is not None:
-        machine, filled = load(Printer, printer), load(Syringe, syringe)
-        test = backlash_test(
-            _axis(axis),
-            numbers_of(targets, "--targets"),
-            overshoot_mm=overshoot,
-            speed_mm_s=speed,
-            wait_s=wait,
-            syringe=filled,
-        )
-        write_test(Job(gcode, test, machine, filled, three_numbers(at, "--at")))
+    if gcode is None:
+        finish(backlash_result(read_csv_argument(readings, "target_mm", "approach", "measured_mm")))
         return
-    data = read_csv_argument(readings, ("target_mm", "approach", "measured_mm"))
-    finish(backlash_result(data))
-
-
-def _axis(text: str) -> Axis:
-    for axis in get_args(Axis):
-        if text == axis:
-            return axis
-    raise UsageError(f"--axis {text!r} is none of x, y, z, e")
+    machine, filled = load(Printer, printer), load(Syringe, syringe)
+    if axis not in get_args(Axis):
+        raise UsageError(f"--axis {axis!r} is none of x, y, z, e")
+    test = backlash_test(
+        cast(Axis, axis),
+        numbers_of(targets, "--targets"),
+        overshoot_mm=overshoot,
+        speed_mm_s=speed,
+        wait_s=wait,
+        syringe=filled,
+    )
+    write_test(Job(gcode, test, machine, filled, three_numbers(at, "--at")))
 
 
 @json_command
@@ -165,7 +155,7 @@ def lag(
         # As a print does: what is found then multiplies the factor that the ink has.
         write_test(Job(gcode, test, *mounted, three_numbers(at, "--at"), material.flow_factor))
         return
-    data = read_csv_argument(readings, ("x_mm", "width_mm"))
+    data = read_csv_argument(readings, "x_mm", "width_mm")
     tip = None if needle is None else load(Needle, needle)
     finish(lag_result(data, line, material, tip, load(Syringe, syringe)), write)
 
@@ -184,11 +174,11 @@ def offset(
     """
     if write is not None and printer is None:
         raise UsageError("--write needs the profile that is to be mended; give --printer")
-    data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("needle",))
+    data = read_csv_argument(readings, "x_mm", "y_mm", "z_mm", word="needle")
     if printer is not None:
         finish(head_offset_result(data, load(Printer, printer), head), write)
-        return
-    finish(offset_result(data))
+    else:
+        finish(offset_result(data))
 
 
 @json_command
@@ -222,13 +212,13 @@ def weigh(
         write_test(Job(gcode, test, machine, filled, three_numbers(at, "--at")))
         return
     if head is not None:
-        data = read_csv_argument(readings, ("open_s", "mass_mg"))
+        data = read_csv_argument(readings, "open_s", "mass_mg")
         used = load(Ink, ink), load(Needle, needle)
         finish(flow_result(data, known, machine, *used), write)
         return
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
-    data = read_csv_argument(readings, ("travel_mm", "mass_mg"))
+    data = read_csv_argument(readings, "travel_mm", "mass_mg")
     what: Literal["bore", "steps"] = "bore" if mend == "bore" else "steps"
     finish(weighing_result(data, known, machine, filled, what), write)
 
@@ -242,6 +232,6 @@ def level(
 
     Three places of each at least, not in a row; more tell how sure the tilt is.
     """
-    data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("surface",))
+    data = read_csv_argument(readings, "x_mm", "y_mm", "z_mm", word="surface")
     size = numbers_of(part, "--part")
     finish(level_result(data, size[0], size[-1]))

@@ -11,7 +11,6 @@ import typer
 from firmware_profiles import Ink, load
 from printctl.calibration.pattern_job import (
     LineShape,
-    PatternJob,
     PatternMachine,
     PatternOptions,
     pattern_job,
@@ -50,6 +49,7 @@ _OWN = {
     "squares": {"speed", "across"},
 }
 """Options of each pattern alone."""
+_CORNERS = 4
 
 
 @command
@@ -85,50 +85,36 @@ def pattern(
     It is printed with `printctl print`; `printctl calibrate widths` reads it, and of squares
     `printctl observe frame --printed`.
     """
-    _refuse_others(context, name)
-    place = three_numbers(at, "--at")
-    machine = PatternMachine(printer, syringe, ink, needle)
-    placed = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
-    job = pattern_job(
-        output, name, own, LineShape(width, layer, round_bead), machine, placed, place
-    )
-    lines, seconds, notes = write_pattern_job(job)
-    print_notes(notes)
-    _tell(job, lines, seconds)
-
-
-def _refuse_others(context: typer.Context, name: str) -> None:
-    """Refuse what belongs to another pattern: it would do nothing."""
-    own = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
+    has = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
     refuse_typed(
         context,
         sorted(set().union(*_OWN.values()) - _OWN[name]),
-        f"changes nothing about the pattern {name}, which has {own}; leave it out, or write "
+        f"changes nothing about the pattern {name}, which has {has}; leave it out, or write "
         "another pattern",
     )
-
-
-def _tell(job: PatternJob, lines: int, seconds: float) -> None:
+    place, shape = three_numbers(at, "--at"), LineShape(width, layer, round_bead)
+    machine = PatternMachine(printer, syringe, ink, needle)
+    placed = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
+    job = pattern_job(output, name, own, shape, machine, placed, place)
+    lines, seconds, notes = write_pattern_job(job)
     start, made = ",".join(f"{value:g}" for value in job.at_mm), job.written.pattern
-    x, y = made.size_mm
     if not made.bead.round_bead:
-        print_notes([
+        notes = [
+            *notes,
             f"lines {made.bead.layer_mm:g} mm high on a plate: --at's Z must be that much above it "
-            "(--bath or --round for filaments in a bath)"
-        ])  # fmt: skip
-    reads = (
-        "the sheet to fill in, and what `printctl calibrate widths` needs to read them or a picture"
-        if made.name in COLUMNS
-        else "and what `printctl observe frame --printed` needs"
-    )
+            "(--bath or --round for filaments in a bath)",
+        ]
+    print_notes(notes)
+    reads = "and what `printctl observe frame --printed` needs"
+    if made.name in COLUMNS:
+        reads = "the sheet to fill in, and what `printctl calibrate widths` needs to read them or "
+        reads += "a picture"
+    x, y = made.size_mm
     print_lines(
         f"{job.path}: {lines} lines, {seconds:.0f} s, {x:.1f} x {y:.1f} mm; put the tip to {start} "
         f"and print it with --start {start}",
         f"{', '.join(map(str, job.beside))}: what is where, {reads}",
     )
-
-
-_CORNERS = 4
 
 
 @json_command
@@ -168,7 +154,8 @@ def widths(
         measured = read_sheet(file, written)
     else:
         lens = None if camera is None else read_lens(camera)
-        seen = measure_picture(file, written, PictureFacts(um_per_px, _corners(marks), lens))
+        corners = None if marks is None else _corners(marks)
+        seen = measure_picture(file, written, PictureFacts(um_per_px, corners, lens))
         drawn, table = seen.save(file)
         print_note(f"wrote {drawn} (judge by it) and {table}")
         measured, notes = seen.measured, seen.notes
@@ -199,9 +186,7 @@ def _pattern(file: Path, named: Path | None) -> WrittenPattern:
     return written
 
 
-def _corners(text: str | None) -> np.ndarray | None:
-    if text is None:
-        return None
+def _corners(text: str) -> np.ndarray:
     values = numbers_of(text.replace(";", ","), "--marks")
     if len(values) != 2 * _CORNERS:
         raise UsageError(

@@ -109,16 +109,19 @@ def compensate(
     check_suffix(out)
     if depth_standard is not None and not depth_standard.strip():
         raise UsageError("--depth-standard is empty; say what it is, e.g. 'step of 1.00 mm in gel'")
-    choices = Choices(
-        gain=_gain(gain, local_gain),
-        depth_standard=depth_standard,
-        bias=_bias(diameter_bias_um),
-        without=frozenset(without_vessel or ()),
-        local=not whole_only,
-    )
+    try:
+        gains = GainPart(whole=gain, local=local_gain)
+    except ValidationError as exc:
+        raise UsageError(
+            f"--gain {gain:g} and --local-gain {local_gain:g} must lie above 0 and be at most 1: "
+            "more than what was measured is never corrected"
+        ) from exc
+    bias = None if diameter_bias_um is None else _bias(diameter_bias_um)
+    without = frozenset(without_vessel or ())
+    choices = Choices(gains, depth_standard, bias, without, local=not whole_only)
     read = [read_print(folder) for folder in prints]
     count = read[0].network.vessel_count
-    if wrong := sorted(vessel for vessel in choices.without if not 0 <= vessel < count):
+    if wrong := sorted(vessel for vessel in without if not 0 <= vessel < count):
         raise UsageError(f"--without-vessel {wrong[0]}: the network has vessels 0 to {count - 1}")
     made = estimate(read, choices)
     save_compensation(out, made)
@@ -128,19 +131,7 @@ def compensate(
     print_result(facts, lines)
 
 
-def _gain(whole: float, local: float) -> GainPart:
-    try:
-        return GainPart(whole=whole, local=local)
-    except ValidationError as exc:
-        raise UsageError(
-            f"--gain {whole:g} and --local-gain {local:g} must lie above 0 and be at most 1: more "
-            "than what was measured is never corrected"
-        ) from exc
-
-
-def _bias(text: str | None) -> Mean | None:
-    if text is None:
-        return None
+def _bias(text: str) -> Mean:
     try:
         value, half = (float(part) * 1e-3 for part in text.split(","))
     except ValueError as exc:

@@ -79,16 +79,9 @@ def measure(
     """
     refuse_input_as_output(out, design.network)
     source = load_source(design.network, design.unit, drive)
-    options = MeasureOptions(
-        samples=samples,
-        seed=seed,
-        printable_diameter_mm=printable_mm,
-        murray_exponent=murray_exponent,
-    )
-    around = design.around()
-    measures = measures_dict(
-        measure_network(source.network, around, options, source.known.flow.get("flow_ul_s"))
-    )
+    how = MeasureOptions(samples, seed, printable_mm, murray_exponent=murray_exponent)
+    flow, around = source.known.flow.get("flow_ul_s"), design.around()
+    measures = measures_dict(measure_network(source.network, around, how, flow))
     if against is not None:
         measures["against"] = compare_orders(source.network, against)
     if out is not None:
@@ -99,6 +92,11 @@ def measure(
 
 
 NUMBERS = "oxygen.json"
+_SHOWN = (
+    *("hypoxic_percent", "hypoxic_coarser_percent", "mean_millimolar", "least_millimolar"),
+    *("outlet_millimolar", "extraction_percent", "demand_met_percent", "cells"),
+    *("cells_fed_at_most", "imbalance", "spacing_um"),
+)
 _PART: Final[Any] = Sections([SectionOptions(OxygenPart)], OxygenPart, "oxygen")
 
 
@@ -118,27 +116,16 @@ def oxygen(
     decide it, so give your own.
     """
     source = load_source(design.network, design.unit, drive)
-    flow = known_flow(source)
-    if flow is None:
-        flow = solve_flow(source.network, drive.conditions())
+    flow = known_flow(source) or solve_flow(source.network, drive.conditions())
     around = design.around()
     out.mkdir(parents=True, exist_ok=True)
     numbers = solve_and_write(out, source.network, flow, around, part, _report_progress)
     write_text(out / NUMBERS, json.dumps(numbers, indent=1, allow_nan=False) + "\n")
     print_dim(source.notes)
     files = [str(out / name) for name in (NUMBERS, TABLE, FIELD, SLICE)]
-    print_result(numbers, lambda: [hypoxia(numbers, part), *_oxygen_lines(numbers), *files])
+    main = [f"{key}: {numbers[key]:.4g}" for key in _SHOWN if key in numbers]
+    print_result(numbers, lambda: [hypoxia(numbers, part), *main, *files])
 
 
 def _report_progress(fraction: float, note: str = "") -> None:
     messages().print(f"solving at {note} ...")
-
-
-def _oxygen_lines(numbers: dict[str, Any]) -> list[str]:
-    """The main numbers, a line each."""
-    keys = (
-        "hypoxic_percent", "hypoxic_coarser_percent", "mean_millimolar", "least_millimolar",
-        "outlet_millimolar", "extraction_percent", "demand_met_percent", "cells",
-        "cells_fed_at_most", "imbalance", "spacing_um",
-    )  # fmt: skip
-    return [f"{key}: {numbers[key]:.4g}" for key in keys if key in numbers]

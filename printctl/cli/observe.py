@@ -77,18 +77,16 @@ def insert(
         process=cast(Process, made),
     )  # fmt: skip
     write_files(out, drawn)
-    left, right = (c for c in drawn.crosses if c.name in ("left", "right"))
-    apart = right.x_mm - left.x_mm
+    left, right = (c.x_mm for c in drawn.crosses if c.name in ("left", "right"))
+    marks, plate, hole = len(drawn.marks), drawn.plate_mm, drawn.hole_mm
     if wants_json():
-        print_json({
-            "folder": str(out), "marks": len(drawn.marks), "plate_mm": drawn.plate_mm,
-            "hole_mm": drawn.hole_mm, "left_to_right_mm": apart,
-        })  # fmt: skip
+        facts = {"folder": str(out), "marks": marks, "plate_mm": plate, "hole_mm": hole}
+        print_json(facts | {"left_to_right_mm": right - left})
         return
     print_note(
-        f"wrote {out}: {len(drawn.marks)} marks of {mark_mm:g} mm on {drawn.plate_mm[0]:.4g} x "
-        f"{drawn.plate_mm[1]:.4g} mm, hole {drawn.hole_mm[0]:g} x {drawn.hole_mm[1]:g} mm. Make it "
-        f"at 100 %, then measure from the left to the right cross ({apart:.2f} mm as drawn)"
+        f"wrote {out}: {marks} marks of {mark_mm:g} mm on {plate[0]:.4g} x {plate[1]:.4g} mm, hole "
+        f"{hole[0]:g} x {hole[1]:g} mm. Make it at 100 %, then measure from the left to the right "
+        f"cross ({right - left:.2f} mm as drawn)"
     )
 
 
@@ -145,20 +143,17 @@ def check(
     held = read_frame(frame)
     answer = check_frame(decoded(picture), held, picture, limit_um)
     age = held.age_days(datetime.now(UTC))
-    number = {"moved_um": answer.moved_um, "u_um": answer.u_um}
     facts = {
-        "holds": answer.holds, "marks": answer.marks, "why": answer.why,
-        "notes": answer.notes, "age_days": age,
-        **{name: one if math.isfinite(one) else None for name, one in number.items()},
-    }  # fmt: skip
-    moved = (
-        "" if math.isnan(answer.moved_um)
-        else f": moved {answer.moved_um:.0f} µm at the dish (± {2 * answer.u_um:.0f} µm), "
-        f"{answer.marks} marks"
-    )  # fmt: skip
+        name: None if isinstance(one, float) and not math.isfinite(one) else one
+        for name, one in vars(answer).items()
+    }
+    moved = ""
+    if not math.isnan(answer.moved_um):
+        moved = f": moved {answer.moved_um:.0f} µm at the dish (± {2 * answer.u_um:.0f} µm), "
+        moved += f"{answer.marks} marks"
     verdict = "holds" if answer.holds else "does not hold"
     lines = [f"the frame of {age:.1f} days ago {verdict}{moved}", *answer.why, *answer.notes]
-    print_result(facts, lines)
+    print_result(facts | {"age_days": age}, lines)
     if not answer.holds:
         raise typer.Exit(3)
 

@@ -42,14 +42,20 @@ def read_start_position(file: Path, printer: Printer, text: str | None) -> Place
     """Return the tip's position before the first line, mm.
 
     The file's first lines may tell it (G92, SET_KINEMATIC_POSITION), and ``text``, of --start.
-
-    Raises
-    ------
-    UsageError
-        When the two aren't the same place, or the file tells a part of it and nobody the rest.
+    Raises `UsageError` when the two aren't the same place, or the file tells a part of it and
+    nobody the rest.
     """
     given = None if text is None else three_numbers(text, "--start")
-    declared = _declared(file, printer, given)
+    try:
+        job = parse_job(read_gcode_file(file), file.name, printer)
+    except LinkError:  # Other checks refuse it.
+        return given or (0.0, 0.0, 0.0)
+    try:
+        declared = declared_start(job)
+    except LinkError as exc:
+        if given is None:
+            raise UsageError(f"{file}: {exc}, or give --start X,Y,Z") from exc
+        return given
     if declared is None:
         return given or (0.0, 0.0, 0.0)
     if given is not None and math.dist(given, declared) > ASIDE_MM:
@@ -58,20 +64,6 @@ def read_start_position(file: Path, printer: Printer, text: str | None) -> Place
             f"{','.join(f'{mm:g}' for mm in declared)}; leave --start out, or correct the file"
         )
     return declared
-
-
-def _declared(file: Path, printer: Printer, given: Place | None) -> Place | None:
-    """Where the job says that it starts; None where it doesn't, or other checks refuse it."""
-    try:
-        job = parse_job(read_gcode_file(file), file.name, printer)
-    except LinkError:
-        return None
-    try:
-        return declared_start(job)
-    except LinkError as exc:
-        if given is not None:
-            return None
-        raise UsageError(f"{file}: {exc}, or give --start X,Y,Z") from exc
 
 
 @json_command
@@ -108,7 +100,7 @@ def simulate(
     checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
     at = None if place is None else three_numbers(place, "--place")
     choices = BeadChoices(**vars(bead), out=out, place_mm=at)
-    found: list[dict[str, Any]] | None = None
+    found: list[dict[str, Any]] = []
     if choices.asks:
         # What measures and draws the bead takes seconds to load; the dry run needs none of it.
         from printctl.pipeline.predicted_ink import write_predictions
@@ -124,7 +116,7 @@ def simulate(
         "merged_moves": run.merged_moves,
         "passed": not any(check.refuses for check in checks),
         "checks": [check.as_dict() for check in checks],
-        **({} if found is None else {"predicted": found}),
+        **({"predicted": found} if choices.asks else {}),
         **shaft.facts(),
         **(error_facts(refusal, str(refusal), refusal.exit_code) if refusal else {}),
     }
@@ -134,9 +126,9 @@ def simulate(
         *shaft.lines(),
         *(check.row() for check in checks),
     ]
-    print_result(facts, lambda: [*lines, *_prediction_lines(found or [])])
+    print_result(facts, lambda: [*lines, *_prediction_lines(found)])
     if not wants_json():
-        print_notes([*warnings(checks), *_prediction_notes(found or [])])
+        print_notes([*warnings(checks), *_prediction_notes(found)])
     if refusal:
         raise refusal
 

@@ -58,7 +58,7 @@ def solid(
             made = tube_solid(network, wall_mm, fillet_ratio=fillet_ratio)
         WRITERS[kind](out, made)
         facts = {"file": out.name, "volume": made.volume_mm3, "faces": len(made.faces)}
-        if out.suffix.lower() in SUFFIXES:
+        if f".{kind}" in SUFFIXES:
             check = validate_file(out)
             check.require_valid()
             facts = asdict(check)

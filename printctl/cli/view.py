@@ -73,50 +73,37 @@ def view(
     A network turns, is cut away, and is coloured by any quantity; point at a vessel to read its
     numbers. G-code of any slicer goes by layers, lines to scale; point at one to read its text.
     """
-    _check_targets(out, png)
-    _check_suffix(source)
-    _check_options(context, source)
-    page = out if out is not None or png is not None else _default_page(source)
-    if is_gcode(source):
-        data = read_gcode_file(source)
-        written, notes = view_gcode(source, data, page, png, look, gcode, print_note)
-    else:
-        written, notes = view_network(source, page, png, look, network, print_note)
-    sizes = {kind: path.stat().st_size for kind, path in written.items()}
-    files = {kind: {"file": str(path), "bytes": sizes[kind]} for kind, path in written.items()}
-    print_dim(notes)
-    lines = [f"{path} ({_size(sizes[kind])})" for kind, path in written.items()]
-    print_result({**files, "notes": list(notes)}, lines)
-    wanted = not wants_json() and _on_desktop() if open_page is None else open_page
-    if wanted and "page" in written:
-        webbrowser.open(written["page"].resolve().as_uri())
-
-
-def _check_targets(out: Path | None, png: Path | None) -> None:
     for option, path, suffixes in (("--out", out, (".html", ".htm")), ("--png", png, (".png",))):
         if path is not None and (path.suffix.lower() not in suffixes or path.is_dir()):
             raise UsageError(f"{option} {path}: give the name of a {suffixes[0]} file")
-
-
-def _check_suffix(source: Path) -> None:
     if source.is_file() and source.suffix.lower() not in (*READ, *SUFFIXES):
         raise UsageError(
             f"{source} is neither a network ({', '.join(READ)}) nor G-code "
             f"({', '.join(SUFFIXES)}) by its name; give one of these, or a run folder"
         )
-
-
-def _check_options(context: typer.Context, source: Path) -> None:
-    """Refuse an option that does nothing for this source."""
+    idle, kind = _FOR_GCODE, f"G-code ({', '.join(SUFFIXES)})"
     if is_gcode(source):
-        names, kind = _FOR_NETWORKS, "a network; this is G-code"
+        idle, kind = _FOR_NETWORKS, "a network; this is G-code"
+    refuse_typed(context, idle, f"with {source}: it is for {kind}; drop it")
+    if out is None and png is None:
+        out = source / "view.html" if source.is_dir() else source.with_suffix(".view.html")
+    if is_gcode(source):
+        data = read_gcode_file(source)
+        written, notes = view_gcode(source, data, out, png, look, gcode, print_note)
     else:
-        names, kind = _FOR_GCODE, f"G-code ({', '.join(SUFFIXES)})"
-    refuse_typed(context, names, f"with {source}: it is for {kind}; drop it")
-
-
-def _default_page(source: Path) -> Path:
-    return source / "view.html" if source.is_dir() else source.with_suffix(".view.html")
+        written, notes = view_network(source, out, png, look, network, print_note)
+    facts: dict[str, Any] = {"notes": list(notes)}
+    lines = []
+    for kind, path in written.items():
+        size = path.stat().st_size
+        facts[kind] = {"file": str(path), "bytes": size}
+        shown = f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.0f} kB"
+        lines.append(f"{path} ({shown})")
+    print_dim(notes)
+    print_result(facts, lines)
+    wanted = not wants_json() and _on_desktop() if open_page is None else open_page
+    if wanted and "page" in written:
+        webbrowser.open(written["page"].resolve().as_uri())
 
 
 def _on_desktop() -> bool:
@@ -125,10 +112,6 @@ def _on_desktop() -> bool:
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )
     return shown and sys.stdout.isatty()
-
-
-def _size(count: int) -> str:
-    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.0f} kB"
 
 
 _OF_GROWTH: Final = ("by", "steps", "unit")
@@ -186,9 +169,10 @@ def _frames(requested: dict[str, Any], loaded: Source, scene: FilmScene) -> Iter
     """Frames of growth or of a pulse, by the options' names."""
     colour, source = requested["colour"], requested["source"]
     if requested["show"] == "growth":
-        quantity = _coloured(loaded, colour)
-        how = GrowthFilm(requested["by"], requested["steps"], murray_exponent=_murray(source))
-        return growth_frames(scene, quantity, how)
+        grown = recipe_of(source, "a film").vasculature if source.is_dir() else None
+        murray = grown.murray_exponent if isinstance(grown, Growth) else 3.0
+        how = GrowthFilm(requested["by"], requested["steps"], murray_exponent=murray)
+        return growth_frames(scene, _coloured(loaded, colour), how)
     if colour not in (None, "pressure", "flow"):
         raise UsageError(f"--colour {colour}: a pulse is shown by pressure or flow")
     if not source.is_dir():
@@ -207,14 +191,6 @@ def _coloured(loaded: Source, colour: str | None) -> Quantity:
     if name not in known:
         raise UsageError(f"--colour {name}: nothing is known of it; known: {', '.join(known)}")
     return known[name]
-
-
-def _murray(source: Path) -> float:
-    """The exponent that a run was grown with; 3 of anything else."""
-    if not source.is_dir():
-        return 3.0
-    part = recipe_of(source, "a film").vasculature
-    return part.murray_exponent if isinstance(part, Growth) else 3.0
 
 
 def _with_progress(frames: Iterator[Frame], tell: Any) -> Iterator[Frame]:
