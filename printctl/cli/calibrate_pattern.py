@@ -9,6 +9,7 @@ import numpy as np
 import typer
 
 from firmware_profiles import Ink, load
+from printctl.calibration import widths as measuring
 from printctl.calibration.pattern_job import (
     LineShape,
     PatternMachine,
@@ -17,25 +18,10 @@ from printctl.calibration.pattern_job import (
     write_pattern_job,
 )
 from printctl.calibration.patterns import COLUMNS, WrittenPattern, read_pattern
-from printctl.calibration.widths import (
-    GivenValues,
-    PictureFacts,
-    fit_measured,
-    measure_picture,
-    read_sheet,
-)
 from printctl.checks.set_up import ProfileNames
+from printctl.cli import options as cli
 from printctl.cli.calibrate_measured import Write, print_estimates
 from printctl.cli.declare import command, json_command, wants_json
-from printctl.cli.options import (
-    CameraFile,
-    InkOption,
-    SyringeOption,
-    print_lines,
-    print_note,
-    print_notes,
-    refuse_typed,
-)
 from printctl.errors import UsageError
 from printctl.settings import arg, numbers_of, of, opt, three_numbers
 from registration.devices.lens import read_lens
@@ -64,8 +50,8 @@ def pattern(
     printer: str = opt(
         "Printer profile, shipped or a .yaml.", "generic_marlin", "--printer", "--profile"
     ),
-    syringe: SyringeOption = "hamilton_1ml",
-    ink: InkOption = "collagen_fresh",
+    syringe: cli.SyringeOption = "hamilton_1ml",
+    ink: cli.InkOption = "collagen_fresh",
     bath: str | None = of(ProfileNames, "bath"),
     dish: str | None = of(ProfileNames, "dish"),
     dish_centre: str | None = of(ProfileNames, "dish_centre"),
@@ -86,7 +72,7 @@ def pattern(
     `printctl observe frame --printed`.
     """
     has = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
-    refuse_typed(
+    cli.refuse_typed(
         context,
         sorted(set().union(*_OWN.values()) - _OWN[name]),
         f"changes nothing about the pattern {name}, which has {has}; leave it out, or write "
@@ -104,13 +90,13 @@ def pattern(
             f"lines {made.bead.layer_mm:g} mm high on a plate: --at's Z must be that much above it "
             "(--bath or --round for filaments in a bath)",
         ]
-    print_notes(notes)
+    cli.print_notes(notes)
     reads = "and what `printctl observe frame --printed` needs"
     if made.name in COLUMNS:
         reads = "the sheet to fill in, and what `printctl calibrate widths` needs to read them or "
         reads += "a picture"
     x, y = made.size_mm
-    print_lines(
+    cli.print_lines(
         f"{job.path}: {lines} lines, {seconds:.0f} s, {x:.1f} x {y:.1f} mm; put the tip to {start} "
         f"and print it with --start {start}",
         f"{', '.join(map(str, job.beside))}: what is where, {reads}",
@@ -127,7 +113,7 @@ def widths(
         "right, upper left, as on the drawing.",
         metavar="U,V,…",
     ),
-    camera: CameraFile = None,
+    camera: cli.CameraFile = None,
     flow_factor: float | None = opt("Weighed; the swelling is told then.", min=0.2, max=5),
     ink: str | None = opt("For --write; the one it was printed with if not."),
     write: Write = None,
@@ -151,20 +137,24 @@ def widths(
         )
     notes: list[str] = []
     if typed:
-        measured = read_sheet(file, written)
+        measured = measuring.read_sheet(file, written)
     else:
         lens = None if camera is None else read_lens(camera)
         corners = None if marks is None else _corners(marks)
-        seen = measure_picture(file, written, PictureFacts(um_per_px, corners, lens))
+        seen = measuring.measure_picture(
+            file, written, measuring.PictureFacts(um_per_px, corners, lens)
+        )
         drawn, table = seen.save(file)
-        print_note(f"wrote {drawn} (judge by it) and {table}")
+        cli.print_note(f"wrote {drawn} (judge by it) and {table}")
         measured, notes = seen.measured, seen.notes
-    answer = fit_measured(written, measured, GivenValues(flow_factor))
+    answer = measuring.fit_measured(written, measured, measuring.GivenValues(flow_factor))
     if not wants_json():
-        print_lines(*answer.table)
+        cli.print_lines(*answer.table)
     print_estimates(answer.lines, [*notes, *answer.notes])
     if write is not None:
-        print_note(f"wrote {write}: {answer.save(write, load(Ink, ink or written.mounted.ink))}")
+        cli.print_note(
+            f"wrote {write}: {answer.save(write, load(Ink, ink or written.mounted.ink))}"
+        )
 
 
 def _pattern(file: Path, named: Path | None) -> WrittenPattern:

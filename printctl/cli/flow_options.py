@@ -15,17 +15,7 @@ from firmware_profiles.yaml_file import read_yaml
 from printctl.analysis.flow.typed_over import section_over
 from printctl.cli.section_options import SectionOptions, Sections, needs_another, option
 from printctl.errors import UsageError
-from printctl.recipe.parts import (
-    ComparePart,
-    FlowPart,
-    FluidPart,
-    LossPart,
-    OneDPart,
-    PulseOutlet,
-    PulsePart,
-    StenosisPart,
-    ThreeDPart,
-)
+from printctl.recipe import parts
 from printctl.settings import opt, settings
 
 
@@ -48,7 +38,7 @@ class Match:
     least_lumen_mm: float | None = opt("Smallest diameter that can be printed.", min=0.0)
 
 
-_FLUID: Final[TypeAdapter[Any]] = TypeAdapter(FluidPart)
+_FLUID: Final[TypeAdapter[Any]] = TypeAdapter(parts.FluidPart)
 _GIVE: Final = "write model: carreau, power_law or pries_1994, and its numbers"
 
 
@@ -90,7 +80,7 @@ def stenoses(texts: list[str]) -> list[dict[str, Any]]:
         number = int(vessel) if vessel.is_integer() else vessel
         values = {"vessel": number, "diameter_share": share, "length_mm": length}
         try:
-            StenosisPart.model_validate(values)
+            parts.StenosisPart.model_validate(values)
         except ValidationError as exc:
             first = exc.errors()[0]
             raise UsageError(f"--stenosis {text}: {first['loc'][0]} {wording(first)}") from exc
@@ -111,32 +101,32 @@ def numbers(text: str, name: str, form: str, count: int) -> tuple[float, ...]:
 
 _STEADY: Final = "Fluid, inlets and outlets"
 PULSE: Final = SectionOptions(
-    PulsePart, ("pulse",), renamed={"table": "waveform"}, panel="Pulsatile flow"
+    parts.PulsePart, ("pulse",), renamed={"table": "waveform"}, panel="Pulsatile flow"
 )
 ONE_D: Final = SectionOptions(
-    OneDPart,
+    parts.OneDPart,
     ("one_d",),
     panel="Waves (1D)",
     flag="Follow the pulse's waves along the vessels, too.",
 )
 THREE_D: Final = SectionOptions(
-    ThreeDPart,
+    parts.ThreeDPart,
     ("three_d",),
     renamed={"steps": "three_d_steps", "most_cycles": "three_d_most_cycles"},
     panel="In space (3D)",
     flag="Resolve the flow in the lumens' space, too.",
 )
 COMPARE: Final = SectionOptions(
-    ComparePart,
+    parts.ComparePart,
     ("compare",),
     renamed={"points": "compare_points"},
     panel="Comparison",
     flag="Fidelities side by side, each against the ideal.",
 )
 DRIVING: Final = (
-    SectionOptions(FlowPart, panel=_STEADY),
-    SectionOptions(PulseOutlet, ("outlet",), prefix="outlet_", panel=_STEADY),
-    SectionOptions(LossPart, ("losses",), panel=_STEADY),
+    SectionOptions(parts.FlowPart, panel=_STEADY),
+    SectionOptions(parts.PulseOutlet, ("outlet",), prefix="outlet_", panel=_STEADY),
+    SectionOptions(parts.LossPart, ("losses",), panel=_STEADY),
     PULSE,
 )
 """What flows, and what drives it."""
@@ -151,7 +141,7 @@ _NEED: Final = {
     **dict.fromkeys(("want", "match_percent", "least_lumen_mm"), "match_split"),
 }
 """Options that mean nothing without another one."""
-_OTHERS: Final = SectionOptions(ThreeDPart, renamed=THREE_D.renamed)
+_OTHERS: Final = SectionOptions(parts.ThreeDPart, renamed=THREE_D.renamed)
 _TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
     "edge_ratio": ("match_split", "ranks", "svmultiphysics"),
     "inertia": ("match_split", "ranks"),
@@ -160,8 +150,8 @@ _TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def part_of(
-    requested: Mapping[str, Any], base: FlowPart | None = None, print_scale: float = 1.0
-) -> tuple[FlowPart, list[str]]:
+    requested: Mapping[str, Any], base: parts.FlowPart | None = None, print_scale: float = 1.0
+) -> tuple[parts.FlowPart, list[str]]:
     """The section that options, by their names, stand for, and what they say in a run's place.
 
     Parameters
@@ -192,12 +182,12 @@ def part_of(
     if base is not None:
         section, typed = section_over(base, section, print_scale)
     stated = replace(SECTIONS, what="pulsatile flow") if waves else SECTIONS
-    return stated.checked(FlowPart, section), typed
+    return stated.checked(parts.FlowPart, section), typed
 
 
-def space_of(requested: Mapping[str, Any]) -> ThreeDPart:
+def space_of(requested: Mapping[str, Any]) -> parts.ThreeDPart:
     """What was typed of lumens in space, for those that don't solve as --three-d does."""
-    return Sections([_OTHERS], what="3D flow").checked(ThreeDPart, _OTHERS.typed(requested))
+    return Sections([_OTHERS], what="3D flow").checked(parts.ThreeDPart, _OTHERS.typed(requested))
 
 
 def _with_own_space(requested: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -15,17 +15,11 @@ from design.files import write_bytes
 from printctl.cli.declare import command, group, json_command, wants_json
 from printctl.cli.options import print_json, print_lines, print_note, print_result
 from printctl.errors import UsageError
+from printctl.history import table
 from printctl.history.bundle import filed, write_bundle
 from printctl.history.repeat import entry_of_bundle, make_job, plan_repeat
 from printctl.history.signing import known_lab_key, lab_key, read_public_file, signing_missing
-from printctl.history.table import (
-    csv_lines,
-    day_begins,
-    day_ends,
-    local_time,
-    outcome,
-    tell_running,
-)
+from printctl.history.table import local_time
 from printctl.history.timeline import TimeLine, time_line
 from printctl.history.verify import verify_bundle
 from printctl.machine.link.history import PrintHistory
@@ -68,8 +62,8 @@ class Which:
             states=tuple(self.state or ()),
             profile=self.profile,
             who=self.who,
-            since=day_begins(self.since, "--since"),
-            until=day_ends(self.until, "--until"),
+            since=table.day_begins(self.since, "--since"),
+            until=table.day_ends(self.until, "--until"),
         )
 
 
@@ -117,7 +111,7 @@ def show(print_id: IdArg) -> None:
         f"lines    {entry.done} of {entry.total}",
         f"operator {entry.by} at {entry.host}",
         f"printer  {entry.profile} at {entry.port}",
-        f"verdict  {outcome(record.verdict) or 'none'}",
+        f"verdict  {table.outcome(record.verdict) or 'none'}",
         f"report   {record.report.get('report.html', 'none')}",
         f"journal  {entry.journal}",
         *(f"missing  {text}" for text in record.missing),
@@ -270,12 +264,12 @@ def rebuild(
 
 def _show(query: HistoryQuery, as_csv: bool) -> None:
     matches = PrintHistory().find(query)
-    entries = [tell_running(entry) for entry in matches.entries]
+    entries = [table.tell_running(entry) for entry in matches.entries]
     if wants_json():
         plain = [asdict(entry) | {"journal": str(entry.journal)} for entry in entries]
         print_json({"prints": plain, "total": matches.total})
     elif as_csv:
-        sys.stdout.writelines(csv_lines(entries))
+        sys.stdout.writelines(table.csv_lines(entries))
     elif entries:
         print_lines(*(line for entry in entries for line in _lines(entry)))
     else:

@@ -14,23 +14,9 @@ import typer
 from design.files import atomic_replacement, write_text
 from firmware_profiles.yaml_file import read_yaml
 from printctl.checks import preflight
+from printctl.cli import options as cli
 from printctl.cli.declare import command, group, json_command
 from printctl.cli.kernels_ready import have_kernels, kernels_for_a_run
-from printctl.cli.options import (
-    OutFolder,
-    PdfFlag,
-    ProgressFileOption,
-    RecipeArg,
-    YesFlag,
-    folder_to_write,
-    gcode_to_write,
-    message_of,
-    messages,
-    print_json,
-    print_lines,
-    print_note,
-    print_result,
-)
 from printctl.cli.running_print import looks_lines
 from printctl.errors import UsageError
 from printctl.history.table import outcome
@@ -64,8 +50,8 @@ def process_lines(dry_run: Mapping[str, Any]) -> list[str]:
 
 @json_command
 def run(
-    recipe: RecipeArg,
-    out: Path | None = opt("Run folder; runs/NAME by default.", callback=folder_to_write),
+    recipe: cli.RecipeArg,
+    out: Path | None = opt("Run folder; runs/NAME by default.", callback=cli.folder_to_write),
     until: str | None = opt(
         "Last stage: tissue, vasculature, flow, fidelities, measures, oxygen, solid, toolpath, "
         "dry-run, lumens, print, scan or registration. Nothing is printed before print.",
@@ -79,9 +65,9 @@ def run(
         "for as fast as it can.",
         metavar="SPEED",
     ),
-    progress_file: ProgressFileOption = None,
-    yes: YesFlag = False,
-    pdf: PdfFlag = False,
+    progress_file: cli.ProgressFileOption = None,
+    yes: cli.YesFlag = False,
+    pdf: cli.PdfFlag = False,
 ) -> None:
     """Run a recipe from tissue to report; a stage whose inputs are as before isn't done again.
 
@@ -89,16 +75,16 @@ def run(
     fails.
     """
     progress = None if progress_file is None else ProgressFile(progress_file)
-    with nullcontext() if progress is None else progress.whole(message_of):
-        loaded = load_recipe(recipe, print_note)
+    with nullcontext() if progress is None else progress.whole(cli.message_of):
+        loaded = load_recipe(recipe, cli.print_note)
         suffix = "" if rehearse is None else REHEARSAL
         folder = out if out is not None else Path("runs") / (loaded.name + suffix)
         how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=progress,
                          rehearse=rehearse)  # fmt: skip
         with kernels_for_a_run(*_works(loaded, until), listener=progress):
-            data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
+            data = run_recipe(loaded, recipe.resolve().parent, folder, cli.messages(), how)
     passed = until is not None or data["verdict"]["passed"]
-    print_result(data, lambda: _ended(data, folder, until, pdf), passed)
+    cli.print_result(data, lambda: _ended(data, folder, until, pdf), passed)
 
 
 def _works(recipe: Recipe, until: str | None) -> list[str]:
@@ -127,8 +113,8 @@ def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> 
 
 @json_command
 def design(
-    recipe: RecipeArg,
-    out: OutFolder,
+    recipe: cli.RecipeArg,
+    out: cli.OutFolder,
     until: str | None = opt(
         f"Last stage: {', '.join(DESIGN_NAMES[:-1])} or {DESIGN_NAMES[-1]} (default).",
         metavar="STAGE",
@@ -145,11 +131,11 @@ def design(
             f"--until {until}: printctl design ends at {DESIGN_NAMES[-1]}; give one of "
             f"{', '.join(DESIGN_NAMES)}, or use printctl run --until {until}"
         )
-    loaded = load_recipe(recipe, print_note)
+    loaded = load_recipe(recipe, cli.print_note)
     have_kernels("design")
-    data = design_recipe(loaded, recipe.resolve().parent, out, messages(), last)
+    data = design_recipe(loaded, recipe.resolve().parent, out, cli.messages(), last)
     reached = [f"done as far as {last}"] if until else []
-    print_result(data, lambda: [*_made(data), *reached, str(out)])
+    cli.print_result(data, lambda: [*_made(data), *reached, str(out)])
 
 
 def _made(data: dict[str, Any]) -> Iterator[str]:
@@ -204,17 +190,17 @@ def _place(one: Mapping[str, Any]) -> str:
 
 @json_command
 def toolpath(
-    recipe: RecipeArg,
+    recipe: cli.RecipeArg,
     out: Path = opt("G-code file to write.", ...),
 ) -> None:
     """Write a recipe's G-code after its dry run, with FILE.map.npz (line to vessel or layer).
 
     Of a plate with FILE.wells.csv and a picture, FILE.svg.
     """
-    gcode_to_write(out, recipe)
-    loaded = load_recipe(recipe, print_note)
+    cli.gcode_to_write(out, recipe)
+    loaded = load_recipe(recipe, cli.print_note)
     with tempfile.TemporaryDirectory() as scratch:
-        data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())
+        data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), cli.messages())
         beside = {LINE_MAP: ".map.npz", GCODE: out.suffix}
         if loaded.plate is not None:
             beside |= {PLATE_TABLE: ".wells.csv", PLATE_PICTURE: ".svg"}
@@ -222,7 +208,7 @@ def toolpath(
             with atomic_replacement(out.with_suffix(suffix)) as draft:
                 shutil.copyfile(Path(scratch) / name, draft)
     made = data["toolpath"]
-    print_result(
+    cli.print_result(
         data,
         lambda: [
             f"{made['lines']} lines, {made['written_ul']:.4g} µL, "
@@ -243,12 +229,12 @@ def schema() -> None:
     An editor that knows YAML completes and checks a recipe by it, when the recipe's first line is
     `# yaml-language-server: $schema=recipe.schema.json`.
     """
-    print_json(recipe_schema())
+    cli.print_json(recipe_schema())
 
 
 @command
 def migrate(
-    file: RecipeArg,
+    file: cli.RecipeArg,
     out: Path | None = opt("Where to write; the recipe's own file by default."),
 ) -> None:
     """Bring a recipe to today's schema; comments and order stay, the old file is kept beside it.
@@ -259,7 +245,7 @@ def migrate(
     steps = steps_from(data, str(file))
     if not steps:
         parse_recipe(data, str(file))
-        print_lines(f"{file} is of schema {SCHEMA}, today's; nothing to do")
+        cli.print_lines(f"{file} is of schema {SCHEMA}, today's; nothing to do")
         return
     text = file.read_text(encoding="utf-8")
     made = migrated_text(text, steps)
@@ -271,11 +257,11 @@ def migrate(
                 f"{kept}, where the old recipe is kept, exists; move it away, or use --out"
             )
         write_text(kept, text)
-        print_note(f"the recipe as it was: {kept}")
+        cli.print_note(f"the recipe as it was: {kept}")
     elif out.exists():
         raise UsageError(f"{out} exists and isn't overwritten; give another name")
     write_text(out or file, made)
-    print_lines(
+    cli.print_lines(
         *(f"schema {one.old} to {one.old + 1}: {one.why}" for one in steps), str(out or file)
     )
 
@@ -296,4 +282,4 @@ def init(
     if path.exists():
         raise UsageError(f"{path} exists and isn't overwritten; give another name")
     write_text(path, STARTER.read_text(encoding="utf-8"))
-    print_lines(str(path), f"next: printctl run {path}")
+    cli.print_lines(str(path), f"next: printctl run {path}")

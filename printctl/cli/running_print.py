@@ -28,27 +28,16 @@ from printctl.machine.print_state.state import PrintTruth, read_print
 from printctl.machine.printing.journal_facts import read_journal_facts
 from printctl.machine.printing.print_words import alarm_words
 from printctl.machine.printing.recovery import planned, write_rest
+from printctl.observe import records
 from printctl.observe.continue_print import continue_print
 from printctl.observe.look_words import proposal_words, seen_words, total_words
-from printctl.observe.records import (
-    OBSERVER_LOCK,
-    ORDER,
-    LookRecord,
-    answer_look,
-    answer_of,
-    asking_look,
-    held_for,
-    look_folder,
-    read_looks,
-    refuse_unheard,
-)
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 from printctl.settings import arg, opt
 
 
-def _looks(folder: Path) -> list[LookRecord]:
+def _looks(folder: Path) -> list[records.LookRecord]:
     """What was seen of the print whose journal is in a folder."""
-    return read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    return records.read_looks(folder, read_journal_facts(folder / JOURNAL).started)
 
 
 _COMMANDS = {
@@ -216,7 +205,7 @@ def resume(
     folder = print_folder(run)
     with attach(folder) as attached:
         ended = attached.status.ended
-    unheard = not (unobserved or alive(folder, OBSERVER_LOCK))
+    unheard = not (unobserved or alive(folder, records.OBSERVER_LOCK))
     status = continue_print(
         folder,
         port=port,
@@ -317,12 +306,12 @@ def looks(run: RunArg) -> None:
     folder = print_folder(run)
     found = _looks(folder)
     if not (found or wants_json()):
-        why = _UNLOOKED if (folder / ORDER).is_file() else "observe is a recipe's part"
+        why = _UNLOOKED if (folder / records.ORDER).is_file() else "observe is a recipe's part"
         raise UsageError(f"nobody has looked at the print in {folder}; {why}")
     print_result(
         [asdict(one) for one in found],
         lambda: [
-            *(_words(one, answer_of(folder, one.number)) for one in found),
+            *(_words(one, records.answer_of(folder, one.number)) for one in found),
             *asking_lines(folder, read_print(folder).status),
         ],
     )
@@ -337,18 +326,18 @@ _UNLOOKED: Final = (
 def asking_lines(folder: Path, status: Status) -> list[str]:
     """What the look that the print waits at proposes, and how to answer it; none for no such."""
     looks = _looks(folder)
-    last = asking_look(looks, status)
-    if last is None or answer_of(folder, last.number) is not None:
+    last = records.asking_look(looks, status)
+    if last is None or records.answer_of(folder, last.number) is not None:
         return []
     asks = f"look {last.number} asks to {proposal_words(last)}"
-    if not alive(folder, OBSERVER_LOCK):
+    if not alive(folder, records.OBSERVER_LOCK):
         return [
             f"{asks}, but its observer is gone: `printctl resume RUN` starts another one, which "
             "asks again"
         ]
     return [
-        f"{asks}: see {look_folder(folder, last.number)}, then `printctl observe answer RUN "
-        f"approve --look {last.number}` (or go_on, stop)"
+        f"{asks}: see {records.look_folder(folder, last.number)}, then `printctl observe answer "
+        f"RUN approve --look {last.number}` (or go_on, stop)"
     ]
 
 
@@ -360,7 +349,7 @@ def looks_lines(run: Path) -> list[str]:
     found = _looks(folder)
     if found:
         return [f"{total_words(found)}; `printctl observe looks {run}`"]
-    return [f"nobody looked at the print: {_UNLOOKED}"] if (run / ORDER).is_file() else []
+    return [f"nobody looked at the print: {_UNLOOKED}"] if (run / records.ORDER).is_file() else []
 
 
 @command
@@ -386,20 +375,20 @@ def answer(
     if look not in (None, last):
         raise UsageError(f"look {look} isn't the last, which is look {last}; nothing was done")
     status = read_print(folder).status
-    if not held_for(status, last):
+    if not records.held_for(status, last):
         raise UsageError(
             f"the print doesn't wait for a word on look {last} (it is {status.state.value}); "
             "nothing was done"
         )
     try:
-        refuse_unheard(folder)
-        answer_look(folder, last, word)
+        records.refuse_unheard(folder)
+        records.answer_look(folder, last, word)
     except ValueError as exc:
         raise UsageError(str(exc)) from exc
     print_lines(f"look {last}: {word}; `printctl status` tells what the print does")
 
 
-def _words(look: LookRecord, word: str | None) -> str:
+def _words(look: records.LookRecord, word: str | None) -> str:
     share = f", {seen}" if (seen := seen_words(look)) else ""
     answered = f"; answered: {word}" if look.asked and word else ""
     return f"look {look.number} ({look.mark}){share}: {look.decision}: {look.why}{answered}"

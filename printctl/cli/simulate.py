@@ -11,20 +11,9 @@ from firmware_profiles import Printer, load
 from printctl.checks.preflight import file_checks, placed_failures, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, refusal_of, set_up
+from printctl.cli import options as cli
 from printctl.cli.declare import json_command, wants_json
 from printctl.cli.kernels_ready import have_kernels
-from printctl.cli.options import (
-    GcodeArg,
-    InkOption,
-    PrinterOption,
-    StartOption,
-    SyringeOption,
-    folder_to_write,
-    print_note,
-    print_notes,
-    print_result,
-    read_gcode_file,
-)
 from printctl.errors import UsageError
 from printctl.failures import error_facts
 from printctl.machine.link.errors import LinkError
@@ -47,7 +36,7 @@ def read_start_position(file: Path, printer: Printer, text: str | None) -> Place
     """
     given = None if text is None else three_numbers(text, "--start")
     try:
-        job = parse_job(read_gcode_file(file), file.name, printer)
+        job = parse_job(cli.read_gcode_file(file), file.name, printer)
     except LinkError:  # Other checks refuse it.
         return given or (0.0, 0.0, 0.0)
     try:
@@ -69,15 +58,15 @@ def read_start_position(file: Path, printer: Printer, text: str | None) -> Place
 @json_command
 def simulate(
     *,
-    file: GcodeArg,
-    printer: PrinterOption = "generic_marlin",
-    syringe: SyringeOption = "hamilton_1ml",
-    ink: InkOption = "collagen_fresh",
+    file: cli.GcodeArg,
+    printer: cli.PrinterOption = "generic_marlin",
+    syringe: cli.SyringeOption = "hamilton_1ml",
+    ink: cli.InkOption = "collagen_fresh",
     names: ProfileNames,
-    start: StartOption = None,
+    start: cli.StartOption = None,
     out: Path | None = opt(
         "Folder for what will lie in the bath: tables, a time line, voxels.",
-        callback=folder_to_write,
+        callback=cli.folder_to_write,
     ),
     bead: BeadOptions,
     place: str | None = opt(
@@ -94,7 +83,7 @@ def simulate(
     profile = load(Printer, printer)
     tip = read_start_position(file, profile, start)
     mounted = set_up(profile, syringe, ink, tip, names)
-    gcode = read_gcode_file(file)
+    gcode = cli.read_gcode_file(file)
     run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
     checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
@@ -106,7 +95,7 @@ def simulate(
         from printctl.pipeline.predicted_ink import write_predictions
 
         failures = placed_failures(checks)
-        found = write_predictions(file, gcode, run, mounted, choices, failures, print_note)
+        found = write_predictions(file, gcode, run, mounted, choices, failures, cli.print_note)
     refusal = refusal_of(checks)
     facts = {
         "file": str(file),
@@ -126,9 +115,9 @@ def simulate(
         *shaft.lines(),
         *(check.row() for check in checks),
     ]
-    print_result(facts, lambda: [*lines, *_prediction_lines(found)])
+    cli.print_result(facts, lambda: [*lines, *_prediction_lines(found)])
     if not wants_json():
-        print_notes([*warnings(checks), *_prediction_notes(found)])
+        cli.print_notes([*warnings(checks), *_prediction_notes(found)])
     if refusal:
         raise refusal
 
