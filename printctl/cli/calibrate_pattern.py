@@ -85,11 +85,11 @@ def pattern(
     lines, seconds, notes = write_pattern_job(job)
     start, made = ",".join(f"{value:g}" for value in job.at_mm), job.written.pattern
     if not made.bead.round_bead:
-        notes = [
+        notes = (
             *notes,
             f"lines {made.bead.layer_mm:g} mm high on a plate: --at's Z must be that much above it "
             "(--bath or --round for filaments in a bath)",
-        ]
+        )
     cli.print_notes(notes)
     reads = "and what `printctl observe frame --printed` needs"
     if made.name in COLUMNS:

@@ -43,13 +43,7 @@ _GIVE: Final = "write model: carreau, power_law or pries_1994, and its numbers"
 
 
 def fluid_section(path: Path | None) -> dict[str, Any]:
-    """Return what a file says of the fluid, as a flow section does; empty without one.
-
-    Raises
-    ------
-    UsageError
-        For a file that can't be read, or says no fluid.
-    """
+    """Return what a file says of the fluid, as a flow section does; empty without one."""
     if path is None:
         return {}
     try:
@@ -132,7 +126,6 @@ DRIVING: Final = (
 """What flows, and what drives it."""
 SECTIONS: Final[Any] = Sections((*DRIVING, ONE_D, THREE_D, COMPARE), what="flow")
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
-_HAS_NONE: Final = ", and the recipe has none"
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
 _IN_SPACE: Final = ("three_d", "match_split", "ranks", "svmultiphysics")
 """Options that solve in the lumens' space, which fillets round."""
@@ -154,28 +147,19 @@ def part_of(
 ) -> tuple[parts.FlowPart, list[str]]:
     """The section that options, by their names, stand for, and what they say in a run's place.
 
-    Parameters
-    ----------
-    base : FlowPart, optional
-        A run's section, whose conditions hold where no option says otherwise. What is solved is
-        what options ask for: the section's own 1D and 3D settings wait for --one-d and --three-d.
-    print_scale : float
-        Of the run. Numbers typed are the print's, the section's are its design's.
-
-    Raises
-    ------
-    UsageError
-        For options that don't go together, a value out of bounds, a fluid that can't be read.
+    ``base``, a run's section, holds where no option says otherwise; its own 1D and 3D settings wait
+    for --one-d and --three-d. Numbers typed are the print's, the section's are its design's, the
+    run's ``print_scale`` between them. Raises `UsageError` for options that don't go together, a
+    value out of bounds, a fluid that can't be read.
     """
     waves = any(requested[key] is not None for key in _WAVES)
-    own_pulse = base is not None and base.pulse is not None
-    _refuse_without_wave(requested, waves or own_pulse, "" if base is None else _HAS_NONE)
+    if not waves and (base is None or base.pulse is None):
+        _refuse_without_wave(requested, "" if base is None else ", and the recipe has none")
     _refuse_idle_options(requested)
-    section = (
-        SECTIONS.section(_with_own_space(requested))
-        | fluid_section(requested["fluid"])
-        | shear_band(requested)
-    )
+    section = SECTIONS.section(_with_own_space(requested)) | fluid_section(requested["fluid"])
+    if (band := requested["shear_band_dyn_cm2"]) is not None:
+        band = numbers(band, "--shear-band-dyn-cm2", "LOW,HIGH", 2)
+        section["shear_band_dyn_cm2"] = band
     if requested["stenosis"]:
         section.setdefault("losses", {})["stenoses"] = stenoses(requested["stenosis"])
     typed: list[str] = []
@@ -221,20 +205,10 @@ def _refuse_idle_options(requested: Mapping[str, Any]) -> None:
         )
 
 
-def _refuse_without_wave(requested: Mapping[str, Any], waves: bool, why: str) -> None:
-    if waves:
-        return
+def _refuse_without_wave(requested: Mapping[str, Any], why: str) -> None:
     idle = next((name for name in PULSE.fields() if requested[name] is not None), None)
     if idle is not None:
         raise UsageError(f"{option(idle)} is for pulsatile flow{why}; {_GIVE_WAVE}")
     for key, does in (("svoned", "writes a pulsatile problem"), ("one_d", "follows a pulse")):
         if requested[key]:
             raise UsageError(f"{option(key)} {does}{why}; {_GIVE_WAVE}")
-
-
-def shear_band(requested: Mapping[str, Any]) -> dict[str, Any]:
-    """The range of wall shear that is wanted, as the section says it; empty where none is."""
-    text = requested["shear_band_dyn_cm2"]
-    if text is None:
-        return {}
-    return {"shear_band_dyn_cm2": numbers(text, "--shear-band-dyn-cm2", "LOW,HIGH", 2)}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -90,12 +89,23 @@ def simulate(
     at = None if place is None else three_numbers(place, "--place")
     choices = BeadChoices(**vars(bead), out=out, place_mm=at)
     found: list[dict[str, Any]] = []
+    predicted: list[str] = []
+    notes: list[str] = []
     if choices.asks:
         # What measures and draws the bead takes seconds to load; the dry run needs none of it.
+        from printctl.checks.bead import prediction_lines
         from printctl.pipeline.predicted_ink import write_predictions
 
         failures = placed_failures(checks)
         found = write_predictions(file, gcode, run, mounted, choices, failures, cli.print_note)
+        for one in found:
+            head = f"head {one['head']}: " if len(found) > 1 else ""
+            predicted += [head + line for line in prediction_lines(one)]
+            for warning in one["warnings"]:
+                where = f"line {warning['line']}: " if warning["line"] else ""
+                sure = "" if warning["calibrated"] else " (uncalibrated)"
+                notes.append(f"{head}{where}{warning['text']}{sure}")
+        predicted += [f"wrote {name}" for one in found[:1] for name in one.get("files", [])]
     refusal = refusal_of(checks)
     facts = {
         "file": str(file),
@@ -115,28 +125,8 @@ def simulate(
         *shaft.lines(),
         *(check.row() for check in checks),
     ]
-    cli.print_result(facts, lambda: [*lines, *_prediction_lines(found)])
+    cli.print_result(facts, [*lines, *predicted])
     if not wants_json():
-        cli.print_notes([*warnings(checks), *_prediction_notes(found)])
+        cli.print_notes([*warnings(checks), *notes])
     if refusal:
         raise refusal
-
-
-def _head(facts: list[dict[str, Any]], one: dict[str, Any]) -> str:
-    return f"head {one['head']}: " if len(facts) > 1 else ""
-
-
-def _prediction_lines(facts: list[dict[str, Any]]) -> Iterator[str]:
-    for one in facts:
-        from printctl.checks.bead import prediction_lines  # loaded by then
-
-        yield from (_head(facts, one) + line for line in prediction_lines(one))
-    yield from (f"wrote {name}" for one in facts[:1] for name in one.get("files", []))
-
-
-def _prediction_notes(facts: list[dict[str, Any]]) -> Iterator[str]:
-    for one in facts:
-        for warning in one["warnings"]:
-            where = f"line {warning['line']}: " if warning["line"] else ""
-            sure = "" if warning["calibrated"] else " (uncalibrated)"
-            yield f"{_head(facts, one)}{where}{warning['text']}{sure}"

@@ -22,7 +22,7 @@ from printctl.errors import UsageError
 from printctl.pipeline import viewing
 from printctl.recipe.growth import Growth
 from printctl.settings import arg, of, opt
-from registration.report.picture import FilmScene, PictureOptions, Quantity, View, quantities
+from registration.report.picture import FilmScene, PictureOptions, View, quantities
 
 _FOR_NETWORKS = ("seen_from", *(one.name for one in fields(viewing.NetworkView)))
 _FOR_GCODE = tuple(one.name for one in fields(viewing.GcodeView))
@@ -148,7 +148,12 @@ def _frames(requested: dict[str, Any], loaded: Source, scene: FilmScene) -> Iter
         grown = recipe_of(source, "a film").vasculature if source.is_dir() else None
         murray = grown.murray_exponent if isinstance(grown, Growth) else 3.0
         how = films.GrowthFilm(requested["by"], requested["steps"], murray_exponent=murray)
-        return films.growth_frames(scene, _coloured(loaded, colour), how)
+        known = {each.key: each for each in quantities(loaded.network, loaded.known)}
+        several = len(set(loaded.network.kind.tolist())) > 1
+        name = colour or ("kind" if several else "radius")
+        if name not in known:
+            raise UsageError(f"--colour {name}: nothing is known of it; known: {', '.join(known)}")
+        return films.growth_frames(scene, known[name], how)
     if colour not in (None, "pressure", "flow"):
         raise UsageError(f"--colour {colour}: a pulse is shown by pressure or flow")
     if not source.is_dir():
@@ -157,16 +162,6 @@ def _frames(requested: dict[str, Any], loaded: Source, scene: FilmScene) -> Iter
         colour or "pressure", requested["solver"], requested["frames"], requested["cycles"]
     )
     return films.pulse_frames(scene, recipe_of(source, "a pulse"), requested["tables"], film_of)
-
-
-def _coloured(loaded: Source, colour: str | None) -> Quantity:
-    """The quantity that was named, or kind where there are several, else radius."""
-    known = {each.key: each for each in quantities(loaded.network, loaded.known)}
-    several = len(set(loaded.network.kind.tolist())) > 1
-    name = colour or ("kind" if several else "radius")
-    if name not in known:
-        raise UsageError(f"--colour {name}: nothing is known of it; known: {', '.join(known)}")
-    return known[name]
 
 
 def _with_progress(frames: Iterator[films.Frame], tell: Any) -> Iterator[films.Frame]:
