@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -72,10 +73,9 @@ def flow(
             def tell(cycle: int, change: float) -> None:
                 status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
 
-            found = solver_cases.run_openbf_case(
-                case, network, where, context.params["cell_mm"], tell
-            )
-        _say(found[0], [found[1]])
+            cell_mm = context.params["cell_mm"]
+            summary, file = solver_cases.run_openbf_case(case, network, where, cell_mm, tell)
+        _say(summary, [file])
         return
     # Loaded late: a case of svZeroDSolver needs no network, mesh or figure.
     from printctl.cli.flow_network import run_network
@@ -97,16 +97,11 @@ def _say(summary: dict[str, Any], files: list[Path]) -> None:
     cli.print_result(summary, lambda: [*_lines("", summary), *map(str, files)])
 
 
-def _lines(before: str, values: dict[str, object]) -> list[str]:
-    """A line a number, the names of groups before theirs."""
-    lines: list[str] = []
+def _lines(before: str, values: dict[str, object]) -> Iterator[str]:
+    """A line a number, the names of groups before theirs; notes are said as messages."""
     for key, value in values.items():
-        if key == "notes":
-            continue  # said as messages
         if isinstance(value, dict):
-            lines += _lines(f"{before}{key} ", value)
-        elif isinstance(value, int | float):
-            lines.append(f"{before}{key}: {value:.6g}")
-        else:
-            lines.append(f"{before}{key}: {value}")
-    return lines
+            yield from _lines(f"{before}{key} ", value)
+        elif key != "notes":
+            shown = f"{value:.6g}" if isinstance(value, int | float) else value
+            yield f"{before}{key}: {shown}"

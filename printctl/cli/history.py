@@ -175,9 +175,7 @@ def verify(
 
 
 @command
-def key(
-    out: Path | None = opt("Write the public key here (PEM)."),
-) -> None:
+def key(out: Path | None = opt("Write the public key here (PEM).")) -> None:
     """Show the lab's key, made at the first call; give the public one to whoever verifies.
 
     Example: `printctl history key --out lab.pem`
@@ -218,11 +216,7 @@ def repeat(
 
 
 @json_command
-def overview(
-    context: typer.Context,
-    search: SearchOption = "",
-    as_csv: CsvFlag = False,
-) -> None:
+def overview(context: typer.Context, search: SearchOption = "", as_csv: CsvFlag = False) -> None:
     """List past prints, the latest first; `list --help` has more ways to narrow."""
     if context.invoked_subcommand is None:
         _show(Which(search=search).query(), as_csv)

@@ -50,7 +50,14 @@ def show(
     `printctl profiles NAME` is short for it. A file of your own is shown with its defaults.
     """
     if write is not None:
-        _copy(name, write)
+        if write.suffix not in (".yaml", ".yml"):
+            raise UsageError(f"--write {write}: a profile's file ends in .yaml")
+        if write.exists():
+            raise UsageError(f"--write {write}: it is there already; name a new file")
+        if name is None or name.endswith((".yaml", ".yml")):
+            raise UsageError("--write copies a shipped profile: name one of `printctl profiles`")
+        write_text(write, shipped_text(PROFILE_SORTS[find_profile(name)[0]], name))
+        print_note(f"wrote {write}: give it in place of {name}")
     if name is None:
         all_sorts = PROFILE_SORTS.items()
         known = {sort: {one: load(kind, one) for one in shipped(kind)} for sort, kind in all_sorts}
@@ -68,19 +75,6 @@ def show(
             if name is not None:
                 lines += [f"  {key}: {value}" for key, value in facts.items()]
     print_result(profiles, lines)
-
-
-def _copy(name: str | None, to: Path) -> None:
-    """Write a shipped profile to a new file of the user's."""
-    if to.suffix not in (".yaml", ".yml"):
-        raise UsageError(f"--write {to}: a profile's file ends in .yaml")
-    if to.exists():
-        raise UsageError(f"--write {to}: it is there already; name a new file")
-    if name is None or name.endswith((".yaml", ".yml")):
-        raise UsageError("--write copies a shipped profile: name one of `printctl profiles`")
-    kind, _ = find_profile(name)
-    write_text(to, shipped_text(PROFILE_SORTS[kind], name))
-    print_note(f"wrote {to}: give it in place of {name}")
 
 
 def _sizes(kind: str, facts: dict[str, Any]) -> str:
@@ -149,9 +143,7 @@ def _line(row: Row) -> str:
 
 
 @json_command
-def check(
-    file: str = arg("A .yaml file, or a shipped name."),
-) -> None:
+def check(file: str = arg("A .yaml file, or a shipped name.")) -> None:
     """Check a profile: keys, bounds, and keys against each other.
 
     Exit code 1 when it mustn't be used as it is, 2 when it is no profile.

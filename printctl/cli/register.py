@@ -110,12 +110,9 @@ def register(
         design = work.read_design(model, network, lumens, unit, printed_in, out, cli.print_note)
         drawn = second.call(PAGES, "network_drawing", design.vessels)
         stated = RecordPart() if record is None else section_files.read_record(record)
+        percent, rule = diameter_tolerance_percent, decision_rule
         limits = section_files.tolerances_of(
-            tolerance,
-            tolerance_um,
-            diameter_tolerance_percent,
-            decision_rule,
-            conformance_percent,
+            tolerance, tolerance_um, percent, rule, conformance_percent
         )
         limits.check_network(design.vessels)
         how = work.Measuring(

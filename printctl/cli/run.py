@@ -23,7 +23,7 @@ from printctl.history.table import outcome
 from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
 from printctl.pipeline.run_options import DESIGN_NAMES, REHEARSAL, names_until
 from printctl.progress_file import ProgressFile
-from printctl.recipe import SCHEMA, Recipe, load_recipe, parse_recipe
+from printctl.recipe import SCHEMA, load_recipe, parse_recipe
 from printctl.recipe.growth import Growth
 from printctl.recipe.load import STARTER, migrated_text, read_mapping, steps_from
 from printctl.recipe.schema import recipe_schema
@@ -81,22 +81,17 @@ def run(
         folder = out if out is not None else Path("runs") / (loaded.name + suffix)
         how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=progress,
                          rehearse=rehearse)  # fmt: skip
-        with kernels_for_a_run(*_works(loaded, until), listener=progress):
+        # What of the list of kernels the stages need.
+        grown = isinstance(loaded.vasculature, Growth)
+        designed = until in DESIGN_NAMES
+        works = ["design"] if grown or designed else []
+        works += [] if designed else [f"run {loaded.toolpath.method}"]
+        if loaded.oxygen is not None or loaded.flow.pulse is not None:
+            works.append("pulse and oxygen")
+        with kernels_for_a_run(*works, listener=progress):
             data = run_recipe(loaded, recipe.resolve().parent, folder, cli.messages(), how)
     passed = until is not None or data["verdict"]["passed"]
     cli.print_result(data, lambda: _ended(data, folder, until, pdf), passed)
-
-
-def _works(recipe: Recipe, until: str | None) -> list[str]:
-    """What of the list of kernels the stages need."""
-    grown = isinstance(recipe.vasculature, Growth)
-    designed = until in DESIGN_NAMES
-    beside = recipe.oxygen is not None or recipe.flow.pulse is not None
-    return [
-        *(["design"] if grown or designed else []),
-        *([] if designed else [f"run {recipe.toolpath.method}"]),
-        *(["pulse and oxygen"] if beside else []),
-    ]
 
 
 def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> list[str]:
@@ -189,10 +184,7 @@ def _place(one: Mapping[str, Any]) -> str:
 
 
 @json_command
-def toolpath(
-    recipe: cli.RecipeArg,
-    out: Path = opt("G-code file to write.", ...),
-) -> None:
+def toolpath(recipe: cli.RecipeArg, out: Path = opt("G-code file to write.", ...)) -> None:
     """Write a recipe's G-code after its dry run, with FILE.map.npz (line to vessel or layer).
 
     Of a plate with FILE.wells.csv and a picture, FILE.svg.
@@ -207,17 +199,13 @@ def toolpath(
         for name, suffix in beside.items():
             with atomic_replacement(out.with_suffix(suffix)) as draft:
                 shutil.copyfile(Path(scratch) / name, draft)
-    made = data["toolpath"]
-    cli.print_result(
-        data,
-        lambda: [
-            f"{made['lines']} lines, {made['written_ul']:.4g} µL, "
-            f"{data['dry_run']['duration_s'] / 60:.1f} min",
-            *process_lines(data["dry_run"]),
-            *plan_lines(made.get("plan", {})),
-            str(out),
-        ],
-    )
+    made, dry_run = data["toolpath"], data["dry_run"]
+    lines = [
+        f"{made['lines']} lines, {made['written_ul']:.4g} µL, {dry_run['duration_s'] / 60:.1f} min",
+        *process_lines(dry_run),
+        *plan_lines(made.get("plan", {})),
+    ]
+    cli.print_result(data, [*lines, str(out)])
 
 
 # `printctl recipe` and `init`: write, check and migrate recipes.
@@ -272,9 +260,7 @@ recipe = group(
 
 
 @command
-def init(
-    path: Path = arg("Where to write the recipe.", Path("recipe.yaml")),
-) -> None:
+def init(path: Path = arg("Where to write the recipe.", Path("recipe.yaml"))) -> None:
     """Write a commented starter recipe that runs as it stands.
 
     It prints on the simulated printer. A file that is there isn't overwritten.

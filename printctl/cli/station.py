@@ -51,12 +51,11 @@ def _lines(status: StationStatus) -> Iterator[str]:
         target = f", target {one.target_c:g} °C" if one.target_c else ""
         yield f"{one.name} {one.now_c:g} °C{target}"
     yield from (f"reads {reading}" for reading in status.readings)
-    mounted = status.mounted
-    there = [f"{what} {name}" for what, name in vars(mounted).items() if name and what in _SHOWN]
-    if there:
+    mounted = vars(status.mounted).items()
+    if there := [f"{what} {name}" for what, name in mounted if name and what in _SHOWN]:
         yield "mounted: " + ", ".join(there)
-    if mounted.floor_mm is not None:
-        yield f"floor of the dish at Z {mounted.floor_mm:.2f} mm"
+    if status.mounted.floor_mm is not None:
+        yield f"floor of the dish at Z {status.mounted.floor_mm:.2f} mm"
     if status.ul_left is not None:
         yield f"{status.ul_left:.1f} µL left"
     if status.print_folder:
@@ -216,10 +215,7 @@ def heat(
 
 
 @json_command
-def send(
-    command: str = arg("Such as M503."),
-    folder: FolderOption = None,
-) -> None:
+def send(command: str = arg("Such as M503."), folder: FolderOption = None) -> None:
     """Send a command and print the reply; moves and heat go by the same limits as jog and heat.
 
     While a print goes on it is sent between two of its lines.
