@@ -76,16 +76,8 @@ def _refuse_repeated(given: list[Any]) -> None:
 # Options and choices come from typer, files from the shell itself. Profiles are offered by the
 # option's name, which nearly always means the same.
 
-PROFILES: Final[dict[str, str]] = {
-    "--bath": "Bath",
-    "--dish": "Dish",
-    "--ink": "Ink",
-    "--needle": "Needle",
-    "--plate": "Plate",
-    "--printer": "Printer",
-    "--profile": "Printer",
-    "--syringe": "Syringe",
-}
+_KINDS: Final = "Bath", "Dish", "Ink", "Needle", "Plate", "Printer", "Syringe"
+PROFILES: Final = {f"--{kind.lower()}": kind for kind in _KINDS} | {"--profile": "Printer"}
 """Class of `firmware_profiles` by the option that names one; it is imported when Tab is pressed."""
 OTHERWISE: Final = {("flow", "--profile")}
 """Command and option that means another thing there: of the pulse, in this case."""

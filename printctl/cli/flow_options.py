@@ -97,12 +97,6 @@ _STEADY: Final = "Fluid, inlets and outlets"
 PULSE: Final = SectionOptions(
     parts.PulsePart, ("pulse",), renamed={"table": "waveform"}, panel="Pulsatile flow"
 )
-ONE_D: Final = SectionOptions(
-    parts.OneDPart,
-    ("one_d",),
-    panel="Waves (1D)",
-    flag="Follow the pulse's waves along the vessels, too.",
-)
 THREE_D: Final = SectionOptions(
     parts.ThreeDPart,
     ("three_d",),
@@ -110,21 +104,29 @@ THREE_D: Final = SectionOptions(
     panel="In space (3D)",
     flag="Resolve the flow in the lumens' space, too.",
 )
-COMPARE: Final = SectionOptions(
-    parts.ComparePart,
-    ("compare",),
-    renamed={"points": "compare_points"},
-    panel="Comparison",
-    flag="Fidelities side by side, each against the ideal.",
+SECTIONS: Final[Any] = Sections(
+    [
+        SectionOptions(parts.FlowPart, panel=_STEADY),
+        SectionOptions(parts.PulseOutlet, ("outlet",), prefix="outlet_", panel=_STEADY),
+        SectionOptions(parts.LossPart, ("losses",), panel=_STEADY),
+        PULSE,
+        SectionOptions(
+            parts.OneDPart,
+            ("one_d",),
+            panel="Waves (1D)",
+            flag="Follow the pulse's waves along the vessels, too.",
+        ),
+        THREE_D,
+        SectionOptions(
+            parts.ComparePart,
+            ("compare",),
+            renamed={"points": "compare_points"},
+            panel="Comparison",
+            flag="Fidelities side by side, each against the ideal.",
+        ),
+    ],
+    what="flow",
 )
-DRIVING: Final = (
-    SectionOptions(parts.FlowPart, panel=_STEADY),
-    SectionOptions(parts.PulseOutlet, ("outlet",), prefix="outlet_", panel=_STEADY),
-    SectionOptions(parts.LossPart, ("losses",), panel=_STEADY),
-    PULSE,
-)
-"""What flows, and what drives it."""
-SECTIONS: Final[Any] = Sections((*DRIVING, ONE_D, THREE_D, COMPARE), what="flow")
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
 _IN_SPACE: Final = ("three_d", "match_split", "ranks", "svmultiphysics")

@@ -55,10 +55,8 @@ def status(run: RunArg) -> None:
     """
     folder = print_folder(run)
     state = read_print(folder)
-    print_result(
-        state.to_dict(),
-        lambda: [*status_lines(state, str(run)), *asking_lines(folder, state.status)],
-    )
+    lines = [*status_lines(state, str(run)), *asking_lines(folder, state.status)]
+    print_result(state.to_dict(), lines)
 
 
 def status_lines(truth: PrintTruth, run: str) -> list[str]:
