@@ -55,8 +55,10 @@ def status(run: RunArg) -> None:
     """
     folder = print_folder(run)
     state = read_print(folder)
-    lines = [*status_lines(state, str(run)), *asking_lines(folder, state.status)]
-    print_result(state.to_dict(), lines)
+    print_result(
+        state.to_dict(),
+        lambda: [*status_lines(state, str(run)), *asking_lines(folder, state.status)],
+    )
 
 
 def status_lines(truth: PrintTruth, run: str) -> list[str]:
