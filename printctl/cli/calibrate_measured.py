@@ -8,39 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal, cast, get_args
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
-from printctl.calibration import (
-    Estimate,
-    Job,
-    LagPattern,
-    Readings,
-    Result,
-    backlash_result,
-    backlash_test,
-    flow_result,
-    head_offset_result,
-    lag_result,
-    lag_test,
-    level_result,
-    make_test,
-    offset_result,
-    read_readings,
-    weighing_result,
-    weighing_test,
-)
+from printctl import calibration
 from printctl.calibration.paths import Axis
+from printctl.cli import options as cli
 from printctl.cli.declare import json_command
-from printctl.cli.options import (
-    InkOption,
-    PrinterOption,
-    SyringeOption,
-    print_lines,
-    print_note,
-    print_notes,
-    print_result,
-)
 from printctl.errors import UsageError
 from printctl.settings import arg, numbers_of, opt, three_numbers
 
@@ -50,55 +24,51 @@ At = Annotated[str, opt("Where the tip stands, printer's frame, mm.", metavar="X
 Write = Annotated[Path | None, opt("Write a profile with the result to this file.")]
 
 
-def read_csv_argument(
-    path: Path | None, numbers: tuple[str, ...], words: tuple[str, ...] = ()
-) -> Readings:
-    """Read the file that must be there when no test is to be written."""
+def read_csv_argument(path: Path | None, *numbers: str, word: str = "") -> calibration.Readings:
+    """Read the file that must be there when no test is to be written; ``word`` is no number."""
+    words = (word,) if word else ()
     if path is None:
         raise UsageError(
             f"give a CSV file with the columns {', '.join((*words, *numbers))}; where there is a "
             "test, --gcode FILE writes it and the file to fill in"
         )
-    return read_readings(path, numbers, words)
+    return calibration.read_readings(path, numbers, words)
 
 
-def print_estimates(lines: Mapping[str, Estimate], notes: Sequence[str]) -> None:
+def print_estimates(lines: Mapping[str, calibration.Estimate], notes: Sequence[str]) -> None:
     """Numbers with their 95 % intervals, then what they mean."""
-    values = {
-        name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
-        for name, e in lines.items()
-    }
     reported = [f"{name:<40} {estimate.text()}" for name, estimate in lines.items()]
+    values = {name: vars(estimate) for name, estimate in lines.items()}
     facts = {"estimates": values, "level": 0.95, "notes": notes}
-    print_result(facts, [*reported, "(95 % intervals)", *notes])
+    cli.print_result(facts, [*reported, "(95 % intervals)", *notes])
 
 
-def write_test(job: Job) -> None:
+def write_test(job: calibration.Job) -> None:
     """Write the G-code and the CSV file beside it; say what to do with them (`make_test`)."""
-    made = make_test(job)
-    print_notes(made.notes)
+    made = calibration.make_test(job)
+    cli.print_notes(made.notes)
     start = ",".join(f"{value:g}" for value in job.at_mm)
     last = job.test.columns[-1]
-    print_lines(
+    cli.print_lines(
         f"{job.path}: {made.lines} lines, {made.duration_s:.0f} s; put the tip to {start} "
         f"and print it with --start {start}",
         f"{job.sheet}: fill in the last column ({last}), then give it to the same command",
     )
 
 
-def finish(result: Result, write: Path | None = None) -> None:
+def finish(result: calibration.Result, write: Path | None = None) -> None:
     """Print a result, and write a measured copy of its profile where one is wanted."""
     left = () if write is None else result.unwritten
     print_estimates(result.lines, [*result.notes, *left])
     if write is not None:
-        print_note(f"wrote {write}: {result.save(write)}")
+        cli.print_note(f"wrote {write}: {result.save(write)}")
 
 
 @json_command
 def backlash(
     readings: Csv = None,
-    printer: PrinterOption = "generic_marlin",
-    syringe: SyringeOption = "hamilton_1ml",
+    printer: cli.PrinterOption = "generic_marlin",
+    syringe: cli.SyringeOption = "hamilton_1ml",
     axis: str = opt("x, y, z or e.", "x"),
     targets: str = opt("From the tip's place, mm.", "2,4,6,8,10"),
     overshoot: float = opt("mm", 1.0, min=0.01),
@@ -111,35 +81,33 @@ def backlash(
 
     With --gcode it writes the G-code of the test, which comes to each place from both sides.
     """
-    if gcode is not None:
-        machine, filled = load(Printer, printer), load(Syringe, syringe)
-        test = backlash_test(
-            _axis(axis),
-            numbers_of(targets, "--targets"),
-            overshoot_mm=overshoot,
-            speed_mm_s=speed,
-            wait_s=wait,
-            syringe=filled,
+    if gcode is None:
+        finish(
+            calibration.backlash_result(
+                read_csv_argument(readings, "target_mm", "approach", "measured_mm")
+            )
         )
-        write_test(Job(gcode, test, machine, filled, three_numbers(at, "--at")))
         return
-    data = read_csv_argument(readings, ("target_mm", "approach", "measured_mm"))
-    finish(backlash_result(data))
-
-
-def _axis(text: str) -> Axis:
-    for axis in get_args(Axis):
-        if text == axis:
-            return axis
-    raise UsageError(f"--axis {text!r} is none of x, y, z, e")
+    machine, filled = load(Printer, printer), load(Syringe, syringe)
+    if axis not in get_args(Axis):
+        raise UsageError(f"--axis {axis!r} is none of x, y, z, e")
+    test = calibration.backlash_test(
+        cast(Axis, axis),
+        numbers_of(targets, "--targets"),
+        overshoot_mm=overshoot,
+        speed_mm_s=speed,
+        wait_s=wait,
+        syringe=filled,
+    )
+    write_test(calibration.Job(gcode, test, machine, filled, three_numbers(at, "--at")))
 
 
 @json_command
 def lag(
     readings: Csv = None,
-    printer: PrinterOption = "generic_marlin",
-    syringe: SyringeOption = "hamilton_1ml",
-    ink: InkOption = "collagen_fresh",
+    printer: cli.PrinterOption = "generic_marlin",
+    syringe: cli.SyringeOption = "hamilton_1ml",
+    ink: cli.InkOption = "collagen_fresh",
     needle: str | None = opt("The one mounted: a lag is written for it alone."),
     slow: float = opt("mm/s", 4.0, min=0.01),
     fast: float = opt("mm/s", 16.0, min=0.01),
@@ -158,16 +126,20 @@ def lag(
     follows the pressure late.
     """
     material = load(Ink, ink)
-    line = LagPattern(slow, fast, length, width, layer, "round" if round_bead else "flat")
+    line = calibration.LagPattern(
+        slow, fast, length, width, layer, "round" if round_bead else "flat"
+    )
     if gcode is not None:
-        test = lag_test(line, lines, material)
+        test = calibration.lag_test(line, lines, material)
         mounted = (load(Printer, printer), load(Syringe, syringe))
         # As a print does: what is found then multiplies the factor that the ink has.
-        write_test(Job(gcode, test, *mounted, three_numbers(at, "--at"), material.flow_factor))
+        write_test(
+            calibration.Job(gcode, test, *mounted, three_numbers(at, "--at"), material.flow_factor)
+        )
         return
-    data = read_csv_argument(readings, ("x_mm", "width_mm"))
+    data = read_csv_argument(readings, "x_mm", "width_mm")
     tip = None if needle is None else load(Needle, needle)
-    finish(lag_result(data, line, material, tip, load(Syringe, syringe)), write)
+    finish(calibration.lag_result(data, line, material, tip, load(Syringe, syringe)), write)
 
 
 @json_command
@@ -184,18 +156,18 @@ def offset(
     """
     if write is not None and printer is None:
         raise UsageError("--write needs the profile that is to be mended; give --printer")
-    data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("needle",))
+    data = read_csv_argument(readings, "x_mm", "y_mm", "z_mm", word="needle")
     if printer is not None:
-        finish(head_offset_result(data, load(Printer, printer), head), write)
-        return
-    finish(offset_result(data))
+        finish(calibration.head_offset_result(data, load(Printer, printer), head), write)
+    else:
+        finish(calibration.offset_result(data))
 
 
 @json_command
 def weigh(
     readings: Csv = None,
-    printer: PrinterOption = "generic_marlin",
-    syringe: SyringeOption = "hamilton_1ml",
+    printer: cli.PrinterOption = "generic_marlin",
+    syringe: cli.SyringeOption = "hamilton_1ml",
     density: float = opt("Of what is weighed, g/cm³.", 0.998),
     density_error: float = opt("Half of its 95 % interval, g/cm³.", 0.001, min=0),
     mend: str = opt("What --write changes: bore (syringe) or steps (printer).", "steps"),
@@ -218,19 +190,19 @@ def weigh(
     volumes = numbers_of(doses, "--doses") * repeats
     head, known = machine.pneumatic, (density, density_error)
     if gcode is not None:
-        test = weighing_test(volumes, flow, wait, filled, head)
-        write_test(Job(gcode, test, machine, filled, three_numbers(at, "--at")))
+        test = calibration.weighing_test(volumes, flow, wait, filled, head)
+        write_test(calibration.Job(gcode, test, machine, filled, three_numbers(at, "--at")))
         return
     if head is not None:
-        data = read_csv_argument(readings, ("open_s", "mass_mg"))
+        data = read_csv_argument(readings, "open_s", "mass_mg")
         used = load(Ink, ink), load(Needle, needle)
-        finish(flow_result(data, known, machine, *used), write)
+        finish(calibration.flow_result(data, known, machine, *used), write)
         return
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
-    data = read_csv_argument(readings, ("travel_mm", "mass_mg"))
+    data = read_csv_argument(readings, "travel_mm", "mass_mg")
     what: Literal["bore", "steps"] = "bore" if mend == "bore" else "steps"
-    finish(weighing_result(data, known, machine, filled, what), write)
+    finish(calibration.weighing_result(data, known, machine, filled, what), write)
 
 
 @json_command
@@ -242,6 +214,6 @@ def level(
 
     Three places of each at least, not in a row; more tell how sure the tilt is.
     """
-    data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("surface",))
+    data = read_csv_argument(readings, "x_mm", "y_mm", "z_mm", word="surface")
     size = numbers_of(part, "--part")
-    finish(level_result(data, size[0], size[-1]))
+    finish(calibration.level_result(data, size[0], size[-1]))

@@ -9,34 +9,19 @@ import numpy as np
 import typer
 
 from firmware_profiles import Ink, load
+from printctl.calibration import widths as measuring
 from printctl.calibration.pattern_job import (
     LineShape,
-    PatternJob,
     PatternMachine,
     PatternOptions,
     pattern_job,
     write_pattern_job,
 )
 from printctl.calibration.patterns import COLUMNS, WrittenPattern, read_pattern
-from printctl.calibration.widths import (
-    GivenValues,
-    PictureFacts,
-    fit_measured,
-    measure_picture,
-    read_sheet,
-)
 from printctl.checks.set_up import ProfileNames
+from printctl.cli import options as cli
 from printctl.cli.calibrate_measured import Write, print_estimates
 from printctl.cli.declare import command, json_command, wants_json
-from printctl.cli.options import (
-    CameraFile,
-    InkOption,
-    SyringeOption,
-    print_lines,
-    print_note,
-    print_notes,
-    refuse_typed,
-)
 from printctl.errors import UsageError
 from printctl.settings import arg, numbers_of, of, opt, three_numbers
 from registration.devices.lens import read_lens
@@ -50,6 +35,7 @@ _OWN = {
     "squares": {"speed", "across"},
 }
 """Options of each pattern alone."""
+_CORNERS = 4
 
 
 @command
@@ -64,8 +50,8 @@ def pattern(
     printer: str = opt(
         "Printer profile, shipped or a .yaml.", "generic_marlin", "--printer", "--profile"
     ),
-    syringe: SyringeOption = "hamilton_1ml",
-    ink: InkOption = "collagen_fresh",
+    syringe: cli.SyringeOption = "hamilton_1ml",
+    ink: cli.InkOption = "collagen_fresh",
     bath: str | None = of(ProfileNames, "bath"),
     dish: str | None = of(ProfileNames, "dish"),
     dish_centre: str | None = of(ProfileNames, "dish_centre"),
@@ -85,50 +71,36 @@ def pattern(
     It is printed with `printctl print`; `printctl calibrate widths` reads it, and of squares
     `printctl observe frame --printed`.
     """
-    _refuse_others(context, name)
-    place = three_numbers(at, "--at")
-    machine = PatternMachine(printer, syringe, ink, needle)
-    placed = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
-    job = pattern_job(
-        output, name, own, LineShape(width, layer, round_bead), machine, placed, place
-    )
-    lines, seconds, notes = write_pattern_job(job)
-    print_notes(notes)
-    _tell(job, lines, seconds)
-
-
-def _refuse_others(context: typer.Context, name: str) -> None:
-    """Refuse what belongs to another pattern: it would do nothing."""
-    own = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
-    refuse_typed(
+    has = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
+    cli.refuse_typed(
         context,
         sorted(set().union(*_OWN.values()) - _OWN[name]),
-        f"changes nothing about the pattern {name}, which has {own}; leave it out, or write "
+        f"changes nothing about the pattern {name}, which has {has}; leave it out, or write "
         "another pattern",
     )
-
-
-def _tell(job: PatternJob, lines: int, seconds: float) -> None:
+    place, shape = three_numbers(at, "--at"), LineShape(width, layer, round_bead)
+    machine = PatternMachine(printer, syringe, ink, needle)
+    placed = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
+    job = pattern_job(output, name, own, shape, machine, placed, place)
+    lines, seconds, notes = write_pattern_job(job)
     start, made = ",".join(f"{value:g}" for value in job.at_mm), job.written.pattern
-    x, y = made.size_mm
     if not made.bead.round_bead:
-        print_notes([
+        notes = (
+            *notes,
             f"lines {made.bead.layer_mm:g} mm high on a plate: --at's Z must be that much above it "
-            "(--bath or --round for filaments in a bath)"
-        ])  # fmt: skip
-    reads = (
-        "the sheet to fill in, and what `printctl calibrate widths` needs to read them or a picture"
-        if made.name in COLUMNS
-        else "and what `printctl observe frame --printed` needs"
-    )
-    print_lines(
+            "(--bath or --round for filaments in a bath)",
+        )
+    cli.print_notes(notes)
+    reads = "and what `printctl observe frame --printed` needs"
+    if made.name in COLUMNS:
+        reads = "the sheet to fill in, and what `printctl calibrate widths` needs to read them or "
+        reads += "a picture"
+    x, y = made.size_mm
+    cli.print_lines(
         f"{job.path}: {lines} lines, {seconds:.0f} s, {x:.1f} x {y:.1f} mm; put the tip to {start} "
         f"and print it with --start {start}",
         f"{', '.join(map(str, job.beside))}: what is where, {reads}",
     )
-
-
-_CORNERS = 4
 
 
 @json_command
@@ -141,7 +113,7 @@ def widths(
         "right, upper left, as on the drawing.",
         metavar="U,V,…",
     ),
-    camera: CameraFile = None,
+    camera: cli.CameraFile = None,
     flow_factor: float | None = opt("Weighed; the swelling is told then.", min=0.2, max=5),
     ink: str | None = opt("For --write; the one it was printed with if not."),
     write: Write = None,
@@ -165,19 +137,24 @@ def widths(
         )
     notes: list[str] = []
     if typed:
-        measured = read_sheet(file, written)
+        measured = measuring.read_sheet(file, written)
     else:
         lens = None if camera is None else read_lens(camera)
-        seen = measure_picture(file, written, PictureFacts(um_per_px, _corners(marks), lens))
+        corners = None if marks is None else _corners(marks)
+        seen = measuring.measure_picture(
+            file, written, measuring.PictureFacts(um_per_px, corners, lens)
+        )
         drawn, table = seen.save(file)
-        print_note(f"wrote {drawn} (judge by it) and {table}")
+        cli.print_note(f"wrote {drawn} (judge by it) and {table}")
         measured, notes = seen.measured, seen.notes
-    answer = fit_measured(written, measured, GivenValues(flow_factor))
+    answer = measuring.fit_measured(written, measured, measuring.GivenValues(flow_factor))
     if not wants_json():
-        print_lines(*answer.table)
+        cli.print_lines(*answer.table)
     print_estimates(answer.lines, [*notes, *answer.notes])
     if write is not None:
-        print_note(f"wrote {write}: {answer.save(write, load(Ink, ink or written.mounted.ink))}")
+        cli.print_note(
+            f"wrote {write}: {answer.save(write, load(Ink, ink or written.mounted.ink))}"
+        )
 
 
 def _pattern(file: Path, named: Path | None) -> WrittenPattern:
@@ -199,9 +176,7 @@ def _pattern(file: Path, named: Path | None) -> WrittenPattern:
     return written
 
 
-def _corners(text: str | None) -> np.ndarray | None:
-    if text is None:
-        return None
+def _corners(text: str) -> np.ndarray:
     values = numbers_of(text.replace(";", ","), "--marks")
     if len(values) != 2 * _CORNERS:
         raise UsageError(

@@ -6,6 +6,7 @@ import ast
 import inspect
 from collections import Counter
 from collections.abc import Callable, Iterable
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -35,36 +36,26 @@ def equipped(command: Any, name: str) -> Any:
         kind = PROFILES.get(param.opts[0])
         if kind is not None and (command.name, param.opts[0]) not in OTHERWISE:
             # Typer's own way in is where an option is declared: these are, in many places.
-            param._custom_shell_complete = _names_of(kind)
+            param._custom_shell_complete = partial(_profile_names, kind)
     if not inner:
-        command.parse_args = _once(command)
-    command.format_help = _whole(command.format_help)
+        command.parse_args = partial(_parse_once, command, command.parse_args)
+    command.format_help = partial(_write_help, command.format_help)
     return command
 
 
-def _once(command: Any) -> Callable[[Any, list[str]], Any]:
-    """The command's way of parsing, once no option is repeated."""
-    parse = command.parse_args
-
-    def parse_args(ctx: Any, args: list[str]) -> Any:
-        # What is typed twice is known to the parser alone, which keeps the last.
-        given = command.make_parser(ctx).parse_args(args=list(args))[2]
-        if not ctx.resilient_parsing:
-            _refuse_repeated(given)
-        return parse(ctx, args)
-
-    return parse_args
+def _write_help(write: Callable[[Any, Any], None], ctx: Any, formatter: Any) -> None:
+    """Write help by tables that keep names whole, which are loaded for it alone."""
+    import_module("printctl.cli.help_examples").use_name_tables()
+    write(ctx, formatter)
 
 
-def _whole(write: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
-    """A way of writing help, by tables that keep names whole."""
-
-    def format_help(ctx: Any, formatter: Any) -> None:
-        # Loaded for help alone.
-        import_module("printctl.cli.help_examples").use_name_tables()
-        write(ctx, formatter)
-
-    return format_help
+def _parse_once(command: Any, parse: Callable[..., Any], ctx: Any, args: list[str]) -> Any:
+    """Parse, once no option is repeated."""
+    # What is typed twice is known to the parser alone, which keeps the last.
+    given = command.make_parser(ctx).parse_args(args=list(args))[2]
+    if not ctx.resilient_parsing:
+        _refuse_repeated(given)
+    return parse(ctx, args)
 
 
 def _refuse_repeated(given: list[Any]) -> None:
@@ -85,16 +76,8 @@ def _refuse_repeated(given: list[Any]) -> None:
 # Options and choices come from typer, files from the shell itself. Profiles are offered by the
 # option's name, which nearly always means the same.
 
-PROFILES: Final[dict[str, str]] = {
-    "--bath": "Bath",
-    "--dish": "Dish",
-    "--ink": "Ink",
-    "--needle": "Needle",
-    "--plate": "Plate",
-    "--printer": "Printer",
-    "--profile": "Printer",
-    "--syringe": "Syringe",
-}
+_KINDS: Final = "Bath", "Dish", "Ink", "Needle", "Plate", "Printer", "Syringe"
+PROFILES: Final = {f"--{kind.lower()}": kind for kind in _KINDS} | {"--profile": "Printer"}
 """Class of `firmware_profiles` by the option that names one; it is imported when Tab is pressed."""
 OTHERWISE: Final = {("flow", "--profile")}
 """Command and option that means another thing there: of the pulse, in this case."""
@@ -113,50 +96,28 @@ def matching_words(words: Iterable[str], begun: str) -> list[CompletionWord]:
     return [CompletionWord(word) for word in words if word.startswith(begun)]
 
 
-def _names_of(kind: str) -> Callable[[Any, Any, str], list[CompletionWord]]:
+def _profile_names(kind: str, ctx: Any, param: Any, begun: str) -> list[CompletionWord]:
     """A file of the user's own is completed by the shell, as no shipped name begins like it."""
-
-    def names(ctx: Any, param: Any, begun: str) -> list[CompletionWord]:
-        profiles = import_module("firmware_profiles")
-        return matching_words(profiles.shipped(getattr(profiles, kind)), begun)
-
-    return names
+    profiles = import_module("firmware_profiles")
+    return matching_words(profiles.shipped(getattr(profiles, kind)), begun)
 
 
 # Extract the commands' help summaries from their source, without importing them.
 def summary(module: str, attribute: str) -> str:
-    """Return the docstring of a function, or the `help` of a group, that stands in a module.
+    """Return the docstring of a function, or the help of a `typer.Typer`, named so in a module.
 
-    Parameters
-    ----------
-    module : str
-        Its whole name.
-    attribute : str
-        A function's name, or one that a `typer.Typer(help=...)` is assigned to.
-
-    Raises
-    ------
-    LookupError
-        When the module has no such source.
+    Raises `LookupError` when the module's source has none.
     """
     spec = find_spec(module)
-    if spec is None or spec.origin is None:
-        raise LookupError(f"no source of {module}")
-    for node in ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body:
+    source = Path((spec and spec.origin) or "").read_text(encoding="utf-8")
+    for node in ast.parse(source).body:
         if isinstance(node, ast.FunctionDef) and node.name == attribute:
             return ast.get_docstring(node) or ""
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
-            names = [one.id for one in node.targets if isinstance(one, ast.Name)]
-            if attribute in names:
-                return _help_of(node.value)
-    raise LookupError(f"{module} has no function or group {attribute}")
-
-
-def _help_of(call: ast.Call) -> str:
-    for keyword in ast.walk(call):
-        if isinstance(keyword, ast.keyword) and keyword.arg == "help":
-            return inspect.cleandoc(str(ast.literal_eval(keyword.value)))
-    return ""
+        if isinstance(node, ast.Assign) and attribute in map(ast.unparse, node.targets):
+            for one in ast.walk(node.value):
+                if isinstance(one, ast.keyword) and one.arg == "help":
+                    return inspect.cleandoc(str(ast.literal_eval(one.value)))
+    raise LookupError(f"{module} has no help of {attribute}")
 
 
 COMMANDS: dict[str, str] = {

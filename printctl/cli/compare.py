@@ -8,13 +8,7 @@ from pydantic import ValidationError
 
 from printctl.cli.declare import json_command
 from printctl.cli.options import OutFolder, PdfFlag, print_notes, print_result
-from printctl.corrections.compensation import (
-    GainPart,
-    changes_line,
-    check_suffix,
-    evidence_lines,
-    save_compensation,
-)
+from printctl.corrections import compensation
 from printctl.corrections.feedback import Choices, Mean, estimate, read_print
 from printctl.errors import UsageError
 from printctl.history.comparing import NewLimits, PrintNames, read_folders, write_comparison
@@ -96,8 +90,8 @@ def compensate(
         "Of this scanner on a phantom: measured less true, and its 95 % half width.",
         metavar="BIAS,INTERVAL",
     ),
-    gain: float = of(GainPart, "whole", "--gain", max=None),
-    local_gain: float = of(GainPart, "local", "--local-gain", max=None),
+    gain: float = of(compensation.GainPart, "whole", "--gain", max=None),
+    local_gain: float = of(compensation.GainPart, "local", "--local-gain", max=None),
     without_vessel: list[int] | None = opt("A vessel to leave out; may be repeated."),
     whole_only: bool = opt("Nothing for single vessels and nodes.", False),
 ) -> None:
@@ -106,41 +100,36 @@ def compensate(
     What isn't told from chance isn't corrected. Beyond 10 % of size, 20 % or 150 µm of a diameter,
     or 150 µm of place nothing is.
     """
-    check_suffix(out)
+    compensation.check_suffix(out)
     if depth_standard is not None and not depth_standard.strip():
         raise UsageError("--depth-standard is empty; say what it is, e.g. 'step of 1.00 mm in gel'")
-    choices = Choices(
-        gain=_gain(gain, local_gain),
-        depth_standard=depth_standard,
-        bias=_bias(diameter_bias_um),
-        without=frozenset(without_vessel or ()),
-        local=not whole_only,
-    )
+    try:
+        gains = compensation.GainPart(whole=gain, local=local_gain)
+    except ValidationError as exc:
+        raise UsageError(
+            f"--gain {gain:g} and --local-gain {local_gain:g} must lie above 0 and be at most 1: "
+            "more than what was measured is never corrected"
+        ) from exc
+    bias = None if diameter_bias_um is None else _bias(diameter_bias_um)
+    without = frozenset(without_vessel or ())
+    choices = Choices(gains, depth_standard, bias, without, local=not whole_only)
     read = [read_print(folder) for folder in prints]
     count = read[0].network.vessel_count
-    if wrong := sorted(vessel for vessel in choices.without if not 0 <= vessel < count):
+    if wrong := sorted(vessel for vessel in without if not 0 <= vessel < count):
         raise UsageError(f"--without-vessel {wrong[0]}: the network has vessels 0 to {count - 1}")
     made = estimate(read, choices)
-    save_compensation(out, made)
+    compensation.save_compensation(out, made)
     print_notes(made.notes)
     facts = made.model_dump(mode="json", by_alias=True)
-    lines = [*evidence_lines(made), f"written instead: {changes_line(made)}", str(out)]
+    lines = [
+        *compensation.evidence_lines(made),
+        f"written instead: {compensation.changes_line(made)}",
+        str(out),
+    ]
     print_result(facts, lines)
 
 
-def _gain(whole: float, local: float) -> GainPart:
-    try:
-        return GainPart(whole=whole, local=local)
-    except ValidationError as exc:
-        raise UsageError(
-            f"--gain {whole:g} and --local-gain {local:g} must lie above 0 and be at most 1: more "
-            "than what was measured is never corrected"
-        ) from exc
-
-
-def _bias(text: str | None) -> Mean | None:
-    if text is None:
-        return None
+def _bias(text: str) -> Mean:
     try:
         value, half = (float(part) * 1e-3 for part in text.split(","))
     except ValueError as exc:

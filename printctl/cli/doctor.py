@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import typer
-
 from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import print_result
@@ -25,9 +23,7 @@ def doctor(
     if warm:
         have_kernels(fewest=1)
     examination = examine()
-    print_result(examination.as_dict(), _lines(examination))
-    if examination.blocked:
-        raise typer.Exit(1)
+    print_result(examination.as_dict(), _lines(examination), not examination.blocked)
 
 
 def _lines(examination: Examination) -> Iterator[str]:

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from design.files import write_text
-from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from design.units import UL_S_PER_ML_MIN
 from printctl.analysis.dye import CURVES, FRONT, PICTURE, FrontOptions, predict_front
@@ -52,14 +48,16 @@ def dye(
         _tell_front(predict_front(model, out, flow_ml_min, front), out)
         return
     idle = {"as-printed": front.as_printed, "at": front.at, "unit": front.unit not in (None, "mm")}
-    if any(idle.values()):
-        name = next(name for name in idle if idle[name])
+    if name := next(filter(idle.get, idle), None):
         raise UsageError(f"--{name} is for --predict; leave it out")
     if video is None or marks is None:
         raise UsageError(
             "give a film and its --marks (docs/dye.md), or --predict to foresee the front"
         )
-    network = _network(model)
+    path = model / NETWORK if model.is_dir() else model
+    if not path.is_file():
+        raise UsageError(f"no network at {path}; --model takes a run folder, or its network.csv")
+    network = read_network_csv(path, unit="mm")
     options = DyeOptions(
         flow_ul_s=None if flow_ml_min is None else flow_ml_min * UL_S_PER_ML_MIN,
         start_s=start_s,
@@ -72,9 +70,8 @@ def dye(
     write_text(out / PLACES, as_csv(place_rows(report)))
     write_dye_html(out / PAGE, video.name, data, report, network)
     verdict = data["verdict"]
-    print_result(data, [verdict["outcome"], *verdict["reasons"], str(out / PAGE)])
-    if not verdict["passed"]:
-        raise typer.Exit(1)
+    lines = [verdict["outcome"], *verdict["reasons"], str(out / PAGE)]
+    print_result(data, lines, verdict["passed"])
 
 
 def _tell_front(summary: dict[str, Any], out: Path) -> None:
@@ -86,16 +83,5 @@ def _tell_front(summary: dict[str, Any], out: Path) -> None:
             "0.01), so that its tip comes later and its front is steeper than foreseen, between "
             "tip and mean"
         ])  # fmt: skip
-    print_result(summary, lambda: _front_lines(summary, out))
-
-
-def _front_lines(summary: dict[str, Any], out: Path) -> Iterator[str]:
-    yield from (f"{key}: {value:.4g}" for key, value in summary.items() if key != "warning")
-    yield from (str(out / name) for name in (FRONT, CURVES, PICTURE))
-
-
-def _network(model: Path) -> VesselNetwork:
-    path = model / NETWORK if model.is_dir() else model
-    if not path.is_file():
-        raise UsageError(f"no network at {path}; --model takes a run folder, or its network.csv")
-    return read_network_csv(path, unit="mm")
+    lines = [f"{key}: {value:.4g}" for key, value in summary.items() if key != "warning"]
+    print_result(summary, [*lines, *(str(out / name) for name in (FRONT, CURVES, PICTURE))])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,19 +10,9 @@ import typer
 
 from printctl.analysis.flow import solver_cases
 from printctl.cli import flow_options as options
+from printctl.cli import options as cli
 from printctl.cli.declare import json_command
 from printctl.cli.flow_options import SECTIONS
-from printctl.cli.options import (
-    SourceArg,
-    UnitOption,
-    folder_to_write,
-    is_typed,
-    messages,
-    print_notes,
-    print_result,
-    print_warning,
-    refuse_typed,
-)
 from printctl.settings import opt
 
 
@@ -29,10 +20,10 @@ from printctl.settings import opt
 def flow(
     *,
     context: typer.Context,
-    network: SourceArg,
-    unit: UnitOption = None,
+    network: cli.SourceArg,
+    unit: cli.UnitOption = None,
     out: Path = opt(
-        "Folder for the tables; made where it isn't.", Path("flow"), callback=folder_to_write
+        "Folder for the tables; made where it isn't.", Path("flow"), callback=cli.folder_to_write
     ),
     typed: dict[str, Any] = SECTIONS,
     fluid: Path | None = opt("YAML with a recipe's flow.viscosity: model: carreau and so on."),
@@ -66,7 +57,7 @@ def flow(
         file = out / f"{solver_cases.SVZEROD}.{kind}"
         summary, doubts = solver_cases.run_svzerod_case(case, network, file)
         for text in doubts:
-            print_warning(text)
+            cli.print_warning(text)
         _say(summary, [file])
         return
     if (case := solver_cases.read_openbf(network)) is not None:
@@ -74,49 +65,43 @@ def flow(
         _refuse_idle(context, known, "openBF")
 
         def where(own: str | None) -> Path:
-            folder = out if is_typed(context, "out") or own is None else Path(own)
+            folder = out if cli.is_typed(context, "out") or own is None else Path(own)
             return folder / f"{solver_cases.OPENBF}.{kind}"
 
-        with messages().status("1D flow") as status:
+        with cli.messages().status("1D flow") as status:
 
             def tell(cycle: int, change: float) -> None:
                 status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
 
-            found = solver_cases.run_openbf_case(
-                case, network, where, context.params["cell_mm"], tell
-            )
-        _say(found[0], [found[1]])
+            cell_mm = context.params["cell_mm"]
+            summary, file = solver_cases.run_openbf_case(case, network, where, cell_mm, tell)
+        _say(summary, [file])
         return
     # Loaded late: a case of svZeroDSolver needs no network, mesh or figure.
     from printctl.cli.flow_network import run_network
 
     output = run_network(context, network, out, others, match)
     for text in output.warnings:
-        print_warning(text)
+        cli.print_warning(text)
     _say(output.summary, output.files)
 
 
 def _refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) -> None:
     """Refuse an option typed that isn't among ``known``: the case says all else by itself."""
     others = (name for name in context.params if name not in known)
-    refuse_typed(context, others, f"is for networks; a case of {solver} says all by itself")
+    cli.refuse_typed(context, others, f"is for networks; a case of {solver} says all by itself")
 
 
 def _say(summary: dict[str, Any], files: list[Path]) -> None:
-    print_notes(summary.get("notes", ()))
-    print_result(summary, lambda: [*_lines("", summary), *map(str, files)])
+    cli.print_notes(summary.get("notes", ()))
+    cli.print_result(summary, lambda: [*_lines("", summary), *map(str, files)])
 
 
-def _lines(before: str, values: dict[str, object]) -> list[str]:
-    """A line a number, the names of groups before theirs."""
-    lines: list[str] = []
+def _lines(before: str, values: dict[str, object]) -> Iterator[str]:
+    """A line a number, the names of groups before theirs; notes are said as messages."""
     for key, value in values.items():
-        if key == "notes":
-            continue  # said as messages
         if isinstance(value, dict):
-            lines += _lines(f"{before}{key} ", value)
-        elif isinstance(value, int | float):
-            lines.append(f"{before}{key}: {value:.6g}")
-        else:
-            lines.append(f"{before}{key}: {value}")
-    return lines
+            yield from _lines(f"{before}{key} ", value)
+        elif key != "notes":
+            shown = f"{value:.6g}" if isinstance(value, int | float) else value
+            yield f"{before}{key}: {shown}"

@@ -27,12 +27,7 @@ def run_network(
 ) -> FlowOutput:
     """Solve and write what the options in ``context.params`` ask for; some are ``others``, ``how``.
 
-    Raises
-    ------
-    UsageError
-        For options that don't go together.
-    FlowError, SolidError, OSError
-        As the solvers.
+    Raises `UsageError` for options that don't go together, and what the solvers raise.
     """
     requested, output = context.params, FlowOutput()
     if requested["as_printed"]:
@@ -76,10 +71,7 @@ def _wanted(texts: list[str]) -> dict[int, float]:
     return flows
 
 
-_ELSEWHERE: Final = (
-    *("svzerod", "svoned", "ranks", "svmultiphysics"),
-    *("compare", "check", "results"),
-)
+_ELSEWHERE: Final = "svzerod", "svoned", "ranks", "svmultiphysics", "compare", "check", "results"
 
 
 def _as_printed(context: typer.Context, folder: Path, out: Path, output: FlowOutput) -> None:
@@ -87,8 +79,7 @@ def _as_printed(context: typer.Context, folder: Path, out: Path, output: FlowOut
     requested = context.params
     for key in _ELSEWHERE:
         if requested[key] not in (None, False):
-            name = key.replace("_", "-")
-            raise UsageError(f"--{name} doesn't go with --as-printed; leave one of them out")
+            raise UsageError(f"--{key} doesn't go with --as-printed; leave one of them out")
     if requested["unit"] not in (None, "mm"):
         raise UsageError(f"a run folder's files are in mm, not {requested['unit']}; drop --unit")
     if requested["scanned"] and not requested["three_d"]:

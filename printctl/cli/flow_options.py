@@ -15,17 +15,7 @@ from firmware_profiles.yaml_file import read_yaml
 from printctl.analysis.flow.typed_over import section_over
 from printctl.cli.section_options import SectionOptions, Sections, needs_another, option
 from printctl.errors import UsageError
-from printctl.recipe.parts import (
-    ComparePart,
-    FlowPart,
-    FluidPart,
-    LossPart,
-    OneDPart,
-    PulseOutlet,
-    PulsePart,
-    StenosisPart,
-    ThreeDPart,
-)
+from printctl.recipe import parts
 from printctl.settings import opt, settings
 
 
@@ -48,18 +38,12 @@ class Match:
     least_lumen_mm: float | None = opt("Smallest diameter that can be printed.", min=0.0)
 
 
-_FLUID: Final[TypeAdapter[Any]] = TypeAdapter(FluidPart)
+_FLUID: Final[TypeAdapter[Any]] = TypeAdapter(parts.FluidPart)
 _GIVE: Final = "write model: carreau, power_law or pries_1994, and its numbers"
 
 
 def fluid_section(path: Path | None) -> dict[str, Any]:
-    """Return what a file says of the fluid, as a flow section does; empty without one.
-
-    Raises
-    ------
-    UsageError
-        For a file that can't be read, or says no fluid.
-    """
+    """Return what a file says of the fluid, as a flow section does; empty without one."""
     if path is None:
         return {}
     try:
@@ -90,7 +74,7 @@ def stenoses(texts: list[str]) -> list[dict[str, Any]]:
         number = int(vessel) if vessel.is_integer() else vessel
         values = {"vessel": number, "diameter_share": share, "length_mm": length}
         try:
-            StenosisPart.model_validate(values)
+            parts.StenosisPart.model_validate(values)
         except ValidationError as exc:
             first = exc.errors()[0]
             raise UsageError(f"--stenosis {text}: {first['loc'][0]} {wording(first)}") from exc
@@ -111,38 +95,39 @@ def numbers(text: str, name: str, form: str, count: int) -> tuple[float, ...]:
 
 _STEADY: Final = "Fluid, inlets and outlets"
 PULSE: Final = SectionOptions(
-    PulsePart, ("pulse",), renamed={"table": "waveform"}, panel="Pulsatile flow"
-)
-ONE_D: Final = SectionOptions(
-    OneDPart,
-    ("one_d",),
-    panel="Waves (1D)",
-    flag="Follow the pulse's waves along the vessels, too.",
+    parts.PulsePart, ("pulse",), renamed={"table": "waveform"}, panel="Pulsatile flow"
 )
 THREE_D: Final = SectionOptions(
-    ThreeDPart,
+    parts.ThreeDPart,
     ("three_d",),
     renamed={"steps": "three_d_steps", "most_cycles": "three_d_most_cycles"},
     panel="In space (3D)",
     flag="Resolve the flow in the lumens' space, too.",
 )
-COMPARE: Final = SectionOptions(
-    ComparePart,
-    ("compare",),
-    renamed={"points": "compare_points"},
-    panel="Comparison",
-    flag="Fidelities side by side, each against the ideal.",
+SECTIONS: Final[Any] = Sections(
+    [
+        SectionOptions(parts.FlowPart, panel=_STEADY),
+        SectionOptions(parts.PulseOutlet, ("outlet",), prefix="outlet_", panel=_STEADY),
+        SectionOptions(parts.LossPart, ("losses",), panel=_STEADY),
+        PULSE,
+        SectionOptions(
+            parts.OneDPart,
+            ("one_d",),
+            panel="Waves (1D)",
+            flag="Follow the pulse's waves along the vessels, too.",
+        ),
+        THREE_D,
+        SectionOptions(
+            parts.ComparePart,
+            ("compare",),
+            renamed={"points": "compare_points"},
+            panel="Comparison",
+            flag="Fidelities side by side, each against the ideal.",
+        ),
+    ],
+    what="flow",
 )
-DRIVING: Final = (
-    SectionOptions(FlowPart, panel=_STEADY),
-    SectionOptions(PulseOutlet, ("outlet",), prefix="outlet_", panel=_STEADY),
-    SectionOptions(LossPart, ("losses",), panel=_STEADY),
-    PULSE,
-)
-"""What flows, and what drives it."""
-SECTIONS: Final[Any] = Sections((*DRIVING, ONE_D, THREE_D, COMPARE), what="flow")
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
-_HAS_NONE: Final = ", and the recipe has none"
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
 _IN_SPACE: Final = ("three_d", "match_split", "ranks", "svmultiphysics")
 """Options that solve in the lumens' space, which fillets round."""
@@ -151,7 +136,7 @@ _NEED: Final = {
     **dict.fromkeys(("want", "match_percent", "least_lumen_mm"), "match_split"),
 }
 """Options that mean nothing without another one."""
-_OTHERS: Final = SectionOptions(ThreeDPart, renamed=THREE_D.renamed)
+_OTHERS: Final = SectionOptions(parts.ThreeDPart, renamed=THREE_D.renamed)
 _TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
     "edge_ratio": ("match_split", "ranks", "svmultiphysics"),
     "inertia": ("match_split", "ranks"),
@@ -160,44 +145,35 @@ _TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def part_of(
-    requested: Mapping[str, Any], base: FlowPart | None = None, print_scale: float = 1.0
-) -> tuple[FlowPart, list[str]]:
+    requested: Mapping[str, Any], base: parts.FlowPart | None = None, print_scale: float = 1.0
+) -> tuple[parts.FlowPart, list[str]]:
     """The section that options, by their names, stand for, and what they say in a run's place.
 
-    Parameters
-    ----------
-    base : FlowPart, optional
-        A run's section, whose conditions hold where no option says otherwise. What is solved is
-        what options ask for: the section's own 1D and 3D settings wait for --one-d and --three-d.
-    print_scale : float
-        Of the run. Numbers typed are the print's, the section's are its design's.
-
-    Raises
-    ------
-    UsageError
-        For options that don't go together, a value out of bounds, a fluid that can't be read.
+    ``base``, a run's section, holds where no option says otherwise; its own 1D and 3D settings wait
+    for --one-d and --three-d. Numbers typed are the print's, the section's are its design's, the
+    run's ``print_scale`` between them. Raises `UsageError` for options that don't go together, a
+    value out of bounds, a fluid that can't be read.
     """
     waves = any(requested[key] is not None for key in _WAVES)
-    own_pulse = base is not None and base.pulse is not None
-    _refuse_without_wave(requested, waves or own_pulse, "" if base is None else _HAS_NONE)
+    if not waves and (base is None or base.pulse is None):
+        _refuse_without_wave(requested, "" if base is None else ", and the recipe has none")
     _refuse_idle_options(requested)
-    section = (
-        SECTIONS.section(_with_own_space(requested))
-        | fluid_section(requested["fluid"])
-        | shear_band(requested)
-    )
+    section = SECTIONS.section(_with_own_space(requested)) | fluid_section(requested["fluid"])
+    if (band := requested["shear_band_dyn_cm2"]) is not None:
+        band = numbers(band, "--shear-band-dyn-cm2", "LOW,HIGH", 2)
+        section["shear_band_dyn_cm2"] = band
     if requested["stenosis"]:
         section.setdefault("losses", {})["stenoses"] = stenoses(requested["stenosis"])
     typed: list[str] = []
     if base is not None:
         section, typed = section_over(base, section, print_scale)
     stated = replace(SECTIONS, what="pulsatile flow") if waves else SECTIONS
-    return stated.checked(FlowPart, section), typed
+    return stated.checked(parts.FlowPart, section), typed
 
 
-def space_of(requested: Mapping[str, Any]) -> ThreeDPart:
+def space_of(requested: Mapping[str, Any]) -> parts.ThreeDPart:
     """What was typed of lumens in space, for those that don't solve as --three-d does."""
-    return Sections([_OTHERS], what="3D flow").checked(ThreeDPart, _OTHERS.typed(requested))
+    return Sections([_OTHERS], what="3D flow").checked(parts.ThreeDPart, _OTHERS.typed(requested))
 
 
 def _with_own_space(requested: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -231,20 +207,10 @@ def _refuse_idle_options(requested: Mapping[str, Any]) -> None:
         )
 
 
-def _refuse_without_wave(requested: Mapping[str, Any], waves: bool, why: str) -> None:
-    if waves:
-        return
+def _refuse_without_wave(requested: Mapping[str, Any], why: str) -> None:
     idle = next((name for name in PULSE.fields() if requested[name] is not None), None)
     if idle is not None:
         raise UsageError(f"{option(idle)} is for pulsatile flow{why}; {_GIVE_WAVE}")
     for key, does in (("svoned", "writes a pulsatile problem"), ("one_d", "follows a pulse")):
         if requested[key]:
             raise UsageError(f"{option(key)} {does}{why}; {_GIVE_WAVE}")
-
-
-def shear_band(requested: Mapping[str, Any]) -> dict[str, Any]:
-    """The range of wall shear that is wanted, as the section says it; empty where none is."""
-    text = requested["shear_band_dyn_cm2"]
-    if text is None:
-        return {}
-    return {"shear_band_dyn_cm2": numbers(text, "--shear-band-dyn-cm2", "LOW,HIGH", 2)}

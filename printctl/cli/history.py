@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from design.files import write_bytes
 from printctl.cli.declare import command, group, json_command, wants_json
-from printctl.cli.options import messages, print_json, print_lines, print_result
+from printctl.cli.options import print_json, print_lines, print_note, print_result
 from printctl.errors import UsageError
+from printctl.history import table
 from printctl.history.bundle import filed, write_bundle
-from printctl.history.repeat import RepeatPlan, entry_of_bundle, make_job, plan_repeat
+from printctl.history.repeat import entry_of_bundle, make_job, plan_repeat
 from printctl.history.signing import known_lab_key, lab_key, read_public_file, signing_missing
-from printctl.history.table import (
-    csv_lines,
-    day_begins,
-    day_ends,
-    local_time,
-    outcome,
-    tell_running,
-)
-from printctl.history.timeline import time_line
+from printctl.history.table import local_time
+from printctl.history.timeline import TimeLine, time_line
 from printctl.history.verify import verify_bundle
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
@@ -66,8 +62,8 @@ class Which:
             states=tuple(self.state or ()),
             profile=self.profile,
             who=self.who,
-            since=day_begins(self.since, "--since"),
-            until=day_ends(self.until, "--until"),
+            since=table.day_begins(self.since, "--since"),
+            until=table.day_ends(self.until, "--until"),
         )
 
 
@@ -93,20 +89,19 @@ def show(print_id: IdArg) -> None:
     """
     entry = PrintHistory().one(print_id)
     record = evidence(entry)
-    try:
+    line = TimeLine((), ())
+    with suppress(OSError):
         line = time_line(entry.journal)
-    except OSError:
-        line = None
     facts = {
         "print": filed(entry).model_dump(mode="json"),
         "journal": str(entry.journal),
-        "gcode": str(record.gcode) if record.gcode else None,
-        "run": str(record.run) if record.run else None,
+        "gcode": record.gcode and str(record.gcode),
+        "run": record.run and str(record.run),
         "report": {name: str(path) for name, path in record.report.items()},
         "verdict": record.verdict,
         "note": record.note(),
         "missing": list(record.missing),
-        "events": [asdict(event) for event in line.events] if line else [],
+        "events": list(map(asdict, line.events)),
     }
     print_result(facts, [
         f"{entry.file}, {entry.state}: {entry.message}",
@@ -116,12 +111,12 @@ def show(print_id: IdArg) -> None:
         f"lines    {entry.done} of {entry.total}",
         f"operator {entry.by} at {entry.host}",
         f"printer  {entry.profile} at {entry.port}",
-        f"verdict  {outcome(record.verdict) or 'none'}",
+        f"verdict  {table.outcome(record.verdict) or 'none'}",
         f"report   {record.report.get('report.html', 'none')}",
         f"journal  {entry.journal}",
         *(f"missing  {text}" for text in record.missing),
         "",
-        *(f"{e.after_s:9.1f} s  {e.kind:<10} {e.text}" for e in (line.events if line else ())),
+        *(f"{e.after_s:9.1f} s  {e.kind:<10} {e.text}" for e in line.events),
     ])  # fmt: skip
 
 
@@ -142,14 +137,9 @@ def bundle(
     path = out or Path(f"print_{entry.id}.zip")
     manifest = write_bundle(path, entry, None if unsigned else lab_key())
     signed = f"signed by key {manifest.signed_by}" if manifest.signed_by else "unsigned"
-    missing_lines = manifest.missing or ("nothing is missing",)
-    print_result(
-        {"bundle": str(path), "manifest": manifest.model_dump(mode="json")},
-        [
-            f"{path}: {len(manifest.files)} files, {signed}",
-            *(f"  not in it: {text}" for text in missing_lines),
-        ],
-    )
+    lines = [f"{path}: {len(manifest.files)} files, {signed}"]
+    lines += [f"  not in it: {text}" for text in manifest.missing or ("nothing is missing",)]
+    print_result({"bundle": str(path), "manifest": manifest.model_dump(mode="json")}, lines)
 
 
 @json_command
@@ -181,15 +171,11 @@ def verify(
     lines = [*result.lines()]
     if result.whole and entry:
         lines.append(f"  {entry.file}, {entry.state}, {local_time(entry.started)}, {entry.who}")
-    print_result(facts, lines)
-    if not result.good:
-        raise typer.Exit(1)
+    print_result(facts, lines, result.good)
 
 
 @command
-def key(
-    out: Path | None = opt("Write the public key here (PEM)."),
-) -> None:
+def key(out: Path | None = opt("Write the public key here (PEM).")) -> None:
     """Show the lab's key, made at the first call; give the public one to whoever verifies.
 
     Example: `printctl history key --out lab.pem`
@@ -197,10 +183,8 @@ def key(
     public = lab_key().public
     if out is not None:
         write_bytes(out, public.pem())
-    print_lines(
-        f"fingerprint {public.fingerprint}",
-        *([str(out)] if out else [public.pem().decode().strip()]),
-    )
+    shown = str(out) if out else public.pem().decode().strip()
+    print_lines(f"fingerprint {public.fingerprint}", shown)
 
 
 @json_command
@@ -225,22 +209,14 @@ def repeat(
         "unknown": list(plan.unknown),
         "set_up": plan.set_up,
     }
-    print_result(facts, _plan_lines(plan, made))
-
-
-def _plan_lines(plan: RepeatPlan, made: Path | None) -> list[str]:
     lines = [f"the G-code is the one that was printed ({plan.entry.sha256})"]
     lines += [f"differs: {one.line()}" for one in plan.differences] or ["nothing known differs"]
     lines += [f"not known: {text}" for text in plan.unknown]
-    return [*lines, *([f"job: {made}; nothing was started"] if made else [])]
+    print_result(facts, [*lines, *([f"job: {made}; nothing was started"] if made else [])])
 
 
 @json_command
-def overview(
-    context: typer.Context,
-    search: SearchOption = "",
-    as_csv: CsvFlag = False,
-) -> None:
+def overview(context: typer.Context, search: SearchOption = "", as_csv: CsvFlag = False) -> None:
     """List past prints, the latest first; `list --help` has more ways to narrow."""
     if context.invoked_subcommand is None:
         _show(Which(search=search).query(), as_csv)
@@ -277,35 +253,31 @@ def rebuild(
             raise UsageError(f"{folder} is no folder; give one that holds prints")
     kept = PrintHistory()
     count = kept.rebuild(folders or ())
-    facts = {"prints": count, "index": str(kept.path)}
-    print_result(facts, [f"{count} prints in {kept.path}"])
+    print_result({"prints": count, "index": str(kept.path)}, [f"{count} prints in {kept.path}"])
 
 
 def _show(query: HistoryQuery, as_csv: bool) -> None:
     matches = PrintHistory().find(query)
-    entries = [tell_running(entry) for entry in matches.entries]
+    entries = [table.tell_running(entry) for entry in matches.entries]
     if wants_json():
-        print_json({"prints": [_plain(entry) for entry in entries], "total": matches.total})
+        plain = [asdict(entry) | {"journal": str(entry.journal)} for entry in entries]
+        print_json({"prints": plain, "total": matches.total})
     elif as_csv:
-        sys.stdout.writelines(csv_lines(entries))
+        sys.stdout.writelines(table.csv_lines(entries))
+    elif entries:
+        print_lines(*(line for entry in entries for line in _lines(entry)))
     else:
-        for entry in entries:
-            print_lines(*_lines(entry))
-        if not entries:
-            narrowed = query != HistoryQuery()
-            messages().print("no print is known" + (" that fits" if narrowed else ""))
+        print_note("no print is known" + (" that fits" if query != HistoryQuery() else ""))
 
 
-def _plain(entry: PrintEntry) -> dict[str, Any]:
-    return asdict(entry) | {"journal": str(entry.journal)}
-
-
-def _lines(entry: PrintEntry) -> list[str]:
-    known = f"{entry.done} of {entry.total} lines"
-    when = local_time(entry.started)
-    head = f"{when}  {entry.state:<16} {entry.file}  {known}  {entry.profile}  {entry.by}"
-    message = [f"    {entry.message}"] if entry.message and entry.state != "done" else []
-    return [f"{head}  [{entry.id}]", *message, *(f"    ! {alarm.text}" for alarm in entry.alarms)]
+def _lines(entry: PrintEntry) -> Iterator[str]:
+    yield (
+        f"{local_time(entry.started)}  {entry.state:<16} {entry.file}  {entry.done} of "
+        f"{entry.total} lines  {entry.profile}  {entry.by}  [{entry.id}]"
+    )
+    if entry.message and entry.state != "done":
+        yield f"    {entry.message}"
+    yield from (f"    ! {alarm.text}" for alarm in entry.alarms)
 
 
 history = group(

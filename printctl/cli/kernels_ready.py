@@ -23,20 +23,14 @@ _CALLED_LAST: Final = "registration."
 
 
 def have_kernels(*works: str, listener: Listener | None = None, fewest: int | None = None) -> None:
-    """Compile what these kinds of work need (`kernels.ahead`) and the store lacks.
+    """Compile what these kinds of work need (`kernels.ahead`), or all, and the store lacks.
 
-    Parameters
-    ----------
-    works : str
-        Names in the list of kernels; all of it without.
-    listener : Listener, optional
-        Notified of a stage "kernels" if there is anything to compile.
-    fewest : int, optional
-        Fewer are left; `MIN_KERNELS` if not given.
+    ``listener`` is notified of a stage "kernels" if there is anything to compile; fewer than
+    ``fewest`` (`MIN_KERNELS` if not given) are left.
     """
-    rows = _missing(works, fewest)
-    with _compiling(rows, (), listener) if rows else nullcontext():
-        pass
+    if rows := _missing(works, fewest):
+        with _compiling(rows, (), listener):
+            pass
 
 
 @contextmanager
@@ -45,9 +39,7 @@ def kernels_for_a_run(*works: str, listener: Listener | None = None) -> Iterator
     rows = _missing(works)
     late = [one for one in rows if one.kernel.startswith(_CALLED_LAST)]
     soon = [one for one in rows if one not in late]
-    if not soon:
-        soon, late = late, []
-    with _compiling(soon, late, listener) if rows else nullcontext():
+    with _compiling(soon or late, late if soon else (), listener) if rows else nullcontext():
         yield
 
 

@@ -54,10 +54,15 @@ def main() -> None:
         raise
     except Exception as exc:
         known = message_and_code(exc)
-        _report(exc, *(known or (f"internal error: {exc!r}", 1)))
+        message, code = known or (f"internal error: {exc!r}", 1)
+        _report(exc, message, code)
         if known is None:
             raise
-        _fail(*known)
+        shown = message.replace("[", "\\[")
+        Console(stderr=True, highlight=False, soft_wrap=True).print(
+            f"[bold red]printctl:[/] {shown}"
+        )
+        sys.exit(code)
     finally:
         gc.freeze()  # what ends needs no search for circles among all that it has loaded
 
@@ -75,13 +80,6 @@ def _open_closed_streams() -> None:
             os.set_inheritable(number, True)
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
-
-
-def _fail(message: str, code: int) -> None:
-    Console(stderr=True, highlight=False, soft_wrap=True).print(
-        f"[bold red]printctl:[/] {message.replace('[', chr(92) + '[')}"
-    )
-    sys.exit(code)
 
 
 def _report(exc: BaseException | None, message: str, code: int) -> None:

@@ -15,16 +15,8 @@ from design.units import LengthUnit
 from printctl.analysis.measure_words import measure_lines
 from printctl.analysis.networks import Drive, load_source
 from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, known_flow, solve_and_write
+from printctl.cli import options as cli
 from printctl.cli.declare import json_command
-from printctl.cli.options import (
-    SourceArg,
-    UnitOption,
-    folder_to_write,
-    messages,
-    print_dim,
-    print_result,
-    refuse_input_as_output,
-)
 from printctl.cli.section_options import SectionOptions, Sections
 from printctl.errors import UsageError
 from printctl.recipe.parts import OxygenPart
@@ -39,10 +31,10 @@ _ANY_SIZE = SizeLimits(0.5, 2000.0)
 class NetworkInTissue:
     """A network, and the tissue around it."""
 
-    network: SourceArg
+    network: cli.SourceArg
     tissue: Path | None = opt("A closed mesh, or a run folder; a run has its own.")
     tissue_unit: LengthUnit | None = opt("Of the tissue's mesh.")
-    unit: UnitOption = None
+    unit: cli.UnitOption = None
 
     def around(self) -> Tissue:
         """The tissue that the user names, or that of the run."""
@@ -55,7 +47,7 @@ class NetworkInTissue:
             raise UsageError("a network alone has no tissue; give --tissue a mesh or a run folder")
         if unit is None:
             raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
-        messages().print("preparing the tissue ...")
+        cli.messages().print("preparing the tissue ...")
         return load_tissue(path, unit, limits=_ANY_SIZE)
 
 
@@ -77,28 +69,26 @@ def measure(
 
     A run folder brings its tissue and flow; beside a network's file name the tissue, too.
     """
-    refuse_input_as_output(out, design.network)
+    cli.refuse_input_as_output(out, design.network)
     source = load_source(design.network, design.unit, drive)
-    options = MeasureOptions(
-        samples=samples,
-        seed=seed,
-        printable_diameter_mm=printable_mm,
-        murray_exponent=murray_exponent,
-    )
-    around = design.around()
-    measures = measures_dict(
-        measure_network(source.network, around, options, source.known.flow.get("flow_ul_s"))
-    )
+    how = MeasureOptions(samples, seed, printable_mm, murray_exponent=murray_exponent)
+    flow, around = source.known.flow.get("flow_ul_s"), design.around()
+    measures = measures_dict(measure_network(source.network, around, how, flow))
     if against is not None:
         measures["against"] = compare_orders(source.network, against)
     if out is not None:
         write_text(out, json.dumps(measures, indent=1, allow_nan=False) + "\n")
-    print_dim(source.notes)
+    cli.print_dim(source.notes)
     written = [] if out is None else [str(out)]
-    print_result(measures, lambda: [*measure_lines(measures), *written])
+    cli.print_result(measures, lambda: [*measure_lines(measures), *written])
 
 
 NUMBERS = "oxygen.json"
+_SHOWN = (
+    *("hypoxic_percent", "hypoxic_coarser_percent", "mean_millimolar", "least_millimolar"),
+    *("outlet_millimolar", "extraction_percent", "demand_met_percent", "cells"),
+    *("cells_fed_at_most", "imbalance", "spacing_um"),
+)
 _PART: Final[Any] = Sections([SectionOptions(OxygenPart)], OxygenPart, "oxygen")
 
 
@@ -107,7 +97,7 @@ def oxygen(
     *,
     design: NetworkInTissue,
     out: Path = opt(
-        "Folder for the files; made where it isn't.", Path("oxygen"), callback=folder_to_write
+        "Folder for the files; made where it isn't.", Path("oxygen"), callback=cli.folder_to_write
     ),
     drive: Drive,
     part: OxygenPart = _PART,
@@ -118,27 +108,16 @@ def oxygen(
     decide it, so give your own.
     """
     source = load_source(design.network, design.unit, drive)
-    flow = known_flow(source)
-    if flow is None:
-        flow = solve_flow(source.network, drive.conditions())
+    flow = known_flow(source) or solve_flow(source.network, drive.conditions())
     around = design.around()
     out.mkdir(parents=True, exist_ok=True)
     numbers = solve_and_write(out, source.network, flow, around, part, _report_progress)
     write_text(out / NUMBERS, json.dumps(numbers, indent=1, allow_nan=False) + "\n")
-    print_dim(source.notes)
+    cli.print_dim(source.notes)
     files = [str(out / name) for name in (NUMBERS, TABLE, FIELD, SLICE)]
-    print_result(numbers, lambda: [hypoxia(numbers, part), *_oxygen_lines(numbers), *files])
+    main = [f"{key}: {numbers[key]:.4g}" for key in _SHOWN if key in numbers]
+    cli.print_result(numbers, lambda: [hypoxia(numbers, part), *main, *files])
 
 
 def _report_progress(fraction: float, note: str = "") -> None:
-    messages().print(f"solving at {note} ...")
-
-
-def _oxygen_lines(numbers: dict[str, Any]) -> list[str]:
-    """The main numbers, a line each."""
-    keys = (
-        "hypoxic_percent", "hypoxic_coarser_percent", "mean_millimolar", "least_millimolar",
-        "outlet_millimolar", "extraction_percent", "demand_met_percent", "cells",
-        "cells_fed_at_most", "imbalance", "spacing_um",
-    )  # fmt: skip
-    return [f"{key}: {numbers[key]:.4g}" for key in keys if key in numbers]
+    cli.messages().print(f"solving at {note} ...")

@@ -18,25 +18,7 @@ from printctl.cli.options import folder_to_write, print_json, print_note, print_
 from printctl.cli.running_print import answer, looks
 from printctl.errors import UsageError
 from printctl.settings import arg, opt, three_numbers
-from registration.devices.camera_frame import (
-    Bath,
-    Insert,
-    PrintedLine,
-    Ties,
-    Touch,
-    check_frame,
-    design_insert,
-    find_marks,
-    find_tips,
-    fit_frame,
-    fit_printed_frame,
-    frame_notes,
-    locate_tip,
-    merged,
-    read_frame,
-    read_insert,
-    write_files,
-)
+from registration.devices import camera_frame
 from registration.devices.camera_frame.check import LIMIT_UM
 from registration.devices.camera_frame.insert import SOLID, Process
 from registration.devices.laser_sweep import fit_laser, trace
@@ -72,23 +54,21 @@ def insert(
     if made not in get_args(Process):
         raise UsageError(f"--made {made!r} isn't one of {', '.join(get_args(Process))}")
     thick = thickness_mm if thickness_mm is not None else 3.0 if made in SOLID else 1.0
-    drawn = design_insert(
+    drawn = camera_frame.design_insert(
         load(Dish, dish), mark_mm=mark_mm, thickness_mm=thick, hole_mm=hole_mm,
         process=cast(Process, made),
     )  # fmt: skip
-    write_files(out, drawn)
-    left, right = (c for c in drawn.crosses if c.name in ("left", "right"))
-    apart = right.x_mm - left.x_mm
+    camera_frame.write_files(out, drawn)
+    left, right = (c.x_mm for c in drawn.crosses if c.name in ("left", "right"))
+    marks, plate, hole = len(drawn.marks), drawn.plate_mm, drawn.hole_mm
     if wants_json():
-        print_json({
-            "folder": str(out), "marks": len(drawn.marks), "plate_mm": drawn.plate_mm,
-            "hole_mm": drawn.hole_mm, "left_to_right_mm": apart,
-        })  # fmt: skip
+        facts = {"folder": str(out), "marks": marks, "plate_mm": plate, "hole_mm": hole}
+        print_json(facts | {"left_to_right_mm": right - left})
         return
     print_note(
-        f"wrote {out}: {len(drawn.marks)} marks of {mark_mm:g} mm on {drawn.plate_mm[0]:.4g} x "
-        f"{drawn.plate_mm[1]:.4g} mm, hole {drawn.hole_mm[0]:g} x {drawn.hole_mm[1]:g} mm. Make it "
-        f"at 100 %, then measure from the left to the right cross ({apart:.2f} mm as drawn)"
+        f"wrote {out}: {marks} marks of {mark_mm:g} mm on {plate[0]:.4g} x {plate[1]:.4g} mm, hole "
+        f"{hole[0]:g} x {hole[1]:g} mm. Make it at 100 %, then measure from the left to the right "
+        f"cross ({right - left:.2f} mm as drawn)"
     )
 
 
@@ -109,9 +89,9 @@ def sweep(
 
     The line must cross the insert left and right of the dish.
     """
-    camera = read_frame(frame).under(None)
+    camera = camera_frame.read_frame(frame).under(None)
     traced = trace(pictures, camera)
-    held = check_frame(traced.ground, camera, pictures)
+    held = camera_frame.check_frame(traced.ground, camera, pictures)
     if not held.holds:
         raise PictureError(f"the camera's frame doesn't hold: {'; '.join(held.why)}")
     fitted = fit_laser(traced, camera, floor_z, datetime.now(UTC))
@@ -142,23 +122,20 @@ def check(
 
     Marks may be hidden, as long as four around the dish are seen.
     """
-    held = read_frame(frame)
-    answer = check_frame(decoded(picture), held, picture, limit_um)
+    held = camera_frame.read_frame(frame)
+    answer = camera_frame.check_frame(decoded(picture), held, picture, limit_um)
     age = held.age_days(datetime.now(UTC))
-    number = {"moved_um": answer.moved_um, "u_um": answer.u_um}
     facts = {
-        "holds": answer.holds, "marks": answer.marks, "why": answer.why,
-        "notes": answer.notes, "age_days": age,
-        **{name: one if math.isfinite(one) else None for name, one in number.items()},
-    }  # fmt: skip
-    moved = (
-        "" if math.isnan(answer.moved_um)
-        else f": moved {answer.moved_um:.0f} µm at the dish (± {2 * answer.u_um:.0f} µm), "
-        f"{answer.marks} marks"
-    )  # fmt: skip
+        name: None if isinstance(one, float) and not math.isfinite(one) else one
+        for name, one in vars(answer).items()
+    }
+    moved = ""
+    if not math.isnan(answer.moved_um):
+        moved = f": moved {answer.moved_um:.0f} µm at the dish (± {2 * answer.u_um:.0f} µm), "
+        moved += f"{answer.marks} marks"
     verdict = "holds" if answer.holds else "does not hold"
     lines = [f"the frame of {age:.1f} days ago {verdict}{moved}", *answer.why, *answer.notes]
-    print_result(facts, lines)
+    print_result(facts | {"age_days": age}, lines)
     if not answer.holds:
         raise typer.Exit(3)
 
@@ -200,26 +177,36 @@ def frame(
     """
     if touched and printed is not None:
         raise UsageError("give crosses (--touched) or a print (--printed), not both")
-    optics, drawn = read_lens(lens), _measured(read_insert(insert), measured)
+    optics, drawn = read_lens(lens), _measured(camera_frame.read_insert(insert), measured)
     images = [decoded(path) for path in pictures]
-    marks = merged([
-        find_marks(image, drawn, optics, path)
+    marks = camera_frame.merged([
+        camera_frame.find_marks(image, drawn, optics, path)
         for image, path in zip(images, pictures, strict=True)
     ])  # fmt: skip
-    lines = [] if printed is None else [PrintedLine(*one) for one in read_printed_lines(printed)]
+    lines = (
+        []
+        if printed is None
+        else [camera_frame.PrintedLine(*one) for one in read_printed_lines(printed)]
+    )
     (x, y, z), u_z = _about(at, u_z_mm, lines)
-    bath = None if bath_surface_z_mm is None else Bath(surface_z_mm=bath_surface_z_mm, index=index)
-    ties = Ties(
+    bath = (
+        None
+        if bath_surface_z_mm is None
+        else camera_frame.Bath(surface_z_mm=bath_surface_z_mm, index=index)
+    )
+    ties = camera_frame.Ties(
         touches=[_touch(word, u_touch_mm) for word in touched or []],
         z_mm=z, u_z_mm=u_z, at_mm=(x, y), bath=bath,
     )  # fmt: skip
     now = datetime.now(UTC)
     if lines:
-        found, ties = fit_printed_frame(images[0], lines, marks, drawn, optics, ties, now)
+        found, ties = camera_frame.fit_printed_frame(
+            images[0], lines, marks, drawn, optics, ties, now
+        )
     else:
-        found = fit_frame(marks, drawn, optics, ties, now)
+        found = camera_frame.fit_frame(marks, drawn, optics, ties, now)
     write_model(out, found)
-    notes = frame_notes(found, drawn, optics, ties)
+    notes = camera_frame.frame_notes(found, drawn, optics, ties)
     facts = {
         "um_per_px": found.um_per_px, "u_um": 1e3 * found.u_mm, "marks": len(marks.index),
         "off_px": found.off_px, "insert_scale": found.insert_scale, "tied": found.tied,
@@ -238,7 +225,7 @@ def frame(
 
 
 def _about(
-    at: str | None, u_z_mm: float | None, lines: list[PrintedLine]
+    at: str | None, u_z_mm: float | None, lines: list[camera_frame.PrintedLine]
 ) -> tuple[tuple[float, float, float], float]:
     """Insert's middle with its marks' height, and that height's standard uncertainty, mm.
 
@@ -255,7 +242,7 @@ def _about(
     return (x / 2, y / 2, z / 2), u_z_mm or _U_Z_OF_PRINT_MM
 
 
-def _measured(drawn: Insert, stated: str | None) -> Insert:
+def _measured(drawn: camera_frame.Insert, stated: str | None) -> camera_frame.Insert:
     if stated is None:
         return drawn
     try:
@@ -267,7 +254,7 @@ def _measured(drawn: Insert, stated: str | None) -> Insert:
     return drawn.measured("left", length, u_mm)
 
 
-def _touch(word: str, u_mm: float) -> Touch:
+def _touch(word: str, u_mm: float) -> camera_frame.Touch:
     name, _, numbers = word.partition("=")
     try:
         x, y, *z = (float(part) for part in numbers.split(","))
@@ -277,7 +264,7 @@ def _touch(word: str, u_mm: float) -> Touch:
         ) from exc
     if len(z) > 1:
         raise UsageError(f"--touched {word!r} has more than X, Y and Z")
-    return Touch(name, x, y, z[0] if z else None, max(u_mm, 1e-4))
+    return camera_frame.Touch(name, x, y, z[0] if z else None, max(u_mm, 1e-4))
 
 
 @json_command
@@ -310,18 +297,20 @@ def tip(
     if len(frame) not in (1, len(pictures)):
         raise UsageError(f"{len(frame)} frames; give one, or one for each of {len(pictures)}")
     rod = load(Needle, needle)
-    files = {path: read_frame(path) for path in frame}
+    files = {path: camera_frame.read_frame(path) for path in frame}
     frames = [files[path] for path in (frame if len(frame) > 1 else frame * len(pictures))]
     places = np.array([three_numbers(word, "--at") for word in at])
     images, names = [decoded(path) for path in pictures], list(map(str, pictures))
     scene = None if ground is None else decoded(ground)
-    views, missed = find_tips(images, names, frames, places, rod, reach_mm=reach_mm, ground=scene)
+    views, missed = camera_frame.find_tips(
+        images, names, frames, places, rod, reach_mm=reach_mm, ground=scene
+    )
     for stated in missed:
         print_note(stated)
     if not views:
         raise PictureError("the tip is not found in any picture")
     first = None if known_z_mm is None else np.array([5.0, 5.0, known_z_mm])
-    found = locate_tip(views, rod.outer_mm, u_first_mm=first)
+    found = camera_frame.locate_tip(views, rod.outer_mm, u_first_mm=first)
     u_mm, offset, notes = found.u_mm, found.offset_mm, found.notes()
     facts = {
         "offset_mm": offset.tolist(), "u_mm": u_mm.tolist(), "outer_mm": found.outer_mm,

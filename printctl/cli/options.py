@@ -117,12 +117,19 @@ def print_lines(*lines: str) -> None:
     sys.stdout.write("\n".join(lines) + "\n")
 
 
-def print_result(facts: Any, lines: Iterable[str] | Callable[[], Iterable[str]]) -> None:
-    """Print a result: with --json one object, else ``lines``, which are made only then."""
+def print_result(
+    facts: Any, lines: Iterable[str] | Callable[[], Iterable[str]], passed: bool = True
+) -> None:
+    """Print a result: with --json one object, else ``lines``, which are made only then.
+
+    Where not ``passed`` the command ends by it, with exit code 1.
+    """
     if wants_json():
         print_json(facts)
     else:
         print_lines(*(lines() if callable(lines) else lines))
+    if not passed:
+        raise typer.Exit(1)
 
 
 def is_typed(context: typer.Context, name: str) -> bool:

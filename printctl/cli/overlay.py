@@ -9,13 +9,7 @@ from typing import Literal
 from printctl.cli.declare import json_command
 from printctl.cli.options import OutFolder, messages, print_result
 from printctl.cli.scan import ScanFile, ScanOptions
-from printctl.pipeline.overlaying import (
-    HTML,
-    chosen_layers,
-    overlay_scan,
-    summary_lines,
-    write_overlay,
-)
+from printctl.pipeline import overlaying
 from printctl.pipeline.written_layers import read_written
 from printctl.progress import StageBars
 from printctl.settings import opt
@@ -47,28 +41,22 @@ def overlay(
     options = RegistrationOptions(lumens="bright" if scan_said.filled else "dark")
     known = None if pose is None else read_pose(pose, fit)
     run = read_written(model, messages(), fit)
-    chosen = chosen_layers(run.layers, layer or [])
-    overrides = scan_said.overrides()
-    bars = StageBars(messages())
+    chosen = overlaying.chosen_layers(run.layers, layer or [])
+    overrides, optics = scan_said.overrides(), scan_said.oct_calibration
+    bars, air, walls = StageBars(messages()), scan_said.air_above, scan_said.walls
     with bars.all():
         with bars.stage("scan"):
-            measured = corrected_scan(
-                scan,
-                overrides,
-                scan_said.oct_calibration,
-                scan_said.air_above,
-                walls=scan_said.walls,
-            )
+            measured = corrected_scan(scan, overrides, optics, air, walls=walls)
         with bars.stage("segmentation"):
             how = segmentation_options(measured, options, run.thinnest_mm)
             segmentation = segment(measured, replace(how, whole_part=True))
         with bars.stage("pose"):
             known = known or align_pose(measured, segmentation, run.solid, fit)
         with bars.stage("measuring") as report:
-            laid = overlay_scan(run, measured, segmentation, known, report)
+            laid = overlaying.overlay_scan(run, measured, segmentation, known, report)
         with bars.stage("drawing") as report:
             facts = {"schema": 1, "scan": str(scan), "model": str(model)}
             facts |= {"walls": None if measured.walls is None else asdict(measured.walls)}
-            data = write_overlay(out, laid, chosen, facts, report)
-    lines = [known.said, *known.notes, *summary_lines(data), str(out / HTML)]
+            data = overlaying.write_overlay(out, laid, chosen, facts, report)
+    lines = [known.said, *known.notes, *overlaying.summary_lines(data), str(out / overlaying.HTML)]
     print_result(data, lines)

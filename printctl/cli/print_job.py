@@ -4,55 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-import typer
-
 from firmware_profiles import Printer, load
-from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
+from printctl.checks.preflight import file_checks, refuse_failed, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
+from printctl.cli import options as cli
 from printctl.cli.declare import json_command
-from printctl.cli.options import (
-    GcodeArg,
-    InkOption,
-    PrinterOption,
-    StartOption,
-    SyringeOption,
-    YesFlag,
-    messages,
-    print_note,
-    print_notes,
-    print_result,
-    read_gcode_file,
-)
 from printctl.cli.simulate import read_start_position
+from printctl.machine import printing
 from printctl.machine.link.care import Care
 from printctl.machine.link.families import refuse_unsent
 from printctl.machine.link.job import load_job
 from printctl.machine.link.port_detection import named_port, read_baud
 from printctl.machine.link.states import PrintOutcome
-from printctl.machine.printing import (
-    SIMULATED,
-    Order,
-    confirm,
-    find_or_start,
-    follow,
-    retreat_for,
-    running,
-    simulated_printer,
-    usable_mm,
-    with_reloads_of,
-)
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.progress import StageBars
 from printctl.recipe.making import CarePart
 from printctl.settings import of, opt, settings
 from sim.gcode.dry_run.run import dry_run
-
-# Command-line options for supervising a print: checkpoints, dead-man's time, syringes, log.
 
 
 @settings
@@ -79,9 +52,8 @@ class CareOptions:
     def care(self, syringes: Sequence[str], capacity_mm: Sequence[float]) -> Care:
         """As the link takes it; of several heads, what is in each."""
         several = len(syringes) > 1
-        every = self.checkpoint_every
         return Care(
-            checkpoint_s=None if math.isinf(every) else every,
+            checkpoint_s=None if math.isinf(self.checkpoint_every) else self.checkpoint_every,
             deadman_s=60.0 * self.deadman,
             deadman_stops=self.deadman_stops,
             syringe=syringes[0],
@@ -97,15 +69,15 @@ class CareOptions:
 @json_command
 def print_job(
     *,
-    file: GcodeArg,
-    printer: PrinterOption,
+    file: cli.GcodeArg,
+    printer: cli.PrinterOption,
     port: str = opt(
         "Serial port, tcp:HOST:PORT, simulated, or auto: the one with the profile's USB id.", ...
     ),
-    syringe: SyringeOption = "hamilton_1ml",
-    ink: InkOption = "collagen_fresh",
+    syringe: cli.SyringeOption = "hamilton_1ml",
+    ink: cli.InkOption = "collagen_fresh",
     mounted: ProfileNames,
-    start: StartOption = None,
+    start: cli.StartOption = None,
     folder: Path | None = opt("For the journal; FILE.print by default."),
     baud: str | None = opt("In place of the profile's; auto tries the profile's list."),
     resume: bool = opt("Go on with an interrupted print of this file.", False),
@@ -116,7 +88,7 @@ def print_job(
         "Print although the needle's shaft passes through written vessels; the journal keeps it.",
         False,
     ),
-    yes: YesFlag = False,
+    yes: cli.YesFlag = False,
 ) -> None:
     """Check a G-code file and print it; attach when its print is already going on.
 
@@ -131,82 +103,59 @@ def print_job(
     place = folder if folder is not None else file.with_name(file.name + ".print")
     tip = read_start_position(file, profile, start)
     loads = loads_of(profile, syringe, ink, mounted.needle)
-    usable = [usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
+    usable = [printing.usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
     care = how.care(of_each(profile, syringe, "--syringe"), usable)
-    retreat, *others = (retreat_for(one.syringe, one.ink, 20.0, prime_ul) for one in loads)
+    retreat, *others = (printing.retreat_for(one.syringe, one.ink, 20.0, prime_ul) for one in loads)
     retreat = replace(retreat, others=tuple(others))
-    order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))
-    if running(order) is None:
+    order = printing.Order(
+        file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud)
+    )
+    if printing.running(order) is None:  # Check the file before the first byte.
         set_for = set_up(profile, syringe, ink, tip, mounted)
-        care = _check(file, set_for, tip, AcceptedRisks(care, usable, reload, accept_crossings))
+        run, job = dry_run(cli.read_gcode_file(file), profile, tip), load_job(file, profile)
+        shaft = file_shaft(file, run, set_for, accepted=accept_crossings)
+        checks = [*file_checks(run, set_for, file.with_suffix(".map.npz")), *shaft.checks]
+        checks, at, heads = printing.with_reloads_of(checks, job, usable, wanted=reload)
+        refuse_failed(checks)
+        cli.print_notes(warnings(checks))
+        care = replace(
+            care, reload_at=at, reload_heads=heads, accepted=shaft.accepted, start_mm=tip
+        )
         order = replace(order, care=care)
-        _tell_unobserved(file, order)
+        if (file.parent / ORDER).is_file() and not resume:
+            cli.print_note(
+                f"note: nobody looks at this print, although {file.parent / ORDER} says how it is "
+                "observed: `printctl print` starts no observer; `printctl run RECIPE` and the page "
+                "(`printctl serve`) do for the run's whole part, nobody for the rest of one"
+            )
     done = _print(order, profile, tip, yes)
     facts = {"state": done.state.value, "proved": done.proved, "lines": done.lines_done}
     facts |= {"message": done.message, "folder": str(place)}
-    print_result(facts, [f"{done.state.value}: {done.message}", str(place)])
-    if not done.proved:
-        raise typer.Exit(1)
-
-
-@dataclass(frozen=True)
-class AcceptedRisks:
-    """What the user chose of what the checks may refuse."""
-
-    care: Care
-    usable: Sequence[float]  # plunger travel of each head's syringe, mm
-    reload: bool
-    accept_crossings: bool
-
-
-def _check(
-    file: Path, mounted: SetUp, tip: tuple[float, float, float], chosen: AcceptedRisks
-) -> Care:
-    """Check the file before the first byte; return the care, syringe changes and risks included."""
-    run = dry_run(read_gcode_file(file), mounted.printer, tip)
-    job = load_job(file, mounted.printer)
-    shaft = file_shaft(file, run, mounted, accepted=chosen.accept_crossings)
-    checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
-    checks, at, heads = with_reloads_of(checks, job, chosen.usable, wanted=chosen.reload)
-    refuse_failed(checks)
-    print_notes(warnings(checks))
-    return replace(
-        chosen.care, reload_at=at, reload_heads=heads, accepted=shaft.accepted, start_mm=tip
-    )
-
-
-def _tell_unobserved(file: Path, order: Order) -> None:
-    """Say so where a run's recipe has its print observed: only a run and the page observe."""
-    if (file.parent / ORDER).is_file() and not order.resume:
-        print_note(
-            f"note: nobody looks at this print, although {file.parent / ORDER} says how it is "
-            "observed: `printctl print` starts no observer; `printctl run RECIPE` and the page "
-            "(`printctl serve`) do for the run's whole part, nobody for the rest of one"
-        )
+    cli.print_result(facts, [f"{done.state.value}: {done.message}", str(place)], done.proved)
 
 
 def _print(
-    order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool
+    order: printing.Order, printer: Printer, tip: tuple[float, float, float], yes: bool
 ) -> PrintOutcome:
     """Start the print, or find it again, and follow it to its end."""
     order.folder.mkdir(parents=True, exist_ok=True)
-    bars = StageBars(messages())
+    bars = StageBars(cli.messages())
 
     def open_port() -> str:
-        if order.port == SIMULATED:
-            return simulated_printer(
+        if order.port == printing.SIMULATED:
+            return printing.simulated_printer(
                 order.printer, tip, order.job, order.folder / "executed.npz", order.folder
             )
         name = named_port(order.port, printer)
-        confirm(name, bars, yes)
+        printing.confirm(name, bars, yes)
         if order.resume:  # a print with looks
             ensure_observer(order.folder)
         return name
 
     with bars.all(), bars.stage("print") as report:
         try:
-            client = find_or_start(order, open_port)
+            client = printing.find_or_start(order, open_port)
         except Exception:
             end_idle_observer(order.folder)
             raise
-        return follow(client, report, bars)
+        return printing.follow(client, report, bars)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -24,7 +23,7 @@ from firmware_profiles import (
     shipped_text,
 )
 from printctl.cli.declare import group, json_command
-from printctl.cli.options import messages, print_note, print_result
+from printctl.cli.options import print_note, print_result
 from printctl.errors import UsageError
 from printctl.machine.link.families import link_facts
 from printctl.machine.probing import Row, compare, corrected_profile, query_settings
@@ -51,30 +50,31 @@ def show(
     `printctl profiles NAME` is short for it. A file of your own is shown with its defaults.
     """
     if write is not None:
-        _copy(name, write)
-    profiles = _all() if name is None else _one(name)
-    print_result(profiles, _profile_lines(profiles, whole=name is not None))
-
-
-def _profile_lines(profiles: dict[str, dict[str, Any]], whole: bool) -> Iterator[str]:
-    for kind, entries in profiles.items():
+        if write.suffix not in (".yaml", ".yml"):
+            raise UsageError(f"--write {write}: a profile's file ends in .yaml")
+        if write.exists():
+            raise UsageError(f"--write {write}: it is there already; name a new file")
+        if name is None or name.endswith((".yaml", ".yml")):
+            raise UsageError("--write copies a shipped profile: name one of `printctl profiles`")
+        write_text(write, shipped_text(PROFILE_SORTS[find_profile(name)[0]], name))
+        print_note(f"wrote {write}: give it in place of {name}")
+    if name is None:
+        all_sorts = PROFILE_SORTS.items()
+        known = {sort: {one: load(kind, one) for one in shipped(kind)} for sort, kind in all_sorts}
+    else:
+        sort, profile = find_profile(name)
+        known = {sort: {name: profile}}
+    profiles = {
+        sort: {one: profile.model_dump(mode="json") for one, profile in named.items()}
+        for sort, named in known.items()
+    }
+    lines = []
+    for sort, entries in profiles.items():
         for entry, facts in entries.items():
-            yield f"{kind:<8} {entry:<18} {facts['name']}{_sizes(kind, facts)}"
-            if whole:
-                yield from (f"  {key}: {value}" for key, value in facts.items())
-
-
-def _copy(name: str | None, to: Path) -> None:
-    """Write a shipped profile to a new file of the user's."""
-    if to.suffix not in (".yaml", ".yml"):
-        raise UsageError(f"--write {to}: a profile's file ends in .yaml")
-    if to.exists():
-        raise UsageError(f"--write {to}: it is there already; name a new file")
-    if name is None or name.endswith((".yaml", ".yml")):
-        raise UsageError("--write copies a shipped profile: name one of `printctl profiles`")
-    kind, _ = find_profile(name)
-    write_text(to, shipped_text(PROFILE_SORTS[kind], name))
-    print_note(f"wrote {to}: give it in place of {name}")
+            lines.append(f"{sort:<8} {entry:<18} {facts['name']}{_sizes(sort, facts)}")
+            if name is not None:
+                lines += [f"  {key}: {value}" for key, value in facts.items()]
+    print_result(profiles, lines)
 
 
 def _sizes(kind: str, facts: dict[str, Any]) -> str:
@@ -87,18 +87,6 @@ def _sizes(kind: str, facts: dict[str, Any]) -> str:
         count = facts["rows"] * facts["columns"]
         return f": {count} wells, {facts['well_x_mm']:g} mm, {facts['well_depth_mm']:g} mm deep"
     return ""
-
-
-def _all() -> dict[str, dict[str, Any]]:
-    return {
-        kind: {entry: load(model, entry).model_dump(mode="json") for entry in shipped(model)}
-        for kind, model in PROFILE_SORTS.items()
-    }
-
-
-def _one(name: str) -> dict[str, dict[str, Any]]:
-    kind, facts = find_profile(name)
-    return {kind: {name: facts.model_dump(mode="json")}}
 
 
 @json_command
@@ -126,16 +114,15 @@ def probe(
         "notes": list(settings.notes),
         "same": kin and not differs,
     }
-    other = [] if kin else [f"DIFFERS firmware: the profile says {printer.firmware}"]
-    print_result(
-        facts,
-        [
-            f"{settings.firmware or 'a firmware that says no name'} on {port}",
-            *other,
-            *map(_line, rows),
-            *(f"note    {note}" for note in (*settings.notes, *_untold(printer, rows))),
-        ],
-    )
+    lines = [f"{settings.firmware or 'a firmware that says no name'} on {port}"]
+    lines += [] if kin else [f"DIFFERS firmware: the profile says {printer.firmware}"]
+    lines += [*map(_line, rows), *(f"note    {note}" for note in settings.notes)]
+    # What the profile calls a starting value and the printer can't tell.
+    reported = {row.key.partition(".")[0] for row in rows}
+    left = [name for name in printer.starting_values if name.partition(".")[0] not in reported]
+    if left:
+        lines.append(f"note    not told by the printer, measure: {', '.join(left)}")
+    print_result(facts, lines)
     if write is not None:
         text = yaml.safe_dump(
             corrected_profile(printer, rows, port, date.today().isoformat()),
@@ -144,7 +131,7 @@ def probe(
             width=100,
         )
         write_text(write, text)
-        messages().print(f"wrote {write}; `printctl profiles check {write}` looks it over")
+        print_note(f"wrote {write}; `printctl profiles check {write}` looks it over")
     if differs or not kin:
         raise typer.Exit(1)
 
@@ -155,17 +142,8 @@ def _line(row: Row) -> str:
     return f"{mark} {row.key:<26} printer {row.printer!s:>10}  profile {row.profile!s}{starting}"
 
 
-def _untold(printer: Printer, rows: list[Row]) -> list[str]:
-    """What the profile calls a starting value and the printer can't tell."""
-    reported = {row.key.partition(".")[0] for row in rows}
-    left = [name for name in printer.starting_values if name.partition(".")[0] not in reported]
-    return [f"not told by the printer, measure: {', '.join(left)}"] if left else []
-
-
 @json_command
-def check(
-    file: str = arg("A .yaml file, or a shipped name."),
-) -> None:
+def check(file: str = arg("A .yaml file, or a shipped name.")) -> None:
     """Check a profile: keys, bounds, and keys against each other.
 
     Exit code 1 when it mustn't be used as it is, 2 when it is no profile.
@@ -176,9 +154,7 @@ def check(
     found = {"file": file, "sort": kind, "passed": not grave, "doubts": list(map(asdict, doubts))}
     lines = [f"{kind} {facts.name}: {'not to be used so' if grave else 'sound'}"]
     lines += [f"{'FAIL' if one.grave else 'note'} {one.key}: {one.text}" for one in doubts]
-    print_result(found, lines)
-    if grave:
-        raise typer.Exit(1)
+    print_result(found, lines, not grave)
 
 
 profiles = group(

@@ -8,20 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-import typer
-
 from design.units import LengthUnit
+from printctl.cli import options as cli
 from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
-from printctl.cli.options import (
-    OutFolder,
-    PdfFlag,
-    ProgressFileOption,
-    message_of,
-    print_note,
-    print_notes,
-    print_result,
-)
 from printctl.cli.scan import ScanFile, ScanOptions
 from printctl.garbage_collection import collected_rarely
 from printctl.pipeline.lock import run_lock
@@ -52,7 +42,7 @@ def _told_steps(path: Path | None, folder: Path) -> Iterator[Callable[[str], Non
         begun.append(name)
         progress.stage(name, 0.0)
 
-    with progress.whole(message_of), run_lock(folder):
+    with progress.whole(cli.message_of), run_lock(folder):
         progress.begin(_STEPS, _STEPS[-1])
         yield begin
         progress.done(begun[-1], "")
@@ -63,7 +53,7 @@ def register(
     *,
     scan: ScanFile,
     model: Path = opt("A run folder, or the design's STL.", ...),
-    out: OutFolder,
+    out: cli.OutFolder,
     network: Path | None = opt(
         "network.csv in mm; else the one beside the model, or the lumens found in an STL."
     ),
@@ -96,8 +86,8 @@ def register(
     ),
     decision_rule: DecisionRule | None = of(RegistrationPart, "decision_rule", default=None),
     conformance_percent: float | None = of(RegistrationPart, "conformance_percent", default=None),
-    progress_file: ProgressFileOption = None,
-    pdf: PdfFlag = False,
+    progress_file: cli.ProgressFileOption = None,
+    pdf: cli.PdfFlag = False,
 ) -> None:
     """Align a scan with its design and report the deviation, vessel by vessel.
 
@@ -117,15 +107,12 @@ def register(
         from printctl.pipeline import registration_work as work
         from printctl.recipe import section_files
 
-        design = work.read_design(model, network, lumens, unit, printed_in, out, print_note)
+        design = work.read_design(model, network, lumens, unit, printed_in, out, cli.print_note)
         drawn = second.call(PAGES, "network_drawing", design.vessels)
         stated = RecordPart() if record is None else section_files.read_record(record)
+        percent, rule = diameter_tolerance_percent, decision_rule
         limits = section_files.tolerances_of(
-            tolerance,
-            tolerance_um,
-            diameter_tolerance_percent,
-            decision_rule,
-            conformance_percent,
+            tolerance, tolerance_um, percent, rule, conformance_percent
         )
         limits.check_network(design.vessels)
         how = work.Measuring(
@@ -138,13 +125,11 @@ def register(
             work.datums_of(datums, design.vessels),
         )
         measured = how.read()
-        print_notes(measured.notes)
+        cli.print_notes(measured.notes)
         begin("registration")
         made = how.register(measured, design)
         data = work.judge_registration(made, how, limits, stated)
         begin("writing")
-        print_notes(made.write(out, data, pdf, second, drawn))
+        cli.print_notes(made.write(out, data, pdf, second, drawn))
     files = [str(out / HTML), *([str(out / PDF)] if pdf else [])]
-    print_result(data, [*data["verdict"]["reasons"], *files])
-    if not data["verdict"]["passed"]:
-        raise typer.Exit(1)
+    cli.print_result(data, [*data["verdict"]["reasons"], *files], data["verdict"]["passed"])

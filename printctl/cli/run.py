@@ -14,30 +14,16 @@ import typer
 from design.files import atomic_replacement, write_text
 from firmware_profiles.yaml_file import read_yaml
 from printctl.checks import preflight
+from printctl.cli import options as cli
 from printctl.cli.declare import command, group, json_command
 from printctl.cli.kernels_ready import have_kernels, kernels_for_a_run
-from printctl.cli.options import (
-    OutFolder,
-    PdfFlag,
-    ProgressFileOption,
-    RecipeArg,
-    YesFlag,
-    folder_to_write,
-    gcode_to_write,
-    message_of,
-    messages,
-    print_json,
-    print_lines,
-    print_note,
-    print_result,
-)
 from printctl.cli.running_print import looks_lines
 from printctl.errors import UsageError
 from printctl.history.table import outcome
 from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
 from printctl.pipeline.run_options import DESIGN_NAMES, REHEARSAL, names_until
 from printctl.progress_file import ProgressFile
-from printctl.recipe import SCHEMA, Recipe, load_recipe, parse_recipe
+from printctl.recipe import SCHEMA, load_recipe, parse_recipe
 from printctl.recipe.growth import Growth
 from printctl.recipe.load import STARTER, migrated_text, read_mapping, steps_from
 from printctl.recipe.schema import recipe_schema
@@ -47,35 +33,25 @@ from printctl.settings import arg, opt
 
 def process_lines(dry_run: Mapping[str, Any]) -> list[str]:
     """Time against what the ink's cells have, ink against what is loaded, the needle's shaft."""
-    shaft = dry_run.get("clearance")
-    return [_time(dry_run), _ink(dry_run), *(preflight.shaft_lines(shaft) if shaft else [])]
-
-
-def _time(facts: Mapping[str, Any]) -> str:
-    changes = int(facts["changes_of_syringe"])
-    timed = facts.get("changes_timed", True)
+    changes, fillings = int(dry_run["changes_of_syringe"]), int(dry_run["fillings"])
+    timed, shaft = dry_run.get("changes_timed", True), dry_run.get("clearance")
     with_ = f" with {changes} changes of syringe" if changes and timed else ""
     without = f" and {changes} changes of syringe, whose time isn't known" if not timed else ""
-    return (
-        f"print time {facts['print_time_s'] / 60:.1f} min{with_}{without}; time that the cells "
-        f"have: {facts['time_the_cells_have']}"
-    )
-
-
-def _ink(facts: Mapping[str, Any]) -> str:
-    fillings = int(facts["fillings"])
     each = "a filling" if fillings == 1 else f"each of {fillings} fillings"
-    return (
-        f"ink {facts['ink_needed_ul']:.4g} µL: {facts['ink_pushed_ul']:.4g} pushed, "
-        f"{facts['ink_left_per_filling_ul']:.3g} left behind by {each}; full, it holds "
-        f"{facts['fillings_hold_ul']:.4g} µL"
-    )
+    return [
+        f"print time {dry_run['print_time_s'] / 60:.1f} min{with_}{without}; time that the cells "
+        f"have: {dry_run['time_the_cells_have']}",
+        f"ink {dry_run['ink_needed_ul']:.4g} µL: {dry_run['ink_pushed_ul']:.4g} pushed, "
+        f"{dry_run['ink_left_per_filling_ul']:.3g} left behind by {each}; full, it holds "
+        f"{dry_run['fillings_hold_ul']:.4g} µL",
+        *(preflight.shaft_lines(shaft) if shaft else []),
+    ]
 
 
 @json_command
 def run(
-    recipe: RecipeArg,
-    out: Path | None = opt("Run folder; runs/NAME by default.", callback=folder_to_write),
+    recipe: cli.RecipeArg,
+    out: Path | None = opt("Run folder; runs/NAME by default.", callback=cli.folder_to_write),
     until: str | None = opt(
         "Last stage: tissue, vasculature, flow, fidelities, measures, oxygen, solid, toolpath, "
         "dry-run, lumens, print, scan or registration. Nothing is printed before print.",
@@ -89,9 +65,9 @@ def run(
         "for as fast as it can.",
         metavar="SPEED",
     ),
-    progress_file: ProgressFileOption = None,
-    yes: YesFlag = False,
-    pdf: PdfFlag = False,
+    progress_file: cli.ProgressFileOption = None,
+    yes: cli.YesFlag = False,
+    pdf: cli.PdfFlag = False,
 ) -> None:
     """Run a recipe from tissue to report; a stage whose inputs are as before isn't done again.
 
@@ -99,29 +75,23 @@ def run(
     fails.
     """
     progress = None if progress_file is None else ProgressFile(progress_file)
-    with nullcontext() if progress is None else progress.whole(message_of):
-        loaded = load_recipe(recipe, print_note)
+    with nullcontext() if progress is None else progress.whole(cli.message_of):
+        loaded = load_recipe(recipe, cli.print_note)
         suffix = "" if rehearse is None else REHEARSAL
         folder = out if out is not None else Path("runs") / (loaded.name + suffix)
         how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=progress,
                          rehearse=rehearse)  # fmt: skip
-        with kernels_for_a_run(*_works(loaded, until), listener=progress):
-            data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
-    print_result(data, lambda: _ended(data, folder, until, pdf))
-    if until is None and not data["verdict"]["passed"]:
-        raise typer.Exit(1)
-
-
-def _works(recipe: Recipe, until: str | None) -> list[str]:
-    """What of the list of kernels the stages need."""
-    grown = isinstance(recipe.vasculature, Growth)
-    designed = until in DESIGN_NAMES
-    beside = recipe.oxygen is not None or recipe.flow.pulse is not None
-    return [
-        *(["design"] if grown or designed else []),
-        *([] if designed else [f"run {recipe.toolpath.method}"]),
-        *(["pulse and oxygen"] if beside else []),
-    ]
+        # What of the list of kernels the stages need.
+        grown = isinstance(loaded.vasculature, Growth)
+        designed = until in DESIGN_NAMES
+        works = ["design"] if grown or designed else []
+        works += [] if designed else [f"run {loaded.toolpath.method}"]
+        if loaded.oxygen is not None or loaded.flow.pulse is not None:
+            works.append("pulse and oxygen")
+        with kernels_for_a_run(*works, listener=progress):
+            data = run_recipe(loaded, recipe.resolve().parent, folder, cli.messages(), how)
+    passed = until is not None or data["verdict"]["passed"]
+    cli.print_result(data, lambda: _ended(data, folder, until, pdf), passed)
 
 
 def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> list[str]:
@@ -130,27 +100,16 @@ def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> 
     process += looks_lines(folder)
     if until is not None:
         return [*process, f"done as far as {until}", str(folder)]
-    verdict = data["verdict"]
-    return [
-        *process,
-        outcome(verdict),
-        *verdict["reasons"],
-        str(folder / HTML),
-        *(pdfs(data, folder) if pdf else []),
-    ]
-
-
-def pdfs(data: dict[str, Any], folder: Path) -> list[str]:
-    """Where the PDFs lie: the run's, or of a plate one for each well that was scanned."""
-    if "plate" not in data:
-        return [str(folder / PDF)]
-    return [str((folder / row["report"]).parent / PDF) for row in data["scanned"]]
+    verdict, pdfs = data["verdict"], [folder / PDF] if pdf else []
+    if pdf and "plate" in data:
+        pdfs = [(folder / row["report"]).parent / PDF for row in data["scanned"]]
+    return [*process, outcome(verdict), *verdict["reasons"], *map(str, (folder / HTML, *pdfs))]
 
 
 @json_command
 def design(
-    recipe: RecipeArg,
-    out: OutFolder,
+    recipe: cli.RecipeArg,
+    out: cli.OutFolder,
     until: str | None = opt(
         f"Last stage: {', '.join(DESIGN_NAMES[:-1])} or {DESIGN_NAMES[-1]} (default).",
         metavar="STAGE",
@@ -161,41 +120,31 @@ def design(
     Nothing is sliced or printed. Files that are there are replaced, each by a whole new one. With
     --until the stages after that one aren't run; a later design goes on from there.
     """
-    last = _last_stage(until)
-    loaded = load_recipe(recipe, print_note)
-    have_kernels("design")
-    data = design_recipe(loaded, recipe.resolve().parent, out, messages(), last)
-    reached = [f"done as far as {last}"] if until else []
-    print_result(data, lambda: [*_made(data), *reached, str(out)])
-
-
-def _last_stage(until: str | None) -> str:
-    """Name of the last stage that is run; one that comes after design is refused."""
-    name = DESIGN_NAMES[-1] if until is None else names_until(until)[-1]
-    if name not in DESIGN_NAMES:
+    last = DESIGN_NAMES[-1] if until is None else names_until(until)[-1]
+    if last not in DESIGN_NAMES:
         raise UsageError(
             f"--until {until}: printctl design ends at {DESIGN_NAMES[-1]}; give one of "
             f"{', '.join(DESIGN_NAMES)}, or use printctl run --until {until}"
         )
-    return name
+    loaded = load_recipe(recipe, cli.print_note)
+    have_kernels("design")
+    data = design_recipe(loaded, recipe.resolve().parent, out, cli.messages(), last)
+    reached = [f"done as far as {last}"] if until else []
+    cli.print_result(data, lambda: [*_made(data), *reached, str(out)])
 
 
-def _made(data: dict[str, Any]) -> list[str]:
+def _made(data: dict[str, Any]) -> Iterator[str]:
     """Say what the stages that were run have made."""
-    lines = []
-    if "network" in data:
-        network = data["network"]
-        lines.append(
+    if network := data.get("network"):
+        yield (
             f"{network['vessels']} vessels, {network['diameter_min_mm']:.3g} to "
             f"{network['diameter_max_mm']:.3g} mm, {network['volume_mm3']:.3g} mm³"
         )
-    if "flow" in data:
-        flow = data["flow"]
-        lines.append(
+    if flow := data.get("flow"):
+        yield (
             f"pressure drop {flow['pressure_drop_mmhg']:.3g} mmHg at "
             f"{flow['inlet_flow_ml_min']:.3g} mL/min"
         )
-    return lines
 
 
 def plan_lines(plan: Mapping[str, Any]) -> Iterator[str]:
@@ -207,32 +156,26 @@ def plan_lines(plan: Mapping[str, Any]) -> Iterator[str]:
             f"order (toolpath.leave_out); {len(cut)} written ones lose their supply"
             + (f": {', '.join(map(str, cut))}" if cut else "")
         )
-    yield from map(_left_out, left)
-    for one in plan.get("open", ()):
-        if "barred_by" in one:
-            yield _open(one)
-
-
-def _left_out(one: Mapping[str, Any]) -> str:
-    text = (
-        f"vessel {one['vessel']} isn't written: too near to vessel {one['other']} at "
-        f"{_place(one)}; they would have to be at least {one['apart_mm']:.3f} mm further apart"
-    )
-    if one["needle_mm"] > 0:
-        text += f", or the needle's tip {one['needle_mm']:.3f} mm wide outside"
-    return text
-
-
-def _open(one: Mapping[str, Any]) -> str:
-    text = f"joint of vessels {one['vessel']} and {one['other']} at {_place(one)} stays open"
-    if one["barred_by"] >= 0:
-        text += f": vessel {one['barred_by']} is in the shaft's way on either side"
-    if one["needle_mm"] > 0:
-        text += (
-            f"; a quarter of the overlap has room with that vessel {one['apart_mm']:.3f} mm "
-            f"further off sideways, or a tip {one['needle_mm']:.3f} mm wide outside"
+    for one in left:
+        text = (
+            f"vessel {one['vessel']} isn't written: too near to vessel {one['other']} at "
+            f"{_place(one)}; they would have to be at least {one['apart_mm']:.3f} mm further apart"
         )
-    return text
+        if one["needle_mm"] > 0:
+            text += f", or the needle's tip {one['needle_mm']:.3f} mm wide outside"
+        yield text
+    for one in plan.get("open", ()):
+        if "barred_by" not in one:
+            continue
+        text = f"joint of vessels {one['vessel']} and {one['other']} at {_place(one)} stays open"
+        if one["barred_by"] >= 0:
+            text += f": vessel {one['barred_by']} is in the shaft's way on either side"
+        if one["needle_mm"] > 0:
+            text += (
+                f"; a quarter of the overlap has room with that vessel {one['apart_mm']:.3f} mm "
+                f"further off sideways, or a tip {one['needle_mm']:.3f} mm wide outside"
+            )
+        yield text
 
 
 def _place(one: Mapping[str, Any]) -> str:
@@ -241,38 +184,28 @@ def _place(one: Mapping[str, Any]) -> str:
 
 
 @json_command
-def toolpath(
-    recipe: RecipeArg,
-    out: Path = opt("G-code file to write.", ...),
-) -> None:
+def toolpath(recipe: cli.RecipeArg, out: Path = opt("G-code file to write.", ...)) -> None:
     """Write a recipe's G-code after its dry run, with FILE.map.npz (line to vessel or layer).
 
     Of a plate with FILE.wells.csv and a picture, FILE.svg.
     """
-    gcode_to_write(out, recipe)
-    loaded = load_recipe(recipe, print_note)
+    cli.gcode_to_write(out, recipe)
+    loaded = load_recipe(recipe, cli.print_note)
     with tempfile.TemporaryDirectory() as scratch:
-        data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())
-        beside = [(LINE_MAP, out.with_suffix(".map.npz")), (GCODE, out)]
+        data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), cli.messages())
+        beside = {LINE_MAP: ".map.npz", GCODE: out.suffix}
         if loaded.plate is not None:
-            beside += [
-                (PLATE_TABLE, out.with_suffix(".wells.csv")),
-                (PLATE_PICTURE, out.with_suffix(".svg")),
-            ]
-        for name, place in beside:
-            with atomic_replacement(place) as draft:
+            beside |= {PLATE_TABLE: ".wells.csv", PLATE_PICTURE: ".svg"}
+        for name, suffix in beside.items():
+            with atomic_replacement(out.with_suffix(suffix)) as draft:
                 shutil.copyfile(Path(scratch) / name, draft)
-    made = data["toolpath"]
-    print_result(
-        data,
-        lambda: [
-            f"{made['lines']} lines, {made['written_ul']:.4g} µL, "
-            f"{data['dry_run']['duration_s'] / 60:.1f} min",
-            *process_lines(data["dry_run"]),
-            *plan_lines(made.get("plan", {})),
-            str(out),
-        ],
-    )
+    made, dry_run = data["toolpath"], data["dry_run"]
+    lines = [
+        f"{made['lines']} lines, {made['written_ul']:.4g} µL, {dry_run['duration_s'] / 60:.1f} min",
+        *process_lines(dry_run),
+        *plan_lines(made.get("plan", {})),
+    ]
+    cli.print_result(data, [*lines, str(out)])
 
 
 # `printctl recipe` and `init`: write, check and migrate recipes.
@@ -284,12 +217,12 @@ def schema() -> None:
     An editor that knows YAML completes and checks a recipe by it, when the recipe's first line is
     `# yaml-language-server: $schema=recipe.schema.json`.
     """
-    print_json(recipe_schema())
+    cli.print_json(recipe_schema())
 
 
 @command
 def migrate(
-    file: RecipeArg,
+    file: cli.RecipeArg,
     out: Path | None = opt("Where to write; the recipe's own file by default."),
 ) -> None:
     """Bring a recipe to today's schema; comments and order stay, the old file is kept beside it.
@@ -300,31 +233,25 @@ def migrate(
     steps = steps_from(data, str(file))
     if not steps:
         parse_recipe(data, str(file))
-        print_lines(f"{file} is of schema {SCHEMA}, today's; nothing to do")
+        cli.print_lines(f"{file} is of schema {SCHEMA}, today's; nothing to do")
         return
     text = file.read_text(encoding="utf-8")
     made = migrated_text(text, steps)
     parse_recipe(read_yaml(made), f"{file}, once migrated,")
     if out is None:
-        kept = _backup(file, data["schema"])
+        kept = file.with_name(f"{file.stem}.schema{data['schema']}{file.suffix}")
+        if kept.exists():
+            raise UsageError(
+                f"{kept}, where the old recipe is kept, exists; move it away, or use --out"
+            )
         write_text(kept, text)
-        print_note(f"the recipe as it was: {kept}")
+        cli.print_note(f"the recipe as it was: {kept}")
     elif out.exists():
         raise UsageError(f"{out} exists and isn't overwritten; give another name")
     write_text(out or file, made)
-    print_lines(
+    cli.print_lines(
         *(f"schema {one.old} to {one.old + 1}: {one.why}" for one in steps), str(out or file)
     )
-
-
-def _backup(file: Path, schema: int) -> Path:
-    """Where the old text is kept; never over a file that is there."""
-    kept = file.with_name(f"{file.stem}.schema{schema}{file.suffix}")
-    if kept.exists():
-        raise UsageError(
-            f"{kept}, where the old recipe is kept, exists; move it away, or use --out"
-        )
-    return kept
 
 
 recipe = group(
@@ -333,9 +260,7 @@ recipe = group(
 
 
 @command
-def init(
-    path: Path = arg("Where to write the recipe.", Path("recipe.yaml")),
-) -> None:
+def init(path: Path = arg("Where to write the recipe.", Path("recipe.yaml"))) -> None:
     """Write a commented starter recipe that runs as it stands.
 
     It prints on the simulated printer. A file that is there isn't overwritten.
@@ -343,4 +268,4 @@ def init(
     if path.exists():
         raise UsageError(f"{path} exists and isn't overwritten; give another name")
     write_text(path, STARTER.read_text(encoding="utf-8"))
-    print_lines(f"{path}", f"next: printctl run {path}")
+    cli.print_lines(str(path), f"next: printctl run {path}")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 from printctl.cli.declare import command, json_command, wants_json
 from printctl.cli.options import RunArg, messages, print_lines, print_result, refuse_input_as_output
@@ -28,33 +28,22 @@ from printctl.machine.print_state.state import PrintTruth, read_print
 from printctl.machine.printing.journal_facts import read_journal_facts
 from printctl.machine.printing.print_words import alarm_words
 from printctl.machine.printing.recovery import planned, write_rest
+from printctl.observe import records
 from printctl.observe.continue_print import continue_print
 from printctl.observe.look_words import proposal_words, seen_words, total_words
-from printctl.observe.records import (
-    OBSERVER_LOCK,
-    ORDER,
-    LookRecord,
-    answer_look,
-    answer_of,
-    asking_look,
-    held_for,
-    look_folder,
-    read_looks,
-    refuse_unheard,
-)
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 from printctl.settings import arg, opt
 
 
-def _looks(folder: Path) -> list[LookRecord]:
+def _looks(folder: Path) -> list[records.LookRecord]:
     """What was seen of the print whose journal is in a folder."""
-    return read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    return records.read_looks(folder, read_journal_facts(folder / JOURNAL).started)
 
 
 _COMMANDS = {
-    PrintAction.GO_ON: "go on: printctl resume {run}",
-    PrintAction.RECOVER: "recover: printctl recover {run}",
-    PrintAction.GIVE_UP: "give up: printctl give-up {run}",
+    PrintAction.GO_ON: "go on: printctl resume",
+    PrintAction.RECOVER: "recover: printctl recover",
+    PrintAction.GIVE_UP: "give up: printctl give-up",
 }
 
 
@@ -88,9 +77,7 @@ def status_lines(truth: PrintTruth, run: str) -> list[str]:
         lines.append(alarm_words(status.alarms, truth.journal.last_alarm))
     if not status.position_known:
         lines.append("position unknown")
-    if status.ended:
-        lines += [text for one in truth.actions if (text := _offered(one, run))]
-    return lines
+    return [*lines, *(_offered(truth.actions, run) if status.ended else ())]
 
 
 def waiting_lines(status: Status) -> list[str]:
@@ -104,16 +91,18 @@ def waiting_lines(status: Status) -> list[str]:
     return lines + [f"reads {reading}" for reading in status.readings]
 
 
-def _offered(one: Possible, run: str) -> str:
-    """The command of an action that is possible now."""
-    if not one.possible or one.action not in _COMMANDS:
-        return ""
-    command = _COMMANDS[one.action].format(run=shlex.quote(run))
-    if one.needs != "from_line":
-        return command
-    if not one.from_line:
-        return f"recover: {one.reason} (printctl recover --help)"
-    return f"{command} --from-line {one.from_line} ({one.reason})"
+def _offered(actions: Iterable[Possible], run: str) -> Iterator[str]:
+    """The commands of what is possible now."""
+    for one in actions:
+        if not one.possible or one.action not in _COMMANDS:
+            continue
+        command = f"{_COMMANDS[one.action]} {shlex.quote(run)}"
+        if one.needs != "from_line":
+            yield command
+        elif one.from_line:
+            yield f"{command} --from-line {one.from_line} ({one.reason})"
+        else:
+            yield f"recover: {one.reason} (printctl recover --help)"
 
 
 STOP_S: Final = 20.0
@@ -133,10 +122,10 @@ def stop(run: RunArg) -> None:
         try:
             outcome = client.wait(STOP_S)
         except TimeoutError:
-            status = client.status
+            now = client.status
             print_lines(
-                f"a stop is asked for, and isn't over after {STOP_S:.0f} s; now {status.state}: "
-                f"{status.message}; `printctl status {run}` tells how it ends"
+                f"a stop is asked for, and isn't over after {STOP_S:.0f} s; now {now.state}: "
+                f"{now.message}; `printctl status {run}` tells how it ends"
             )
             return
     print_lines(f"{outcome.state}: {outcome.message}")
@@ -163,26 +152,18 @@ def kill(run: RunArg) -> None:
     if unconfirmed and not over:
         raise LinkError(outcome.message)
     if unconfirmed or (outcome.state is not LinkState.KILLED and not outcome.position_known):
-        from printctl.machine.link.kill_unlinked import (
-            kill_unlinked,  # the link itself: slow to import
-        )
+        # The link itself: slow to import.
+        from printctl.machine.link.kill_unlinked import kill_unlinked
 
         outcome = PrintOutcome.of(kill_unlinked(client.folder))
     before = "" if outcome.state is LinkState.KILLED else "not halted, for the print had ended: "
     print_lines(f"{before}{outcome.state.value}: {outcome.message}")
 
 
-class PauseAfter(StrEnum):
-    """What is to be finished first."""
-
-    LAYER = "layer"
-    VESSEL = "vessel"
-
-
 @command
 def pause(
     run: RunArg,
-    after: PauseAfter | None = opt("Finish the current layer or vessel first."),
+    after: Literal["layer", "vessel"] | None = opt("Finish the current layer or vessel first."),
     now: bool = opt("After the line in flight; the default.", False),
 ) -> None:
     """Hold a print: relieve the plunger, lift the needle straight up, keep the temperatures.
@@ -195,9 +176,9 @@ def pause(
         if client.status.state is LinkState.PAUSED:
             print_lines(f"is paused already; `printctl resume {run}` goes on")
             return
-        client.pause(MarkKind(after.value) if after else None)
+        client.pause(MarkKind(after) if after else None)
         held = "after the line in flight and the moves that the printer holds"
-        where = f"at the end of this {after.value}" if after else held
+        where = f"at the end of this {after}" if after else held
         print_lines(f"will pause {where}; `printctl status {run}` tells when")
 
 
@@ -224,7 +205,7 @@ def resume(
     folder = print_folder(run)
     with attach(folder) as attached:
         ended = attached.status.ended
-    unheard = not (unobserved or alive(folder, OBSERVER_LOCK))
+    unheard = not (unobserved or alive(folder, records.OBSERVER_LOCK))
     status = continue_print(
         folder,
         port=port,
@@ -268,10 +249,8 @@ def confirm_presence(run: RunArg) -> None:
     with running_print(run) as client:
         client.alive()
         left = client.status.deadman_left_s
-    if left is None:
-        print_lines("heard; this print has no dead-man's time")
-    else:
-        print_lines(f"heard; confirm again within {left / 60:.1f} min")
+    again = "this print has no dead-man's time"
+    print_lines(f"heard; {again if left is None else f'confirm again within {left / 60:.1f} min'}")
 
 
 @json_command
@@ -296,21 +275,13 @@ def recover(
     messages().print(
         *(f"{k}. {text}" for k, text in enumerate(plan.steps, 1)), sep="\n", markup=False
     )
-    _confirm(file, yes)
-    written = write_rest(folder, plan, file)
-    lines = [str(file), f"when all that is done: {written['command']}"]
-    print_result(written, lines)
-
-
-def _confirm(file: Path, assume_yes: bool) -> None:
-    if assume_yes:
-        return
-    answer = ""
-    if sys.stdin.isatty():
+    if not yes and sys.stdin.isatty():
         messages().print(f"Write {file}? Type yes: ", end="")
-        answer = sys.stdin.readline()
-    if answer.strip().lower() != "yes":
+        yes = sys.stdin.readline().strip().lower() == "yes"
+    if not yes:
         raise SafetyError(f"{file} wasn't written; answer yes, or give --yes")
+    written = write_rest(folder, plan, file)
+    print_result(written, [str(file), f"when all that is done: {written['command']}"])
 
 
 def give_up(run: RunArg) -> None:
@@ -335,32 +306,38 @@ def looks(run: RunArg) -> None:
     folder = print_folder(run)
     found = _looks(folder)
     if not (found or wants_json()):
-        none_yet = unlooked_lines(folder) or ["observe is a recipe's part"]
-        raise UsageError(f"nobody has looked at the print in {folder}; {none_yet[0]}")
+        why = _UNLOOKED if (folder / records.ORDER).is_file() else "observe is a recipe's part"
+        raise UsageError(f"nobody has looked at the print in {folder}; {why}")
     print_result(
         [asdict(one) for one in found],
         lambda: [
-            *(_words(one, answer_of(folder, one.number)) for one in found),
+            *(_words(one, records.answer_of(folder, one.number)) for one in found),
             *asking_lines(folder, read_print(folder).status),
         ],
     )
 
 
+_UNLOOKED: Final = (
+    "observe.every asked for no look before its end (a simulated printer is quicker than the "
+    "clock, a part may be lower than a height gained: say `60 s written` or `layer`)"
+)
+
+
 def asking_lines(folder: Path, status: Status) -> list[str]:
     """What the look that the print waits at proposes, and how to answer it; none for no such."""
     looks = _looks(folder)
-    last = asking_look(looks, status)
-    if last is None or answer_of(folder, last.number) is not None:
+    last = records.asking_look(looks, status)
+    if last is None or records.answer_of(folder, last.number) is not None:
         return []
-    if not alive(folder, OBSERVER_LOCK):
+    asks = f"look {last.number} asks to {proposal_words(last)}"
+    if not alive(folder, records.OBSERVER_LOCK):
         return [
-            f"look {last.number} asks to {proposal_words(last)}, but its observer is gone: "
-            "`printctl resume RUN` starts another one, which asks again"
+            f"{asks}, but its observer is gone: `printctl resume RUN` starts another one, which "
+            "asks again"
         ]
     return [
-        f"look {last.number} asks to {proposal_words(last)}: see "
-        f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve --look "
-        f"{last.number}` (or go_on, stop)"
+        f"{asks}: see {records.look_folder(folder, last.number)}, then `printctl observe answer "
+        f"RUN approve --look {last.number}` (or go_on, stop)"
     ]
 
 
@@ -372,17 +349,7 @@ def looks_lines(run: Path) -> list[str]:
     found = _looks(folder)
     if found:
         return [f"{total_words(found)}; `printctl observe looks {run}`"]
-    return [f"nobody looked at the print: {words}" for words in unlooked_lines(run)]
-
-
-def unlooked_lines(folder: Path) -> list[str]:
-    """Why an observed print of a folder has no look; none of a print that isn't observed."""
-    if not (folder / ORDER).is_file():
-        return []
-    return [
-        "observe.every asked for no look before its end (a simulated printer is quicker than the "
-        "clock, a part may be lower than a height gained: say `60 s written` or `layer`)"
-    ]
+    return [f"nobody looked at the print: {_UNLOOKED}"] if (run / records.ORDER).is_file() else []
 
 
 @command
@@ -402,28 +369,26 @@ def answer(
     """
     folder = print_folder(run)
     found = _looks(folder)
+    if not found:
+        raise UsageError(f"nobody has looked at the print in {folder}")
+    last = found[-1].number
+    if look not in (None, last):
+        raise UsageError(f"look {look} isn't the last, which is look {last}; nothing was done")
+    status = read_print(folder).status
+    if not records.held_for(status, last):
+        raise UsageError(
+            f"the print doesn't wait for a word on look {last} (it is {status.state.value}); "
+            "nothing was done"
+        )
     try:
-        if not found:
-            raise ValueError(f"nobody has looked at the print in {folder}")
-        if look not in (None, found[-1].number):
-            raise ValueError(
-                f"look {look} isn't the last, which is look {found[-1].number}; nothing was done"
-            )
-        status = read_print(folder).status
-        if not held_for(status, found[-1].number):
-            raise ValueError(
-                f"the print doesn't wait for a word on look {found[-1].number} (it is "
-                f"{status.state.value}); nothing was done"
-            )
-        refuse_unheard(folder)
-        answer_look(folder, found[-1].number, word)
+        records.refuse_unheard(folder)
+        records.answer_look(folder, last, word)
     except ValueError as exc:
         raise UsageError(str(exc)) from exc
-    print_lines(f"look {found[-1].number}: {word}; `printctl status` tells what the print does")
+    print_lines(f"look {last}: {word}; `printctl status` tells what the print does")
 
 
-def _words(look: LookRecord, word: str | None) -> str:
-    seen = seen_words(look)
-    share = f", {seen}" if seen else ""
+def _words(look: records.LookRecord, word: str | None) -> str:
+    share = f", {seen}" if (seen := seen_words(look)) else ""
     answered = f"; answered: {word}" if look.asked and word else ""
     return f"look {look.number} ({look.mark}){share}: {look.decision}: {look.why}{answered}"

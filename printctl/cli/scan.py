@@ -51,20 +51,13 @@ class ScanOptions:
     def overrides(self) -> ScanOverrides:
         """What the scan's file doesn't say; raises `UsageError` for numbers that aren't."""
         db, counts = self.db_range, self.count_range
-        return readers.ScanOverrides(
-            voxel_mm=voxel_mm(self.voxel_um),
-            refractive_index=self.refractive_index,
-            optical_depth=self.optical_depth,
-            scale=self.scale,
-            modality=self.modality,
-            depth_down=self.depth_down,
-            axes=self.axes,
-            mirrored=self.mirrored,
-            db_range=None if db is None else two_numbers(db, "--db-range"),
-            count_range=None if counts is None else two_numbers(counts, "--count-range"),
-            counts_per_db=self.counts_per_db,
-            db_at_zero=self.db_at_zero,
-        )
+        stated = vars(self) | {
+            "voxel_mm": voxel_mm(self.voxel_um),
+            "db_range": None if db is None else two_numbers(db, "--db-range"),
+            "count_range": None if counts is None else two_numbers(counts, "--count-range"),
+        }
+        names = readers.ScanOverrides.__dataclass_fields__
+        return readers.ScanOverrides(**{name: stated[name] for name in names})
 
 
 def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
@@ -119,15 +112,7 @@ def scan(
 
 
 def find_print(text: str) -> PrintEntry:
-    """Return the print that a folder, a file or an id names.
-
-    Raises
-    ------
-    UsageError
-        When none is there, or its journal says nothing of a job.
-    HistoryError
-        When no print has such an id.
-    """
+    """Return the print that a folder, a file or an id names; raise `UsageError`, `HistoryError`."""
     path = Path(text)
     if not path.exists():
         return PrintHistory().one(text)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from printctl.cli.declare import json_command
 from printctl.cli.options import folder_to_write, messages, print_result
 from printctl.search import load_search, run_search
@@ -36,6 +34,5 @@ def search(
     result = run_search(requested, search_file.resolve().parent, out, messages(), who, limit)
     written = [str(path) for path in write_results(result, out)]
     lines = [*table_lines(result), *count_lines(result), *written]
-    print_result(result_dict(result) | {"written": written}, lines)
-    if result.broken or (result.best is None and not result.left):
-        raise typer.Exit(1)
+    passed = not result.broken and (result.best is not None or bool(result.left))
+    print_result(result_dict(result) | {"written": written}, lines, passed)

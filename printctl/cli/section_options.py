@@ -26,27 +26,15 @@ Part = TypeVar("Part", bound=BaseModel)
 class SectionOptions:
     """Options that stand for the fields of one section.
 
-    Attributes
-    ----------
-    model : type of BaseModel
-    at : tuple of str
-        Keys that lead to it in the section that the command makes.
-    prefix : str
-        Before each field's name.
-    renamed : mapping of str to str
-        Options named otherwise than their field, by field.
-    panel : str
-        Heading that they stand under in the help; the common one where it is empty.
-    flag : str
-        Help of an option, named like the section, without which the section is left out and its
-        other options are refused; empty where there is none.
+    ``flag`` is the help of an option, named like the section, without which the section is left out
+    and its other options are refused; empty where there is none.
     """
 
     model: type[BaseModel]
-    at: tuple[str, ...] = ()
-    prefix: str = ""
-    renamed: Mapping[str, str] = field(default_factory=dict)
-    panel: str = ""
+    at: tuple[str, ...] = ()  # keys that lead to it in the section that the command makes
+    prefix: str = ""  # before each field's name
+    renamed: Mapping[str, str] = field(default_factory=dict)  # options named otherwise, by field
+    panel: str = ""  # heading in the help; the common one where it is empty
     flag: str = ""
 
     def fields(self) -> dict[str, str]:
@@ -60,10 +48,7 @@ class SectionOptions:
     def typed(self, requested: Mapping[str, Any]) -> dict[str, Any]:
         """Values of the fields whose options were given, by field.
 
-        Raises
-        ------
-        UsageError
-            For a file that isn't there, or an option without the section's flag.
+        Raises `UsageError` for a file that isn't there, or an option without the section's flag.
         """
         given = {name: requested[name] for name in self.fields() if requested[name] is not None}
         if given and self.flag and not requested[self.at[-1]]:
@@ -77,13 +62,8 @@ class SectionOptions:
 class Sections:
     """Options of several sections, as the default of a command's parameter (`declare.command`).
 
-    Attributes
-    ----------
-    groups : sequence of SectionOptions
-    model : type of BaseModel, optional
-        What the parameter gets, made of what was typed; without it the words typed, by option.
-    what : str
-        Named where no single option is wrong.
+    The parameter gets the ``model``, made of what was typed; without one the words typed, by
+    option. ``what`` is named where no single option is wrong.
     """
 
     groups: Sequence[SectionOptions]
@@ -107,17 +87,11 @@ class Sections:
         return made
 
     def value(self, typed: dict[str, Any]) -> Any:
-        """What the parameter gets.
-
-        Raises
-        ------
-        UsageError
-            For the first thing that is wrong, said of the option that stands for it.
-        """
+        """What the parameter gets; raises as `checked`."""
         return typed if self.model is None else self.checked(self.model, self.section(typed))
 
     def checked(self, model: type[Part], section: Mapping[str, Any]) -> Part:
-        """The section as its model; see `value`."""
+        """The section as its model; raise `UsageError` for the first option that is wrong."""
         try:
             return model(**section)
         except ValidationError as exc:

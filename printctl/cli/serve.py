@@ -27,21 +27,22 @@ class _Options:
 
     def parameters(self) -> list[inspect.Parameter]:
         hints = get_type_hints(ServeSettings)
-        made = [
-            keyword(name, hint, of(ServeSettings, name))
-            for name, hint in hints.items()
-            if name != "password"
-        ]
+        del hints["password"]
+        made = [keyword(name, hint, of(ServeSettings, name)) for name, hint in hints.items()]
+        ask = opt("Ask now for a password that the page asks for.", False)
+        file = opt("Read that password from a file's first line.")
         made[3:3] = [
-            keyword("password", bool, opt("Ask now for a password that the page asks for.", False)),
-            keyword(
-                "password_file", Path | None, opt("Read that password from a file's first line.")
-            ),
+            keyword("password", bool, ask),
+            keyword("password_file", Path | None, file),
         ]
         return made
 
     def value(self, typed: dict[str, Any]) -> ServeSettings:
-        _want_extra()
+        if missing := [name for name in NEEDED if importlib.util.find_spec(name) is None]:
+            raise UsageError(
+                f"the page needs {', '.join(missing)}, which isn't installed; "
+                'pip install "printctl[web]"'
+            )
         password = _password(typed.pop("password"), typed.pop("password_file"))
         return ServeSettings(password=password, **typed)
 
@@ -68,23 +69,9 @@ def serve(settings: Any = _OPTIONS, verbose: bool = opt("Write down each request
 
     run(settings, started)
     messages().print("the page is closed; a print that runs goes on (`printctl status`)")
-    _leave()
-
-
-def _leave() -> None:
-    """End now: the interpreter's own end would wait for what pages had asked for."""
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(0)
-
-
-def _want_extra() -> None:
-    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
-    if missing:
-        raise UsageError(
-            f"the page needs {', '.join(missing)}, which isn't installed; "
-            'pip install "printctl[web]"'
-        )
+    os._exit(0)  # The interpreter's own end would wait for what pages had asked for.
 
 
 def _password(ask: bool, file: Path | None) -> str | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +10,9 @@ from firmware_profiles import Printer, load
 from printctl.checks.preflight import file_checks, placed_failures, warnings
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.checks.set_up import ProfileNames, refusal_of, set_up
+from printctl.cli import options as cli
 from printctl.cli.declare import json_command, wants_json
 from printctl.cli.kernels_ready import have_kernels
-from printctl.cli.options import (
-    GcodeArg,
-    InkOption,
-    PrinterOption,
-    StartOption,
-    SyringeOption,
-    folder_to_write,
-    print_note,
-    print_notes,
-    print_result,
-    read_gcode_file,
-)
 from printctl.errors import UsageError
 from printctl.failures import error_facts
 from printctl.machine.link.errors import LinkError
@@ -42,14 +30,20 @@ def read_start_position(file: Path, printer: Printer, text: str | None) -> Place
     """Return the tip's position before the first line, mm.
 
     The file's first lines may tell it (G92, SET_KINEMATIC_POSITION), and ``text``, of --start.
-
-    Raises
-    ------
-    UsageError
-        When the two aren't the same place, or the file tells a part of it and nobody the rest.
+    Raises `UsageError` when the two aren't the same place, or the file tells a part of it and
+    nobody the rest.
     """
     given = None if text is None else three_numbers(text, "--start")
-    declared = _declared(file, printer, given)
+    try:
+        job = parse_job(cli.read_gcode_file(file), file.name, printer)
+    except LinkError:  # Other checks refuse it.
+        return given or (0.0, 0.0, 0.0)
+    try:
+        declared = declared_start(job)
+    except LinkError as exc:
+        if given is None:
+            raise UsageError(f"{file}: {exc}, or give --start X,Y,Z") from exc
+        return given
     if declared is None:
         return given or (0.0, 0.0, 0.0)
     if given is not None and math.dist(given, declared) > ASIDE_MM:
@@ -60,32 +54,18 @@ def read_start_position(file: Path, printer: Printer, text: str | None) -> Place
     return declared
 
 
-def _declared(file: Path, printer: Printer, given: Place | None) -> Place | None:
-    """Where the job says that it starts; None where it doesn't, or other checks refuse it."""
-    try:
-        job = parse_job(read_gcode_file(file), file.name, printer)
-    except LinkError:
-        return None
-    try:
-        return declared_start(job)
-    except LinkError as exc:
-        if given is not None:
-            return None
-        raise UsageError(f"{file}: {exc}, or give --start X,Y,Z") from exc
-
-
 @json_command
 def simulate(
     *,
-    file: GcodeArg,
-    printer: PrinterOption = "generic_marlin",
-    syringe: SyringeOption = "hamilton_1ml",
-    ink: InkOption = "collagen_fresh",
+    file: cli.GcodeArg,
+    printer: cli.PrinterOption = "generic_marlin",
+    syringe: cli.SyringeOption = "hamilton_1ml",
+    ink: cli.InkOption = "collagen_fresh",
     names: ProfileNames,
-    start: StartOption = None,
+    start: cli.StartOption = None,
     out: Path | None = opt(
         "Folder for what will lie in the bath: tables, a time line, voxels.",
-        callback=folder_to_write,
+        callback=cli.folder_to_write,
     ),
     bead: BeadOptions,
     place: str | None = opt(
@@ -102,19 +82,30 @@ def simulate(
     profile = load(Printer, printer)
     tip = read_start_position(file, profile, start)
     mounted = set_up(profile, syringe, ink, tip, names)
-    gcode = read_gcode_file(file)
+    gcode = cli.read_gcode_file(file)
     run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
     checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
     at = None if place is None else three_numbers(place, "--place")
     choices = BeadChoices(**vars(bead), out=out, place_mm=at)
-    found: list[dict[str, Any]] | None = None
+    found: list[dict[str, Any]] = []
+    predicted: list[str] = []
+    notes: list[str] = []
     if choices.asks:
         # What measures and draws the bead takes seconds to load; the dry run needs none of it.
+        from printctl.checks.bead import prediction_lines
         from printctl.pipeline.predicted_ink import write_predictions
 
         failures = placed_failures(checks)
-        found = write_predictions(file, gcode, run, mounted, choices, failures, print_note)
+        found = write_predictions(file, gcode, run, mounted, choices, failures, cli.print_note)
+        for one in found:
+            head = f"head {one['head']}: " if len(found) > 1 else ""
+            predicted += [head + line for line in prediction_lines(one)]
+            for warning in one["warnings"]:
+                where = f"line {warning['line']}: " if warning["line"] else ""
+                sure = "" if warning["calibrated"] else " (uncalibrated)"
+                notes.append(f"{head}{where}{warning['text']}{sure}")
+        predicted += [f"wrote {name}" for one in found[:1] for name in one.get("files", [])]
     refusal = refusal_of(checks)
     facts = {
         "file": str(file),
@@ -124,7 +115,7 @@ def simulate(
         "merged_moves": run.merged_moves,
         "passed": not any(check.refuses for check in checks),
         "checks": [check.as_dict() for check in checks],
-        **({} if found is None else {"predicted": found}),
+        **({"predicted": found} if choices.asks else {}),
         **shaft.facts(),
         **(error_facts(refusal, str(refusal), refusal.exit_code) if refusal else {}),
     }
@@ -134,28 +125,8 @@ def simulate(
         *shaft.lines(),
         *(check.row() for check in checks),
     ]
-    print_result(facts, lambda: [*lines, *_prediction_lines(found or [])])
+    cli.print_result(facts, [*lines, *predicted])
     if not wants_json():
-        print_notes([*warnings(checks), *_prediction_notes(found or [])])
+        cli.print_notes([*warnings(checks), *notes])
     if refusal:
         raise refusal
-
-
-def _head(facts: list[dict[str, Any]], one: dict[str, Any]) -> str:
-    return f"head {one['head']}: " if len(facts) > 1 else ""
-
-
-def _prediction_lines(facts: list[dict[str, Any]]) -> Iterator[str]:
-    for one in facts:
-        from printctl.checks.bead import prediction_lines  # loaded by then
-
-        yield from (_head(facts, one) + line for line in prediction_lines(one))
-    yield from (f"wrote {name}" for one in facts[:1] for name in one.get("files", []))
-
-
-def _prediction_notes(facts: list[dict[str, Any]]) -> Iterator[str]:
-    for one in facts:
-        for warning in one["warnings"]:
-            where = f"line {warning['line']}: " if warning["line"] else ""
-            sure = "" if warning["calibrated"] else " (uncalibrated)"
-            yield f"{_head(facts, one)}{where}{warning['text']}{sure}"

@@ -14,15 +14,7 @@ from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import PrinterOption, gcode_to_write, print_notes, print_result
 from printctl.errors import UsageError
-from printctl.pipeline.slicing import (
-    SliceJob,
-    assemble,
-    head_of_each,
-    job_facts,
-    job_notes,
-    read_modifier,
-    slice_parts,
-)
+from printctl.pipeline import slicing
 from printctl.recipe.making import Fresh
 from printctl.settings import arg, of, opt
 
@@ -71,37 +63,36 @@ def slice_mesh(
     gcode_to_write(out, *models)
     profile = load(Printer, printer)
     filling = Filling(infill, infill_percent * 1e-2)
-    chosen = head_of_each(heads, len(models), profile)
+    chosen = slicing.head_of_each(heads, len(models), profile)
     loads, widths = loads_of(profile, syringe, ink, needle), _lines_mm(profile, line_um)
-    refuse_failed(
-        [
-            bore_check(width, one.needle, thinnest_bore, "--line-um")
-            for width, one in zip(widths, loads, strict=True)
-            if one.needle is not None
-        ]
-    )
+    refuse_failed([
+        bore_check(width, one.needle, thinnest_bore, "--line-um")
+        for width, one in zip(widths, loads, strict=True)
+        if one.needle is not None
+    ])  # fmt: skip
     have_kernels("slice")
-    modifiers = [read_modifier(text, profile.head_count) for text in modifier or ()]
+    modifiers = [slicing.read_modifier(text, profile.head_count) for text in modifier or ()]
+    adaptive = None
+    if thinnest_um is not None:  # Layers follow the slopes, in whole steps of the vertical motor.
+        adaptive = Adaptive(thinnest_um * 1e-3, stair_um * 1e-3, 1 / profile.steps_per_mm.z)
+    how = FreshOptions(
+        layer_height_mm=layer_um * 1e-3,
+        adaptive=adaptive,
+        walls=walls,
+        filling=filling,
+        write_speed_mm_s=speed,
+    )
+    stands_in = None if dish is None else load(Dish, dish)
     with freed_memory_returned():
-        job = SliceJob(
-            assemble(models, chosen, modifiers, filling, unit),
-            profile,
-            loads,
-            widths,
-            FreshOptions(
-                layer_height_mm=layer_um * 1e-3,
-                adaptive=_adaptive(profile, thinnest_um, stair_um),
-                walls=walls,
-                filling=filling,
-                write_speed_mm_s=speed,
-            ),
-            None if dish is None else load(Dish, dish),
-        )
-        written = slice_parts(job, out)
-    print_notes(job_notes(job, written))
-    facts = job_facts(job, written, models, out)
+        parts = slicing.assemble(models, chosen, modifiers, filling, unit)
+        job = slicing.SliceJob(parts, profile, loads, widths, how, stands_in)
+        written = slicing.slice_parts(job, out)
+    print_notes(slicing.job_notes(job, written))
+    facts = slicing.job_facts(job, written, models, out)
+    low, high = facts["layer_um"]
+    span = "" if high - low < 0.01 else f" of {low:.4g} to {high:.4g} µm"
     print_result(facts, [
-        f"{facts['layers']} layers{_span(facts['layer_um'])}, {facts['lines']} lines of G-code, "
+        f"{facts['layers']} layers{span}, {facts['lines']} lines of G-code, "
         f"{facts['written_ul']:.4g} µL, {facts['unfilled_percent']:.2f} % of the part unfilled",
         *(
             f"head {one['head']} ({one['name']}, {one['ink']}): {one['written_ul']:.4g} µL"
@@ -109,13 +100,6 @@ def slice_mesh(
         ),
         facts["gcode"],
     ])  # fmt: skip
-
-
-def _adaptive(printer: Printer, thinnest_um: float | None, stair_um: float) -> Adaptive | None:
-    """Layers that follow the slopes, in whole steps of the vertical motor."""
-    if thinnest_um is None:
-        return None
-    return Adaptive(thinnest_um * 1e-3, stair_um * 1e-3, 1 / printer.steps_per_mm.z)
 
 
 def _lines_mm(printer: Printer, text: str) -> tuple[float, ...]:
@@ -131,8 +115,3 @@ def _lines_mm(printer: Printer, text: str) -> tuple[float, ...]:
             raise UsageError(f"--line-um {width:g} lies outside {low:g} to {high:g} µm")
         widths.append(width * 1e-3)
     return tuple(widths)
-
-
-def _span(heights_um: list[float]) -> str:
-    low, high = heights_um
-    return "" if high - low < 0.01 else f" of {low:.4g} to {high:.4g} µm"

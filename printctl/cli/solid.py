@@ -9,14 +9,8 @@ from design.solids import lumen_solid, tube_solid, validate_file, write_step
 from design.solids.read import SUFFIXES
 from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import LOSSES, check_target, load_source, read_noted, write_network
+from printctl.cli import options as cli
 from printctl.cli.declare import json_command
-from printctl.cli.options import (
-    SourceArg,
-    UnitOption,
-    print_dim,
-    print_result,
-    refuse_input_as_output,
-)
 from printctl.errors import UsageError
 from printctl.pipeline.solid_build import WRITERS
 from printctl.recipe.solid import SolidPart
@@ -25,9 +19,9 @@ from printctl.settings import arg, of, opt
 
 @json_command
 def solid(
-    source: SourceArg,
+    source: cli.SourceArg,
     out: Path = opt("A .stl, .3mf, .step, .ply, .obj or .vtp file.", ...),
-    unit: UnitOption = None,
+    unit: cli.UnitOption = None,
     fillet_ratio: float | None = of(
         SolidPart, "fillet_ratio", default=None, otherwise="0, or the run's own"
     ),
@@ -42,10 +36,10 @@ def solid(
         raise UsageError(f"{out}: give a file that ends in .step, .{', .'.join(WRITERS)}")
     if kind == "step" and (fillet_ratio or wall_mm is not None):
         raise UsageError("--fillet-ratio and --wall-mm are for triangles; STEP has sharp lumens")
-    refuse_input_as_output(out, source)
+    cli.refuse_input_as_output(out, source)
     read = load_source(source, unit, None)
     network = read.network
-    print_dim(read.notes)
+    cli.print_dim(read.notes)
     if fillet_ratio is None:
         own = source.is_dir() and kind != "step"
         fillet_ratio = recipe_of(source, "solid of a run").solid.fillet_ratio if own else 0.0
@@ -58,14 +52,14 @@ def solid(
             made = tube_solid(network, wall_mm, fillet_ratio=fillet_ratio)
         WRITERS[kind](out, made)
         facts = {"file": out.name, "volume": made.volume_mm3, "faces": len(made.faces)}
-        if out.suffix.lower() in SUFFIXES:
+        if f".{kind}" in SUFFIXES:
             check = validate_file(out)
             check.require_valid()
             facts = asdict(check)
     crossing = facts.get("crossing_faces", 0)
     shown = f"{out}: {facts['volume']:.6g} mm³, {facts['faces']} faces"
     shown += f", {crossing} of which cross others" if crossing else ""
-    print_result(facts, [shown])
+    cli.print_result(facts, [shown])
 
 
 @json_command
@@ -74,7 +68,7 @@ def convert(
     target: Path = arg(
         "The same formats but .txt; without a suffix a new folder of SimVascular paths."
     ),
-    unit: UnitOption = None,
+    unit: cli.UnitOption = None,
     ends: Path | None = opt(
         "Inlets and outlets that come with X-CAVATE's .txt.", None, "--inlet-outlet"
     ),
@@ -85,11 +79,11 @@ def convert(
     for SWC (µm) and SimVascular's (cm). An old file is replaced only by a whole new one.
     """
     check_target(target)
-    refuse_input_as_output(target, source)
+    cli.refuse_input_as_output(target, source)
     network, notes = read_noted(source, unit, ends)
     write_network(target, network)
     loss = LOSSES.get(target.suffix.lower())
     facts = {"file": str(target), "vessels": network.vessel_count, "loses": loss}
-    print_dim([*notes, loss] if loss else notes)
+    cli.print_dim([*notes, loss] if loss else notes)
     made = f"{target}: {network.vessel_count} vessels, {len(network.points)} points"
-    print_result(facts | {"notes": list(notes)}, [made])
+    cli.print_result(facts | {"notes": list(notes)}, [made])

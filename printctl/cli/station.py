@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,10 +12,10 @@ import typer
 from firmware_profiles import Printer, load, shipped
 from printctl.checks.set_up import read_dish_centre
 from printctl.cli.declare import command, group, json_command, wants_json
-from printctl.cli.options import PrinterOption, messages, print_lines, print_result
+from printctl.cli.options import PrinterOption, print_lines, print_note, print_result
 from printctl.errors import PrintctlError, UsageError
 from printctl.machine.link.port_detection import AUTO, locate, matches, read_baud
-from printctl.machine.link.ports import PortInfo, list_ports
+from printctl.machine.link.ports import list_ports
 from printctl.machine.station import Station, StationStatus, attach
 from printctl.machine.station import connect as open_station
 from printctl.machine.station.record import usual_folder
@@ -37,33 +38,28 @@ def the_station(folder: Path | None) -> Station:
 
 def print_status(status: StationStatus) -> None:
     """Say how the station stands."""
-    print_result(status.to_dict(), status_text(status))
+    print_result(status.to_dict(), _lines(status))
 
 
-def status_text(status: StationStatus) -> list[str]:
-    """A status for people."""
-    lines = [f"{status.state.value}: {status.message}", f"{status.profile} at {status.port}"]
+def _lines(status: StationStatus) -> Iterator[str]:
+    yield from (f"{status.state.value}: {status.message}", f"{status.profile} at {status.port}")
     if status.position_mm is not None:
-        place = " ".join(
-            f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", status.position_mm, strict=True)
-        )
+        x, y, z = status.position_mm
         trust = "" if status.position_trusted else " (not trusted: home, or tell where it is)"
-        lines.append(f"tip at {place}{trust}")
+        yield f"tip at X{x:.2f} Y{y:.2f} Z{z:.2f}{trust}"
     for one in status.temperatures:
         target = f", target {one.target_c:g} °C" if one.target_c else ""
-        lines.append(f"{one.name} {one.now_c:g} °C{target}")
-    lines += [f"reads {reading}" for reading in status.readings]
-    mounted = status.mounted
-    there = [f"{what} {name}" for what, name in vars(mounted).items() if name and what in _SHOWN]
-    if there:
-        lines.append("mounted: " + ", ".join(there))
-    if mounted.floor_mm is not None:
-        lines.append(f"floor of the dish at Z {mounted.floor_mm:.2f} mm")
+        yield f"{one.name} {one.now_c:g} °C{target}"
+    yield from (f"reads {reading}" for reading in status.readings)
+    mounted = vars(status.mounted).items()
+    if there := [f"{what} {name}" for what, name in mounted if name and what in _SHOWN]:
+        yield "mounted: " + ", ".join(there)
+    if status.mounted.floor_mm is not None:
+        yield f"floor of the dish at Z {status.mounted.floor_mm:.2f} mm"
     if status.ul_left is not None:
-        lines.append(f"{status.ul_left:.1f} µL left")
+        yield f"{status.ul_left:.1f} µL left"
     if status.print_folder:
-        lines.append(f"print: {status.print_folder}")
-    return lines
+        yield f"print: {status.print_folder}"
 
 
 @json_command
@@ -120,9 +116,11 @@ def mount(
     Another needle or dish must be touched off anew.
     """
     centre = None if dish_centre is None else read_dish_centre(dish_centre)
-    names = {"needle": needle, "syringe": syringe, "ink": ink, "dish": dish, "bath": bath}
-    numbers = {"dish_centre_mm": centre, "bath_level_mm": bath_level, "plunger_mm": plunger}
-    named = {key: value for key, value in {**names, **numbers}.items() if value is not None}
+    named: dict[str, Any] = {
+        **{"needle": needle, "syringe": syringe, "ink": ink, "dish": dish, "bath": bath},
+        **{"dish_centre_mm": centre, "bath_level_mm": bath_level, "plunger_mm": plunger},
+    }
+    named = {key: value for key, value in named.items() if value is not None}
     if not named:
         raise UsageError("nothing is named; give --needle, --dish or the like")
     print_status(the_station(folder).mount(**named))
@@ -144,11 +142,10 @@ def jog(
     given = {axis: mm for axis, mm in (("x", x), ("y", y), ("z", z)) if mm is not None}
     if not given:
         raise UsageError("no axis is named; give --x, --y or --z in mm")
-    station = the_station(folder)
     if to:
-        print_status(station.move_to(**given, speed_mm_s=speed))
+        print_status(the_station(folder).move_to(**given, speed_mm_s=speed))
     else:
-        print_status(station.jog(given, speed_mm_s=speed))
+        print_status(the_station(folder).jog(given, speed_mm_s=speed))
 
 
 @json_command
@@ -218,10 +215,7 @@ def heat(
 
 
 @json_command
-def send(
-    command: str = arg("Such as M503."),
-    folder: FolderOption = None,
-) -> None:
+def send(command: str = arg("Such as M503."), folder: FolderOption = None) -> None:
     """Send a command and print the reply; moves and heat go by the same limits as jog and heat.
 
     While a print goes on it is sent between two of its lines.
@@ -301,17 +295,16 @@ def ports(
     known = {name: load(Printer, name) for name in [*shipped(Printer), *filter(None, [printer])]}
     rows = [(p, [n for n, facts in known.items() if matches(facts, p)]) for p in list_ports()]
     facts = {"ports": [vars(port) | {"profiles": names} for port, names in rows]}
-    if rows or wants_json():
-        print_result(facts, (_port_line(port, names) for port, names in rows))
-    else:
-        messages().print(
+    lines: list[str] = []
+    if not (rows or wants_json()):
+        print_note(
             "no serial port found; plug the printer in, or use port: simulated in the recipe"
         )
-
-
-def _port_line(port: PortInfo, profiles: list[str]) -> str:
-    cells: list[Any] = [port.device, port.usb_id or "-", port.serial_number or "-"]
-    return "\t".join([*cells, port.description, ", ".join(profiles) or "no profile's"])
+        return
+    for p, names in rows:
+        cells = (p.device, p.usb_id or "-", p.serial_number or "-", p.description)
+        lines.append("\t".join((*cells, ", ".join(names) or "no profile's")))
+    print_result(facts, lines)
 
 
 @command

@@ -13,43 +13,19 @@ from typing import Any, Final, Literal
 import typer
 
 from design.network_files.by_suffix import READ
-from printctl.analysis.film import (
-    Frame,
-    GrowthFilm,
-    PulseFilm,
-    check_suffix,
-    growth_frames,
-    pulse_frames,
-    write_film,
-)
+from printctl.analysis import film as films
 from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import Drive, Source, load_source
+from printctl.cli import options as cli
 from printctl.cli.declare import json_command, wants_json
-from printctl.cli.options import (
-    UnitOption,
-    messages,
-    print_dim,
-    print_note,
-    print_result,
-    read_gcode_file,
-    refuse_typed,
-)
 from printctl.errors import UsageError
-from printctl.pipeline.viewing import (
-    SUFFIXES,
-    GcodeView,
-    NetworkView,
-    ViewOptions,
-    is_gcode,
-    view_gcode,
-    view_network,
-)
+from printctl.pipeline import viewing
 from printctl.recipe.growth import Growth
 from printctl.settings import arg, of, opt
-from registration.report.picture import FilmScene, PictureOptions, Quantity, View, quantities
+from registration.report.picture import FilmScene, PictureOptions, View, quantities
 
-_FOR_NETWORKS = ("seen_from", *(one.name for one in fields(NetworkView)))
-_FOR_GCODE = tuple(one.name for one in fields(GcodeView))
+_FOR_NETWORKS = ("seen_from", *(one.name for one in fields(viewing.NetworkView)))
+_FOR_GCODE = tuple(one.name for one in fields(viewing.GcodeView))
 
 
 @json_command
@@ -61,62 +37,49 @@ def view(
     ),
     out: Path | None = opt("The page; view.html in the run, NAME.view.html beside a file."),
     png: Path | None = opt("Draw a picture for a paper; without --out no page."),
-    look: ViewOptions,
+    look: viewing.ViewOptions,
     open_page: bool | None = opt(
         "Open the page in the browser; on a desktop, do.", None, "--open/--no-open"
     ),
-    network: NetworkView,
-    gcode: GcodeView,
+    network: viewing.NetworkView,
+    gcode: viewing.GcodeView,
 ) -> None:
     """Show a network or G-code: a page that opens offline, or with --png a picture.
 
     A network turns, is cut away, and is coloured by any quantity; point at a vessel to read its
     numbers. G-code of any slicer goes by layers, lines to scale; point at one to read its text.
     """
-    _check_targets(out, png)
-    _check_suffix(source)
-    _check_options(context, source)
-    page = out if out is not None or png is not None else _default_page(source)
-    if is_gcode(source):
-        data = read_gcode_file(source)
-        written, notes = view_gcode(source, data, page, png, look, gcode, print_note)
-    else:
-        written, notes = view_network(source, page, png, look, network, print_note)
-    sizes = {kind: path.stat().st_size for kind, path in written.items()}
-    files = {kind: {"file": str(path), "bytes": sizes[kind]} for kind, path in written.items()}
-    print_dim(notes)
-    lines = [f"{path} ({_size(sizes[kind])})" for kind, path in written.items()]
-    print_result({**files, "notes": list(notes)}, lines)
-    wanted = not wants_json() and _on_desktop() if open_page is None else open_page
-    if wanted and "page" in written:
-        webbrowser.open(written["page"].resolve().as_uri())
-
-
-def _check_targets(out: Path | None, png: Path | None) -> None:
     for option, path, suffixes in (("--out", out, (".html", ".htm")), ("--png", png, (".png",))):
         if path is not None and (path.suffix.lower() not in suffixes or path.is_dir()):
             raise UsageError(f"{option} {path}: give the name of a {suffixes[0]} file")
-
-
-def _check_suffix(source: Path) -> None:
-    if source.is_file() and source.suffix.lower() not in (*READ, *SUFFIXES):
+    if source.is_file() and source.suffix.lower() not in (*READ, *viewing.SUFFIXES):
         raise UsageError(
             f"{source} is neither a network ({', '.join(READ)}) nor G-code "
-            f"({', '.join(SUFFIXES)}) by its name; give one of these, or a run folder"
+            f"({', '.join(viewing.SUFFIXES)}) by its name; give one of these, or a run folder"
         )
-
-
-def _check_options(context: typer.Context, source: Path) -> None:
-    """Refuse an option that does nothing for this source."""
-    if is_gcode(source):
-        names, kind = _FOR_NETWORKS, "a network; this is G-code"
+    idle, kind = _FOR_GCODE, f"G-code ({', '.join(viewing.SUFFIXES)})"
+    if viewing.is_gcode(source):
+        idle, kind = _FOR_NETWORKS, "a network; this is G-code"
+    cli.refuse_typed(context, idle, f"with {source}: it is for {kind}; drop it")
+    if out is None and png is None:
+        out = source / "view.html" if source.is_dir() else source.with_suffix(".view.html")
+    if viewing.is_gcode(source):
+        data = cli.read_gcode_file(source)
+        written, notes = viewing.view_gcode(source, data, out, png, look, gcode, cli.print_note)
     else:
-        names, kind = _FOR_GCODE, f"G-code ({', '.join(SUFFIXES)})"
-    refuse_typed(context, names, f"with {source}: it is for {kind}; drop it")
-
-
-def _default_page(source: Path) -> Path:
-    return source / "view.html" if source.is_dir() else source.with_suffix(".view.html")
+        written, notes = viewing.view_network(source, out, png, look, network, cli.print_note)
+    facts: dict[str, Any] = {"notes": list(notes)}
+    lines = []
+    for kind, path in written.items():
+        size = path.stat().st_size
+        facts[kind] = {"file": str(path), "bytes": size}
+        shown = f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.0f} kB"
+        lines.append(f"{path} ({shown})")
+    cli.print_dim(notes)
+    cli.print_result(facts, lines)
+    wanted = not wants_json() and _on_desktop() if open_page is None else open_page
+    if wanted and "page" in written:
+        webbrowser.open(written["page"].resolve().as_uri())
 
 
 def _on_desktop() -> bool:
@@ -125,10 +88,6 @@ def _on_desktop() -> bool:
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )
     return shown and sys.stdout.isatty()
-
-
-def _size(count: int) -> str:
-    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.0f} kB"
 
 
 _OF_GROWTH: Final = ("by", "steps", "unit")
@@ -159,10 +118,10 @@ def film(
         "--colour",
         "--color",
     ),
-    seen_from: View = of(ViewOptions, "seen_from"),
+    seen_from: View = of(viewing.ViewOptions, "seen_from"),
     width: int = opt("Pixels.", 900, min=300, max=3000),
     fps: float = opt("Frames in 1 s of the film.", 12.0, min=1.0, max=60.0),
-    unit: UnitOption = None,
+    unit: cli.UnitOption = None,
 ) -> None:
     """Make a film of a network: how it grew, or with --show pulse a pulse through it.
 
@@ -170,54 +129,42 @@ def film(
     of the finished network: vessels come in the order in which they were grown.
     """
     idle, other = (_OF_PULSES, "pulse") if show == "growth" else (_OF_GROWTH, "growth")
-    refuse_typed(context, idle, f"is for --show {other}; drop it")
+    cli.refuse_typed(context, idle, f"is for --show {other}; drop it")
     path = out or (source if source.is_dir() else source.parent) / f"{show}.mp4"
-    check_suffix(path)
+    films.check_suffix(path)
     loaded = load_source(source, unit, Drive())
     scene = FilmScene(loaded.network, loaded.surface, PictureOptions(seen_from, width))
     made = _frames(context.params, loaded, scene)
-    with messages().status("drawing") as status:
-        count = write_film(path, _with_progress(made, status.update), fps)
+    with cli.messages().status("drawing") as status:
+        count = films.write_film(path, _with_progress(made, status.update), fps)
     facts = {"file": str(path), "frames": count, "seconds": count / fps}
-    print_result(facts, [f"{path} ({count} frames, {count / fps:.1f} s)"])
+    cli.print_result(facts, [f"{path} ({count} frames, {count / fps:.1f} s)"])
 
 
-def _frames(requested: dict[str, Any], loaded: Source, scene: FilmScene) -> Iterator[Frame]:
+def _frames(requested: dict[str, Any], loaded: Source, scene: FilmScene) -> Iterator[films.Frame]:
     """Frames of growth or of a pulse, by the options' names."""
     colour, source = requested["colour"], requested["source"]
     if requested["show"] == "growth":
-        quantity = _coloured(loaded, colour)
-        how = GrowthFilm(requested["by"], requested["steps"], murray_exponent=_murray(source))
-        return growth_frames(scene, quantity, how)
+        grown = recipe_of(source, "a film").vasculature if source.is_dir() else None
+        murray = grown.murray_exponent if isinstance(grown, Growth) else 3.0
+        how = films.GrowthFilm(requested["by"], requested["steps"], murray_exponent=murray)
+        known = {each.key: each for each in quantities(loaded.network, loaded.known)}
+        several = len(set(loaded.network.kind.tolist())) > 1
+        name = colour or ("kind" if several else "radius")
+        if name not in known:
+            raise UsageError(f"--colour {name}: nothing is known of it; known: {', '.join(known)}")
+        return films.growth_frames(scene, known[name], how)
     if colour not in (None, "pressure", "flow"):
         raise UsageError(f"--colour {colour}: a pulse is shown by pressure or flow")
     if not source.is_dir():
         raise UsageError(f"{source} is no run folder, and a pulse is its recipe's; give one")
-    film_of = PulseFilm(
+    film_of = films.PulseFilm(
         colour or "pressure", requested["solver"], requested["frames"], requested["cycles"]
     )
-    return pulse_frames(scene, recipe_of(source, "a pulse"), requested["tables"], film_of)
+    return films.pulse_frames(scene, recipe_of(source, "a pulse"), requested["tables"], film_of)
 
 
-def _coloured(loaded: Source, colour: str | None) -> Quantity:
-    """The quantity that was named, or kind where there are several, else radius."""
-    known = {each.key: each for each in quantities(loaded.network, loaded.known)}
-    several = len(set(loaded.network.kind.tolist())) > 1
-    name = colour or ("kind" if several else "radius")
-    if name not in known:
-        raise UsageError(f"--colour {name}: nothing is known of it; known: {', '.join(known)}")
-    return known[name]
-
-
-def _murray(source: Path) -> float:
-    """The exponent that a run was grown with; 3 of anything else."""
-    if not source.is_dir():
-        return 3.0
-    part = recipe_of(source, "a film").vasculature
-    return part.murray_exponent if isinstance(part, Growth) else 3.0
-
-
-def _with_progress(frames: Iterator[Frame], tell: Any) -> Iterator[Frame]:
+def _with_progress(frames: Iterator[films.Frame], tell: Any) -> Iterator[films.Frame]:
     for number, frame in enumerate(frames, 1):
         tell(f"frame {number}")
         yield frame

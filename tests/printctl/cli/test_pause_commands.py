@@ -18,8 +18,8 @@ from firmware_profiles import Printer, load
 from printctl.calibration.patterns import Pattern, PatternSetUp, WrittenPattern, read_pattern
 from printctl.cli import print_job
 from printctl.cli.main import app
+from printctl.cli.running_print import confirm_presence as alive
 from printctl.cli.running_print import (
-    PauseAfter,
     kill,
     pause,
     recover,
@@ -28,7 +28,6 @@ from printctl.cli.running_print import (
     status,
     stop,
 )
-from printctl.cli.running_print import confirm_presence as alive
 from printctl.errors import PrintctlError, SafetyError, UsageError
 from printctl.machine.link import Care, LinkError, LinkState, PrintClient, PrintOutcome, start_print
 from registration.devices.camera_frame import read_frame, write_insert
@@ -62,9 +61,9 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
         assert served.held.wait(10)
         with pytest.raises(PrintctlError, match=r"isn't paused \(printing"):
             resume(run)
-        pause(run, PauseAfter.LAYER)
+        pause(run, "layer")
         with pytest.raises(LinkError, match="marks no end of a vessel"):
-            pause(run, PauseAfter.VESSEL)
+            pause(run, "vessel")
         alive(run)
         served.gate.set()
         until(client, LinkState.PAUSED)
@@ -96,7 +95,7 @@ def test_status_of_a_print_that_waits_for_a_layer_is_json(tmp_path, profile, cap
     with pty_printer(FakeMarlin(), hold_at=40) as served:
         client = begun(tmp_path, profile, served.name)
         assert served.held.wait(10)
-        pause(tmp_path / "job.gcode.print", PauseAfter.LAYER)
+        pause(tmp_path / "job.gcode.print", "layer")
         capsys.readouterr()
         status(tmp_path / "job.gcode.print", as_json=True)
         found = yaml.safe_load(capsys.readouterr().out)
