@@ -121,10 +121,6 @@ class Workspace:
         """Run folder of a name, which may not exist."""
         return self.inside(self.root / "runs" / checked_name(name))
 
-    def scan(self, name: str) -> Path:
-        """Scan file of a name, which may not exist."""
-        return self.inside(self.root / "scans" / checked_name(name))
-
     def job_file(self, job: str) -> Path:
         """G-code file of a job: ``run~NAME`` (a run's part.gcode) or ``file~NAME`` (uploaded).
 

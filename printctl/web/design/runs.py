@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from starlette.responses import FileResponse
+
 from printctl.machine.link.client import attach
 from printctl.machine.link.errors import LinkError
 from printctl.machine.link.states import ENDED
@@ -262,6 +264,25 @@ ARTEFACTS: Final = {name: _TYPES[Path(name).suffix] for name in _NAMES}
 """Files of a run that may be fetched, and what they are."""
 
 
+def artefacts(folder: Path) -> list[str]:
+    """Files of a run's or registration's folder that may be fetched; links aren't followed."""
+    paths = {name: folder / name for name in ARTEFACTS}
+    return [name for name, path in paths.items() if path.is_file() and not path.is_symlink()]
+
+
+def artefact(name: str, folder: Path, file: str) -> FileResponse:
+    """Return one of the `artefacts` of a run's folder, as a download that has the run's name.
+
+    Raises
+    ------
+    NotFoundError
+        When it isn't there, or isn't one that may be fetched.
+    """
+    if file not in artefacts(folder):
+        raise NotFoundError(f"run {name!r} has no file {file[:80]!r} that can be fetched")
+    return FileResponse(folder / file, media_type=ARTEFACTS[file], filename=f"{name}_{file}")
+
+
 @dataclass(frozen=True)
 class RunRow:
     """A run of the workspace: ``modified`` s since 1970, ``has_job`` with G-code to be printed.
@@ -308,24 +329,6 @@ class Runs:
         if not folder.is_dir():
             raise NotFoundError(f"there is no run {name!r}")
         return folder
-
-    def artefacts(self, name: str) -> list[str]:
-        """Files of a run that may be fetched and are there."""
-        folder = self.folder(name)
-        return [one for one in ARTEFACTS if (folder / one).is_file()]
-
-    def artefact(self, name: str, file: str) -> Path:
-        """A file of a run.
-
-        Raises
-        ------
-        NotFoundError
-            When it isn't there, or isn't one that may be fetched.
-        """
-        path = self.folder(name) / file if file in ARTEFACTS else None
-        if path is None or not path.is_file() or path.is_symlink():
-            raise NotFoundError(f"run {name!r} has no file {file[:80]!r} that can be fetched")
-        return path
 
     def page(self, name: str, page: str) -> Path:
         """A page of a run: network, layers, dry_run or report.

@@ -16,10 +16,11 @@ import yaml
 from design.units import LengthUnit
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.run_options import JOB_NAMES, REHEARSAL
+from printctl.recipe.schema import KeyPath
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import MANIFEST, Manifest
 from printctl.web.core import Core
-from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
+from printctl.web.design.recipe_text import with_values
 from printctl.web.design.recipes import CheckedRecipe
 from printctl.web.design.runs import RECIPE, RunProgress, Runs
 from printctl.web.errors import ConflictError
@@ -63,24 +64,19 @@ class Slider:
 
 @dataclass(frozen=True)
 class ProjectCheck:
-    """Something that was checked before the print.
+    """Something that was checked before the print, which is refused if it ``refuses`` and failed.
 
-    Attributes
-    ----------
-    passed, refuses : bool
-        Whether it is as it should be, and whether the print is refused where it isn't.
-    value, limit : float or None
-        In ``unit``; None where there is no number.
+    ``value`` and ``limit`` are in ``unit``, None where there is no number.
     """
 
     check: str
     passed: bool
     refuses: bool
-    value: float | None = None
-    limit: float | None = None
-    unit: str = ""
-    place: str = ""
-    remedy: str = ""
+    value: float | None
+    limit: float | None
+    unit: str
+    place: str
+    remedy: str
 
 
 @dataclass(frozen=True)
@@ -109,16 +105,13 @@ class Project:
     made : bool
         Whether the design is made and is the recipe's as it stands.
     checks : tuple of ProjectCheck
-        All that was checked; those that refuse the print first.
-    print_time_s : float or None, s
+        Those that refuse the print first.
     rehearsal_speed : float
         Times real time at which a rehearsal takes about a minute.
     print_state : str
         Of its last print; empty when there was none.
-    reasons : tuple of str
-        What the report's verdict rests on.
-    passed : bool or None
-        Whether the print is as designed; None without a report.
+    reasons, passed : tuple of str, bool or None
+        Of the report's verdict.
     """
 
     name: str
@@ -137,12 +130,8 @@ class Project:
     passed: bool | None
 
 
-@dataclass(frozen=True)
-class _Design:
-    """What dry run and lumens say of a design."""
-
-    checks: tuple[ProjectCheck, ...]
-    print_time_s: float | None
+_Design = tuple[tuple[ProjectCheck, ...], float | None]
+"""What dry run and lumens say of a design: checks, and print time, s."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +152,7 @@ class _Reached:
             return "done"
         if self.print_state == "done":
             return "judge"
-        refused = any(not one.passed and one.refuses for one in self.design.checks)
+        refused = any(not one.passed and one.refuses for one in self.design[0])
         return "check" if refused else "print"
 
 
@@ -186,16 +175,10 @@ class ProjectService:
         return sorted(rows, key=lambda row: -row.modified)
 
     def project(self, name: str) -> Project:
-        """One project.
-
-        Raises
-        ------
-        NotFoundError
-        """
+        """Return how far a project has come."""
         recipe = self._recipes.read(name)
         reached, rehearsal = self._reached(name, recipe.text), self._runs.progress(name + REHEARSAL)
-        design, verdict = reached.design, reached.verdict
-        checks, time_s = (design.checks, design.print_time_s) if design else ((), None)
+        verdict, (checks, time_s) = reached.verdict, reached.design or ((), None)
         return Project(
             name=name,
             step=reached.step,
@@ -203,7 +186,7 @@ class ProjectService:
             sliders=sliders(recipe),
             run=rehearsal if rehearsal.going_on else self._runs.progress(name),
             judged=reached.judged,
-            made=design is not None,
+            made=reached.design is not None,
             checks=tuple(sorted(checks, key=lambda one: (one.passed, not one.refuses))),
             print_time_s=time_s,
             rehearsal_speed=min(max(round((time_s or 0.0) / LONGEST_REHEARSAL_S), 1), MAX_SPEED),
@@ -251,7 +234,7 @@ class ProjectService:
         ConflictError
             When the vessels can't be grown.
         """
-        text = _changed(self._recipes.text(name), values)
+        text = with_values(self._recipes.text(name), _by_keys(values))
         recipe = self._recipes.check(text).usable().model_dump(mode="json", by_alias=True)
         print_ = self._events.latest.get("print", {"ended": True})
         folder = self._recipes.folder
@@ -262,10 +245,11 @@ class ProjectService:
 
         Raises
         ------
-        NotFoundError, BadRequestError, ConflictError
+        BadRequestError
+            When the recipe can't be used with them; it stays as it is.
         """
         before = self._recipes.read(name)
-        text = _changed(before.text, values)
+        text = with_values(before.text, _by_keys(values))
         self._recipes.check(text).usable()
         self._recipes.write(name, text, before.version)
         return self.project(name)
@@ -310,19 +294,14 @@ class ProjectService:
         return _checked_design(folder, _stamp(folder / MANIFEST)) if made else None
 
 
-def _changed(text: str, values: dict[str, float]) -> str:
-    """Return a recipe's text with other values, whole numbers as such, by their dotted paths.
-
-    Raises
-    ------
-    BadRequestError
-        When there is no such place.
-    """
-    data = read_text(text)
-    for dotted, value in values.items():
-        path = tuple(int(key) if key.isdecimal() else key for key in dotted.split("."))
-        data = changed(data, path, int(value) if value == int(value) else value)
-    return rewrite_yaml(text, data)
+def _by_keys(values: dict[str, float]) -> dict[KeyPath, float]:
+    """Return values, whole numbers as such, by the keys of their dotted paths."""
+    return {
+        tuple(int(key) if key.isdecimal() else key for key in path.split(".")): (
+            int(value) if value == int(value) else value
+        )
+        for path, value in values.items()
+    }
 
 
 # How a file that a user brings is printed, until somebody says otherwise.
@@ -412,26 +391,18 @@ def _checked_design(folder: Path, stamp: tuple[int, int]) -> _Design | None:
     found = []
     for one in stages["dry run"].summary.get("checks", ()):
         counted = one["value"] or one["limit"] or one["unit"]  # else it is a question to a person
-        limits = {"value": one["value"], "limit": one["limit"]} if counted else {}
-        remedy = "" if one["passed"] else one["remedy"]
-        said = {"unit": one["unit"], "place": one["place"], "remedy": remedy}
-        refuses = one["weight"] == "refuses"
-        found.append(ProjectCheck(one["check"], one["passed"], refuses, **limits, **said))
+        value, limit = (one["value"], one["limit"]) if counted else (None, None)
+        refuses, remedy = one["weight"] == "refuses", "" if one["passed"] else one["remedy"]
+        given = (one["check"], one["passed"], refuses, value, limit, one["unit"], one["place"])
+        found.append(ProjectCheck(*given, remedy))
     lumens = stages["lumens"].summary if "lumens" in stages else {}
     if lumens.get("checked"):
-        counts = lumens["summary"]
-        found.append(
-            ProjectCheck(
-                check="lumens open, and without leaks, by the G-code",
-                passed=bool(lumens["passed"]),
-                refuses=False,
-                value=float(counts["lumens"] - counts["closed"]),
-                limit=float(counts["lumens"]),
-                unit="open",
-                remedy="" if lumens["passed"] else "take thinner lines or wider vessels",
-            )
-        )
-    return _Design(tuple(found), stages["dry run"].summary.get("print_time_s"))
+        counts, passed = lumens["summary"], bool(lumens["passed"])
+        remedy = "" if passed else "take thinner lines or wider vessels"
+        count, all_ = float(counts["lumens"] - counts["closed"]), float(counts["lumens"])
+        check = "lumens open, and without leaks, by the G-code"
+        found.append(ProjectCheck(check, passed, False, count, all_, "open", "", remedy))
+    return tuple(found), stages["dry run"].summary.get("print_time_s")
 
 
 def _verdict(folder: Path) -> dict[str, Any] | None:

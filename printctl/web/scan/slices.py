@@ -24,6 +24,7 @@ TINT: Final = (255, 140, 0)
 """Of what is above the threshold, mixed half and half."""
 
 _SAMPLES: Final = 2_000_000
+"""Voxels, evenly spread, by which window and threshold are chosen."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,9 @@ def describe(scan: Scan) -> Volume:
     """Describe a scan, with a window and a threshold to begin with."""
     from skimage.filters import threshold_otsu  # slow to load: only for who opens a scan
 
-    values = sample(scan.volume)
+    step = max(1, int(np.ceil((scan.volume.size / _SAMPLES) ** (1 / 3))))
+    values = np.asarray(scan.volume[::step, ::step, ::step], dtype=np.float64)
+    values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
     low, high = (float(one) for one in np.quantile(values, (0.01, 0.985)))
     nz, ny, nx = scan.volume.shape
     dz, dy, dx = scan.geometric_voxel_mm
@@ -83,28 +86,6 @@ def describe(scan: Scan) -> Volume:
         high=high if high > low else low + 1.0,
         threshold=float(threshold_otsu(values)),  # the value itself where there is only one
     )
-
-
-def sample(volume: NDArray[Any]) -> NDArray[np.float64]:
-    """About two million voxels, evenly spread, float64; what isn't finite is left out."""
-    step = max(1, int(np.ceil((volume.size / _SAMPLES) ** (1 / 3))))
-    values = np.asarray(volume[::step, ::step, ::step], dtype=np.float64).reshape(-1)
-    finite: NDArray[np.float64] = values[np.isfinite(values)]
-    return finite if len(finite) else np.zeros(1)
-
-
-def plane(volume: NDArray[Any], axis: Axis, index: int) -> NDArray[Any]:
-    """One slice; rows are z (or y, seen along z), columns x (or y, seen along x).
-
-    Raises
-    ------
-    BadRequestError
-        For an index outside.
-    """
-    count = volume.shape[AXES[axis]]
-    if not 0 <= index < count:
-        raise BadRequestError(f"slice {index} lies outside 0 to {count - 1} along {axis}")
-    return np.take(volume, index, axis=AXES[axis])
 
 
 def picture(
@@ -147,11 +128,13 @@ def slice_png(
     window: tuple[float, float] | None = None,
     threshold: float | None = None,
 ) -> bytes:
-    """Return one slice as a PNG file.
+    """Return one slice as a PNG file; rows are z (or y, seen along z), columns x (or y, along x).
 
     Raises
     ------
-    BadRequestError, ScanFileError
+    BadRequestError
+        For an index outside, or an empty ``window`` of intensity.
+    ScanFileError
     """
     with _LOCK:
         return _drawn(path, _state(path), axis, index, window, threshold)
@@ -177,9 +160,11 @@ def _drawn(
     threshold: float | None,
 ) -> bytes:
     scan, known = _opened(path, state)
-    low, high = window or (known.low, known.high)
-    out = io.BytesIO()
-    pixels = picture(plane(scan.volume, axis, index), low, high, threshold)
+    count = scan.volume.shape[AXES[axis]]
+    if not 0 <= index < count:
+        raise BadRequestError(f"slice {index} lies outside 0 to {count - 1} along {axis}")
+    image, out = np.take(scan.volume, index, axis=AXES[axis]), io.BytesIO()
+    pixels = picture(image, *(window or (known.low, known.high)), threshold)
     Image.fromarray(pixels).save(out, "PNG", compress_level=1)
     return out.getvalue()
 

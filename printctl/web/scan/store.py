@@ -220,31 +220,30 @@ class ScanStore:
 
     def __init__(self, workspace: Workspace, upload_mb: float) -> None:
         self._workspace, self._most_bytes = workspace, int(upload_mb * 1e6)
-
-    @property
-    def folder(self) -> Path:
-        """Where uploaded scans lie."""
-        return self._workspace.root / "scans"
+        self.folder = workspace.root / "scans"
 
     def rows(self) -> list[ScanRow]:
         """All scans, the newest first."""
-        files = [
-            path
-            for path in self._workspace.found("scans/*")
-            if is_name(path.name) and path.suffix.lower() not in _SIDECARS
-        ]
-        rows = [self.row(f"file~{path.name}", path) for path in files]
-        for name in _RUN_SCANS:
-            rows += [
-                self.row(f"run~{path.parent.name}", path)
-                for path in self._workspace.found(f"runs/*/{name}")
-                if is_name(path.parent.name)
-            ]
-        return sorted(rows, key=lambda row: -row.modified)
+        files, runs = (
+            [path for path in self._workspace.found(pattern) if is_name(path.name)]
+            for pattern in ("scans/*", "runs/*")
+        )
+        scans = [f"file~{one.name}" for one in files if one.suffix.lower() not in _SIDECARS]
+        scans += [f"run~{one.name}" for one in runs if self._of_run(one.name)]
+        return sorted(map(self.row, scans), key=lambda row: -row.modified)
 
-    def row(self, scan: str, path: Path) -> ScanRow:
-        """Return a scan that lies at a path."""
-        state, begun = path.stat(), self._workspace.root.glob(f"runs/*/{REGISTERED}/{scan}")
+    def _of_run(self, name: str) -> list[Path]:
+        self._workspace.run(name)  # refuses what leads out of the workspace
+        return [path for one in _RUN_SCANS for path in self._workspace.found(f"runs/{name}/{one}")]
+
+    def unusable(self) -> list[str]:
+        """Files that `rows` leaves out for their names."""
+        return self._workspace.unusable_names("scans/*")
+
+    def row(self, scan: str) -> ScanRow:
+        """Return what a list shows of a scan."""
+        path, begun = self.path(scan), self._workspace.root.glob(f"runs/*/{REGISTERED}/{scan}")
+        state = path.stat()
         runs = sorted(place.parent.parent.name for place in begun)
         if scan.startswith("run~"):
             runs = [scan.removeprefix("run~"), *runs]
@@ -260,9 +259,9 @@ class ScanStore:
         """
         sort, _, name = scan.partition("~")
         if sort == "file":
-            places = [self._workspace.scan(name)]
+            places = [self._workspace.inside(self.folder / checked_name(name))]
         elif sort == "run":
-            places = [self._workspace.run(name) / one for one in _RUN_SCANS]
+            places = self._of_run(name)
         else:
             raise BadRequestError(f"scan {scan[:80]!r} is neither file~NAME nor run~NAME")
         place = next((one for one in places if one.exists()), None)
