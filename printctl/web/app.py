@@ -31,8 +31,8 @@ from printctl.web.page.assets import serve_files, serve_page
 from printctl.web.print_sockets import PrintSockets
 from printctl.web.printer.routes import router as printer_router
 from printctl.web.printer.service import PrinterService
-from printctl.web.project.routes import router as project_router
 from printctl.web.project.service import ProjectService
+from printctl.web.project.service import router as project_router
 from printctl.web.rest import API, GUARD_REFUSALS
 from printctl.web.scan.service import ScanService
 from printctl.web.scan.service import router as scan_router

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -21,6 +22,7 @@ from printctl.machine.link.errors import LinkError
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.lock import is_run_active
 from printctl.pipeline.run_options import REHEARSAL, TOOLPATH_NAMES, names_until
+from printctl.run_folder.artefacts import GCODE, HTML
 from printctl.run_folder.manifest import MANIFEST
 from printctl.sources import python_command
 from printctl.web.design.recipes import Recipes
@@ -50,20 +52,16 @@ class StageProgress:
 
 @dataclass
 class RunProgress:
-    """A run as far as it is.
+    """A run as far as it is; 0 and empty is what isn't known.
 
     Attributes
     ----------
     until : str
-        Last stage that was asked for; empty when nothing is known.
+        Last stage that was asked for.
     message : str
         Why it failed.
-    pid : int
-        0 when not known.
     begun, told : float, s since 1970
-        When it began, and when it last said something; 0 when not known.
-    print_state : str
-        Of its print, where that was asked for; empty when there is none.
+        When it began, and when it last said something.
     fraction : float, 0 to 1
         Share of the stages that is done, the one at work included.
     """
@@ -93,9 +91,9 @@ class RunProgress:
             self.pid, self.begun = int(step.get("pid", 0)), self.told
             self.stages = [StageProgress(str(one)) for one in step.get("stages", ())]
         elif event == "end":
-            states: dict[str, RunState] = {"done": "done", "interrupted": "interrupted"}
-            state = states.get(str(step.get("result")), "failed")
-            self.break_off(state, str(step.get("message", "")))
+            result = step.get("result")
+            ended: RunState = result if result in ("done", "interrupted") else "failed"
+            self.break_off(ended, str(step.get("message", "")))
         elif event in ("stage", "done", "remark"):
             name = str(step.get("name", ""))
             stage = next((one for one in self.stages if one.name == name), StageProgress(name))
@@ -119,19 +117,17 @@ class RunProgress:
 def read_progress(name: str, path: Path) -> RunProgress:
     """Read a run's file; a line that is half written, or none at all, is passed over."""
     run = RunProgress(name)
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return run
-    for line in lines:
-        try:
-            step = json.loads(line)
-        except ValueError:
-            continue
-        if isinstance(step, dict):
-            run._take(step)
+    for line in _text(path).splitlines():
+        with contextlib.suppress(ValueError, AttributeError):
+            run._take(json.loads(line))
     run.fraction = sum(one.fraction for one in run.stages) / max(len(run.stages), 1)
     return run
+
+
+def _text(path: Path) -> str:
+    with contextlib.suppress(OSError):
+        return path.read_text(encoding="utf-8", errors="replace")
+    return ""
 
 
 # Start `printctl` commands as detached processes, one per folder; follow and cancel them.
@@ -211,10 +207,7 @@ def _lives(run: RunProgress, folder: Path) -> bool:
 
 def _last_words(run: RunProgress, folder: Path) -> str:
     """What a process that told no stage wrote last."""
-    try:
-        text = "" if run.stages else (folder / LOG).read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
+    text = "" if run.stages else _text(folder / LOG)
     return "".join(f": {line}" for line in text.strip().splitlines()[-1:])
 
 
@@ -238,21 +231,7 @@ def _exists(pid: int) -> bool:
 RECIPE = "recipe.yaml"
 LAST_STAGE: Final = TOOLPATH_NAMES[-1]
 """As far as a design goes before it is printed."""
-_TYPES: Final = {
-    ".yaml": "text/plain; charset=utf-8",
-    ".log": "text/plain; charset=utf-8",
-    ".gcode": "text/plain; charset=utf-8",
-    ".json": "application/json",
-    ".csv": "text/csv",
-    ".vtp": "application/xml",
-    ".stl": "model/stl",
-    ".3mf": "model/3mf",
-    ".ply": "model/ply",
-    ".png": "image/png",
-    ".pdf": "application/pdf",
-    ".nrrd": "application/octet-stream",
-}
-_NAMES: Final = (
+ARTEFACTS: Final = (
     "recipe.yaml", "run.log", "manifest.json", "network.csv", "network.vtp", "flow.csv",
     "oxygen.csv", "measures.json", "tissue.stl", "lumen.stl", "solid.stl", "solid.3mf",
     "part.gcode", "dry_run.json", "predicted_bead.csv", "predicted_layers.csv", "lumens.json",
@@ -260,8 +239,7 @@ _NAMES: Final = (
     "sections.csv", "defects.csv", "deviation.ply", "deviation.vtp", "sections.vtp",
     "scan_in_part.nrrd",
 )  # fmt: skip
-ARTEFACTS: Final = {name: _TYPES[Path(name).suffix] for name in _NAMES}
-"""Files of a run that may be fetched, and what they are."""
+"""Files of a run that may be fetched."""
 
 
 def artefacts(folder: Path) -> list[str]:
@@ -280,7 +258,7 @@ def artefact(name: str, folder: Path, file: str) -> FileResponse:
     """
     if file not in artefacts(folder):
         raise NotFoundError(f"run {name!r} has no file {file[:80]!r} that can be fetched")
-    return FileResponse(folder / file, media_type=ARTEFACTS[file], filename=f"{name}_{file}")
+    return FileResponse(folder / file, filename=f"{name}_{file}")
 
 
 @dataclass(frozen=True)
@@ -314,16 +292,16 @@ class Runs:
 
     def _row(self, folder: Path) -> RunRow:
         run = self.progress(folder.name)
-        has_job, has_report = (folder / "part.gcode").is_file(), (folder / "report.html").is_file()
-        state = run.state if run.state != "never" or not (folder / MANIFEST).is_file() else "done"
-        return RunRow(folder.name, folder.stat().st_mtime, state, run.until, has_job, has_report)
+        job, report, made = ((folder / one).is_file() for one in (GCODE, HTML, MANIFEST))
+        state = "done" if made and run.state == "never" else run.state
+        return RunRow(folder.name, folder.stat().st_mtime, state, run.until, job, report)
 
     def folder(self, name: str) -> Path:
         """A run's folder.
 
         Raises
         ------
-        NotFoundError, BadRequestError
+        NotFoundError
         """
         folder = self.workspace.run(name)
         if not folder.is_dir():
@@ -331,12 +309,7 @@ class Runs:
         return folder
 
     def page(self, name: str, page: str) -> Path:
-        """A page of a run: network, layers, dry_run or report.
-
-        Raises
-        ------
-        NotFoundError, ConflictError
-        """
+        """A page of a run, as `run_page` makes it."""
         folder = self.folder(name)
         for one in folder.iterdir():  # a page is made of several
             self.workspace.inside(one)
@@ -351,10 +324,8 @@ class Runs:
 
         Raises
         ------
-        UsageError
-            For a stage that isn't known.
-        BadRequestError
-            For one that prints, or a recipe that can't be used.
+        UsageError, BadRequestError
+            For a stage that isn't known, one that prints, or a recipe that can't be used.
         ConflictError
             While the run, or a print of it, is going on.
         """
@@ -367,13 +338,7 @@ class Runs:
         return self._go(name, ["--until", stages[-1]])
 
     def go_on(self, name: str) -> RunProgress:
-        """After its print: scan, registration and report of a run.
-
-        Raises
-        ------
-        ConflictError
-            When no print of it is done, or the run is going on.
-        """
+        """After its finished print: scan, registration and report of a run."""
         state = self.print_state(name)
         if state != "done":
             raise ConflictError(
@@ -383,13 +348,7 @@ class Runs:
         return self._go(name, ["--printed"])
 
     def rehearse(self, name: str, speed: float) -> RunProgress:
-        """Print a design on the simulated printer, scan and judge it; ``speed`` times real time.
-
-        Raises
-        ------
-        ConflictError
-            While the run, or a print of it, is going on.
-        """
+        """Print a design on the simulated printer, scan and judge it; ``speed`` times real time."""
         made, folder = self.workspace.run(name), self.workspace.run(name + REHEARSAL)
         with self._lock:
             self._refuse(name, folder)
@@ -399,13 +358,7 @@ class Runs:
         return self._go(name, ["--rehearse", f"{speed:g}"], folder)
 
     def cancel(self, name: str) -> RunProgress:
-        """Stop a run; finished stages are kept.
-
-        Raises
-        ------
-        ConflictError
-            When it isn't going on.
-        """
+        """Stop a run; finished stages are kept."""
         if not self.processes.cancel(name, self.workspace.run(name)):
             raise ConflictError(f"run {name!r} isn't going on")
         return self.progress(name)

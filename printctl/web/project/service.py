@@ -1,4 +1,4 @@
-"""Service behind the pages Home and Project: gallery, sketch, and how far each project has come.
+"""REST of the pages Home and Project: gallery, sketch, and how far each project has come.
 
 A project is a recipe of the workspace with the run of its name, that run's print and report.
 """
@@ -9,9 +9,12 @@ import json
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import yaml
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+from pydantic import Field
 
 from design.units import LengthUnit
 from printctl.machine.link.states import ENDED
@@ -24,7 +27,8 @@ from printctl.web.design.recipe_text import with_values
 from printctl.web.design.recipes import CheckedRecipe
 from printctl.web.design.runs import RECIPE, RunProgress, Runs
 from printctl.web.errors import ConflictError
-from printctl.web.project.sketch import Gone, SketchProcess
+from printctl.web.project.sketch import SketchProcess
+from printctl.web.rest import API, REFUSALS, Body
 from printctl.web.workspace import checked_name
 
 Step = Literal["shape", "check", "print", "judge", "done"]
@@ -32,6 +36,35 @@ LONGEST_REHEARSAL_S: Final = 60.0
 """A rehearsal is made so much faster than the print that it takes about this long."""
 MAX_SPEED: Final = 100.0
 """Times real time: faster, a browser shows no more than a film of it."""
+Value = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+
+
+class Changes(Body):
+    """Values of a recipe, by their path."""
+
+    values: dict[Annotated[str, Field(max_length=100)], Value] = Field(default={}, max_length=50)
+
+
+class SketchRequest(Changes):
+    """What is to be sketched."""
+
+    known: str = Field(
+        default="", max_length=32, description="Tag of the tissue whose outline is there already."
+    )
+
+
+class NewProject(Body):
+    """A file to begin with."""
+
+    name: str = Field(max_length=64)
+    file: str = Field(max_length=200, description="Taken in by POST /recipes/files.")
+    unit: LengthUnit = Field(default="mm", description="Of the file; its format may say it, too.")
+
+
+class Rehearsal(Body):
+    """How a print is rehearsed."""
+
+    speed: float = Field(ge=0, le=MAX_SPEED, description="Times real time; 0: no clock.")
 
 
 @dataclass(frozen=True)
@@ -196,23 +229,19 @@ class ProjectService:
             passed=bool(verdict["passed"]) if verdict else None,
         )
 
-    def begin(self, name: str, file: str, unit: LengthUnit) -> Project:
-        """Begin a project with a file beside the recipes, of ``unit`` where it doesn't say its own.
+    def begin(self, request: NewProject) -> Project:
+        """Begin a project with a file beside the recipes.
 
         A mesh becomes a tissue in which a tree is grown; a network is written as it is.
-
-        Raises
-        ------
-        BadRequestError, ConflictError
         """
-        checked_name(name)
-        suffix = Path(file).suffix.lower()
+        name, file = checked_name(request.name), request.file
+        suffix, unit = Path(file).suffix.lower(), {"unit": request.unit}
         recipe: dict[str, Any] = {"schema": 1, "name": name, "seed": 1}
         if suffix in (".stl", ".obj", ".ply", ".3mf"):
-            recipe["tissue"] = {"mesh": file, "unit": unit}
+            recipe["tissue"] = {"mesh": file} | unit
             recipe["vasculature"] = {"grow": "tree", "terminals": 100, "printable": True}
         else:
-            said = {"unit": unit} if suffix in (".csv", ".vtp", ".swc") else {}
+            said = unit if suffix in (".csv", ".vtp", ".swc") else {}
             recipe["vasculature"] = {"network": file} | said
         text = "# Begun on the page; every key is explained in docs/recipe.md.\n"
         text += yaml.safe_dump(recipe | _EMBEDDED, sort_keys=False)
@@ -220,53 +249,32 @@ class ProjectService:
         self._recipes.write(name, text)
         return self.project(name)
 
-    async def sketch(
-        self, name: str, values: dict[str, float], known: str, gone: Gone
-    ) -> dict[str, Any]:
-        """The vessels that a recipe would give with other values; nothing is kept.
-
-        Values by the paths of sliders; the rest as in `SketchProcess.sketch`.
-
-        Raises
-        ------
-        BadRequestError
-            When the recipe can't be used with them.
-        ConflictError
-            When the vessels can't be grown.
-        """
-        text = with_values(self._recipes.text(name), _by_keys(values))
+    async def sketch(self, name: str, asked: SketchRequest, request: Request) -> JSONResponse:
+        """Straight pieces of vessels: x, y, z of both ends and both radii, mm, eight a piece."""
+        text = with_values(self._recipes.text(name), _by_keys(asked.values))
         recipe = self._recipes.check(text).usable().model_dump(mode="json", by_alias=True)
-        print_ = self._events.latest.get("print", {"ended": True})
-        folder = self._recipes.folder
-        return await self.sketches.sketch(recipe, folder, known, not print_["ended"], gone)
+        behind = not self._events.latest.get("print", {"ended": True})["ended"]
+        found = await self.sketches.sketch(
+            recipe, self._recipes.folder, asked.known, behind, request.is_disconnected
+        )
+        return JSONResponse(found)  # as it is: FastAPI would look at each of its numbers
 
-    def change(self, name: str, values: dict[str, float]) -> Project:
-        """Write values of sliders into the recipe.
-
-        Raises
-        ------
-        BadRequestError
-            When the recipe can't be used with them; it stays as it is.
-        """
+    def change(self, name: str, request: Changes) -> Project:
+        """Write values of sliders into the recipe; it stays as it is if it can't be used so."""
         before = self._recipes.read(name)
-        text = with_values(before.text, _by_keys(values))
+        text = with_values(before.text, _by_keys(request.values))
         self._recipes.check(text).usable()
         self._recipes.write(name, text, before.version)
         return self.project(name)
 
-    def rehearse(self, name: str, speed: float) -> RunProgress:
+    def rehearse(self, name: str, request: Rehearsal) -> RunProgress:
         """Print the design on the simulated printer, scan it by the simulated scanner, judge it.
 
-        ``speed`` is times real time.
-
-        Raises
-        ------
-        ConflictError
-            Before the design is made, or while a run or print of it goes on.
+        It is refused before the design is made, and while a run or print of it goes on.
         """
         if self._reached(name, self._recipes.text(name)).design is None:
             raise ConflictError(f"the design of {name!r} isn't made as the recipe stands; make it")
-        return self._runs.rehearse(name, speed)
+        return self._runs.rehearse(name, request.speed)
 
     def _reached(self, name: str, text: str) -> _Reached:
         folder = self._workspace.run(name)
@@ -292,6 +300,27 @@ class ProjectService:
         ended = {one.name: one.state for one in self._runs.progress(folder.name).stages}
         made = all(ended.get(one, "done") == "done" for one in JOB_NAMES)
         return _checked_design(folder, _stamp(folder / MANIFEST)) if made else None
+
+
+def router(service: ProjectService) -> APIRouter:
+    """Routes of the guided way."""
+    routes, one = APIRouter(prefix=API, tags=["projects"], responses=REFUSALS), "/projects/{name}"
+    routes.get("/gallery", summary="What a new project can begin from")(gallery)
+    routes.get("/projects", summary="Recipes with what they have reached, the newest first")(
+        service.projects
+    )
+    routes.post("/projects", summary="Begin with a mesh or a network")(service.begin)
+    routes.get(one, summary="How far a project has come")(service.project)
+    routes.patch(one, summary="Write values into its recipe")(service.change)
+    routes.post(
+        f"{one}/sketch",
+        summary="The vessels with other values; keeps nothing",
+        response_model=dict[str, Any],
+    )(service.sketch)
+    routes.post(f"{one}/rehearse", summary="Print, scan and judge it, all simulated")(
+        service.rehearse
+    )
+    return routes
 
 
 def _by_keys(values: dict[str, float]) -> dict[KeyPath, float]:

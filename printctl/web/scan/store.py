@@ -99,8 +99,6 @@ def _at_gzip(handle: BinaryIO) -> bool:
     return start >= 0
 
 
-# Unpack an uploaded zip of scan slices: confined to its folder, limited in size.
-#
 # A zip is believed in nothing: names are checked one by one, and the sum of the sizes.
 
 MOST_FILES: Final = 20_000
@@ -179,15 +177,9 @@ REGISTERED: Final = ".registered"
 
 @dataclass(frozen=True)
 class ScanRow:
-    """A scan of the workspace: ``file~NAME`` or ``run~NAME``.
+    """A scan of the workspace: ``file~NAME`` or ``run~NAME``; 0 ``megabytes`` for a folder.
 
-    Attributes
-    ----------
-    megabytes : float, MB
-        0 for a folder.
-    modified : float, s since 1970
-    registered : tuple of str
-        Runs with whose design its registration was begun.
+    ``registered`` are the runs with whose design its registration was begun.
     """
 
     scan: str
@@ -243,12 +235,10 @@ class ScanStore:
     def row(self, scan: str) -> ScanRow:
         """Return what a list shows of a scan."""
         path, begun = self.path(scan), self._workspace.root.glob(f"runs/*/{REGISTERED}/{scan}")
-        state = path.stat()
-        runs = sorted(place.parent.parent.name for place in begun)
-        if scan.startswith("run~"):
-            runs = [scan.removeprefix("run~"), *runs]
-        size = state.st_size / 1e6 if path.is_file() else 0.0
-        return ScanRow(scan, size, state.st_mtime, tuple(name for name in runs if is_name(name)))
+        state, (sort, _, name) = path.stat(), scan.partition("~")
+        own = (name,) if sort == "run" else ()
+        runs = (*own, *filter(is_name, sorted(place.parents[1].name for place in begun)))
+        return ScanRow(scan, state.st_size / 1e6 if path.is_file() else 0.0, state.st_mtime, runs)
 
     def path(self, scan: str) -> Path:
         """Where a scan lies.
@@ -274,7 +264,10 @@ class ScanStore:
 
         Raises
         ------
-        BadRequestError, ConflictError
+        BadRequestError
+            When it is no scan, too large, or unpacks to something that is.
+        ConflictError
+            When there is a scan of that name.
         """
         name = scan_name(file_name)
         self._refuse(name)
@@ -287,9 +280,8 @@ class ScanStore:
             if is_stack(arrived):
                 name = checked_name(PurePath(name).stem)
                 self._refuse(name)
-                arrived = unpack_stack(
-                    arrived, Path(arriving) / "unpacked" / name, self._most_bytes
-                )
+                folder = Path(arriving) / "unpacked" / name
+                arrived = unpack_stack(arrived, folder, self._most_bytes)
             try:
                 recognise(arrived)
             except ScanFileError as exc:
@@ -323,12 +315,7 @@ class ScanStore:
         write_text(place, json.dumps(metadata.overrides(), indent=1) + "\n")
 
     def delete(self, scan: str) -> None:
-        """Throw an uploaded scan away; a run's own goes with the run.
-
-        Raises
-        ------
-        ConflictError, NotFoundError
-        """
+        """Throw an uploaded scan away; a run's own goes with the run."""
         if not scan.startswith("file~"):
             raise ConflictError("a run's own scan stays with the run")
         path, kept = self.path(scan), self._workspace.private / "bin"
