@@ -220,11 +220,9 @@ class Recipes:
     def read(self, name: str) -> RecipeText:
         """A recipe's text, and what is wrong with it."""
         text = self.text(name)
-        found = self.check(text)
-        places = tuple(_pick_targets((found.data or {}).get("vasculature")))
-        return RecipeText(
-            **vars(found), name=name, text=text, version=_version(text), places=places
-        )
+        checked = self.check(text)
+        places = tuple(_pick_targets((checked.data or {}).get("vasculature")))
+        return RecipeText(*vars(checked).values(), name, text, _version(text), places)
 
     def text(self, name: str) -> str:
         """A recipe's text.
@@ -236,14 +234,7 @@ class Recipes:
         return self._there(name).read_text(encoding="utf-8", errors="replace")
 
     def tissue_page(self, name: str) -> Path:
-        """The page of a recipe's tissue, on which places are picked.
-
-        Raises
-        ------
-        NotFoundError
-        ConflictError
-            When the tissue can't be made.
-        """
+        """The page of a recipe's tissue, on which places are picked; see `tissue_page`."""
         section = (self.read(name).data or {}).get("tissue")
         return tissue_page(self.workspace.recipe(name), section, self.workspace.private / "pages")
 
@@ -274,12 +265,7 @@ class Recipes:
         return self.read(name)
 
     def new(self, name: str, source: str = "starter") -> RecipeText:
-        """Begin a recipe from the starter, or from an example.
-
-        Raises
-        ------
-        NotFoundError, ConflictError, BadRequestError
-        """
+        """Begin a recipe from the starter, or from an example."""
         if source not in self.examples():
             raise NotFoundError(f"there is no example {source[:80]!r}")
         path = STARTER if source == "starter" else EXAMPLES / f"{source}.yaml"
@@ -296,12 +282,7 @@ class Recipes:
         return made
 
     def take_in(self, file_name: str, data: bytes) -> RecipeText:
-        """Take in an uploaded recipe; its name is the file's, with a number where that is taken.
-
-        Raises
-        ------
-        BadRequestError
-        """
+        """Take in an uploaded recipe; its name is the file's, with a number where that is taken."""
         try:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError as exc:

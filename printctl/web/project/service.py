@@ -123,28 +123,20 @@ class ProjectRow:
 
 @dataclass(frozen=True)
 class Project:
-    """A project, and how far it has come.
+    """A project, how far it has come, and the ``step`` that comes next.
 
     Attributes
     ----------
-    step : Step
-        What comes next.
     problems : tuple of str
         Why the recipe can't be used.
     run : RunProgress
         Of the design, or of the rehearsal while that is going on.
     judged : str
-        Run whose report it is: the project's, or its rehearsal's; empty without one.
+        Run of whose report ``reasons`` and ``passed`` are: the project's, or its rehearsal's.
     made : bool
         Whether the design is made and is the recipe's as it stands.
-    checks : tuple of ProjectCheck
-        Those that refuse the print first.
     rehearsal_speed : float
         Times real time at which a rehearsal takes about a minute.
-    print_state : str
-        Of its last print; empty when there was none.
-    reasons, passed : tuple of str, bool or None
-        Of the report's verdict.
     """
 
     name: str

@@ -36,16 +36,10 @@ class RegisterRequest(Body):
 
 @dataclass(frozen=True)
 class ScanNeeds:
-    """What a scan lacks before it can be shown.
+    """What a scan lacks before it can be shown, and what the user has said of it so far.
 
-    Attributes
-    ----------
-    missing : tuple of str
-        What its file doesn't say, as `ScanMetadata` names it; ``voxel_um`` for the voxel size.
-    problem : str
-        Why it can't be read; empty where it can.
-    said : ScanMetadata
-        What the user has said so far.
+    ``missing`` is what its file doesn't say, as `ScanMetadata` names it; ``problem`` is why it
+    can't be read, empty where it can.
     """
 
     missing: tuple[str, ...]
@@ -96,12 +90,7 @@ class ScanService:
         return self.volume(scan)
 
     def register(self, scan: str, run: str, given: RegisterRequest) -> RunProgress:
-        """Hold a scan against a run's design, in a process of its own.
-
-        Raises
-        ------
-        BadRequestError, NotFoundError, ConflictError
-        """
+        """Hold a scan against a run's design, in a process of its own."""
         if scan == f"run~{run}":
             raise ConflictError(
                 f"this is run {run!r}'s own scan; continue the run, which registers it"
@@ -140,12 +129,7 @@ class ScanService:
         return self.processes.progress(f"{scan} with {run}", self.folder(scan, run))
 
     def cancel(self, scan: str, run: str) -> RunProgress:
-        """Stop a registration.
-
-        Raises
-        ------
-        ConflictError
-        """
+        """Stop a registration."""
         if not self.processes.cancel(scan, self.folder(scan, run)):
             raise ConflictError(f"{scan} isn't being registered with {run}")
         return self.progress(scan, run)

@@ -18,8 +18,6 @@ from registration.files.readers import read_scan
 from registration.scan import Scan
 
 Axis = Literal["x", "y", "z"]
-AXES: Final[dict[Axis, int]] = {"z": 0, "y": 1, "x": 2}
-
 TINT: Final = (255, 140, 0)
 """Of what is above the threshold, mixed half and half."""
 
@@ -29,15 +27,12 @@ _SAMPLES: Final = 2_000_000
 
 @dataclass(frozen=True)
 class Volume:
-    """What is known of a scan's volume.
+    """What is known of a scan's volume, along x, y, z.
 
     Attributes
     ----------
-    shape : (int, int, int)
-        Voxels along x, y, z.
     voxel_um, size_mm : (float, float, float)
-        Along x, y, z; geometric.
-    modality, scale : str
+        Geometric.
     refractive_index : float
         By which depth was divided; 1 where depth isn't optical.
     depth_down : bool
@@ -89,7 +84,7 @@ def describe(scan: Scan) -> Volume:
 
 
 def picture(
-    image: NDArray[Any], low: float, high: float, threshold: float | None = None
+    image: NDArray[Any], low: float, high: float, threshold: float | None
 ) -> NDArray[np.uint8]:
     """Grey values of a slice, (h, w, 3); `low` is black, `high` white.
 
@@ -160,10 +155,11 @@ def _drawn(
     threshold: float | None,
 ) -> bytes:
     scan, known = _opened(path, state)
-    count = scan.volume.shape[AXES[axis]]
+    number = "zyx".index(axis)
+    count = scan.volume.shape[number]
     if not 0 <= index < count:
         raise BadRequestError(f"slice {index} lies outside 0 to {count - 1} along {axis}")
-    image, out = np.take(scan.volume, index, axis=AXES[axis]), io.BytesIO()
+    image, out = np.take(scan.volume, index, axis=number), io.BytesIO()
     pixels = picture(image, *(window or (known.low, known.high)), threshold)
     Image.fromarray(pixels).save(out, "PNG", compress_level=1)
     return out.getvalue()
