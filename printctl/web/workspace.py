@@ -11,21 +11,28 @@ from typing import Final
 from printctl.run_folder.manifest import digest_file
 from printctl.web.errors import BadRequestError, NotFoundError
 
+Stamp = tuple[int, int]
+
+
+def stamp(path: Path) -> Stamp:
+    """Time of change, ns, and size of a file, bytes: what was read of it holds as long."""
+    stat = path.stat()
+    return stat.st_mtime_ns, stat.st_size
+
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file, 64 hex digits; read again when its size or time of change is another.
+    """SHA-256 of a file, 64 hex digits; read again when its `stamp` is another.
 
     Raises
     ------
     OSError
         When the file can't be read.
     """
-    stat = path.stat()
-    return _hash(path, stat.st_size, stat.st_mtime_ns)
+    return _hash(path, stamp(path))
 
 
 @lru_cache(maxsize=256)
-def _hash(path: Path, size: int, changed_ns: int) -> str:
+def _hash(path: Path, of: Stamp) -> str:
     return digest_file(path)
 
 

@@ -222,7 +222,8 @@ class Recipes:
         text = self.text(name)
         checked = self.check(text)
         places = tuple(_pick_targets((checked.data or {}).get("vasculature")))
-        return RecipeText(*vars(checked).values(), name, text, _version(text), places)
+        version = _version(text)
+        return RecipeText(**vars(checked), name=name, text=text, version=version, places=places)
 
     def text(self, name: str) -> str:
         """A recipe's text.

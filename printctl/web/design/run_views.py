@@ -15,6 +15,7 @@ from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, OXYGEN, SOLI
 from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.worker import run_worker
+from printctl.web.workspace import stamp
 
 # Key figures of a run, read from the results of its stages.
 
@@ -119,13 +120,12 @@ def compare_runs(one: Path, other: Path) -> Comparison:
 
 
 def _difference(name: str, one: Any, other: Any) -> Difference:
-    values = [side.value for side in (one, other) if isinstance(side, Figure)]
+    a, b = (side.value if isinstance(side, Figure) else None for side in (one, other))
     change = ""
-    if len(values) == 2 and all(isinstance(value, float) for value in values):
-        a, b = values
-        change = f"{100 * (b - a) / abs(a):+.3g} %".replace("-", "−") if a not in (0, b) else ""
-    shown = ("" if value is None else str(value) for value in (one, other))
-    return Difference(name, *shown, change)
+    if isinstance(a, float) and isinstance(b, float) and a not in (0, b):
+        change = f"{100 * (b - a) / abs(a):+.3g} %".replace("-", "−")
+    first, second = ("" if value is None else str(value) for value in (one, other))
+    return Difference(name, first, second, change)
 
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
@@ -166,11 +166,11 @@ def run_page(run: Path, name: str, kept: Path) -> Path:
         When the run hasn't come so far, or the page can't be made.
     """
     if name in _SOURCES:
-        files = [run / one for one in _SOURCES[name] if (run / one).is_file()]
-        if not (run / _SOURCES[name][0]).is_file():
+        files = [run / one for one in _SOURCES[name]]
+        if not files[0].is_file():
             what = "network" if name == "network" else "G-code"
             raise ConflictError(f"run {run.name!r} has no {what} yet; make the design first")
-        return _page(run, kept, name, _state(files))
+        return _page(run, kept, name, _state([one for one in files if one.is_file()]))
     path = run / f"{name}.html"
     if name not in _WRITTEN or not path.is_file():
         when = _WRITTEN.get(name, "there is no such page")
@@ -194,7 +194,7 @@ def tissue_page(recipe: Path, section: Any, kept: Path) -> Path:
 
 
 def _state(files: list[Path]) -> list[Any]:
-    return [(path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files]
+    return [(path.name, *stamp(path)) for path in files]
 
 
 def _page(run: Path, kept: Path, sort: str, state: list[Any]) -> Path:

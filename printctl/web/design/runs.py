@@ -166,14 +166,14 @@ class DetachedProcesses:
     def progress(self, name: str, folder: Path) -> RunProgress:
         """How far the command in a folder is; ``never`` when none was started."""
         run, child = read_progress(name, folder / PROGRESS), self._children.get(folder)
+        unheard = run.state == "never" and child is not None
         if child is not None and child.poll() is None:
             if not run.going_on:  # not quite begun, or hasn't quite left yet
                 run.state = "starting" if run.state == "never" else "running"
-        elif (run.going_on and not _lives(run, folder)) or (
-            run.state == "never" and child is not None
-        ):
-            why = f"the process is gone{_last_words(run, folder)}; start it again, finished stages "
-            run.break_off("interrupted", f"{why}are kept")
+        elif unheard or (run.going_on and not _lives(run, folder)):
+            lines = [] if run.stages else _text(folder / LOG).strip().splitlines()
+            why = ": ".join(["the process is gone", *lines[-1:]])
+            run.break_off("interrupted", f"{why}; start it again, finished stages are kept")
         return run
 
     def going_on(self, name: str, folder: Path) -> bool:
@@ -205,12 +205,6 @@ def _lives(run: RunProgress, folder: Path) -> bool:
     return is_run_active(folder) or time.time() - run.begun < _STARTS_S
 
 
-def _last_words(run: RunProgress, folder: Path) -> str:
-    """What a process that told no stage wrote last."""
-    text = "" if run.stages else _text(folder / LOG)
-    return "".join(f": {line}" for line in text.strip().splitlines()[-1:])
-
-
 def _exists(pid: int) -> bool:
     """Whether a process lives; on Linux, one that waits for its parent to take note doesn't."""
     try:
@@ -219,11 +213,7 @@ def _exists(pid: int) -> bool:
         return False
     except PermissionError:
         return True
-    try:
-        status = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
-        return status.rpartition(")")[2].split()[0] != "Z"
-    except (OSError, IndexError):
-        return True
+    return not _text(Path(f"/proc/{pid}/stat")).rpartition(")")[2].startswith(" Z")
 
 
 # Start, follow, cancel and continue pipeline runs from the Design page.

@@ -29,7 +29,7 @@ from printctl.web.design.runs import RECIPE, RunProgress, Runs
 from printctl.web.errors import ConflictError
 from printctl.web.project.sketch import SketchProcess
 from printctl.web.rest import API, REFUSALS, Body
-from printctl.web.workspace import checked_name
+from printctl.web.workspace import Stamp, checked_name, stamp
 
 Step = Literal["shape", "check", "print", "judge", "done"]
 LONGEST_REHEARSAL_S: Final = 60.0
@@ -291,7 +291,7 @@ class ProjectService:
             return None
         ended = {one.name: one.state for one in self._runs.progress(folder.name).stages}
         made = all(ended.get(one, "done") == "done" for one in JOB_NAMES)
-        return _checked_design(folder, _stamp(folder / MANIFEST)) if made else None
+        return _checked_design(folder, stamp(folder / MANIFEST)) if made else None
 
 
 def router(service: ProjectService) -> APIRouter:
@@ -389,22 +389,16 @@ def sliders(checked: CheckedRecipe) -> tuple[Slider, ...]:
 
 
 def _value(data: Any, keys: list[str]) -> float | None:
-    for key in keys:
-        if isinstance(data, list):
-            data = data[int(key)] if int(key) < len(data) else None
-        else:
-            data = data.get(key) if isinstance(data, dict) else None
+    try:
+        for key in keys:
+            data = data[int(key) if isinstance(data, list) else key]
+    except (LookupError, TypeError):
+        return None
     return data if isinstance(data, int | float) else None
 
 
-def _stamp(path: Path) -> tuple[int, int]:
-    """Time of change and size of a file, by which what was read of it is kept."""
-    stat = path.stat()
-    return stat.st_mtime_ns, stat.st_size
-
-
 @lru_cache(maxsize=256)
-def _checked_design(folder: Path, stamp: tuple[int, int]) -> _Design | None:
+def _checked_design(folder: Path, of: Stamp) -> _Design | None:
     """A run's design by its manifest, a file of up to a megabyte; None before the dry run."""
     stages = Manifest.load(folder).stages
     if "dry run" not in stages:
@@ -432,12 +426,12 @@ def _verdict(folder: Path) -> dict[str, Any] | None:
     try:
         if path.stat().st_mtime < (folder / GCODE).stat().st_mtime:
             return None
-        return _read_verdict(path, _stamp(path))
+        return _read_verdict(path, stamp(path))
     except (OSError, ValueError):
         return None
 
 
 @lru_cache(maxsize=256)
-def _read_verdict(path: Path, stamp: tuple[int, int]) -> dict[str, Any] | None:
+def _read_verdict(path: Path, of: Stamp) -> dict[str, Any] | None:
     verdict: dict[str, Any] | None = json.loads(path.read_text(encoding="utf-8")).get("verdict")
     return verdict

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from printctl.web.errors import BadRequestError
+from printctl.web.workspace import Stamp, stamp
 from registration.files.readers import read_scan
 from registration.scan import Scan
 
@@ -140,7 +141,7 @@ _LOCK: Final = threading.Lock()
 
 
 @lru_cache(maxsize=2)
-def _opened(path: Path, state: tuple[Any, ...]) -> tuple[Scan, Volume]:
+def _opened(path: Path, state: tuple[Stamp, ...]) -> tuple[Scan, Volume]:
     scan = read_scan(path)
     return scan, describe(scan)
 
@@ -148,7 +149,7 @@ def _opened(path: Path, state: tuple[Any, ...]) -> tuple[Scan, Volume]:
 @lru_cache(maxsize=400)
 def _drawn(
     path: Path,
-    state: tuple[Any, ...],
+    state: tuple[Stamp, ...],
     axis: Axis,
     index: int,
     window: tuple[float, float] | None,
@@ -165,7 +166,7 @@ def _drawn(
     return out.getvalue()
 
 
-def _state(path: Path) -> tuple[Any, ...]:
+def _state(path: Path) -> tuple[Stamp, ...]:
     """Changes when the scan, or what is said of it, does."""
     places = [path, *(path.with_suffix(suffix) for suffix in (".json", ".yaml", ".yml"))]
-    return tuple((one.stat().st_mtime_ns, one.stat().st_size) for one in places if one.exists())
+    return tuple(stamp(one) for one in places if one.exists())
