@@ -1,6 +1,7 @@
 """Errors of the web server, each with its HTTP status.
 
 WebError
+├── NotAllowedError         401 or 403: no session, wrong token, foreign origin
 ├── NotInControlError       423: another browser holds the controls
 ├── NotFoundError           404
 ├── BadRequestError         422: the request, an upload or a recipe can't be taken
@@ -18,6 +19,12 @@ class WebError(PrintctlError):
     """Base of what the server refuses."""
 
     status: ClassVar[int] = 400
+
+
+class NotAllowedError(WebError):
+    """Nobody who may."""
+
+    status = 403
 
 
 class NotInControlError(WebError):
