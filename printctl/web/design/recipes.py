@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import threading
 import time
@@ -23,6 +22,7 @@ from printctl.recipe import Recipe
 from printctl.recipe.anatomy import INLETS
 from printctl.recipe.load import STARTER, sentence
 from printctl.recipe.schema import KeyPath, Schema, fields_of, user_path
+from printctl.run_folder.manifest import digest_bytes
 from printctl.web.design.recipe_text import read_text, with_values
 from printctl.web.design.run_views import tissue_page
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
@@ -140,11 +140,7 @@ class Recipes:
     def rows(self) -> list[RecipeFile]:
         """All of them, by name."""
         return [
-            RecipeFile(
-                name,
-                self.workspace.recipe(name).stat().st_mtime,
-                len(self.check(self.text(name)).problems),
-            )
+            RecipeFile(name, self._there(name).stat().st_mtime, len(self.read(name).problems))
             for name in self.names()
         ]
 
@@ -270,11 +266,14 @@ class Recipes:
         if source not in self.examples():
             raise NotFoundError(f"there is no example {source[:80]!r}")
         path = STARTER if source == "starter" else EXAMPLES / f"{source}.yaml"
-        return self.write(name, _named(path.read_text(encoding="utf-8"), name))
+        return self._copied(path.read_text(encoding="utf-8"), name)
 
     def duplicate(self, name: str, copy: str) -> RecipeText:
         """Make a copy under another name."""
-        return self.write(copy, _named(self.text(name), copy))
+        return self._copied(self.text(name), copy)
+
+    def _copied(self, text: str, name: str) -> RecipeText:
+        return self.write(checked_name(name), with_values(text, {("name",): name}))
 
     def rename(self, name: str, to: str) -> RecipeText:
         """Give a recipe another name; runs that it made keep theirs."""
@@ -341,13 +340,8 @@ class Recipes:
         return path
 
 
-def _named(text: str, name: str) -> str:
-    checked_name(name)
-    return with_values(text, {("name",): name})
-
-
 def _version(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return digest_bytes(text.encode())[:16]
 
 
 def _is_of_its_kind(name: str, data: bytes) -> bool:

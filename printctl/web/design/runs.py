@@ -30,8 +30,6 @@ from printctl.web.design.run_views import run_page
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import Workspace, is_name
 
-# Read a running pipeline's progress from the file that it writes (`printctl.progress_file`).
-
 StageState = Literal["waiting", "running", "done", "failed"]
 RunState = Literal["never", "starting", "running", "done", "failed", "interrupted"]
 
@@ -130,11 +128,6 @@ def _text(path: Path) -> str:
     return ""
 
 
-# Start `printctl` commands as detached processes, one per folder; follow and cancel them.
-#
-# It writes its progress into its folder (`printctl.progress_file`) and holds the folder's lock. It
-# is in a session of its own: the server may die, and another finds it by lock and progress.
-
 PROGRESS, LOG = "progress.jsonl", "run.log"
 _STARTS_S: Final = 60.0
 """A process that lives takes the folder's lock within this."""
@@ -142,7 +135,11 @@ _PATIENCE: Final = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL
 
 
 class DetachedProcesses:
-    """Processes by the folders that they work in."""
+    """Commands of `printctl`, one a folder, each in a session of its own.
+
+    A command writes its progress into its folder (`printctl.progress_file`) and holds the folder's
+    lock: the server may die, and another finds it by these.
+    """
 
     def __init__(self) -> None:
         self._children: dict[Path, subprocess.Popen[bytes]] = {}
@@ -200,9 +197,8 @@ class DetachedProcesses:
 
 
 def _lives(run: RunProgress, folder: Path) -> bool:
-    if not run.pid or not _exists(run.pid):
-        return False
-    return is_run_active(folder) or time.time() - run.begun < _STARTS_S
+    soon = time.time() - run.begun < _STARTS_S
+    return bool(run.pid) and _exists(run.pid) and (soon or is_run_active(folder))
 
 
 def _exists(pid: int) -> bool:
@@ -215,8 +211,6 @@ def _exists(pid: int) -> bool:
         return True
     return not _text(Path(f"/proc/{pid}/stat")).rpartition(")")[2].startswith(" Z")
 
-
-# Start, follow, cancel and continue pipeline runs from the Design page.
 
 RECIPE = "recipe.yaml"
 LAST_STAGE: Final = TOOLPATH_NAMES[-1]

@@ -12,14 +12,7 @@ from starlette.responses import FileResponse, HTMLResponse
 from printctl.run_folder.artefacts import HTML, NETWORK, SOLID
 from printctl.web.core import Core
 from printctl.web.design.routes import Theme, embedded
-from printctl.web.design.runs import (
-    RECIPE,
-    DetachedProcesses,
-    RunProgress,
-    Runs,
-    artefact,
-    artefacts,
-)
+from printctl.web.design.runs import RECIPE, RunProgress, Runs, artefact, artefacts
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.rest import API, REFUSALS, Body
 from printctl.web.scan.findings import Findings, findings
@@ -53,7 +46,7 @@ class ScanService:
     def __init__(self, core: Core, runs: Runs) -> None:
         self.workspace, self.runs = core.workspace, runs
         self.store = ScanStore(core.workspace, core.settings.upload_mb)
-        self.processes = DetachedProcesses()
+        self.processes = runs.processes
 
     def volume(self, scan: str) -> Volume:
         """Read a scan, and return what is known of its volume.
