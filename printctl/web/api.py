@@ -1,7 +1,4 @@
-"""REST API basics: health, event stream, control lock, stop; error responses; API reference page.
-
-Goes in: HTTP requests. Comes out: JSON, and errors in one shape.
-"""
+"""REST API basics: health, events, control lock, stop; error responses; API reference page."""
 
 from __future__ import annotations
 
@@ -28,6 +25,7 @@ from printctl.machine.link.errors import LinkError
 from printctl.system_errors import explain
 from printctl.web.controls import Principal
 from printctl.web.core import Core
+from printctl.web.errors import NotFoundError
 from printctl.web.page.assets import link
 from printctl.web.print_sockets import UNCONFIRMED, PrintSockets, SentStop
 from printctl.web.rest import API, REFUSALS, Asking, error_response, requesting_user
@@ -74,24 +72,19 @@ def answer_errors(app: FastAPI) -> None:
         app.add_exception_handler(kind, _refused)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _http)
-    for trouble in (OSError, MemoryError):
-        app.add_exception_handler(trouble, _system)
+    app.add_exception_handler(OSError, _system)
+    app.add_exception_handler(MemoryError, _system)
     app.add_exception_handler(Exception, _own)
 
 
 def answer_unknown(app: FastAPI) -> None:
     """Have the app refuse whatever else is asked of the API, before its pages answer it."""
+    methods = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"]
 
-    @app.api_route(
-        f"{API}/{{rest:path}}",
-        methods=["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"],
-        include_in_schema=False,
-    )
+    @app.api_route(f"{API}/{{rest:path}}", methods=methods, include_in_schema=False)
     def unknown(request: Request) -> JSONResponse:
         what = f"{request.method} {request.url.path}"
-        return error_response(
-            404, f"the API has no {what}; /api/docs lists what it has", "NotFoundError"
-        )
+        raise NotFoundError(f"the API has no {what}; /api/docs lists what it has")
 
 
 async def _refused(request: Request, exc: Exception) -> JSONResponse:
@@ -123,10 +116,8 @@ async def _system(request: Request, exc: Exception) -> JSONResponse:
 
 async def _own(request: Request, exc: Exception) -> JSONResponse:
     """Answer a fault of ours; the server writes its trace into the log."""
-    name = type(exc).__name__
-    return error_response(
-        500, f"the server met an error of its own ({name}); its log has the details", "ServerError"
-    )
+    text = f"the server met an error of its own ({type(exc).__name__}); its log has the details"
+    return error_response(500, text, "ServerError")
 
 
 async def _http(request: Request, exc: Exception) -> JSONResponse:
@@ -134,9 +125,8 @@ async def _http(request: Request, exc: Exception) -> JSONResponse:
     if isinstance(exc.__cause__, OSError):  # an upload that couldn't be kept while it came
         return await _system(request, exc.__cause__)
     names = {404: "NotFoundError", 405: "MethodNotAllowed"}
-    answer = error_response(
-        exc.status_code, str(exc.detail), names.get(exc.status_code, "HTTPException")
-    )
+    name = names.get(exc.status_code, "HTTPException")
+    answer = error_response(exc.status_code, str(exc.detail), name)
     answer.headers.update(exc.headers or {})
     return answer
 

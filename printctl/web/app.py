@@ -31,11 +31,11 @@ from printctl.web.page.assets import serve_files, serve_page
 from printctl.web.print_sockets import PrintSockets
 from printctl.web.printer.routes import router as printer_router
 from printctl.web.printer.service import PrinterService
-from printctl.web.project.routes import router as project_router
 from printctl.web.project.service import ProjectService
+from printctl.web.project.service import router as project_router
 from printctl.web.rest import API, GUARD_REFUSALS
-from printctl.web.scan.routes import router as scan_router
 from printctl.web.scan.service import ScanService
+from printctl.web.scan.service import router as scan_router
 from printctl.web.security.access import Access
 from printctl.web.security.guard import Guard
 from printctl.web.security.login import router as login_router
@@ -82,7 +82,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         *job_routers(job),
         recipe_routes(runs.recipes),
         run_routes(runs),
-        scan_router(ScanService(core)),
+        scan_router(ScanService(core, runs)),
         history_router(HistoryService(core)),
         project_router(project),
     ):

@@ -19,15 +19,7 @@ LEASE_S: Final = 30.0
 
 @dataclass(frozen=True)
 class Principal:
-    """Who sends a request.
-
-    Attributes
-    ----------
-    id : str
-        Of a browser's session, or of a script's token.
-    name : str
-        As other people are told; given at the page, or the address.
-    """
+    """Who sends a request: a browser's session or a script, and its name for other people."""
 
     id: str
     name: str = ""
@@ -73,22 +65,17 @@ class Controls:
     def release(self, who: Principal) -> None:
         """Let go of them; without effect for who doesn't hold them."""
         with self._lock:
-            if self._holder is not None and self._holder.id == who.id:
+            if self._holder and self._holder.id == who.id:
                 self._holder = None
 
     def seen(self, who: Principal) -> None:
         """Note that a browser is still there."""
         with self._lock:
-            if self._holder is not None and self._holder.id == who.id:
+            if self._holder and self._holder.id == who.id:
                 self._seen = self.clock()
 
     def require(self, who: Principal) -> None:
-        """Refuse who doesn't hold them; who asks while nobody does takes them.
-
-        Raises
-        ------
-        NotInControlError
-        """
+        """Refuse who doesn't hold them; who asks while nobody does takes them."""
         self.take(who)
 
     def _current(self) -> Principal | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,12 +49,7 @@ class ProfileStore:
         return {self.given(model, name): name for name in self.names(model)}
 
     def load(self, model: type[Profile], name: str) -> Profile:
-        """Load a profile by its name.
-
-        Raises
-        ------
-        NotFoundError, ProfileError
-        """
+        """Load a profile by its name; see `given` and `firmware_profiles.load`."""
         return load(model, self.given(model, name))
 
     @staticmethod
@@ -79,10 +75,7 @@ class ProfileStore:
         """Names of printers that a host can stream to."""
         kept = []
         for name in self.names(Printer):
-            try:
-                streamed = self.load(Printer, name).streamed
-            except (ProfileError, OSError):  # a file of the user's own that can't be used
-                continue
-            if streamed:
-                kept.append(name)
+            with contextlib.suppress(ProfileError, OSError):  # one's own that can't be used
+                if self.load(Printer, name).streamed:
+                    kept.append(name)
         return kept

@@ -40,14 +40,8 @@ class AlreadyServedError(PrintctlError):
 class Running:
     """A server, as ``.printctl/serve.json`` tells of it; only the owner may read the file.
 
-    Attributes
-    ----------
-    token : str
-        For scripts: ``Authorization: Bearer TOKEN``.
-    stop : str
-        Address of the stop process.
-    started : float, s
-        Unix time.
+    Scripts send ``Authorization: Bearer TOKEN``; ``stop`` is the stop process's address,
+    ``started`` s since 1970.
     """
 
     url: str

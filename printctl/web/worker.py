@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from typing import Any, Final, TypeVar
 
+from printctl.errors import PrintctlError
 from printctl.sources import python_command
 from printctl.web.errors import ConflictError
 
@@ -95,37 +96,42 @@ class LineProcess:
             process.kill()
             await process.wait()
 
-    async def ask(self, line: str, longest_s: float) -> dict[str, Any]:
+    async def ask(
+        self, line: str, longest_s: float, refusal: type[PrintctlError], late: str, died: str
+    ) -> dict[str, Any]:
         """Return what it answers to a line; without an answer it is ended, and begins anew.
 
         Raises
         ------
-        TimeoutError
-            When it takes longer than ``longest_s``.
-        ConnectionError
-            When it ended in place of answering.
+        PrintctlError
+            A ``refusal`` with the error that it answers, the message ``late`` when it takes longer
+            than ``longest_s``, or ``died`` and why when it ended in place of answering.
         """
         await self.start()
         try:
             async with asyncio.timeout(longest_s):
-                return await self._answer(line)
-        except BaseException:
+                answer = await self._answer(line)
+        except BaseException as exc:
             # Too late, or who asked is gone: the answer to come mustn't meet the next question.
             await self.close()
+            if isinstance(exc, TimeoutError):
+                raise refusal(late) from exc
+            if isinstance(exc, OSError):
+                raise refusal(f"{died}: {exc.strerror or exc}") from exc
             raise
+        if "error" in answer:
+            raise refusal(answer["error"])
+        return answer
 
     async def _answer(self, line: str) -> dict[str, Any]:
         process = self.process
         if process is None or process.stdin is None or process.stdout is None:
-            raise ConnectionError("was closed")
-        try:
-            process.stdin.write(line.encode() + b"\n")
-            await process.stdin.drain()
-            said = await process.stdout.readline()
-        except OSError as exc:
-            raise ConnectionError(f"ended: {exc.strerror}") from exc
+            raise ConnectionError("it was closed")
+        process.stdin.write(line.encode() + b"\n")
+        await process.stdin.drain()
+        said = await process.stdout.readline()
         if not said:
-            raise ConnectionError("ended; look into the server's messages")
+            raise ConnectionError("look into the server's messages")
         answer: dict[str, Any] = json.loads(said)
         return answer
 

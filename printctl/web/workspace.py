@@ -11,21 +11,28 @@ from typing import Final
 from printctl.run_folder.manifest import digest_file
 from printctl.web.errors import BadRequestError, NotFoundError
 
+Stamp = tuple[int, int]
+
+
+def stamp(path: Path) -> Stamp:
+    """Time of change, ns, and size of a file, bytes: what was read of it holds as long."""
+    stat = path.stat()
+    return stat.st_mtime_ns, stat.st_size
+
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file, 64 hex digits; read again when its size or time of change is another.
+    """SHA-256 of a file, 64 hex digits; read again when its `stamp` is another.
 
     Raises
     ------
     OSError
         When the file can't be read.
     """
-    stat = path.stat()
-    return _hash(path, stat.st_size, stat.st_mtime_ns)
+    return _hash(path, stamp(path))
 
 
 @lru_cache(maxsize=256)
-def _hash(path: Path, size: int, changed_ns: int) -> str:
+def _hash(path: Path, of: Stamp) -> str:
     return digest_file(path)
 
 
@@ -33,28 +40,24 @@ _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _FOLDERS: Final = ("recipes", "runs", "jobs", "scans", "station", "records", ".printctl")
 
 
+def is_name(name: str) -> bool:
+    """Whether a name can be a file's anywhere and stays in its folder."""
+    return bool(_NAME.fullmatch(name)) and not name.endswith(".") and ".." not in name
+
+
 def checked_name(name: str) -> str:
-    """Give ``name`` back if it can be a file's name anywhere and stays in its folder.
+    """Give ``name`` back if it `is_name`.
 
     Raises
     ------
     BadRequestError
     """
-    if not _NAME.fullmatch(name) or name.endswith(".") or ".." in name:
+    if not is_name(name):
         raise BadRequestError(
             f"name {name[:80]!r} can't be used: 1 to 64 letters, digits, '.', '_' or '-', "
             "beginning with a letter or digit"
         )
     return name
-
-
-def is_name(name: str) -> bool:
-    """Whether `checked_name` takes a name: not every file that a user puts in has one."""
-    try:
-        checked_name(name)
-    except BadRequestError:
-        return False
-    return True
 
 
 @dataclass(frozen=True)
@@ -121,10 +124,6 @@ class Workspace:
         """Run folder of a name, which may not exist."""
         return self.inside(self.root / "runs" / checked_name(name))
 
-    def scan(self, name: str) -> Path:
-        """Scan file of a name, which may not exist."""
-        return self.inside(self.root / "scans" / checked_name(name))
-
     def job_file(self, job: str) -> Path:
         """G-code file of a job: ``run~NAME`` (a run's part.gcode) or ``file~NAME`` (uploaded).
 
@@ -153,9 +152,9 @@ class Workspace:
         """Every job whose name can be used, the newest file first."""
         files = [("run", path.parent.name, path) for path in self.found("runs/*/part.gcode")]
         files += [("file", path.name, path) for path in self.found("jobs/*.gcode")]
-        jobs = [(p, f"{sort}~{name}") for sort, name, p in files if is_name(name) and p.is_file()]
-        jobs.sort(key=lambda pair: pair[0].stat().st_mtime, reverse=True)
-        return [job for _, job in jobs]
+        files = [one for one in files if is_name(one[1]) and one[2].is_file()]
+        files.sort(key=lambda one: one[2].stat().st_mtime, reverse=True)
+        return [f"{sort}~{name}" for sort, name, _ in files]
 
     def unusable_names(self, *patterns: str) -> list[str]:
         """Files and folders of patterns that no page shows before they are renamed, sorted.

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import textwrap
+from collections.abc import Mapping
 from typing import Any, Final
 
 import yaml
@@ -74,21 +77,38 @@ def _check_events(text: str) -> None:
             raise BadRequestError(f"line {line}: more than {MOST_DEPTH} levels deep; no recipe is")
 
 
+def with_values(text: str, values: Mapping[KeyPath, Any]) -> str:
+    """Return a recipe's text with values at paths, as `changed` puts them; its comments stay.
+
+    Raises
+    ------
+    BadRequestError
+        When it can't be read, or a path leads nowhere.
+    """
+    data = read_text(text)
+    for path, value in values.items():
+        data = changed(data, path, value)
+    return rewrite_yaml(text, data)
+
+
 def rewrite_yaml(text: str, new: dict[str, Any]) -> str:
     """The text with the data ``new``; what hasn't changed stays as it is, comments with it.
 
     Where that can't be done the whole is written anew, without comments.
     """
-    try:
-        draft = _spliced(text, new)
-        if draft is not None and read_yaml(draft) == new:
-            return draft
-    except (yaml.YAMLError, ValueError):
-        pass
-    return dumped(new)
+    draft: str | None = text
+    with contextlib.suppress(yaml.YAMLError, ValueError):
+        for _ in range(200):
+            if draft is None:
+                break
+            old = read_yaml(draft)
+            if old == new:
+                return draft
+            draft = _change(draft, yaml.compose(draft, Loader=yaml.SafeLoader), old, new)
+    return _dumped(new)
 
 
-def dumped(data: Any) -> str:
+def _dumped(data: Any) -> str:
     """Data as a recipe's text: sections in lines, short lists in one."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100, indent=2)
 
@@ -96,38 +116,32 @@ def dumped(data: Any) -> str:
 class _Dumper(yaml.SafeDumper):
     """Lists of plain values in one line, all else in lines of their own."""
 
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
 
 def _list(dumper: yaml.SafeDumper, value: list[Any]) -> yaml.Node:
-    plain = not any(isinstance(one, dict | list) for one in value)
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=plain)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=_is_plain(value))
 
 
 _Dumper.add_representer(list, _list)
-_Dumper.ignore_aliases = lambda self, data: True  # type: ignore[method-assign]
 
 
-def _spliced(text: str, new: dict[str, Any]) -> str | None:
-    for _ in range(200):
-        old = read_yaml(text)
-        if old == new:
-            return text
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-        changed = _change(text, root, old, new) if isinstance(root, yaml.MappingNode) else None
-        if changed is None:
-            return None
-        text = changed
-    return None
+def _is_plain(value: Any) -> bool:
+    """Whether a value is no section, and a list of none."""
+    inner = value if isinstance(value, list) else [value]
+    return not any(isinstance(one, dict | list) for one in inner)
 
 
-def _change(text: str, node: yaml.MappingNode, old: Any, new: Any) -> str | None:
-    """The text with one difference mended."""
-    if node.flow_style or not node.value:
+def _change(text: str, node: yaml.Node | None, old: Any, new: Any) -> str | None:
+    """The text with one difference mended; None where that can't be done."""
+    if not isinstance(node, yaml.MappingNode) or node.flow_style or not node.value:
         return None
-    pairs = {key.value: (key, value) for key, value in node.value}
-    for name, (key, value) in pairs.items():
+    for key, value in node.value:
+        name = key.value
         if name not in new:
-            first, after = key.start_mark.line, _last_line(value) + 1
-            return _with_lines(text, first, after, "") if len(pairs) > 1 else None
+            one = len(node.value) > 1
+            return _with_lines(text, key.start_mark.line, _next_line(value), "") if one else None
         if old[name] == new[name] and isinstance(old[name], bool) == isinstance(new[name], bool):
             continue
         both = isinstance(old[name], dict) and isinstance(new[name], dict) and new[name]
@@ -137,22 +151,18 @@ def _change(text: str, node: yaml.MappingNode, old: Any, new: Any) -> str | None
     added = next((name for name in new if name not in old), None)
     if added is None:
         return None
-    key, value = node.value[-1]
-    entry = _lines(added, new[added], key.start_mark.column)
-    return _with_lines(text, _last_line(value) + 1, _last_line(value) + 1, entry)
+    end = _next_line(node)
+    return _with_lines(text, end, end, _lines(added, new[added], node.value[-1][0]))
 
 
 def _replaced(text: str, key: yaml.Node, value: yaml.Node, new: Any) -> str:
-    inner = new if isinstance(new, list) else ()
-    plain = not isinstance(new, dict) and not any(isinstance(one, dict | list) for one in inner)
-    if _in_line(value) or (plain and isinstance(value, yaml.ScalarNode)):
+    if _in_line(value) or (_is_plain(new) and isinstance(value, yaml.ScalarNode)):
         shown = yaml.safe_dump(
             new, default_flow_style=True, allow_unicode=True, width=10**6, sort_keys=False
         )
         shown = shown.removesuffix("\n").removesuffix("\n...")
         return text[: value.start_mark.index] + shown + text[value.end_mark.index :]
-    entry = _lines(str(key.value), new, key.start_mark.column)
-    return _with_lines(text, key.start_mark.line, _last_line(value) + 1, entry)
+    return _with_lines(text, key.start_mark.line, _next_line(value), _lines(key.value, new, key))
 
 
 def _in_line(node: yaml.Node) -> bool:
@@ -160,17 +170,17 @@ def _in_line(node: yaml.Node) -> bool:
     return bool(getattr(node, "flow_style", False))
 
 
-def _lines(key: str, value: Any, column: int) -> str:
-    pad = " " * column
-    return "".join(f"{pad}{line}\n" for line in dumped({key: value}).splitlines())
+def _lines(name: str, value: Any, like: yaml.Node) -> str:
+    """An entry of a section, as far to the right as another key of it."""
+    return textwrap.indent(_dumped({name: value}), " " * like.start_mark.column)
 
 
-def _last_line(node: yaml.Node) -> int:
-    """The line of a node's last sign; a block's own end mark lies behind its comments."""
+def _next_line(node: yaml.Node) -> int:
+    """The line after a node's last sign; a block's own end mark lies behind its comments."""
     if isinstance(node, yaml.ScalarNode) or _in_line(node) or not node.value:
-        return int(node.end_mark.line)
+        return int(node.end_mark.line) + 1
     last = node.value[-1]
-    return _last_line(last[1] if isinstance(last, tuple) else last)
+    return _next_line(last[1] if isinstance(last, tuple) else last)
 
 
 def _with_lines(text: str, first: int, after: int, entry: str) -> str:
@@ -180,7 +190,7 @@ def _with_lines(text: str, first: int, after: int, entry: str) -> str:
     return "".join([*lines[:first], entry, *lines[after:]])
 
 
-def changed(data: dict[str, Any], path: KeyPath, value: Any) -> dict[str, Any]:
+def changed(data: Any, path: KeyPath, value: Any, whole: KeyPath = ()) -> Any:
     """Return the data with a value at a path, or without one there for None.
 
     Sections and lists on the way come into being; an index behind a list's end adds to it.
@@ -188,23 +198,19 @@ def changed(data: dict[str, Any], path: KeyPath, value: Any) -> dict[str, Any]:
     Raises
     ------
     BadRequestError
-        For a path that leads nowhere.
+        For a path that leads nowhere; it names the ``whole`` of which ``path`` is the rest.
     """
-    new: dict[str, Any] = _with_value(data, path, value, path)
-    return new
-
-
-def _with_value(inside: Any, path: KeyPath, value: Any, whole: KeyPath) -> Any:
     key, *rest = path
+    whole = whole or path
     kind = list if isinstance(key, int) else dict
-    if not isinstance(inside, kind) or (isinstance(key, int) and not 0 <= key <= len(inside)):
+    if not isinstance(data, kind) or (isinstance(key, int) and not 0 <= key <= len(data)):
         raise BadRequestError(f"{'.'.join(map(str, whole))[:200]}: there is no such place")
-    items: dict[Any, Any] = dict(enumerate(inside)) if kind is list else dict(inside)
+    items: dict[Any, Any] = dict(enumerate(data)) if kind is list else dict(data)
     if rest:
         below, following = items.get(key), list if isinstance(rest[0], int) else dict
         if isinstance(below, following) or value is not None:
             below = below if isinstance(below, following) else following()
-            items[key] = _with_value(below, tuple(rest), value, whole)
+            items[key] = changed(below, tuple(rest), value, whole)
     elif value is None:
         items.pop(key, None)
     else:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path, PurePath
 from typing import Any, Final
 
@@ -22,7 +22,8 @@ from printctl.recipe import Recipe
 from printctl.recipe.anatomy import INLETS
 from printctl.recipe.load import STARTER, sentence
 from printctl.recipe.schema import KeyPath, Schema, fields_of, user_path
-from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
+from printctl.run_folder.manifest import digest_bytes
+from printctl.web.design.recipe_text import read_text, with_values
 from printctl.web.design.run_views import tissue_page
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
@@ -65,13 +66,7 @@ class CheckedRecipe:
 class PickTarget:
     """A field of a recipe that a click on the tissue's surface can set.
 
-    Attributes
-    ----------
-    name : str
-        As the page calls it.
-    path : tuple of str or int
-    key : str
-        Under which the place, mm, stands there; empty where the field is the place itself.
+    The place, mm, stands there under ``key``; empty where the field is the place itself.
     """
 
     name: str
@@ -109,12 +104,7 @@ class RecipeFile:
 class RecipeText(CheckedRecipe):
     """A recipe as it lies in its file, and what is wrong with it.
 
-    Attributes
-    ----------
-    version : str
-        Changes with every change of the text; to be sent back with a changed one.
-    places : tuple of PickTarget
-        Fields that a click on the tissue can set.
+    ``version`` changes with every change of the text; it is to be sent back with a changed one.
     """
 
     name: str
@@ -127,16 +117,8 @@ class RecipeText(CheckedRecipe):
 class RecipeChoices:
     """What a recipe's fields, and a new recipe, can be chosen from.
 
-    Attributes
-    ----------
-    profiles : dict of str to dict of str to str
-        By sort: names to be written, each with the name to be shown.
-    files, suffixes : tuple of str
-        Files beside the recipes that these may name, and suffixes of such.
-    stages : tuple of str
-        Stages that a design can be made until, in their order.
-    unusable : tuple of str
-        Files of the workspace that aren't shown until they are renamed.
+    ``profiles`` has by sort the names to be written, each with the name to be shown; ``files`` lie
+    beside the recipes, which may name those of ``suffixes``; ``unusable`` ones must be renamed.
     """
 
     examples: tuple[str, ...]
@@ -157,11 +139,10 @@ class Recipes:
 
     def rows(self) -> list[RecipeFile]:
         """All of them, by name."""
-        files = []
-        for path in map(self.workspace.recipe, self.names()):
-            checked = self.check(path.read_text(encoding="utf-8", errors="replace"))
-            files.append(RecipeFile(path.stem, path.stat().st_mtime, len(checked.problems)))
-        return files
+        return [
+            RecipeFile(name, self._there(name).stat().st_mtime, len(self.read(name).problems))
+            for name in self.names()
+        ]
 
     def names(self) -> list[str]:
         """Their names, sorted."""
@@ -233,13 +214,12 @@ class Recipes:
         return ""
 
     def read(self, name: str) -> RecipeText:
-        """A recipe's text, and what is wrong with it.
-
-        Raises
-        ------
-        NotFoundError
-        """
-        return self._opened(name, self.text(name))
+        """A recipe's text, and what is wrong with it."""
+        text = self.text(name)
+        checked = self.check(text)
+        places = tuple(_pick_targets((checked.data or {}).get("vasculature")))
+        version = _version(text)
+        return RecipeText(**vars(checked), name=name, text=text, version=version, places=places)
 
     def text(self, name: str) -> str:
         """A recipe's text.
@@ -250,22 +230,8 @@ class Recipes:
         """
         return self._there(name).read_text(encoding="utf-8", errors="replace")
 
-    def _opened(self, name: str, text: str) -> RecipeText:
-        found = self.check(text)
-        places = tuple(_pick_targets((found.data or {}).get("vasculature")))
-        return RecipeText(
-            **vars(found), name=name, text=text, version=_version(text), places=places
-        )
-
     def tissue_page(self, name: str) -> Path:
-        """The page of a recipe's tissue, on which places are picked.
-
-        Raises
-        ------
-        NotFoundError
-        ConflictError
-            When the tissue can't be made.
-        """
+        """The page of a recipe's tissue, on which places are picked; see `tissue_page`."""
         section = (self.read(name).data or {}).get("tissue")
         return tissue_page(self.workspace.recipe(name), section, self.workspace.private / "pages")
 
@@ -293,37 +259,21 @@ class Recipes:
                     f"recipe {name!r} was changed elsewhere meanwhile; load it again"
                 )
             write_text(path, text)
-        return self._opened(name, text)
-
-    def change(self, name: str, path: KeyPath, value: Any, version: str) -> RecipeText:
-        """Change the value at ``path``, or remove it (None); the text's comments stay.
-
-        Raises
-        ------
-        NotFoundError
-        BadRequestError
-            When the text can't be read, or the path leads nowhere.
-        ConflictError
-            When the recipe isn't of this ``version`` any more.
-        """
-        text = self.text(name)
-        return self.write(name, rewrite_yaml(text, changed(read_text(text), path, value)), version)
+        return self.read(name)
 
     def new(self, name: str, source: str = "starter") -> RecipeText:
-        """Begin a recipe from the starter, or from an example.
-
-        Raises
-        ------
-        NotFoundError, ConflictError, BadRequestError
-        """
+        """Begin a recipe from the starter, or from an example."""
         if source not in self.examples():
             raise NotFoundError(f"there is no example {source[:80]!r}")
         path = STARTER if source == "starter" else EXAMPLES / f"{source}.yaml"
-        return self.write(name, _named(path.read_text(encoding="utf-8"), name))
+        return self._copied(path.read_text(encoding="utf-8"), name)
 
     def duplicate(self, name: str, copy: str) -> RecipeText:
         """Make a copy under another name."""
-        return self.write(copy, _named(self.text(name), copy))
+        return self._copied(self.text(name), copy)
+
+    def _copied(self, text: str, name: str) -> RecipeText:
+        return self.write(checked_name(name), with_values(text, {("name",): name}))
 
     def rename(self, name: str, to: str) -> RecipeText:
         """Give a recipe another name; runs that it made keep theirs."""
@@ -332,21 +282,17 @@ class Recipes:
         return made
 
     def take_in(self, file_name: str, data: bytes) -> RecipeText:
-        """Take in an uploaded recipe; its name is the file's, with a number where that is taken.
-
-        Raises
-        ------
-        BadRequestError
-        """
+        """Take in an uploaded recipe; its name is the file's, with a number where that is taken."""
         try:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError as exc:
             raise BadRequestError("a recipe is text in UTF-8; this isn't") from exc
-        read_text(text)
         stem = re.sub(r"[^A-Za-z0-9_-]+", "_", PurePath(file_name).stem).strip("_-")[:48]
-        base, taken = stem or "recipe", self.names()
-        free = (n for n in (base, *(f"{base}_{k}" for k in range(2, 1000))) if n not in taken)
-        return self.write(next(free), text)
+        name = base = stem or "recipe"
+        further = count(2)
+        while name in self.names():
+            name = f"{base}_{next(further)}"
+        return self.write(name, text)
 
     def take_file(self, file_name: str, data: bytes) -> str:
         """Take in a file that recipes name: a mesh, a network, a table.
@@ -379,12 +325,7 @@ class Recipes:
         path.replace(self._bin / f"{name}~{time.time_ns()}.yaml")
 
     def restore(self, name: str) -> RecipeText:
-        """Take the recipe of that name that was thrown away last back from the bin.
-
-        Raises
-        ------
-        NotFoundError, ConflictError
-        """
+        """Take the recipe of that name that was thrown away last back from the bin."""
         thrown = sorted(self._bin.glob(f"{checked_name(name)}~*.yaml"))
         if not thrown:
             raise NotFoundError(f"there is no recipe {name!r} in the bin")
@@ -399,13 +340,8 @@ class Recipes:
         return path
 
 
-def _named(text: str, name: str) -> str:
-    checked_name(name)
-    return rewrite_yaml(text, {**read_text(text), "name": name})
-
-
 def _version(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return digest_bytes(text.encode())[:16]
 
 
 def _is_of_its_kind(name: str, data: bytes) -> bool:

@@ -11,10 +11,10 @@ from pydantic import Field
 from starlette.responses import FileResponse, HTMLResponse
 
 from printctl.recipe.schema import recipe_schema
-from printctl.web.design.recipe_text import MOST_BYTES, read_value
+from printctl.web.design.recipe_text import MOST_BYTES, read_value, with_values
 from printctl.web.design.recipes import CheckedRecipe, Recipes, RecipeText
 from printctl.web.design.run_views import Comparison, Figure, compare_runs, key_figures
-from printctl.web.design.runs import ARTEFACTS, RunProgress, Runs
+from printctl.web.design.runs import RunProgress, Runs, artefact, artefacts
 from printctl.web.errors import BadRequestError
 from printctl.web.rest import API, REFUSALS, Body
 
@@ -136,9 +136,9 @@ def recipe_routes(recipes: Recipes) -> APIRouter:
     def take_file(file: UploadFile) -> str:
         return recipes.take_file(file.filename or "", _read(file, MOST_FILE_BYTES))
 
-    @routes.get("/{name}", summary="A recipe: text, values, and what is wrong with them")
-    def read(name: str) -> RecipeText:
-        return recipes.read(name)
+    routes.get("/{name}", summary="A recipe: text, values, and what is wrong with them")(
+        recipes.read
+    )
 
     @routes.put("/{name}", summary="Write a recipe's text, right or wrong")
     def write(name: str, given: ChangedText) -> RecipeText:
@@ -147,7 +147,8 @@ def recipe_routes(recipes: Recipes) -> APIRouter:
     @routes.patch("/{name}", summary="Change or remove one value; the text's comments stay")
     def change(name: str, given: ChangedValue) -> RecipeText:
         value = given.value if given.yaml is None else read_value(given.yaml)
-        return recipes.change(name, tuple(given.path), value, given.version)
+        text = with_values(recipes.text(name), {tuple(given.path): value})
+        return recipes.write(name, text, given.version)
 
     @routes.get(
         "/{name}/tissue",
@@ -165,14 +166,8 @@ def recipe_routes(recipes: Recipes) -> APIRouter:
     def rename(name: str, given: RenameRequest) -> RecipeText:
         return recipes.rename(name, given.name)
 
-    @routes.delete("/{name}", summary="Put a recipe into the bin", status_code=204)
-    def delete(name: str) -> None:
-        recipes.delete(name)
-
-    @routes.post("/{name}/restore", summary="Take a recipe back from the bin")
-    def restore(name: str) -> RecipeText:
-        return recipes.restore(name)
-
+    routes.delete("/{name}", summary="Put a recipe into the bin", status_code=204)(recipes.delete)
+    routes.post("/{name}/restore", summary="Take a recipe back from the bin")(recipes.restore)
     return routes
 
 
@@ -196,13 +191,10 @@ def run_routes(runs: Runs) -> APIRouter:
     def start(name: str, given: MakeRequest) -> RunProgress:
         return runs.start(name, given.until)
 
-    @routes.post("/{name}/continue", summary="After the print: scan, registration, report")
-    def go_on(name: str) -> RunProgress:
-        return runs.go_on(name)
-
-    @routes.post("/{name}/cancel", summary="Stop a run; finished stages are kept")
-    def cancel(name: str) -> RunProgress:
-        return runs.cancel(name)
+    routes.post("/{name}/continue", summary="After the print: scan, registration, report")(
+        runs.go_on
+    )
+    routes.post("/{name}/cancel", summary="Stop a run; finished stages are kept")(runs.cancel)
 
     @routes.get("/{name}/progress", summary="How far a run, or its print, is")
     def progress(name: str) -> RunProgress:
@@ -213,12 +205,13 @@ def run_routes(runs: Runs) -> APIRouter:
     def figures(name: str) -> list[Figure]:
         return key_figures(runs.folder(name))
 
-    routes.get("/{name}/files", summary="Files of a run that can be fetched")(runs.artefacts)
+    @routes.get("/{name}/files", summary="Files of a run that can be fetched")
+    def files(name: str) -> list[str]:
+        return artefacts(runs.folder(name))
 
     @routes.get("/{name}/files/{file}", summary="A file of a run", response_class=FileResponse)
     def file(name: str, file: str) -> FileResponse:
-        path = runs.artefact(name, file)
-        return FileResponse(path, media_type=ARTEFACTS[file], filename=f"{name}_{file}")
+        return artefact(name, runs.folder(name), file)
 
     @routes.get(
         "/{name}/pages/{page}",

@@ -15,6 +15,7 @@ from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, OXYGEN, SOLI
 from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.worker import run_worker
+from printctl.web.workspace import stamp
 
 # Key figures of a run, read from the results of its stages.
 
@@ -63,19 +64,16 @@ def key_figures(folder: Path) -> list[Figure]:
             figures.append(Figure(key, name, value * factor, unit))
     low = any(one.key == "drop_pa" and float(one.value) < PA_PER_MMHG for one in figures)
     figures = [one for one in figures if one.key != ("drop_mmhg" if low else "drop_pa")]
-    checks = stages.get("dry run", {}).get("checks")
-    if isinstance(checks, list):
-        failed = [one for one in checks if isinstance(one, dict) and one.get("passed") is False]
-        warnings = sum(one.get("weight") == "warns" for one in failed)
+    if checks := stages.get("dry run", {}).get("checks"):
+        failed = [one["weight"] for one in checks if not one["passed"]]
+        warnings = failed.count("warns")
         words = f"{warnings} warn, {len(failed) - warnings} refuse"
         passed = f"{len(checks) - len(failed)} passed, {words}"
         figures.append(Figure("checks", "Checks of the dry run", passed))
     lumens = stages.get("lumens", {})
     if lumens.get("checked"):
-        summary = lumens.get("summary", {})
-        counted = f"{summary.get('closed', 0)} of {summary.get('lumens', 0)} closed"
-        words = f"{counted}, {summary.get('leaks', 0)} leaks"
-        state = "open" if lumens.get("passed") else "not as designed"
+        words = "{closed} of {lumens} closed, {leaks} leaks".format(**lumens["summary"])
+        state = "open" if lumens["passed"] else "not as designed"
         figures.append(Figure("lumens", "Lumens by the G-code", f"{state}: {words}"))
     return figures
 
@@ -85,16 +83,9 @@ def key_figures(folder: Path) -> list[Figure]:
 
 @dataclass(frozen=True)
 class Difference:
-    """A row of a comparison.
+    """A key of the recipe, or a figure, in two runs: empty where one says nothing.
 
-    Attributes
-    ----------
-    name : str
-        The recipe's key, or the figure's name.
-    one, other : str
-        Empty where a run says nothing.
-    change : str
-        Of a number, in percent of the first; empty else.
+    ``change`` is a number's, in percent of the first; empty else.
     """
 
     name: str
@@ -119,20 +110,22 @@ def compare_runs(one: Path, other: Path) -> Comparison:
     runs = (one, other)
     first, second = (dict(_flat(Manifest.load(run).facts.get("recipe", {}), "")) for run in runs)
     recipe = [
-        Difference(key, _shown(first.get(key)), _shown(second.get(key)))
+        _difference(key, first.get(key), second.get(key))
         for key in first | second
         if first.get(key) != second.get(key)
     ]
     a, b = ({figure.key: figure for figure in key_figures(run)} for run in runs)
-    figures = [
-        Difference(figure.name, _shown(a.get(key)), _shown(b.get(key)), _change(a, b, key))
-        for key, figure in (a | b).items()
-    ]
+    figures = [_difference(figure.name, a.get(key), b.get(key)) for key, figure in (a | b).items()]
     return Comparison(recipe, figures)
 
 
-def _shown(value: object) -> str:
-    return "" if value is None else str(value)
+def _difference(name: str, one: Any, other: Any) -> Difference:
+    a, b = (side.value if isinstance(side, Figure) else None for side in (one, other))
+    change = ""
+    if isinstance(a, float) and isinstance(b, float) and a not in (0, b):
+        change = f"{100 * (b - a) / abs(a):+.3g} %".replace("-", "−")
+    first, second = ("" if value is None else str(value) for value in (one, other))
+    return Difference(name, first, second, change)
 
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
@@ -141,13 +134,6 @@ def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
             yield from _flat(inner, f"{path}.{key}" if path else str(key))
     else:
         yield path, value
-
-
-def _change(one: dict[str, Figure], other: dict[str, Figure], key: str) -> str:
-    a, b = (side[key].value if key in side else None for side in (one, other))
-    if not isinstance(a, float) or not isinstance(b, float) or a == 0 or a == b:
-        return ""
-    return f"{100 * (b - a) / abs(a):+.3g} %".replace("-", "−")
 
 
 # HTML views of a run's network and layers and of a recipe's tissue, cached until files change.
@@ -180,11 +166,11 @@ def run_page(run: Path, name: str, kept: Path) -> Path:
         When the run hasn't come so far, or the page can't be made.
     """
     if name in _SOURCES:
-        files = [run / one for one in _SOURCES[name] if (run / one).is_file()]
-        if not (run / _SOURCES[name][0]).is_file():
+        files = [run / one for one in _SOURCES[name]]
+        if not files[0].is_file():
             what = "network" if name == "network" else "G-code"
             raise ConflictError(f"run {run.name!r} has no {what} yet; make the design first")
-        return _page(run, kept, name, _state(files))
+        return _page(run, kept, name, _state([one for one in files if one.is_file()]))
     path = run / f"{name}.html"
     if name not in _WRITTEN or not path.is_file():
         when = _WRITTEN.get(name, "there is no such page")
@@ -208,7 +194,7 @@ def tissue_page(recipe: Path, section: Any, kept: Path) -> Path:
 
 
 def _state(files: list[Path]) -> list[Any]:
-    return [(path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files]
+    return [(path.name, *stamp(path)) for path in files]
 
 
 def _page(run: Path, kept: Path, sort: str, state: list[Any]) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -14,19 +15,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from starlette.responses import FileResponse
+
 from printctl.machine.link.client import attach
 from printctl.machine.link.errors import LinkError
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.lock import is_run_active
 from printctl.pipeline.run_options import REHEARSAL, TOOLPATH_NAMES, names_until
+from printctl.run_folder.artefacts import GCODE, HTML
 from printctl.run_folder.manifest import MANIFEST
 from printctl.sources import python_command
 from printctl.web.design.recipes import Recipes
 from printctl.web.design.run_views import run_page
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import Workspace, is_name
-
-# Read a running pipeline's progress from the file that it writes (`printctl.progress_file`).
 
 StageState = Literal["waiting", "running", "done", "failed"]
 RunState = Literal["never", "starting", "running", "done", "failed", "interrupted"]
@@ -48,20 +50,16 @@ class StageProgress:
 
 @dataclass
 class RunProgress:
-    """A run as far as it is.
+    """A run as far as it is; 0 and empty is what isn't known.
 
     Attributes
     ----------
     until : str
-        Last stage that was asked for; empty when nothing is known.
+        Last stage that was asked for.
     message : str
         Why it failed.
-    pid : int
-        0 when not known.
     begun, told : float, s since 1970
-        When it began, and when it last said something; 0 when not known.
-    print_state : str
-        Of its print, where that was asked for; empty when there is none.
+        When it began, and when it last said something.
     fraction : float, 0 to 1
         Share of the stages that is done, the one at work included.
     """
@@ -91,9 +89,9 @@ class RunProgress:
             self.pid, self.begun = int(step.get("pid", 0)), self.told
             self.stages = [StageProgress(str(one)) for one in step.get("stages", ())]
         elif event == "end":
-            states: dict[str, RunState] = {"done": "done", "interrupted": "interrupted"}
-            state = states.get(str(step.get("result")), "failed")
-            self.break_off(state, str(step.get("message", "")))
+            result = step.get("result")
+            ended: RunState = result if result in ("done", "interrupted") else "failed"
+            self.break_off(ended, str(step.get("message", "")))
         elif event in ("stage", "done", "remark"):
             name = str(step.get("name", ""))
             stage = next((one for one in self.stages if one.name == name), StageProgress(name))
@@ -117,25 +115,18 @@ class RunProgress:
 def read_progress(name: str, path: Path) -> RunProgress:
     """Read a run's file; a line that is half written, or none at all, is passed over."""
     run = RunProgress(name)
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return run
-    for line in lines:
-        try:
-            step = json.loads(line)
-        except ValueError:
-            continue
-        if isinstance(step, dict):
-            run._take(step)
+    for line in _text(path).splitlines():
+        with contextlib.suppress(ValueError, AttributeError):
+            run._take(json.loads(line))
     run.fraction = sum(one.fraction for one in run.stages) / max(len(run.stages), 1)
     return run
 
 
-# Start `printctl` commands as detached processes, one per folder; follow and cancel them.
-#
-# It writes its progress into its folder (`printctl.progress_file`) and holds the folder's lock. It
-# is in a session of its own: the server may die, and another finds it by lock and progress.
+def _text(path: Path) -> str:
+    with contextlib.suppress(OSError):
+        return path.read_text(encoding="utf-8", errors="replace")
+    return ""
+
 
 PROGRESS, LOG = "progress.jsonl", "run.log"
 _STARTS_S: Final = 60.0
@@ -144,7 +135,11 @@ _PATIENCE: Final = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL
 
 
 class DetachedProcesses:
-    """Processes by the folders that they work in."""
+    """Commands of `printctl`, one a folder, each in a session of its own.
+
+    A command writes its progress into its folder (`printctl.progress_file`) and holds the folder's
+    lock: the server may die, and another finds it by these.
+    """
 
     def __init__(self) -> None:
         self._children: dict[Path, subprocess.Popen[bytes]] = {}
@@ -168,14 +163,14 @@ class DetachedProcesses:
     def progress(self, name: str, folder: Path) -> RunProgress:
         """How far the command in a folder is; ``never`` when none was started."""
         run, child = read_progress(name, folder / PROGRESS), self._children.get(folder)
+        unheard = run.state == "never" and child is not None
         if child is not None and child.poll() is None:
             if not run.going_on:  # not quite begun, or hasn't quite left yet
                 run.state = "starting" if run.state == "never" else "running"
-        elif (run.going_on and not _lives(run, folder)) or (
-            run.state == "never" and child is not None
-        ):
-            why = f"the process is gone{_last_words(run, folder)}; start it again, finished stages "
-            run.break_off("interrupted", f"{why}are kept")
+        elif unheard or (run.going_on and not _lives(run, folder)):
+            lines = [] if run.stages else _text(folder / LOG).strip().splitlines()
+            why = ": ".join(["the process is gone", *lines[-1:]])
+            run.break_off("interrupted", f"{why}; start it again, finished stages are kept")
         return run
 
     def going_on(self, name: str, folder: Path) -> bool:
@@ -202,18 +197,8 @@ class DetachedProcesses:
 
 
 def _lives(run: RunProgress, folder: Path) -> bool:
-    if not run.pid or not _exists(run.pid):
-        return False
-    return is_run_active(folder) or time.time() - run.begun < _STARTS_S
-
-
-def _last_words(run: RunProgress, folder: Path) -> str:
-    """What a process that told no stage wrote last."""
-    try:
-        text = "" if run.stages else (folder / LOG).read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
-    return "".join(f": {line}" for line in text.strip().splitlines()[-1:])
+    soon = time.time() - run.begun < _STARTS_S
+    return bool(run.pid) and _exists(run.pid) and (soon or is_run_active(folder))
 
 
 def _exists(pid: int) -> bool:
@@ -224,33 +209,13 @@ def _exists(pid: int) -> bool:
         return False
     except PermissionError:
         return True
-    try:
-        status = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
-        return status.rpartition(")")[2].split()[0] != "Z"
-    except (OSError, IndexError):
-        return True
+    return not _text(Path(f"/proc/{pid}/stat")).rpartition(")")[2].startswith(" Z")
 
-
-# Start, follow, cancel and continue pipeline runs from the Design page.
 
 RECIPE = "recipe.yaml"
 LAST_STAGE: Final = TOOLPATH_NAMES[-1]
 """As far as a design goes before it is printed."""
-_TYPES: Final = {
-    ".yaml": "text/plain; charset=utf-8",
-    ".log": "text/plain; charset=utf-8",
-    ".gcode": "text/plain; charset=utf-8",
-    ".json": "application/json",
-    ".csv": "text/csv",
-    ".vtp": "application/xml",
-    ".stl": "model/stl",
-    ".3mf": "model/3mf",
-    ".ply": "model/ply",
-    ".png": "image/png",
-    ".pdf": "application/pdf",
-    ".nrrd": "application/octet-stream",
-}
-_NAMES: Final = (
+ARTEFACTS: Final = (
     "recipe.yaml", "run.log", "manifest.json", "network.csv", "network.vtp", "flow.csv",
     "oxygen.csv", "measures.json", "tissue.stl", "lumen.stl", "solid.stl", "solid.3mf",
     "part.gcode", "dry_run.json", "predicted_bead.csv", "predicted_layers.csv", "lumens.json",
@@ -258,8 +223,26 @@ _NAMES: Final = (
     "sections.csv", "defects.csv", "deviation.ply", "deviation.vtp", "sections.vtp",
     "scan_in_part.nrrd",
 )  # fmt: skip
-ARTEFACTS: Final = {name: _TYPES[Path(name).suffix] for name in _NAMES}
-"""Files of a run that may be fetched, and what they are."""
+"""Files of a run that may be fetched."""
+
+
+def artefacts(folder: Path) -> list[str]:
+    """Files of a run's or registration's folder that may be fetched; links aren't followed."""
+    paths = {name: folder / name for name in ARTEFACTS}
+    return [name for name, path in paths.items() if path.is_file() and not path.is_symlink()]
+
+
+def artefact(name: str, folder: Path, file: str) -> FileResponse:
+    """Return one of the `artefacts` of a run's folder, as a download that has the run's name.
+
+    Raises
+    ------
+    NotFoundError
+        When it isn't there, or isn't one that may be fetched.
+    """
+    if file not in artefacts(folder):
+        raise NotFoundError(f"run {name!r} has no file {file[:80]!r} that can be fetched")
+    return FileResponse(folder / file, filename=f"{name}_{file}")
 
 
 @dataclass(frozen=True)
@@ -293,47 +276,24 @@ class Runs:
 
     def _row(self, folder: Path) -> RunRow:
         run = self.progress(folder.name)
-        has_job, has_report = (folder / "part.gcode").is_file(), (folder / "report.html").is_file()
-        state = run.state if run.state != "never" or not (folder / MANIFEST).is_file() else "done"
-        return RunRow(folder.name, folder.stat().st_mtime, state, run.until, has_job, has_report)
+        job, report, made = ((folder / one).is_file() for one in (GCODE, HTML, MANIFEST))
+        state = "done" if made and run.state == "never" else run.state
+        return RunRow(folder.name, folder.stat().st_mtime, state, run.until, job, report)
 
     def folder(self, name: str) -> Path:
         """A run's folder.
 
         Raises
         ------
-        NotFoundError, BadRequestError
+        NotFoundError
         """
         folder = self.workspace.run(name)
         if not folder.is_dir():
             raise NotFoundError(f"there is no run {name!r}")
         return folder
 
-    def artefacts(self, name: str) -> list[str]:
-        """Files of a run that may be fetched and are there."""
-        folder = self.folder(name)
-        return [one for one in ARTEFACTS if (folder / one).is_file()]
-
-    def artefact(self, name: str, file: str) -> Path:
-        """A file of a run.
-
-        Raises
-        ------
-        NotFoundError
-            When it isn't there, or isn't one that may be fetched.
-        """
-        path = self.folder(name) / file if file in ARTEFACTS else None
-        if path is None or not path.is_file() or path.is_symlink():
-            raise NotFoundError(f"run {name!r} has no file {file[:80]!r} that can be fetched")
-        return path
-
     def page(self, name: str, page: str) -> Path:
-        """A page of a run: network, layers, dry_run or report.
-
-        Raises
-        ------
-        NotFoundError, ConflictError
-        """
+        """A page of a run, as `run_page` makes it."""
         folder = self.folder(name)
         for one in folder.iterdir():  # a page is made of several
             self.workspace.inside(one)
@@ -348,10 +308,8 @@ class Runs:
 
         Raises
         ------
-        UsageError
-            For a stage that isn't known.
-        BadRequestError
-            For one that prints, or a recipe that can't be used.
+        UsageError, BadRequestError
+            For a stage that isn't known, one that prints, or a recipe that can't be used.
         ConflictError
             While the run, or a print of it, is going on.
         """
@@ -364,13 +322,7 @@ class Runs:
         return self._go(name, ["--until", stages[-1]])
 
     def go_on(self, name: str) -> RunProgress:
-        """After its print: scan, registration and report of a run.
-
-        Raises
-        ------
-        ConflictError
-            When no print of it is done, or the run is going on.
-        """
+        """After its finished print: scan, registration and report of a run."""
         state = self.print_state(name)
         if state != "done":
             raise ConflictError(
@@ -380,13 +332,7 @@ class Runs:
         return self._go(name, ["--printed"])
 
     def rehearse(self, name: str, speed: float) -> RunProgress:
-        """Print a design on the simulated printer, scan and judge it; ``speed`` times real time.
-
-        Raises
-        ------
-        ConflictError
-            While the run, or a print of it, is going on.
-        """
+        """Print a design on the simulated printer, scan and judge it; ``speed`` times real time."""
         made, folder = self.workspace.run(name), self.workspace.run(name + REHEARSAL)
         with self._lock:
             self._refuse(name, folder)
@@ -396,13 +342,7 @@ class Runs:
         return self._go(name, ["--rehearse", f"{speed:g}"], folder)
 
     def cancel(self, name: str) -> RunProgress:
-        """Stop a run; finished stages are kept.
-
-        Raises
-        ------
-        ConflictError
-            When it isn't going on.
-        """
+        """Stop a run; finished stages are kept."""
         if not self.processes.cancel(name, self.workspace.run(name)):
             raise ConflictError(f"run {name!r} isn't going on")
         return self.progress(name)

@@ -16,18 +16,14 @@ from fastapi import APIRouter, HTTPException, Request, Response
 from printctl.web.live.source import SOURCES, JobSource, SceneError, cached_scene
 from printctl.web.worker import LineProcess
 
-# Load the live view's scripts and styles for serving, with modules shared with the report.
-#
-# A page of the server may have an import map of its own, so the modules that the report shares name
-# each other here by where they lie instead of by bare names.
+# The modules that the report shares name each other here by where they lie, not by bare names: a
+# page of the server may have an import map of its own.
 
 _STATIC: Final = Path(__file__).parent / "static"
 _TYPES: Final = {".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
 _BARE: Final = re.compile(rb'"(?:viewer|live)/(\w+)"')
 _VIEWER: Final = ("flat.js", "lines.js", "page.js", "scale.js", "stage.js")
 """Modules of the reports' viewer that the live view needs."""
-
-
 _NOT_AT_ONCE: Final = ("flat_painter.js",)
 """What only browsers without WebGL draw with."""
 
@@ -59,13 +55,11 @@ def preload(job: str) -> str:
     With it the browser fetches the moves and the scripts while it reads those of the page, about a
     second earlier.
     """
-    scripts = [name for name in static_files() if name.endswith(".js") and name not in _NOT_AT_ONCE]
-    links = [
-        f'<link rel="preload" as="fetch" crossorigin href="/live/{quote(job, safe="~")}/scene">',
-        '<link rel="stylesheet" href="/live/static/live_view.css">',
-        *(f'<link rel="modulepreload" href="/live/static/{name}">' for name in scripts),
-    ]
-    return "\n".join(links)
+    scripts = (one for one in static_files() if one.endswith(".js") and one not in _NOT_AT_ONCE)
+    return (
+        f'<link rel="preload" as="fetch" crossorigin href="/live/{quote(job, safe="~")}/scene">'
+        '<link rel="stylesheet" href="/live/static/live_view.css">'
+    ) + "".join(f'<link rel="modulepreload" href="/live/static/{name}">' for name in scripts)
 
 
 # Start the process that makes live-view scenes, and ask it for a job's scene file.
@@ -85,12 +79,8 @@ class SceneMaker(LineProcess):
     """Makes scenes, one at a time, without the event loop waiting for any of it.
 
     The process begins with `start`, best when the server does (importing and loading the kernels
-    takes seconds), or with the first job; it begins again when it died.
-
-    Parameters
-    ----------
-    longest_s : float, s
-        That a scene may take.
+    takes seconds), or with the first job; it begins again when it died. ``longest_s`` is the time
+    that a scene may take.
     """
 
     def __init__(self, longest_s: float = _LONGEST_S) -> None:
@@ -109,17 +99,14 @@ class SceneMaker(LineProcess):
         if path.is_file():
             return path
         async with self.turn:
-            try:
-                answer = await self.ask(SOURCES.dump_json(source).decode(), self._longest_s)
-            except TimeoutError as exc:
-                raise SceneError(
-                    f"the view of {source.gcode.name} wasn't made in {self._longest_s:g} s; "
-                    "the print isn't touched by it"
-                ) from exc
-            except ConnectionError as exc:
-                raise SceneError(f"the process that makes views {exc}") from exc
-        if "error" in answer:
-            raise SceneError(answer["error"])
+            late = f"the view of {source.gcode.name} wasn't made in {self._longest_s:g} s; "
+            answer = await self.ask(
+                SOURCES.dump_json(source).decode(),
+                self._longest_s,
+                SceneError,
+                late + "the print isn't touched by it",
+                "the process that makes views ended",
+            )
         return Path(answer["scene"])
 
 
@@ -133,12 +120,7 @@ _KEPT = {"Cache-Control": "private, no-cache"}
 def router(jobs: Jobs, maker: SceneMaker) -> APIRouter:
     """Routes ``/live/static/{name}`` and ``/live/{job}/scene``.
 
-    Parameters
-    ----------
-    jobs : callable
-        Must refuse every name but those of its own jobs.
-    maker : SceneMaker
-        Started and closed by the application.
+    ``jobs`` must refuse every name but those of its own jobs; the application closes ``maker``.
     """
     routes = APIRouter(prefix="/live", tags=["live view"])
 

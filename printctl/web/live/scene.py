@@ -51,14 +51,7 @@ class LiveScene:
 
 
 def make_scene(source: JobSource, gcode: bytes, line_map: LineMap | None) -> LiveScene:
-    """Make the scene of a file.
-
-    Parameters
-    ----------
-    source : JobSource
-    gcode : bytes
-    line_map : LineMap or None
-        The map beside the file.
+    """Make the scene of a file, by the map beside it if there is one.
 
     Raises
     ------
@@ -113,8 +106,7 @@ def _differ(one: FloatArray, other: FloatArray) -> BoolArray:
 
 def _box(place: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest corner, mm; column by column for the same reason as `_differ`."""
-    columns = [place[:, axis] for axis in range(3)]
-    return np.array([one.min() for one in columns]), np.array([one.max() for one in columns])
+    return np.array([one.min() for one in place.T]), np.array([one.max() for one in place.T])
 
 
 def _vessels(vessel: IntArray | None, move: IntArray) -> NDArray[np.uint16]:

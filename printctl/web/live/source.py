@@ -28,18 +28,10 @@ Outline = tuple[tuple[float, float, float], ...]
 
 @dataclass(frozen=True)
 class JobSource:
-    """A job to be shown.
+    """A job to be shown: its G-code, with the map (``.map.npz``) beside it.
 
-    Attributes
-    ----------
-    gcode : Path
-        The file that is printed; its map (``.map.npz``) is taken from beside it.
-    cache : Path
-        Folder for the scene that is made of it, best the one that the job lies in.
-    printer, syringe : str
-        Profiles, by name or path.
-    outlines : tuple of Outline
-        What stands on the bed: a dish's rim, a plate's wells.
+    ``cache`` is the folder for the scene, best the one that the job lies in; ``printer`` and
+    ``syringe`` are profiles by name or path; ``outlines`` stand on the bed: a dish's rim, wells.
     """
 
     gcode: Path
@@ -49,13 +41,7 @@ class JobSource:
     outlines: tuple[Outline, ...] = ()
 
     def pushing(self) -> Pushing:
-        """Return how E becomes a volume.
-
-        Raises
-        ------
-        firmware_profiles.ProfileError
-            When a profile isn't there or isn't valid.
-        """
+        """Return how E becomes a volume, by the profiles."""
         syringe = load(Syringe, self.syringe)
         return Pushing(load(Printer, self.printer), None, "", syringe.inner_mm, syringe.name)
 

@@ -16,23 +16,12 @@ from starlette.types import Scope
 
 URL: Final = "/static/page"
 FOLDER: Final = Path(__file__).with_name("static")
-ADDRESSES: Final = {
-    "/": "home",
-    "/project": "project",
-    "/printer": "printer",
-    "/job": "job",
-    "/design": "design",
-    "/scan": "scan",
-    "/history": "history",
-}
+_ROOMS: Final = ("project", "printer", "job", "design", "scan", "history")
+ADDRESSES: Final = {"/": "home"} | {f"/{room}": room for room in _ROOMS}
 """Where the page is, and the module in ``static/pages`` that draws it there."""
 _FIRST: Final = (
-    "vendor/preact.js",
-    "vendor/hooks.js",
-    "vendor/htm.js",
-    "api.js",
-    "ui.js",
-    "header.js",
+    *("vendor/preact.js", "vendor/hooks.js", "vendor/htm.js"),
+    *("api.js", "ui.js", "header.js"),
 )
 _LEAVE: Final = (
     '<form method="post" action="/logout">'
@@ -75,12 +64,10 @@ def serve_files(app: FastAPI) -> None:
     app.mount(URL, _Kept(directory=FOLDER), name="page")
 
 
-def serve_page(app: FastAPI, hints: Mapping[str, Hints] | None = None) -> None:
+def serve_page(app: FastAPI, hints: Mapping[str, Hints]) -> None:
     """Have the app serve the page at its addresses; ``hints`` by the page's module."""
     for address, module in ADDRESSES.items():
-        app.add_api_route(
-            address, _page_at(module, (hints or {}).get(module)), include_in_schema=False
-        )
+        app.add_api_route(address, _page_at(module, hints.get(module)), include_in_schema=False)
 
     @app.get("/history/{print_id}", include_in_schema=False)
     def moved(print_id: str) -> RedirectResponse:
@@ -93,12 +80,12 @@ def _page_at(module: str, hints: Hints | None) -> Any:
         guard = getattr(request.state, "guard", None)
         port = guard.stop_port if guard else 0
         leave = guard is not None and not guard.settings.open
-        return HTMLResponse(html(module, port, leave, hints(request) if hints else ""))
+        return HTMLResponse(_html(module, port, leave, hints(request) if hints else ""))
 
     return page
 
 
-def html(module: str, stop_port: int, leave: bool, hints: str = "") -> str:
+def _html(module: str, stop_port: int, leave: bool, hints: str) -> str:
     """Return the page's HTML, with a button to log out if ``leave`` and ``hints`` in the head.
 
     With the first scripts the browser fetches the ``module`` of ``static/pages``, the modules that
@@ -110,13 +97,9 @@ def html(module: str, stop_port: int, leave: bool, hints: str = "") -> str:
     parts = {
         "folder": f"{URL}/{version()}",
         "door": f'<meta name="printctl-stop-port" content="{stop_port}">' if stop_port else "",
-        "preload": "\n".join(
-            [
-                *(f'<link rel="stylesheet" href="{link(name)}">' for name in styles),
-                *(f'<link rel="modulepreload" href="{link(name)}">' for name in modules),
-                hints,
-            ]
-        ),
+        "preload": "".join(f'<link rel="stylesheet" href="{link(name)}">' for name in styles)
+        + "".join(f'<link rel="modulepreload" href="{link(name)}">' for name in modules)
+        + hints,
         "leave": _LEAVE if leave else "",
     }
     text = (FOLDER / "index.html").read_text(encoding="utf-8")

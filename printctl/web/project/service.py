@@ -1,4 +1,4 @@
-"""Service behind the pages Home and Project: gallery, sketch, and how far each project has come.
+"""REST of the pages Home and Project: gallery, sketch, and how far each project has come.
 
 A project is a recipe of the workspace with the run of its name, that run's print and report.
 """
@@ -9,28 +9,62 @@ import json
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import yaml
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+from pydantic import Field
 
 from design.units import LengthUnit
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.run_options import JOB_NAMES, REHEARSAL
+from printctl.recipe.schema import KeyPath
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import MANIFEST, Manifest
 from printctl.web.core import Core
-from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
+from printctl.web.design.recipe_text import with_values
 from printctl.web.design.recipes import CheckedRecipe
 from printctl.web.design.runs import RECIPE, RunProgress, Runs
 from printctl.web.errors import ConflictError
-from printctl.web.project.sketch import Gone, SketchProcess
-from printctl.web.workspace import checked_name
+from printctl.web.project.sketch import SketchProcess
+from printctl.web.rest import API, REFUSALS, Body
+from printctl.web.workspace import Stamp, checked_name, stamp
 
 Step = Literal["shape", "check", "print", "judge", "done"]
 LONGEST_REHEARSAL_S: Final = 60.0
 """A rehearsal is made so much faster than the print that it takes about this long."""
 MAX_SPEED: Final = 100.0
 """Times real time: faster, a browser shows no more than a film of it."""
+Value = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+
+
+class Changes(Body):
+    """Values of a recipe, by their path."""
+
+    values: dict[Annotated[str, Field(max_length=100)], Value] = Field(default={}, max_length=50)
+
+
+class SketchRequest(Changes):
+    """What is to be sketched."""
+
+    known: str = Field(
+        default="", max_length=32, description="Tag of the tissue whose outline is there already."
+    )
+
+
+class NewProject(Body):
+    """A file to begin with."""
+
+    name: str = Field(max_length=64)
+    file: str = Field(max_length=200, description="Taken in by POST /recipes/files.")
+    unit: LengthUnit = Field(default="mm", description="Of the file; its format may say it, too.")
+
+
+class Rehearsal(Body):
+    """How a print is rehearsed."""
+
+    speed: float = Field(ge=0, le=MAX_SPEED, description="Times real time; 0: no clock.")
 
 
 @dataclass(frozen=True)
@@ -63,24 +97,19 @@ class Slider:
 
 @dataclass(frozen=True)
 class ProjectCheck:
-    """Something that was checked before the print.
+    """Something that was checked before the print, which is refused if it ``refuses`` and failed.
 
-    Attributes
-    ----------
-    passed, refuses : bool
-        Whether it is as it should be, and whether the print is refused where it isn't.
-    value, limit : float or None
-        In ``unit``; None where there is no number.
+    ``value`` and ``limit`` are in ``unit``, None where there is no number.
     """
 
     check: str
     passed: bool
     refuses: bool
-    value: float | None = None
-    limit: float | None = None
-    unit: str = ""
-    place: str = ""
-    remedy: str = ""
+    value: float | None
+    limit: float | None
+    unit: str
+    place: str
+    remedy: str
 
 
 @dataclass(frozen=True)
@@ -94,31 +123,20 @@ class ProjectRow:
 
 @dataclass(frozen=True)
 class Project:
-    """A project, and how far it has come.
+    """A project, how far it has come, and the ``step`` that comes next.
 
     Attributes
     ----------
-    step : Step
-        What comes next.
     problems : tuple of str
         Why the recipe can't be used.
     run : RunProgress
         Of the design, or of the rehearsal while that is going on.
     judged : str
-        Run whose report it is: the project's, or its rehearsal's; empty without one.
+        Run of whose report ``reasons`` and ``passed`` are: the project's, or its rehearsal's.
     made : bool
         Whether the design is made and is the recipe's as it stands.
-    checks : tuple of ProjectCheck
-        All that was checked; those that refuse the print first.
-    print_time_s : float or None, s
     rehearsal_speed : float
         Times real time at which a rehearsal takes about a minute.
-    print_state : str
-        Of its last print; empty when there was none.
-    reasons : tuple of str
-        What the report's verdict rests on.
-    passed : bool or None
-        Whether the print is as designed; None without a report.
     """
 
     name: str
@@ -137,12 +155,8 @@ class Project:
     passed: bool | None
 
 
-@dataclass(frozen=True)
-class _Design:
-    """What dry run and lumens say of a design."""
-
-    checks: tuple[ProjectCheck, ...]
-    print_time_s: float | None
+_Design = tuple[tuple[ProjectCheck, ...], float | None]
+"""What dry run and lumens say of a design: checks, and print time, s."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +177,7 @@ class _Reached:
             return "done"
         if self.print_state == "done":
             return "judge"
-        refused = any(not one.passed and one.refuses for one in self.design.checks)
+        refused = any(not one.passed and one.refuses for one in self.design[0])
         return "check" if refused else "print"
 
 
@@ -186,16 +200,10 @@ class ProjectService:
         return sorted(rows, key=lambda row: -row.modified)
 
     def project(self, name: str) -> Project:
-        """One project.
-
-        Raises
-        ------
-        NotFoundError
-        """
+        """Return how far a project has come."""
         recipe = self._recipes.read(name)
         reached, rehearsal = self._reached(name, recipe.text), self._runs.progress(name + REHEARSAL)
-        design, verdict = reached.design, reached.verdict
-        checks, time_s = (design.checks, design.print_time_s) if design else ((), None)
+        verdict, (checks, time_s) = reached.verdict, reached.design or ((), None)
         return Project(
             name=name,
             step=reached.step,
@@ -203,7 +211,7 @@ class ProjectService:
             sliders=sliders(recipe),
             run=rehearsal if rehearsal.going_on else self._runs.progress(name),
             judged=reached.judged,
-            made=design is not None,
+            made=reached.design is not None,
             checks=tuple(sorted(checks, key=lambda one: (one.passed, not one.refuses))),
             print_time_s=time_s,
             rehearsal_speed=min(max(round((time_s or 0.0) / LONGEST_REHEARSAL_S), 1), MAX_SPEED),
@@ -213,23 +221,19 @@ class ProjectService:
             passed=bool(verdict["passed"]) if verdict else None,
         )
 
-    def begin(self, name: str, file: str, unit: LengthUnit) -> Project:
-        """Begin a project with a file beside the recipes, of ``unit`` where it doesn't say its own.
+    def begin(self, request: NewProject) -> Project:
+        """Begin a project with a file beside the recipes.
 
         A mesh becomes a tissue in which a tree is grown; a network is written as it is.
-
-        Raises
-        ------
-        BadRequestError, ConflictError
         """
-        checked_name(name)
-        suffix = Path(file).suffix.lower()
+        name, file = checked_name(request.name), request.file
+        suffix, unit = Path(file).suffix.lower(), {"unit": request.unit}
         recipe: dict[str, Any] = {"schema": 1, "name": name, "seed": 1}
         if suffix in (".stl", ".obj", ".ply", ".3mf"):
-            recipe["tissue"] = {"mesh": file, "unit": unit}
+            recipe["tissue"] = {"mesh": file} | unit
             recipe["vasculature"] = {"grow": "tree", "terminals": 100, "printable": True}
         else:
-            said = {"unit": unit} if suffix in (".csv", ".vtp", ".swc") else {}
+            said = unit if suffix in (".csv", ".vtp", ".swc") else {}
             recipe["vasculature"] = {"network": file} | said
         text = "# Begun on the page; every key is explained in docs/recipe.md.\n"
         text += yaml.safe_dump(recipe | _EMBEDDED, sort_keys=False)
@@ -237,52 +241,32 @@ class ProjectService:
         self._recipes.write(name, text)
         return self.project(name)
 
-    async def sketch(
-        self, name: str, values: dict[str, float], known: str, gone: Gone
-    ) -> dict[str, Any]:
-        """The vessels that a recipe would give with other values; nothing is kept.
-
-        Values by the paths of sliders; the rest as in `SketchProcess.sketch`.
-
-        Raises
-        ------
-        BadRequestError
-            When the recipe can't be used with them.
-        ConflictError
-            When the vessels can't be grown.
-        """
-        text = _changed(self._recipes.text(name), values)
+    async def sketch(self, name: str, asked: SketchRequest, request: Request) -> JSONResponse:
+        """Straight pieces of vessels: x, y, z of both ends and both radii, mm, eight a piece."""
+        text = with_values(self._recipes.text(name), _by_keys(asked.values))
         recipe = self._recipes.check(text).usable().model_dump(mode="json", by_alias=True)
-        print_ = self._events.latest.get("print", {"ended": True})
-        folder = self._recipes.folder
-        return await self.sketches.sketch(recipe, folder, known, not print_["ended"], gone)
+        behind = not self._events.latest.get("print", {"ended": True})["ended"]
+        found = await self.sketches.sketch(
+            recipe, self._recipes.folder, asked.known, behind, request.is_disconnected
+        )
+        return JSONResponse(found)  # as it is: FastAPI would look at each of its numbers
 
-    def change(self, name: str, values: dict[str, float]) -> Project:
-        """Write values of sliders into the recipe.
-
-        Raises
-        ------
-        NotFoundError, BadRequestError, ConflictError
-        """
+    def change(self, name: str, request: Changes) -> Project:
+        """Write values of sliders into the recipe; it stays as it is if it can't be used so."""
         before = self._recipes.read(name)
-        text = _changed(before.text, values)
+        text = with_values(before.text, _by_keys(request.values))
         self._recipes.check(text).usable()
         self._recipes.write(name, text, before.version)
         return self.project(name)
 
-    def rehearse(self, name: str, speed: float) -> RunProgress:
+    def rehearse(self, name: str, request: Rehearsal) -> RunProgress:
         """Print the design on the simulated printer, scan it by the simulated scanner, judge it.
 
-        ``speed`` is times real time.
-
-        Raises
-        ------
-        ConflictError
-            Before the design is made, or while a run or print of it goes on.
+        It is refused before the design is made, and while a run or print of it goes on.
         """
         if self._reached(name, self._recipes.text(name)).design is None:
             raise ConflictError(f"the design of {name!r} isn't made as the recipe stands; make it")
-        return self._runs.rehearse(name, speed)
+        return self._runs.rehearse(name, request.speed)
 
     def _reached(self, name: str, text: str) -> _Reached:
         folder = self._workspace.run(name)
@@ -307,22 +291,38 @@ class ProjectService:
             return None
         ended = {one.name: one.state for one in self._runs.progress(folder.name).stages}
         made = all(ended.get(one, "done") == "done" for one in JOB_NAMES)
-        return _checked_design(folder, _stamp(folder / MANIFEST)) if made else None
+        return _checked_design(folder, stamp(folder / MANIFEST)) if made else None
 
 
-def _changed(text: str, values: dict[str, float]) -> str:
-    """Return a recipe's text with other values, whole numbers as such, by their dotted paths.
+def router(service: ProjectService) -> APIRouter:
+    """Routes of the guided way."""
+    routes, one = APIRouter(prefix=API, tags=["projects"], responses=REFUSALS), "/projects/{name}"
+    routes.get("/gallery", summary="What a new project can begin from")(gallery)
+    routes.get("/projects", summary="Recipes with what they have reached, the newest first")(
+        service.projects
+    )
+    routes.post("/projects", summary="Begin with a mesh or a network")(service.begin)
+    routes.get(one, summary="How far a project has come")(service.project)
+    routes.patch(one, summary="Write values into its recipe")(service.change)
+    routes.post(
+        f"{one}/sketch",
+        summary="The vessels with other values; keeps nothing",
+        response_model=dict[str, Any],
+    )(service.sketch)
+    routes.post(f"{one}/rehearse", summary="Print, scan and judge it, all simulated")(
+        service.rehearse
+    )
+    return routes
 
-    Raises
-    ------
-    BadRequestError
-        When there is no such place.
-    """
-    data = read_text(text)
-    for dotted, value in values.items():
-        path = tuple(int(key) if key.isdecimal() else key for key in dotted.split("."))
-        data = changed(data, path, int(value) if value == int(value) else value)
-    return rewrite_yaml(text, data)
+
+def _by_keys(values: dict[str, float]) -> dict[KeyPath, float]:
+    """Return values, whole numbers as such, by the keys of their dotted paths."""
+    return {
+        tuple(int(key) if key.isdecimal() else key for key in path.split(".")): (
+            int(value) if value == int(value) else value
+        )
+        for path, value in values.items()
+    }
 
 
 # How a file that a user brings is printed, until somebody says otherwise.
@@ -389,22 +389,16 @@ def sliders(checked: CheckedRecipe) -> tuple[Slider, ...]:
 
 
 def _value(data: Any, keys: list[str]) -> float | None:
-    for key in keys:
-        if isinstance(data, list):
-            data = data[int(key)] if int(key) < len(data) else None
-        else:
-            data = data.get(key) if isinstance(data, dict) else None
+    try:
+        for key in keys:
+            data = data[int(key) if isinstance(data, list) else key]
+    except (LookupError, TypeError):
+        return None
     return data if isinstance(data, int | float) else None
 
 
-def _stamp(path: Path) -> tuple[int, int]:
-    """Time of change and size of a file, by which what was read of it is kept."""
-    stat = path.stat()
-    return stat.st_mtime_ns, stat.st_size
-
-
 @lru_cache(maxsize=256)
-def _checked_design(folder: Path, stamp: tuple[int, int]) -> _Design | None:
+def _checked_design(folder: Path, of: Stamp) -> _Design | None:
     """A run's design by its manifest, a file of up to a megabyte; None before the dry run."""
     stages = Manifest.load(folder).stages
     if "dry run" not in stages:
@@ -412,26 +406,18 @@ def _checked_design(folder: Path, stamp: tuple[int, int]) -> _Design | None:
     found = []
     for one in stages["dry run"].summary.get("checks", ()):
         counted = one["value"] or one["limit"] or one["unit"]  # else it is a question to a person
-        limits = {"value": one["value"], "limit": one["limit"]} if counted else {}
-        remedy = "" if one["passed"] else one["remedy"]
-        said = {"unit": one["unit"], "place": one["place"], "remedy": remedy}
-        refuses = one["weight"] == "refuses"
-        found.append(ProjectCheck(one["check"], one["passed"], refuses, **limits, **said))
+        value, limit = (one["value"], one["limit"]) if counted else (None, None)
+        refuses, remedy = one["weight"] == "refuses", "" if one["passed"] else one["remedy"]
+        given = (one["check"], one["passed"], refuses, value, limit, one["unit"], one["place"])
+        found.append(ProjectCheck(*given, remedy))
     lumens = stages["lumens"].summary if "lumens" in stages else {}
     if lumens.get("checked"):
-        counts = lumens["summary"]
-        found.append(
-            ProjectCheck(
-                check="lumens open, and without leaks, by the G-code",
-                passed=bool(lumens["passed"]),
-                refuses=False,
-                value=float(counts["lumens"] - counts["closed"]),
-                limit=float(counts["lumens"]),
-                unit="open",
-                remedy="" if lumens["passed"] else "take thinner lines or wider vessels",
-            )
-        )
-    return _Design(tuple(found), stages["dry run"].summary.get("print_time_s"))
+        counts, passed = lumens["summary"], bool(lumens["passed"])
+        remedy = "" if passed else "take thinner lines or wider vessels"
+        count, all_ = float(counts["lumens"] - counts["closed"]), float(counts["lumens"])
+        check = "lumens open, and without leaks, by the G-code"
+        found.append(ProjectCheck(check, passed, False, count, all_, "open", "", remedy))
+    return tuple(found), stages["dry run"].summary.get("print_time_s")
 
 
 def _verdict(folder: Path) -> dict[str, Any] | None:
@@ -440,12 +426,12 @@ def _verdict(folder: Path) -> dict[str, Any] | None:
     try:
         if path.stat().st_mtime < (folder / GCODE).stat().st_mtime:
             return None
-        return _read_verdict(path, _stamp(path))
+        return _read_verdict(path, stamp(path))
     except (OSError, ValueError):
         return None
 
 
 @lru_cache(maxsize=256)
-def _read_verdict(path: Path, stamp: tuple[int, int]) -> dict[str, Any] | None:
+def _read_verdict(path: Path, of: Stamp) -> dict[str, Any] | None:
     verdict: dict[str, Any] | None = json.loads(path.read_text(encoding="utf-8")).get("verdict")
     return verdict

@@ -45,12 +45,10 @@ class SketchProcess(LineProcess):
     async def sketch(
         self, recipe: dict[str, Any], folder: Path, known: str, behind: bool, gone: Gone
     ) -> dict[str, Any]:
-        """Grow a recipe's vessels.
+        """Grow the vessels of a recipe, as `Recipe.model_dump` gives it.
 
         Parameters
         ----------
-        recipe : dict
-            As `Recipe.model_dump` gives it.
         folder : Path
             Where the files lie that it names.
         known : str
@@ -78,19 +76,13 @@ class SketchProcess(LineProcess):
             if await gone():
                 raise ConflictError("nobody waits for this sketch any more")
             self._limit_s = FIRST_S  # of a process anew, should this one not answer
-            answer = await self.ask(json.dumps(request), limit_s)
+            late = f"the sketch wasn't done in {limit_s:g} s; make the design to see its vessels"
+            died = "the process that sketches ended"
+            answer = await self.ask(json.dumps(request), limit_s, ConflictError, late, died)
             self._limit_s = LONGEST_S
-        except TimeoutError as exc:
-            raise ConflictError(
-                f"the sketch wasn't done in {limit_s:g} s; make the design to see its vessels"
-            ) from exc
-        except ConnectionError as exc:
-            raise ConflictError(f"the process that sketches {exc}") from exc
+            return answer
         finally:
             self.turn.release()
-        if "error" in answer:
-            raise ConflictError(answer["error"])
-        return answer
 
 
 def main() -> None:

@@ -39,18 +39,10 @@ class AlignmentFigure:
 
 @dataclass(frozen=True)
 class Findings:
-    """A registration.
+    """Verdict, alignment and vessels of a registration.
 
-    Attributes
-    ----------
-    outcome : str
-        ``pass``, ``fail``, ``undecided`` (neither is proven); empty where no verdict was written.
-    passed : bool or None
-        None where no verdict was written.
-    reasons : tuple of str
-        Of the verdict.
-    alignment : tuple of AlignmentFigure
-        Pose, scales and intervals.
+    ``outcome`` is ``pass``, ``fail``, ``undecided`` (neither is proven), or empty and ``passed``
+    None where no verdict was written; ``reasons`` are the verdict's.
     """
 
     outcome: Outcome
@@ -75,9 +67,9 @@ def findings(folder: Path) -> Findings:
     numbers = numbers.get("registration", numbers)
     judged = (_read(folder / "report.json") or numbers).get("verdict", {})
     return Findings(
-        outcome(judged),
+        found := outcome(judged),
         judged.get("passed"),
-        outcome(judged) == "undecided",
+        found == "undecided",
         tuple(str(one) for one in judged.get("reasons", ())),
         tuple(alignment(numbers)),
         tuple(_vessel(row) for row in numbers.get("vessels", ())),
@@ -131,12 +123,12 @@ def _vessel(row: Mapping[str, Any]) -> VesselFinding:
     else:
         verdict = "open" if row.get("open") else "not seen from end to end"
     decision = row.get("decision")
-    numbers = ("designed_um", "measured_um", "error_percent", "rms_um", "offset_um")
+    names = ("designed_um", "measured_um", "error_percent", "rms_um", "offset_um")
     return VesselFinding(
         vessel=str(row.get("name") or row.get("vessel", "")),
         kind=str(row.get("kind", "")),
         verdict=verdict if decision is None else f"{decision}: {verdict}",
-        **{name: _number(row.get(name)) for name in numbers},
+        **{name: _number(row.get(name)) for name in names},
     )
 
 

@@ -14,29 +14,26 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from printctl.web.errors import BadRequestError
+from printctl.web.workspace import Stamp, stamp
 from registration.files.readers import read_scan
 from registration.scan import Scan
 
 Axis = Literal["x", "y", "z"]
-AXES: Final[dict[Axis, int]] = {"z": 0, "y": 1, "x": 2}
-
 TINT: Final = (255, 140, 0)
 """Of what is above the threshold, mixed half and half."""
 
 _SAMPLES: Final = 2_000_000
+"""Voxels, evenly spread, by which window and threshold are chosen."""
 
 
 @dataclass(frozen=True)
 class Volume:
-    """What is known of a scan's volume.
+    """What is known of a scan's volume, along x, y, z.
 
     Attributes
     ----------
-    shape : (int, int, int)
-        Voxels along x, y, z.
     voxel_um, size_mm : (float, float, float)
-        Along x, y, z; geometric.
-    modality, scale : str
+        Geometric.
     refractive_index : float
         By which depth was divided; 1 where depth isn't optical.
     depth_down : bool
@@ -66,7 +63,9 @@ def describe(scan: Scan) -> Volume:
     """Describe a scan, with a window and a threshold to begin with."""
     from skimage.filters import threshold_otsu  # slow to load: only for who opens a scan
 
-    values = sample(scan.volume)
+    step = max(1, int(np.ceil((scan.volume.size / _SAMPLES) ** (1 / 3))))
+    values = np.asarray(scan.volume[::step, ::step, ::step], dtype=np.float64)
+    values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
     low, high = (float(one) for one in np.quantile(values, (0.01, 0.985)))
     nz, ny, nx = scan.volume.shape
     dz, dy, dx = scan.geometric_voxel_mm
@@ -85,30 +84,8 @@ def describe(scan: Scan) -> Volume:
     )
 
 
-def sample(volume: NDArray[Any]) -> NDArray[np.float64]:
-    """About two million voxels, evenly spread, float64; what isn't finite is left out."""
-    step = max(1, int(np.ceil((volume.size / _SAMPLES) ** (1 / 3))))
-    values = np.asarray(volume[::step, ::step, ::step], dtype=np.float64).reshape(-1)
-    finite: NDArray[np.float64] = values[np.isfinite(values)]
-    return finite if len(finite) else np.zeros(1)
-
-
-def plane(volume: NDArray[Any], axis: Axis, index: int) -> NDArray[Any]:
-    """One slice; rows are z (or y, seen along z), columns x (or y, seen along x).
-
-    Raises
-    ------
-    BadRequestError
-        For an index outside.
-    """
-    count = volume.shape[AXES[axis]]
-    if not 0 <= index < count:
-        raise BadRequestError(f"slice {index} lies outside 0 to {count - 1} along {axis}")
-    return np.take(volume, index, axis=AXES[axis])
-
-
 def picture(
-    image: NDArray[Any], low: float, high: float, threshold: float | None = None
+    image: NDArray[Any], low: float, high: float, threshold: float | None
 ) -> NDArray[np.uint8]:
     """Grey values of a slice, (h, w, 3); `low` is black, `high` white.
 
@@ -147,11 +124,13 @@ def slice_png(
     window: tuple[float, float] | None = None,
     threshold: float | None = None,
 ) -> bytes:
-    """Return one slice as a PNG file.
+    """Return one slice as a PNG file; rows are z (or y, seen along z), columns x (or y, along x).
 
     Raises
     ------
-    BadRequestError, ScanFileError
+    BadRequestError
+        For an index outside, or an empty ``window`` of intensity.
+    ScanFileError
     """
     with _LOCK:
         return _drawn(path, _state(path), axis, index, window, threshold)
@@ -162,7 +141,7 @@ _LOCK: Final = threading.Lock()
 
 
 @lru_cache(maxsize=2)
-def _opened(path: Path, state: tuple[Any, ...]) -> tuple[Scan, Volume]:
+def _opened(path: Path, state: tuple[Stamp, ...]) -> tuple[Scan, Volume]:
     scan = read_scan(path)
     return scan, describe(scan)
 
@@ -170,21 +149,24 @@ def _opened(path: Path, state: tuple[Any, ...]) -> tuple[Scan, Volume]:
 @lru_cache(maxsize=400)
 def _drawn(
     path: Path,
-    state: tuple[Any, ...],
+    state: tuple[Stamp, ...],
     axis: Axis,
     index: int,
     window: tuple[float, float] | None,
     threshold: float | None,
 ) -> bytes:
     scan, known = _opened(path, state)
-    low, high = window or (known.low, known.high)
-    out = io.BytesIO()
-    pixels = picture(plane(scan.volume, axis, index), low, high, threshold)
+    number = "zyx".index(axis)
+    count = scan.volume.shape[number]
+    if not 0 <= index < count:
+        raise BadRequestError(f"slice {index} lies outside 0 to {count - 1} along {axis}")
+    image, out = np.take(scan.volume, index, axis=number), io.BytesIO()
+    pixels = picture(image, *(window or (known.low, known.high)), threshold)
     Image.fromarray(pixels).save(out, "PNG", compress_level=1)
     return out.getvalue()
 
 
-def _state(path: Path) -> tuple[Any, ...]:
+def _state(path: Path) -> tuple[Stamp, ...]:
     """Changes when the scan, or what is said of it, does."""
     places = [path, *(path.with_suffix(suffix) for suffix in (".json", ".yaml", ".yml"))]
-    return tuple((one.stat().st_mtime_ns, one.stat().st_size) for one in places if one.exists())
+    return tuple(stamp(one) for one in places if one.exists())

@@ -99,8 +99,6 @@ def _at_gzip(handle: BinaryIO) -> bool:
     return start >= 0
 
 
-# Unpack an uploaded zip of scan slices: confined to its folder, limited in size.
-#
 # A zip is believed in nothing: names are checked one by one, and the sum of the sizes.
 
 MOST_FILES: Final = 20_000
@@ -179,15 +177,9 @@ REGISTERED: Final = ".registered"
 
 @dataclass(frozen=True)
 class ScanRow:
-    """A scan of the workspace: ``file~NAME`` or ``run~NAME``.
+    """A scan of the workspace: ``file~NAME`` or ``run~NAME``; 0 ``megabytes`` for a folder.
 
-    Attributes
-    ----------
-    megabytes : float, MB
-        0 for a folder.
-    modified : float, s since 1970
-    registered : tuple of str
-        Runs with whose design its registration was begun.
+    ``registered`` are the runs with whose design its registration was begun.
     """
 
     scan: str
@@ -220,36 +212,33 @@ class ScanStore:
 
     def __init__(self, workspace: Workspace, upload_mb: float) -> None:
         self._workspace, self._most_bytes = workspace, int(upload_mb * 1e6)
-
-    @property
-    def folder(self) -> Path:
-        """Where uploaded scans lie."""
-        return self._workspace.root / "scans"
+        self.folder = workspace.root / "scans"
 
     def rows(self) -> list[ScanRow]:
         """All scans, the newest first."""
-        files = [
-            path
-            for path in self._workspace.found("scans/*")
-            if is_name(path.name) and path.suffix.lower() not in _SIDECARS
-        ]
-        rows = [self.row(f"file~{path.name}", path) for path in files]
-        for name in _RUN_SCANS:
-            rows += [
-                self.row(f"run~{path.parent.name}", path)
-                for path in self._workspace.found(f"runs/*/{name}")
-                if is_name(path.parent.name)
-            ]
-        return sorted(rows, key=lambda row: -row.modified)
+        files, runs = (
+            [path for path in self._workspace.found(pattern) if is_name(path.name)]
+            for pattern in ("scans/*", "runs/*")
+        )
+        scans = [f"file~{one.name}" for one in files if one.suffix.lower() not in _SIDECARS]
+        scans += [f"run~{one.name}" for one in runs if self._of_run(one.name)]
+        return sorted(map(self.row, scans), key=lambda row: -row.modified)
 
-    def row(self, scan: str, path: Path) -> ScanRow:
-        """Return a scan that lies at a path."""
-        state, begun = path.stat(), self._workspace.root.glob(f"runs/*/{REGISTERED}/{scan}")
-        runs = sorted(place.parent.parent.name for place in begun)
-        if scan.startswith("run~"):
-            runs = [scan.removeprefix("run~"), *runs]
-        size = state.st_size / 1e6 if path.is_file() else 0.0
-        return ScanRow(scan, size, state.st_mtime, tuple(name for name in runs if is_name(name)))
+    def _of_run(self, name: str) -> list[Path]:
+        self._workspace.run(name)  # refuses what leads out of the workspace
+        return [path for one in _RUN_SCANS for path in self._workspace.found(f"runs/{name}/{one}")]
+
+    def unusable(self) -> list[str]:
+        """Files that `rows` leaves out for their names."""
+        return self._workspace.unusable_names("scans/*")
+
+    def row(self, scan: str) -> ScanRow:
+        """Return what a list shows of a scan."""
+        path, begun = self.path(scan), self._workspace.root.glob(f"runs/*/{REGISTERED}/{scan}")
+        state, (sort, _, name) = path.stat(), scan.partition("~")
+        own = (name,) if sort == "run" else ()
+        runs = (*own, *filter(is_name, sorted(place.parents[1].name for place in begun)))
+        return ScanRow(scan, state.st_size / 1e6 if path.is_file() else 0.0, state.st_mtime, runs)
 
     def path(self, scan: str) -> Path:
         """Where a scan lies.
@@ -260,9 +249,9 @@ class ScanStore:
         """
         sort, _, name = scan.partition("~")
         if sort == "file":
-            places = [self._workspace.scan(name)]
+            places = [self._workspace.inside(self.folder / checked_name(name))]
         elif sort == "run":
-            places = [self._workspace.run(name) / one for one in _RUN_SCANS]
+            places = self._of_run(name)
         else:
             raise BadRequestError(f"scan {scan[:80]!r} is neither file~NAME nor run~NAME")
         place = next((one for one in places if one.exists()), None)
@@ -275,7 +264,10 @@ class ScanStore:
 
         Raises
         ------
-        BadRequestError, ConflictError
+        BadRequestError
+            When it is no scan, too large, or unpacks to something that is.
+        ConflictError
+            When there is a scan of that name.
         """
         name = scan_name(file_name)
         self._refuse(name)
@@ -288,9 +280,8 @@ class ScanStore:
             if is_stack(arrived):
                 name = checked_name(PurePath(name).stem)
                 self._refuse(name)
-                arrived = unpack_stack(
-                    arrived, Path(arriving) / "unpacked" / name, self._most_bytes
-                )
+                folder = Path(arriving) / "unpacked" / name
+                arrived = unpack_stack(arrived, folder, self._most_bytes)
             try:
                 recognise(arrived)
             except ScanFileError as exc:
@@ -324,12 +315,7 @@ class ScanStore:
         write_text(place, json.dumps(metadata.overrides(), indent=1) + "\n")
 
     def delete(self, scan: str) -> None:
-        """Throw an uploaded scan away; a run's own goes with the run.
-
-        Raises
-        ------
-        ConflictError, NotFoundError
-        """
+        """Throw an uploaded scan away; a run's own goes with the run."""
         if not scan.startswith("file~"):
             raise ConflictError("a run's own scan stays with the run")
         path, kept = self.path(scan), self._workspace.private / "bin"

@@ -52,7 +52,7 @@ def doubled(headers: Headers) -> str:
 
 @dataclass(frozen=True)
 class Access:
-    """Who may use a server.
+    """Who may use a server, whose page is at ``port``.
 
     Attributes
     ----------
@@ -60,8 +60,6 @@ class Access:
         This machine's, lower case.
     loopback : bool
         Whether only loopback addresses are taken.
-    port : int
-        Of the page.
     secret : str
         Signs sessions; whoever has it can let anybody in.
     token : str

@@ -367,6 +367,36 @@ def test_nothing_beyond_the_scans_is_given(known: tuple[TestClient, str], path: 
     assert "secret\n" not in answer.text
 
 
+def test_a_link_that_leads_out_isnt_followed(client: TestClient, workspace: Workspace) -> None:
+    scan, run = _added(client), workspace.run("one")
+    outside = workspace.root.parent / "outside" / scan
+    outside.mkdir(parents=True)
+    (outside / "run.log").write_text("secret")
+    (outside / "report.html").write_text("secret")
+    (run / "scan.oct").symlink_to(outside / "run.log")
+    registered = run / ".registered"
+
+    def refused(*files: str) -> bool:
+        way = f"/api/v1/scans/{scan}/with/one"
+        answers = [client.get(f"{way}/{file}") for file in files]
+        return all(one.status_code in (404, 422) and "secret" not in one.text for one in answers)
+
+    registered.symlink_to(outside.parent)
+    assert refused("files", "files/run.log", "report")
+    registered.unlink()
+    registered.mkdir()
+    (registered / scan).symlink_to(outside)
+    assert refused("files", "files/run.log", "report")
+    (registered / scan).unlink()
+    (registered / scan).mkdir()
+    for name in ("run.log", "report.html"):
+        (registered / scan / name).symlink_to(outside / name)
+    assert refused("files/run.log", "report")
+    assert client.get(f"/api/v1/scans/{scan}/with/one/files").json() == []
+    assert [row["scan"] for row in client.get("/api/v1/scans").json()] == [scan]
+    assert client.get("/api/v1/scans/run~one").status_code == 404
+
+
 def test_what_is_no_scan_is_refused_as_it_comes(client: TestClient) -> None:
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w") as archive:
