@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from functools import partial
+from itertools import chain
+from typing import Any
 
 from fastapi import FastAPI
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
@@ -72,6 +75,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         lifespan=running,
         responses=GUARD_REFUSALS,
     )
+    app.openapi = partial(_described, app.openapi)  # type: ignore[method-assign]
     answer_errors(app)
     app.include_router(router(core, prints))
     app.include_router(login_router())
@@ -91,6 +95,15 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     if pages:
         serve_page(app, {"job": job_hints(job)})
     return app
+
+
+def _described(make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Describe the API without what only Python code can meet: the exceptions of its functions."""
+    made = make()
+    for operation in chain.from_iterable(one.values() for one in made["paths"].values()):
+        if "description" in operation:
+            operation["description"] = operation["description"].partition("\n\nRaises\n")[0]
+    return made
 
 
 def guarded(app: FastAPI, core: Core, access: Access, stop_port: int) -> ASGIApp:

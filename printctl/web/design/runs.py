@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import mimetypes
 import os
 import shutil
 import signal
@@ -242,7 +243,8 @@ def artefact(name: str, folder: Path, file: str) -> FileResponse:
     """
     if file not in artefacts(folder):
         raise NotFoundError(f"run {name!r} has no file {file[:80]!r} that can be fetched")
-    return FileResponse(folder / file, filename=f"{name}_{file}")
+    media = mimetypes.guess_type(file)[0] or "application/octet-stream"
+    return FileResponse(folder / file, media_type=media, filename=f"{name}_{file}")
 
 
 @dataclass(frozen=True)
