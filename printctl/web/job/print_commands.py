@@ -25,6 +25,7 @@ from printctl.observe.starting import ensure_observer
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
 from printctl.web.job.jobs import JobId
+from printctl.web.job.machine import StationPrinting, refuse_foreign_files
 from printctl.web.rest import Asking, Body
 from printctl.web.workspace import checked_name
 
@@ -92,8 +93,8 @@ class Rest:
 class PrintCommands:
     """Pause, resume, change of syringe, confirm alive, cancel; go on, recover, give up."""
 
-    def __init__(self, core: Core) -> None:
-        self._core = core
+    def __init__(self, core: Core, printing: StationPrinting) -> None:
+        self._core, self._printing = core, printing
 
     def pause(self, who: Asking, job: JobId, given: PauseRequest) -> Status:
         """Hold the print now, or once this layer or vessel has ended."""
@@ -110,6 +111,8 @@ class PrintCommands:
         ------
         ConflictError
             When what was told contradicts itself.
+        BadRequestError
+            For a profile outside the workspace.
         ObserverError
             When its looks need an observer, and none can be started; nothing has moved.
         Refused
@@ -119,6 +122,9 @@ class PrintCommands:
         changed = plunger_mm is not None or syringe is not None
         if unchanged and changed:
             raise ConflictError("the syringe is either unchanged or a new one; say one of both")
+        if syringe is not None:
+            root = self._core.workspace.root
+            refuse_foreign_files({"syringe": [syringe]}, root, self._printing.machine())
         folder = self._core.workspace.print_folder(job)
         with attach(folder) as client:
             status = client.status

@@ -24,7 +24,12 @@ from printctl.web.job.aftercare import Aftercare, Viability, viability
 from printctl.web.job.camera.routes import CameraService
 from printctl.web.job.jobs import JobEntry, JobId, add_job, all_jobs, entry_of
 from printctl.web.job.looks import LookService
-from printctl.web.job.machine import Machine, StationPrinting, set_up_of
+from printctl.web.job.machine import (
+    Machine,
+    StationPrinting,
+    refuse_foreign_files,
+    set_up_of,
+)
 from printctl.web.job.preflight import Preflight, PreflightReport, Preflights, key_of, report
 from printctl.web.job.print_commands import PrintCommands
 from printctl.web.job.prints import PrintReport, Prints
@@ -38,18 +43,8 @@ from printctl.web.job.readiness import (
     record_refusals,
 )
 from printctl.web.job.record import PrintRecord, Records
-from printctl.web.job.set_up import (
-    JobSetUp,
-    Place,
-    SetUps,
-    read_first_lines,
-    refuse_foreign_files,
-)
-from printctl.web.job.starting import (
-    observer_order,
-    observer_ready,
-    order_of,
-)
+from printctl.web.job.set_up import JobSetUp, Place, SetUps, read_first_lines
+from printctl.web.job.starting import observer_order, observer_ready, order_of
 from printctl.web.live import JobSource, SceneError
 from printctl.web.live.routes import SceneMaker
 from printctl.web.profile_store import ProfileStore
@@ -102,7 +97,7 @@ class JobService:
         self.prints = Prints(
             core.workspace, self._preflights, self.set_ups, self.records, self._tell
         )
-        self.hands = PrintCommands(core)
+        self.hands = PrintCommands(core, self.printing)
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
         self.scenes = SceneMaker()
         self.watching = CameraService(core)
@@ -311,9 +306,8 @@ class JobService:
         return machine
 
     def _refuse_foreign(self, set_up: JobSetUp) -> None:
-        machine = self.printing.machine()
-        known = {machine.profile, *machine.mounted.values()} if machine else set()
-        refuse_foreign_files(set_up, self.core.workspace.root, frozenset(known))
+        root = self.core.workspace.root
+        refuse_foreign_files(set_up.profiles, root, self.printing.machine())
 
     def _checked(self, job: str, set_up: JobSetUp) -> Preflight:
         """Check a job, unless it was checked so before."""

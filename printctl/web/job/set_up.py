@@ -31,7 +31,6 @@ from printctl.machine.station.orders import homing_line
 from printctl.recipe.making import CarePart
 from printctl.recipe.model import Recipe
 from printctl.run_folder.manifest import Manifest
-from printctl.web.errors import BadRequestError
 from printctl.web.workspace import Workspace
 
 Millimetre = Annotated[float, Field(ge=-5000, le=5000, allow_inf_nan=False)]
@@ -119,25 +118,6 @@ class JobSetUp(BaseModel):
         inks = {one.ink.name: one.ink for one in map(mounted.load_of, range(printer.head_count))}
         budgets = [budget_of(i, care.viability_min, care.viability_source) for i in inks.values()]
         return min((one for one in budgets if one), key=lambda one: one.minutes, default=None)
-
-
-def refuse_foreign_files(given: JobSetUp, root: Path, known: frozenset[str]) -> None:
-    """Let profiles be shipped names, files of the workspace, or what the station itself uses.
-
-    Raises
-    ------
-    BadRequestError
-        For any other path: the page isn't for reading the machine's files.
-    """
-    for key, names in given.profiles.items():
-        for name in names:
-            plain = not any(mark in name for mark in "/\\")
-            if plain or name in known or Path(name).resolve().is_relative_to(root.resolve()):
-                continue
-            raise BadRequestError(
-                f"{key} {name[:80]!r} is a file outside the workspace {root}; give a shipped "
-                "profile's name, or put the file into the workspace"
-            )
 
 
 def recipe_of(folder: Path) -> Recipe | None:

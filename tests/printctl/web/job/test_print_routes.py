@@ -118,6 +118,10 @@ def test_ink_left_is_what_the_printer_knew_and_what_is_put_in_then(
     refused = call("POST", resume, expected=409, json={"syringe": "hamilton_2_5ml"})
     assert "(hamilton_2_5ml) has a bore of 7.28 mm" in refused["message"]
     assert "(hamilton_1ml) of 4.61 mm" in refused["message"]
+    outside = {"syringe": f"{tmp_path.parent}/half.yaml", "plunger_mm": 0}
+    refused = call("POST", resume, expected=422, json=outside)
+    assert "is a file outside the workspace" in refused["message"]
+    assert call("GET", f"/prints/{job}")["waits_for"] == "syringe"
     half = tmp_path / "half.yaml"  # another volume in the same bore
     text = (DATA / "syringes" / "hamilton_1ml.yaml").read_text()
     half.write_text(text.replace("volume_ul: 1000", "volume_ul: 500", 1))
