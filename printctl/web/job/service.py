@@ -21,7 +21,7 @@ from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare, Viability, viability
-from printctl.web.job.camera.routes import CameraService
+from printctl.web.job.camera.service import CameraService
 from printctl.web.job.jobs import JobEntry, JobId, add_job, all_jobs, entry_of
 from printctl.web.job.looks import LookService
 from printctl.web.job.machine import (
@@ -100,7 +100,7 @@ class JobService:
         self.hands = PrintCommands(core, self.printing)
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
         self.scenes = SceneMaker()
-        self.watching = CameraService(core)
+        self.watching = CameraService(core, self.prints)
         self.looks = LookService(core, self.prints)
         self._starting = threading.Lock()
         self.prints.begin()
@@ -321,7 +321,7 @@ class JobService:
             yield Refusal("controls", f"{name} holds them; take them over", "controls")
 
     def _tell(self, heard: PrintReport) -> None:
-        self.watching.hear(heard)
+        self.watching.lapse.hear(heard)
         self.core.events.publish("print", **heard.to_dict())
 
 

@@ -191,7 +191,7 @@ def test_the_film_of_a_print_plays_and_is_fetched(
         name = add(service)
         until(lambda: service.watching.seen().state == "there")
         service.start(OPERATOR, name, ready(service, name), "generic_marlin on simulated")
-        until(lambda: service.watching.timelapse(name, service.prints.heard(name)).film, 60.0)
+        until(lambda: service.watching.timelapse(name).film, 60.0)
     finally:
         service.close()
     with server_process(core.workspace.root) as server:  # the film stays, without a camera

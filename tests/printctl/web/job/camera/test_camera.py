@@ -121,15 +121,15 @@ def test_a_print_leaves_a_picture_a_layer_and_a_film(core, service, station):
     kept = sorted(path.name for path in folder.glob("*.jpg"))
     assert kept[0] == "000001.jpg"
     assert 4 <= len(kept) <= 7  # six layers and the end; the first may end before it is followed
-    told = service.watching.timelapse(job, heard)
+    told = service.watching.timelapse(job)
     assert (told.frames, told.film, told.message) == (len(kept), True, "")
-    assert service.watching.film(job, heard) == film
+    assert service.watching.film(job).path == film
     with Image.open(film) as seen:
         assert seen.format == "WEBP"
         assert seen.size == (320, 240)
     again = JobService(replace(core, settings=replace(core.settings, camera=None)))
     try:
-        assert again.watching.timelapse(job, again.prints.heard(job)).film
+        assert again.watching.timelapse(job).film
     finally:
         again.close()
 
