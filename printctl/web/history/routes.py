@@ -66,19 +66,7 @@ def history_query(
 
 @dataclass(frozen=True)
 class Repetition:
-    """What it would mean to print the same again.
-
-    Attributes
-    ----------
-    sha256 : str
-        Of the G-code.
-    differences : tuple of Difference
-        What isn't as it was when it was printed.
-    unknown : tuple of str
-        What can't be compared.
-    set_up : dict
-        Names of profiles.
-    """
+    """What it would mean to print the same again, as in `RepeatPlan`."""
 
     sha256: str
     differences: tuple[Difference, ...]

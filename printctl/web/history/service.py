@@ -60,17 +60,14 @@ class PastPrintDetails:
     ----------
     verdict, reasons : str, tuple of str
         Of the scan.
-    gcode_there, journal_there : bool
-        Whether the bytes that were printed, and the journal, are still there.
-    report, photos : tuple of str
-        Files of the report; photos that the operator took.
+    gcode_there : bool
+        Whether the bytes that were printed are still there.
     note : dict
         What the operator noted.
     missing : tuple of str
         What isn't there any more, or is of another print.
     events : tuple of Event
         The first of them; ``more_events`` follow.
-    states : tuple of Stretch
     held_s : float, s
         How long the print was held.
     progress : Progress or None
@@ -112,12 +109,7 @@ class Verification:
 
 
 class HistoryService:
-    """Past prints of this user, of this workspace or of all.
-
-    Parameters
-    ----------
-    core : Core
-    """
+    """Past prints of this user, of this workspace or of all."""
 
     def __init__(self, core: Core) -> None:
         self.workspace = core.workspace
@@ -139,12 +131,7 @@ class HistoryService:
         return PrintsPage(tuple(map(self._listed, found.entries)), found.total, query.offset)
 
     def entry(self, print_id: str) -> PrintEntry:
-        """Return one print's entry, by its whole id.
-
-        Raises
-        ------
-        NotFoundError
-        """
+        """Return one print's entry, by its whole id; NotFoundError for none."""
         try:
             entry = PrintHistory().one(print_id)
         except NoSuchPrint as exc:
@@ -154,12 +141,7 @@ class HistoryService:
         return tell_running(entry)
 
     def one(self, print_id: str) -> PastPrintDetails:
-        """Return one print with all that there is of it.
-
-        Raises
-        ------
-        NotFoundError
-        """
+        """Return one print with all that there is of it; NotFoundError for none."""
         entry = self.entry(print_id)
         try:
             line = time_line(entry.journal)
@@ -187,11 +169,7 @@ class HistoryService:
     def bundle(self, print_id: str) -> Path:
         """Write a print's bundle to a file of its own, which the caller deletes.
 
-        Raises
-        ------
-        NotFoundError
-        RecordsError
-            When the print is still going on, or its journal is gone.
+        RecordsError when the print is still going on, or its journal is gone.
         """
         entry = self.entry(print_id)
         key = None if signing_missing() else lab_key()
@@ -218,13 +196,7 @@ def _progress(entry: PrintEntry) -> Progress | None:
 
 
 def verified(stream: BinaryIO, key_pem: bytes = b"") -> Verification:
-    """Verify a bundle; without a key this lab's own is the one that is trusted.
-
-    Raises
-    ------
-    BadRequestError
-        When the key is none.
-    """
+    """Verify a bundle; without a key this lab's own is the one that is trusted."""
     check = verify_stream(stream, _trusted(key_pem))
     past = check.manifest.print if check.manifest and check.whole else None
     return Verification(

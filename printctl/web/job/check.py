@@ -39,15 +39,8 @@ _BUDGET: Final = "print time"
 def check_job(gcode: Path, set_up: JobSetUp, table_file: Path) -> dict[str, Any]:
     """Check a job as `printctl print` does, and make its table.
 
-    Returns
-    -------
-    dict
-        ``sha256``, ``checks``, ``accepted``, ``reload_at``, ``reload_heads``, ``duration_s``,
-        ``layers``, ``vessels``, ``passes``, ``ink`` and what cells have.
-
-    Raises
-    ------
-    PrintctlError, ProfileError, OSError
+    Return ``sha256``, ``checks``, ``accepted``, ``reload_at``, ``reload_heads``, ``duration_s``,
+    ``layers``, ``vessels``, ``passes``, ``ink`` and what cells have.
     """
     data = gcode.read_bytes()
     mounted = set_up.mounted()

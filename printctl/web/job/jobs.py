@@ -29,15 +29,8 @@ _HEAD_BYTES: Final = 512
 class JobEntry:
     """One job; figures of its dry run are None before the first.
 
-    Attributes
-    ----------
-    id : str
-        ``run~NAME`` or ``file~NAME``.
-    size : int, bytes
-    changed : float
-        Wall-clock time, s since 1970.
-    layers : int or None
-        Passes of an embedded print.
+    ``id`` is ``run~NAME`` or ``file~NAME``, ``size`` in bytes, ``changed`` s since 1970;
+    ``layers`` are an embedded print's passes.
     """
 
     id: str
@@ -124,12 +117,7 @@ def save_name(came: Path, target: Path) -> None:
 
 
 def refuse_binary(path: Path) -> None:
-    """Refuse a file with a zero byte, or whose first bytes aren't printable UTF-8.
-
-    Raises
-    ------
-    BadRequestError
-    """
+    """Refuse a file with a zero byte, or whose first bytes aren't printable UTF-8."""
     refused = BadRequestError(f"{path.name} isn't text, so it is no G-code file")
     with path.open("rb") as handle:
         try:  # the head's end may cut a character

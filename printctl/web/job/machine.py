@@ -36,10 +36,6 @@ class Machine:
     ----------
     ready : bool
         Whether it would take a print now.
-    state : str
-        Of the station: ready, busy, printing, halted, ...
-    message : str
-        What it is doing, or what to do.
     tip_mm : (x, y, z) or None, mm
         None where nobody knows.
     mounted : dict of str to str
@@ -104,12 +100,7 @@ class StationPrinting:
         )
 
     def start(self, order: Order) -> PrintClient:
-        """Print on the station's port.
-
-        Raises
-        ------
-        ConflictError, LinkError, PrintctlError
-        """
+        """Print on the station's port."""
         return self._station().print(order)
 
     def to_start(self, start_mm: Place) -> None:

@@ -70,11 +70,7 @@ class RecoverRequest(Body):
 class RestPlan:
     """How to go on after the position was lost; ``steps`` are what a person does first, in order.
 
-    Attributes
-    ----------
-    lines_left_out : int
-        Commands of the job that aren't printed again.
-    start_mm : (x, y, z) or None, mm
+    ``lines_left_out`` are commands of the job that aren't printed again.
     """
 
     lines_left_out: int
@@ -107,15 +103,9 @@ class PrintCommands:
     def resume(self, who: Asking, job: JobId, given: ResumeRequest) -> Status:
         """Go on; after a change of syringe with what was put in.
 
-        Raises
-        ------
-        ConflictError
-            When what was told contradicts itself.
-        BadRequestError
-            For a profile outside the workspace.
-        ObserverError
-            When its looks need an observer, and none can be started; nothing has moved.
-        Refused
+        BadRequestError for a profile outside the workspace, ConflictError when what was told
+        contradicts itself, ObserverError when its looks need an observer and none can be started:
+        nothing has moved then.
         """
         self._core.controls.require(who)
         syringe, plunger_mm, unchanged = given.syringe or None, given.plunger_mm, given.unchanged
@@ -142,10 +132,6 @@ class PrintCommands:
         """Go on with a print that was broken off: the printer is asked for its last line first.
 
         A print that was broken off while it was paused is paused again. Asking twice does no harm.
-
-        Raises
-        ------
-        NotInControlError, ObserverError, LinkError
         """
         self._core.controls.require(who)
         folder = self._core.workspace.print_folder(job)

@@ -273,25 +273,14 @@ class Prints:
         return heard
 
     def last(self, job: str) -> PrintReport:
-        """`heard`, of a job that was printed.
-
-        Raises
-        ------
-        NotFoundError
-        """
+        """`heard`, of a job that was printed; NotFoundError for another."""
         heard = self.heard(job)
         if heard is None:
             raise NotFoundError(f"no print of {job} was ever started")
         return heard
 
     def heard_soon(self, job: str) -> PrintReport:
-        """The first word of a print that is followed.
-
-        Raises
-        ------
-        LinkError
-            When it doesn't come.
-        """
+        """The first word of a print that is followed; LinkError when it doesn't come."""
         limit = time.monotonic() + _FIRST_WORD_S
         while time.monotonic() < limit:
             follower = self._followers[job]
@@ -308,16 +297,13 @@ class Prints:
 
         Else the newest print of the workspace, if it was broken off and nobody has said what next.
         """
-        known = self._known()
+        with self._lock:
+            known = [one.heard for one in self._followers.values() if one.heard is not None]
         if going_on := [one for one in known if not one.status.ended]:
             return _newest(going_on)
         newest = _newest([*known, *([self._reviewed] if self._reviewed else [])])
         report = None if newest is None else self.heard(newest.job)
         return report if report is not None and _open(report) else None
-
-    def _known(self) -> list[PrintReport]:
-        with self._lock:
-            return [one.heard for one in self._followers.values() if one.heard is not None]
 
     # --- look for prints of other processes ----------------------------------------------------
 

@@ -39,16 +39,9 @@ _LONG_ENOUGH: Final = "the syringe is then changed before line"
 
 @dataclass(frozen=True)
 class Refusal:
-    """One reason for which a start is refused.
+    """One reason for which a start is refused: ``what`` was looked at, and its ``remedy``.
 
-    Attributes
-    ----------
-    what, remedy : str
-        What was looked at, and what to do.
-    value, limit : float or None
-        What was found and what is allowed, in `unit`; None for a question to a person.
-    place : str
-        Line of the G-code, or key of a profile; empty for none.
+    ``value`` and ``limit`` are as in `CheckRow`; None for a question to a person.
     """
 
     what: str
@@ -76,18 +69,10 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Readiness:
-    """Whether a job's print may begin.
+    """Whether a job's print may begin: it was checked, and nothing refuses it.
 
-    Attributes
-    ----------
-    ready : bool
-        Whether it was checked and nothing refuses it.
-    checked : bool
-        Whether the job itself has been checked with this set-up; its refusals are unknown before.
-    key : str
-        Of the job's content and the set-up; empty for a set-up that can't be used.
-    preflight : PreflightReport or None
-        The job's own checks; None before.
+    ``checked`` is whether the job itself has been checked with this set-up; its refusals are
+    unknown before. ``key`` is empty for a set-up that can't be used.
     """
 
     job: str

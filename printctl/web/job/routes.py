@@ -33,18 +33,9 @@ from printctl.web.rest import API, REFUSALS, Asking, Body
 
 @dataclass(frozen=True)
 class Form:
-    """The set-up filled in, and what it is chosen from.
+    """The set-up filled in, the points to tick, and profiles to choose: their value and name.
 
-    Attributes
-    ----------
-    machine : Machine or None
-        The printer that is connected.
-    checklist : list
-        Points to tick before the start.
-    choices : dict
-        Profiles that can be named: of each part their value and their name.
-    declared : bool
-        Whether the job itself says where it starts.
+    ``declared`` is whether the job itself says where it starts.
     """
 
     set_up: JobSetUp

@@ -59,32 +59,8 @@ _LARGEST_BYTES: Final = 100_000_000
 class JobService:
     """The job's room; any thread may call, and calls may block.
 
-    It finds the prints of the workspace that go on, whoever started them, and follows them.
-
-    Parameters
-    ----------
-    core : Core
-    printing : StationPrinting, optional
-        The workspace's station by default.
-
-    Attributes
-    ----------
-    store : ProfileStore
-        Profiles that a set-up can name.
-    set_ups : SetUps
-    records : Records
-    prints : Prints
-        How they stand.
-    hands : PrintCommands
-        Pause, resume, change of syringe, cancel.
-    scenes : SceneMaker
-        Of the live view.
-    after : Aftercare
-        Steps, notes, photos, warming, flushing.
-    watching : CameraService
-        The camera, the time-lapses.
-    looks : LookService
-        Looks at an observed print, and the operator's answer.
+    It finds the prints of the workspace that go on, whoever started them, and follows them. The
+    printer is the workspace's station by default.
     """
 
     def __init__(self, core: Core, printing: StationPrinting | None = None) -> None:
@@ -119,13 +95,7 @@ class JobService:
         return entry_of(workspace, add_job(workspace, name, stream, limit))
 
     def scene(self, job: str) -> JobSource:
-        """What the live view draws.
-
-        Raises
-        ------
-        KeyError
-            When there is no such job.
-        """
+        """What the live view draws; KeyError when there is no such job."""
         try:
             file, mounted = self.core.workspace.job_file(job), self.set_ups.of(job)
         except WebError as exc:
@@ -134,13 +104,7 @@ class JobService:
         return JobSource(file, cache, mounted.printer, mounted.syringe.partition(",")[0])
 
     def mends(self, job: JobId) -> list[MendStrokes]:
-        """What an observer had written again in the job's last print.
-
-        Raises
-        ------
-        LinkError
-            When the file or the journal can't be read.
-        """
+        """What an observer had written again in the job's last print."""
         file, folder = self.core.workspace.job_file(job), self.core.workspace.print_folder(job)
         printer = load(Printer, load_record(folder).profile)
         return mend_strokes(grown_in(folder, load_job(file, printer)))
@@ -157,12 +121,7 @@ class JobService:
         return read_first_lines(self.core.workspace.job_file(job), printer)[0]
 
     def to_start(self, who: Principal, job: str, start_mm: Place) -> Machine:
-        """Bring the tip to where the job starts: up, over, down, within the soft limits.
-
-        Raises
-        ------
-        NotInControlError, ConflictError, SafetyError, LinkError
-        """
+        """Bring the tip to where the job starts: up, over, down, within the soft limits."""
         self.core.controls.require(who)
         self.core.workspace.job_file(job)
         self._connected()
@@ -192,7 +151,7 @@ class JobService:
         wasn't yet, which takes as long as a dry run; not while the printer moves.
         """
         file, machine = self.core.workspace.job_file(job), self.printing.machine()
-        set_up = set_up or set_up_of(machine, self.set_ups.of(job), self.declared(job))
+        set_up = set_up or self.set_up(job)
         refusals = [
             *self._others_controls(who),
             *machine_refusals(machine, set_up),
@@ -238,11 +197,8 @@ class JobService:
     def start(self, who: Principal, job: str, set_up: JobSetUp, confirmed: str) -> PrintReport:
         """Start a print, or find the one that goes on.
 
-        ``confirmed`` is the machine, as `Machine.words` calls it.
-
-        Raises
-        ------
-        NotInControlError, SafetyError, ConflictError, BadRequestError, ObserverError, LinkError
+        ``confirmed`` is the machine, as `Machine.words` calls it. SafetyError says all that refuses
+        the start; ObserverError, LinkError: nothing has moved.
         """
         self.core.controls.require(who)
         with self._starting:  # a second click waits, and then finds the first one's print

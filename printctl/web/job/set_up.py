@@ -87,12 +87,7 @@ class JobSetUp(BaseModel):
         return {one: [*filter(None, getattr(self, one).split(","))] for one in PROFILES}
 
     def mounted(self) -> SetUp:
-        """The profiles that it names.
-
-        Raises
-        ------
-        ProfileError, UsageError
-        """
+        """Load the profiles that it names."""
         centre = None if self.dish_centre_mm is None else "{!r},{!r}".format(*self.dish_centre_mm)
         given = ProfileNames(
             self.needle or None,
@@ -161,17 +156,10 @@ def _first_lines(path: Path, printer: str, size: int, changed_ns: int) -> tuple[
 
 
 def read_first_lines(path: Path, printer: str) -> tuple[Place | None, int]:
-    """Read where a job says that the tip stands, and the line in which it homes the machine.
+    """Read where a job says that the tip stands, mm, and the line in which it homes the machine.
 
-    The file is read once for each printer profile; again when its size or time of change is
-    another.
-
-    Returns
-    -------
-    declared : (x, y, z) or None, mm
-        Declared to the firmware; None where the job doesn't, or can't be read.
-    line : int
-        0 for none.
+    None where the job doesn't declare its start, or can't be read; line 0 for none. The file is
+    read once for each printer profile, and again when its size or time of change is another.
     """
     stat = path.stat()
     return _first_lines(path, printer, stat.st_size, stat.st_mtime_ns)
@@ -190,10 +178,7 @@ class SetUps:
     def of(self, job: str) -> JobSetUp:
         """As it was given for this job last, else by its recipe; the file isn't read for its start.
 
-        Raises
-        ------
-        WebError
-            When there is no such job.
+        WebError when there is no such job.
         """
         if (kept := _read(self._kept(job))) is not None:
             return kept

@@ -26,12 +26,8 @@ _LIFT_MM: Final = 20.0
 def observer_order(job: Path, set_up: JobSetUp, mounted: SetUp) -> ObserverOrder | None:
     """Return how a job's print is observed, with what is mounted; None where nobody asks for it.
 
-    The recipe of the run that the G-code file is of may ask for an observer.
-
-    Raises
-    ------
-    ConflictError
-        When the recipe asks for one, and the run's folder doesn't say how.
+    The recipe of the run that the G-code file is of may ask for an observer; ConflictError when the
+    run's folder doesn't say how.
     """
     folder = job.parent
     recipe = recipe_of(folder)
@@ -61,10 +57,7 @@ def observer_order(job: Path, set_up: JobSetUp, mounted: SetUp) -> ObserverOrder
 def observer_ready(order: Order, observer: ObserverOrder | None) -> Iterator[None]:
     """Have an observer ready before a print begins, and end it where the print doesn't.
 
-    Raises
-    ------
-    ObserverError
-        When it can't be started; nothing has moved.
+    ObserverError when it can't be started; nothing has moved.
     """
     if observer is None:
         yield

@@ -30,13 +30,8 @@ class FoundPort(PortInfo):
 class PrinterChoice:
     """A printer profile that can be connected.
 
-    Attributes
-    ----------
-    name, summary : str
-    starting_values : tuple of str
-        Keys whose values weren't measured at the machine.
-    bauds : tuple of int, Bd
-        The profile's own first, then those that ``auto`` tries.
+    ``starting_values`` are keys whose values weren't measured at the machine. ``bauds`` (Bd) begin
+    with the profile's own, then those that ``auto`` tries.
     """
 
     name: str

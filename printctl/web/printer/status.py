@@ -39,12 +39,8 @@ class PrinterStatus(StationStatus):
     ----------
     needs_touch_off : bool
         Whether a needle is above a dish whose floor it hasn't touched.
-    printer : str
-        The profile's name, without a path.
-    parts : dict of str to str
-        Names of the mounted needle, syringe, ink, dish and bath; empty for none.
-    state_words, position_words : str
-        State and trust of the position, for people.
+    printer, parts : str, dict of str to str
+        Names of the profile and of the mounted parts without a path; empty for none.
     rim_mm : float or None, mm
         Height of the tip at the dish's rim; None where that isn't known.
     fastest_ul_s : float or None, µL/s
@@ -100,10 +96,7 @@ def _limits(profile: str, mounted: MountedParts) -> tuple[float | None, float | 
 def way_out_mm(status: StationStatus) -> float:
     """Return how far up the tip is out of the bath and above the dish's rim, mm.
 
-    Raises
-    ------
-    ConflictError
-        When it is there already, or the axis ends below.
+    ConflictError when it is there already, or the axis ends below.
     """
     if status.position_mm is None:
         raise ConflictError("the printer hasn't told where it stands; home it, or jog Z up")
