@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from pydantic import computed_field
 from pydantic.dataclasses import dataclass
@@ -22,10 +22,7 @@ from printctl.machine.station import Station, StationState, StationStatus, attac
 from printctl.machine.station.status import NO_PRINTER
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.set_up import JobSetUp, Place
-from printctl.web.profile_store import ProfileStore
-
-PARTS: Final = ("needle", "syringe", "ink", "bath", "dish")
-"""What can be mounted on a printer."""
+from printctl.web.profile_store import PARTS, ProfileStore
 
 
 @dataclass(frozen=True)

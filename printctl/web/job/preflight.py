@@ -115,11 +115,10 @@ class Preflights:
         """
         if (known := self.known(gcode, set_up)) is not None:
             return known
-        key = key_of(gcode, set_up)
         with self._one:  # two dry runs at a time would be in each other's way, and in the print's
-            self._refuse_unusable(key)
-            if (known := self._read(key)) is not None:
+            if (known := self.known(gcode, set_up)) is not None:
                 return known
+            key = key_of(gcode, set_up)
             self._folder.mkdir(parents=True, exist_ok=True)
             facts = _ask(gcode, set_up, self._folder / f"{key}.npz")
             if "error" in facts:
@@ -133,19 +132,13 @@ class Preflights:
     def known(self, gcode: Path, set_up: JobSetUp) -> Preflight | None:
         """What was found before, or was raised then; None where nobody has looked."""
         key = key_of(gcode, set_up)
-        self._refuse_unusable(key)
-        return self._read(key)
-
-    def _read(self, key: str) -> Preflight | None:
+        at, message = self._unusable.get(key, (0.0, ""))
+        if message and time.monotonic() - at < _REFUSED_AGAIN_S:
+            raise BadRequestError(message)
         answer = self._folder / f"{key}.json"
         if not (answer.is_file() and answer.with_suffix(".npz").is_file()):
             return None
         return _preflight(key, json.loads(answer.read_text(encoding="utf-8")), self._folder)
-
-    def _refuse_unusable(self, key: str) -> None:
-        at, message = self._unusable.get(key, (0.0, ""))
-        if message and time.monotonic() - at < _REFUSED_AGAIN_S:
-            raise BadRequestError(message)
 
 
 def key_of(gcode: Path, set_up: JobSetUp) -> str:

@@ -11,10 +11,11 @@ from printctl.checks.set_up import Check
 from printctl.machine.station.orders import ASIDE_MM
 from printctl.machine.station.status import StationState
 from printctl.web.job.aftercare import checklist
-from printctl.web.job.machine import PARTS, Machine
+from printctl.web.job.machine import Machine
 from printctl.web.job.preflight import CheckRow, Preflight, PreflightReport, load_table, row
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
+from printctl.web.profile_store import PARTS
 
 Action = Literal[
     "",  # nothing

@@ -9,17 +9,7 @@ from typing import Annotated, Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
-from firmware_profiles import (
-    Bath,
-    Dish,
-    Facts,
-    Ink,
-    Needle,
-    Printer,
-    ProfileError,
-    Syringe,
-    load,
-)
+from firmware_profiles import Facts, Printer, ProfileError, load
 from firmware_profiles.tools import THINNEST_BORE
 from printctl.checks.set_up import Budget, ProfileNames, SetUp, budget_of, set_up
 from printctl.errors import PrintctlError
@@ -31,19 +21,13 @@ from printctl.machine.station.orders import homing_line
 from printctl.recipe.making import CarePart
 from printctl.recipe.model import Recipe
 from printctl.run_folder.manifest import Manifest
+from printctl.web.profile_store import PARTS
 from printctl.web.workspace import Workspace
 
 Millimetre = Annotated[float, Field(ge=-5000, le=5000, allow_inf_nan=False)]
 Place = tuple[Millimetre, Millimetre, Millimetre]
 Profile = Annotated[str, Field(max_length=300)]
-PROFILES: Final[dict[str, type[Facts]]] = {
-    "printer": Printer,
-    "needle": Needle,
-    "syringe": Syringe,
-    "ink": Ink,
-    "bath": Bath,
-    "dish": Dish,
-}
+PROFILES: Final[dict[str, type[Facts]]] = {"printer": Printer, **PARTS}
 """Fields of a set-up that name profiles, and of what."""
 
 

@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Final
 
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, ProfileError, Syringe
-from printctl.machine.link.port_detection import matches
+from printctl.machine.link.port_detection import matches, rates_to_try
 from printctl.machine.link.ports import PortInfo, list_ports
-from printctl.web.profile_store import ProfileStore
-
-PARTS: Final[dict[str, type[Facts]]] = {
-    "needle": Needle,
-    "syringe": Syringe,
-    "ink": Ink,
-    "dish": Dish,
-    "bath": Bath,
-}
+from printctl.web.profile_store import PARTS, ProfileStore
 
 
 @dataclass(frozen=True)
@@ -65,8 +56,8 @@ def printer_choices(store: ProfileStore) -> list[PrinterChoice]:
     listed = []
     for name in store.printers():
         printer = store.load(Printer, name)
-        bauds = tuple(dict.fromkeys((printer.baud, *printer.bauds)))
-        listed.append(PrinterChoice(name, summary(printer), printer.starting_values, bauds))
+        known = printer.starting_values, rates_to_try(printer)
+        listed.append(PrinterChoice(name, summary(printer), *known))
     return listed
 
 

@@ -9,7 +9,6 @@ from pydantic import Field
 
 from printctl.web.printer.calibration import MM, WIZARDS, Calibrating, Wizard
 from printctl.web.printer.choices import (
-    PARTS,
     FoundPort,
     PartChoice,
     PrinterChoice,
@@ -21,6 +20,7 @@ from printctl.web.printer.console import Console, Macros
 from printctl.web.printer.part_change import Changing, Guide, Name, NameOrNone, Push
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.status import PrinterStatus, way_out_mm
+from printctl.web.profile_store import PARTS
 from printctl.web.rest import API, REFUSALS, Asking, Body
 
 

@@ -12,8 +12,7 @@ from printctl.machine.station import StationState, StationStatus
 from printctl.machine.station.idle_commands import UNNAMED_UL_S
 from printctl.machine.station.status import MountedParts
 from printctl.web.errors import ConflictError
-from printctl.web.printer.choices import PARTS
-from printctl.web.profile_store import ProfileStore
+from printctl.web.profile_store import PARTS, ProfileStore
 
 STATE_WORDS: Final = {
     StationState.CONNECTING: "connecting: opening the port, asking who is there",
