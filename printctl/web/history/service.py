@@ -56,23 +56,10 @@ class PrintsPage:
 class PastPrintDetails:
     """One print with all that there is of it.
 
-    Attributes
-    ----------
-    verdict, reasons : str, tuple of str
-        Of the scan.
-    gcode_there : bool
-        Whether the bytes that were printed are still there.
-    note : dict
-        What the operator noted.
-    missing : tuple of str
-        What isn't there any more, or is of another print.
-    events : tuple of Event
-        The first of them; ``more_events`` follow.
-    held_s : float, s
-        How long the print was held.
-    progress : Progress or None
-        How far it came, as the Job page tells it; None of an earlier print of the same folder, or
-        without its job's table.
+    ``verdict`` and ``reasons`` are the scan's, ``note`` is what the operator noted; ``missing``
+    isn't there any more, or is of another print. After ``events`` follow ``more_events``; it was
+    held for ``held_s``, s. ``progress`` is as the Job page tells it; None of an earlier print of
+    the same folder, or without its job's table.
     """
 
     print: ListedPrint

@@ -84,14 +84,9 @@ def entry_of(workspace: Workspace, job: str) -> JobEntry:
 def add_job(workspace: Workspace, name: str, stream: IO[bytes], limit_bytes: int) -> str:
     """Keep an uploaded G-code file, and return the job; nothing in it is run.
 
-    ``name`` is as the user's file is called. The same file again does no harm.
-
-    Raises
-    ------
-    BadRequestError
-        For a name that can't be, a file that is too large, or no text.
-    ConflictError
-        When another file of that name is there.
+    ``name`` is as the user's file is called. The same file again does no harm. BadRequestError for
+    a name that can't be, a file that is too large, or no text; ConflictError when another file of
+    that name is there.
     """
     target = workspace.inside(workspace.root / "jobs" / job_name(name))
     with TemporaryDirectory(dir=workspace.private) as folder:

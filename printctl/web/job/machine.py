@@ -29,18 +29,9 @@ from printctl.web.profile_store import PARTS, ProfileStore
 class Machine:
     """Connected printer with its mounted parts.
 
-    Attributes
-    ----------
-    ready : bool
-        Whether it would take a print now.
-    tip_mm : (x, y, z) or None, mm
-        None where nobody knows.
-    mounted : dict of str to str
-        Profiles of `PARTS`; empty for nothing there, or nobody said.
-    ul_left : float or None, µL
-        In the syringe, but for its dead volume.
-    touch_off_due : bool
-        Whether a needle is above a dish whose floor it hasn't touched.
+    ``ready`` is whether it would take a print now. ``tip_mm`` is None where nobody knows;
+    ``mounted`` names profiles of `PARTS`, empty for nothing there, or nobody said; ``ul_left`` is
+    in the syringe, but for its dead volume.
     """
 
     profile: str
@@ -103,14 +94,8 @@ class StationPrinting:
     def to_start(self, start_mm: Place) -> None:
         """Bring the tip to a job's start; the station refuses what its soft limits forbid.
 
-        Raises
-        ------
-        SafetyError
-            When nobody knows where the tip stands, or how high the dish's floor is.
-        ConflictError
-            When no printer is connected.
-        LinkError
-            What the station refuses; the tip then stands where the way so far has led.
+        SafetyError when nobody knows where the tip stands, or how high the dish's floor is;
+        LinkError for what the station refuses: the tip then stands where the way so far has led.
         """
         station = self._station()
         status = station.status
@@ -187,10 +172,7 @@ def refuse_foreign_files(
 ) -> None:
     """Let profiles be shipped names, files of the workspace, or what the station itself uses.
 
-    Raises
-    ------
-    BadRequestError
-        For any other path: the page isn't for reading the machine's files.
+    BadRequestError for any other path: the page isn't for reading the machine's files.
     """
     known = (machine.profile, *machine.mounted.values()) if machine else ()
     for key, names in profiles.items():

@@ -34,18 +34,9 @@ BLIND_LIFT_MM: Final = 20.0
 class PrinterStatus(StationStatus):
     """A station's status, and what follows from it.
 
-    Attributes
-    ----------
-    needs_touch_off : bool
-        Whether a needle is above a dish whose floor it hasn't touched.
-    printer, parts : str, dict of str to str
-        Names of the profile and of the mounted parts without a path; empty for none.
-    rim_mm : float or None, mm
-        Height of the tip at the dish's rim; None where that isn't known.
-    fastest_ul_s : float or None, µL/s
-        Fastest plunger with the syringe and ink mounted; None without a syringe.
-    full_ul : float or None, µL
-        What the mounted syringe gives when it is full; None without one.
+    ``printer`` and ``parts`` are names without a path, empty for none. ``rim_mm`` is the height of
+    the tip at the dish's rim, ``fastest_ul_s`` the fastest plunger with the syringe and ink
+    mounted, ``full_ul`` what that syringe gives when it is full; None where that isn't known.
     """
 
     needs_touch_off: bool = False
