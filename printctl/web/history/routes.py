@@ -82,7 +82,7 @@ def router(service: HistoryService) -> APIRouter:
     """Make the history's part of the API."""
     made = APIRouter(prefix=f"{API}/history", tags=["history"], responses=REFUSALS)
     _lists(made, service)
-    _records(made, service)
+    _records(made)
     _one(made, service)
     return made
 
@@ -117,7 +117,7 @@ def _lists(made: APIRouter, service: HistoryService) -> None:
         return StreamingResponse(lines, headers=head, media_type="text/csv")
 
 
-def _records(made: APIRouter, service: HistoryService) -> None:
+def _records(made: APIRouter) -> None:
     @made.get(
         "/key",
         summary="The lab's public key (PEM)",

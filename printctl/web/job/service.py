@@ -95,8 +95,6 @@ class JobService:
         self.after.close()
         self.watching.close()
 
-    # --- jobs ----------------------------------------------------------------------------------
-
     def upload(self, name: str, stream: IO[bytes]) -> JobEntry:
         """Keep an uploaded G-code file; nothing in it is run."""
         workspace, limit = self.core.workspace, int(self.core.settings.upload_mb * 1e6)
@@ -116,8 +114,6 @@ class JobService:
         file, folder = self.core.workspace.job_file(job), self.core.workspace.print_folder(job)
         printer = load(Printer, load_record(folder).profile)
         return mend_strokes(grown_in(folder, load_job(file, printer)))
-
-    # --- before the print ----------------------------------------------------------------------
 
     def set_up(self, job: str) -> JobSetUp:
         """The form filled in: as last time, else by the run's recipe; the printer knows better."""
@@ -200,8 +196,6 @@ class JobService:
         self.core.workspace.job_file(job)
         return self.records.change(self.records.current(job), who.by, changes)
 
-    # --- the print -----------------------------------------------------------------------------
-
     def start(self, who: Principal, job: str, set_up: JobSetUp, confirmed: str) -> PrintReport:
         """Start a print, or find the one that goes on.
 
@@ -260,8 +254,6 @@ class JobService:
         budget = set_up.budget(set_up.mounted())
         ended = heard is not None and heard.status.ended
         return viability(self.record(job), budget, time.time(), None if ended else left)
-
-    # --- between -------------------------------------------------------------------------------
 
     def _connected(self) -> Machine:
         machine = self.printing.machine()

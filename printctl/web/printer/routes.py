@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter
 from pydantic import Field
@@ -100,35 +100,6 @@ class PartChoice:
     volume_ul: float | None = None
 
 
-def ports_with_profiles(store: ProfileStore) -> list[FoundPort]:
-    """List this machine's serial ports; nothing is opened."""
-    printers = {name: store.load(Printer, name) for name in store.printers()}
-    return [
-        FoundPort(
-            **asdict(port), profiles=tuple(n for n, p in printers.items() if matches(p, port))
-        )
-        for port in list_ports()
-    ]
-
-
-def printer_choices(store: ProfileStore) -> list[PrinterChoice]:
-    """List printer profiles that can be connected."""
-    listed = []
-    for name in store.printers():
-        printer = store.load(Printer, name)
-        known = printer.starting_values, rates_to_try(printer)
-        listed.append(PrinterChoice(name, summary(printer), *known))
-    return listed
-
-
-def part_choices(store: ProfileStore) -> dict[str, list[PartChoice]]:
-    """List needles, syringes, inks, dishes and baths."""
-    return {
-        sort: [_part(store, model, name) for name in store.names(model)]
-        for sort, model in PARTS.items()
-    }
-
-
 def _part(store: ProfileStore, model: type[Facts], name: str) -> PartChoice:
     try:
         part = store.load(model, name)
@@ -173,37 +144,50 @@ def router(service: PrinterService) -> APIRouter:
 
 
 def _add_connection(routes: APIRouter, service: PrinterService) -> None:
+    store = service.store
+
     @routes.get("/status", summary="Last known status of the printer")
     def status() -> PrinterStatus:
         return service.status
 
+    def printers() -> dict[str, Printer]:
+        return {name: store.load(Printer, name) for name in store.printers()}
+
     @routes.get("/ports", summary="Serial ports, and whose USB id each has; opens none")
     def ports() -> list[FoundPort]:
-        return ports_with_profiles(service.store)
+        known = printers().items()
+        return [
+            FoundPort(
+                **asdict(port), profiles=tuple(name for name, one in known if matches(one, port))
+            )
+            for port in list_ports()
+        ]
 
     @routes.get("/profiles", summary="Printer profiles that can be connected")
     def profiles() -> list[PrinterChoice]:
-        return printer_choices(service.store)
+        return [
+            PrinterChoice(name, summary(one), one.starting_values, rates_to_try(one))
+            for name, one in printers().items()
+        ]
 
     @routes.get("/parts", summary="Needles, syringes, inks, dishes and baths to choose from")
     def parts() -> dict[str, list[PartChoice]]:
-        return part_choices(service.store)
+        return {
+            sort: [_part(store, model, name) for name in store.names(model)]
+            for sort, model in PARTS.items()
+        }
 
     @routes.post("/connect", summary="Connect a printer")
     def connect(body: ConnectTo, who: Asking) -> PrinterStatus:
         return service.connect(who, **dict(body))
 
-    @routes.post("/disconnect", summary="Let go of the port; heaters go off")
-    def disconnect(who: Asking) -> PrinterStatus:
-        return service.disconnect(who)
+    routes.post("/disconnect", summary="Let go of the port; heaters go off")(service.disconnect)
 
     @routes.post("/reconnect", summary="Open the port again after a halt or a lost port")
     def reconnect(who: Asking) -> PrinterStatus:
         return service.heard(service.ask(who).reconnect())
 
-    @routes.get("/temperatures", summary="The last ten minutes, by columns")
-    def temperatures() -> dict[str, Any]:
-        return service.plots.columns()
+    routes.get("/temperatures", summary="The last ten minutes, by columns")(service.plots.columns)
 
 
 def _add_moves(routes: APIRouter, service: PrinterService) -> None:

@@ -16,6 +16,7 @@ from printctl.web.errors import ConflictError
 from printctl.web.printer.following import Follower, Plots
 from printctl.web.printer.status import PrinterStatus, described
 from printctl.web.profile_store import ProfileStore
+from printctl.web.rest import Asking
 
 
 class PrinterService:
@@ -98,7 +99,7 @@ class PrinterService:
         self._follower.follow(station)
         return self.heard(station.status)
 
-    def disconnect(self, who: Principal) -> PrinterStatus:
+    def disconnect(self, who: Asking) -> PrinterStatus:
         """Let go of the port; the heaters go off. Refused while printing."""
         station = self.ask(who)
         station.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final
 
@@ -56,7 +56,7 @@ def described(status: StationStatus) -> PrinterStatus:
     except (ProfileError, OSError):  # a file that was removed meanwhile
         rim = fastest = full = None
     return PrinterStatus(
-        **{one.name: getattr(status, one.name) for one in fields(StationStatus)},
+        **vars(status),
         needs_touch_off=status.mounted.touch_off_due,
         printer=ProfileStore.name(status.profile),
         parts={sort: ProfileStore.name(getattr(status.mounted, sort)) for sort in PARTS},

@@ -21,7 +21,7 @@ from printctl.web.job.camera.film import MOST_FRAMES, write_film
 from printctl.web.job.camera.timelapse import LEAVE_FREE_BYTES, limit_reached
 from printctl.web.job.service import JobService
 from tests.printctl.web.job.camera.pictures import BLUE, RED, seen_colour, sequence
-from tests.printctl.web.job.conftest import OPERATOR, add, ready
+from tests.printctl.web.job.conftest import OPERATOR, WORDS, add, ready
 from tests.printctl.web.serving import served, server_process
 from tests.printctl.web.shell.browsers import WIDE, serious, shown
 from tests.waiting import wait_for as until
@@ -94,9 +94,6 @@ def test_the_still_is_served_fresh_and_only_where_there_is_a_camera(tmp_path):
 
 
 # --- time-lapse of a print on the simulated printer, with a video file as camera
-WORDS = "generic_marlin on simulated"
-
-
 @pytest.fixture
 def core(core: Core, tmp_path: Path) -> Core:
     source = sequence(tmp_path / "seen")
