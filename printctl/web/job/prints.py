@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -59,14 +58,7 @@ class PrintReport(PrintTruth):
 
     def to_dict(self) -> dict[str, Any]:
         """As a JSON object; what `printctl.web.core` is told."""
-        simulated = _is_simulated(self.folder, self.journal.started)
-        return {"job": self.job, "simulated": simulated, **super().to_dict()}
-
-
-@lru_cache(maxsize=64)
-def _is_simulated(folder: Path, started: float) -> bool:
-    """Return whether a folder's print, begun at a time, goes to a simulated printer."""
-    return was_simulated(folder)
+        return {"job": self.job, "simulated": was_simulated(self.folder), **super().to_dict()}
 
 
 class PrintFollower:
