@@ -273,8 +273,7 @@ def test_a_print_from_the_page_is_looked_at_and_after_a_resume_as_well(
     folder = service.core.workspace.print_folder(JOB)
     service.start(OPERATOR, JOB, ready(service, JOB), WORDS)
     assert load_record(folder).care["look_after"] == MarkKind.LAYER
-    while not (folder / "looks" / "0002").is_dir():
-        time.sleep(0.02)
+    heard((folder / "looks" / "0002").is_dir, 60.0)
     first = int((folder / READY).read_text())
     os.kill(first, signal.SIGKILL)
     held = until(service, JOB, LinkState.PAUSED)
