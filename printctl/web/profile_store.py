@@ -5,11 +5,32 @@ from __future__ import annotations
 import contextlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
-from firmware_profiles import Facts, Printer, ProfileError, load, shipped
+from firmware_profiles import (
+    Bath,
+    Dish,
+    Facts,
+    Ink,
+    Needle,
+    Printer,
+    ProfileError,
+    Syringe,
+    load,
+    shipped,
+)
 from firmware_profiles.load import FOLDERS, Profile
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.workspace import checked_name, is_name
+
+PARTS: Final[dict[str, type[Facts]]] = {
+    "needle": Needle,
+    "syringe": Syringe,
+    "ink": Ink,
+    "bath": Bath,
+    "dish": Dish,
+}
+"""What can be mounted on a printer."""
 
 
 @dataclass(frozen=True)

@@ -66,19 +66,7 @@ def history_query(
 
 @dataclass(frozen=True)
 class Repetition:
-    """What it would mean to print the same again.
-
-    Attributes
-    ----------
-    sha256 : str
-        Of the G-code.
-    differences : tuple of Difference
-        What isn't as it was when it was printed.
-    unknown : tuple of str
-        What can't be compared.
-    set_up : dict
-        Names of profiles.
-    """
+    """What it would mean to print the same again, as in `RepeatPlan`."""
 
     sha256: str
     differences: tuple[Difference, ...]
@@ -94,7 +82,7 @@ def router(service: HistoryService) -> APIRouter:
     """Make the history's part of the API."""
     made = APIRouter(prefix=f"{API}/history", tags=["history"], responses=REFUSALS)
     _lists(made, service)
-    _records(made, service)
+    _records(made)
     _one(made, service)
     return made
 
@@ -129,7 +117,7 @@ def _lists(made: APIRouter, service: HistoryService) -> None:
         return StreamingResponse(lines, headers=head, media_type="text/csv")
 
 
-def _records(made: APIRouter, service: HistoryService) -> None:
+def _records(made: APIRouter) -> None:
     @made.get(
         "/key",
         summary="The lab's public key (PEM)",

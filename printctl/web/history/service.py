@@ -56,26 +56,10 @@ class PrintsPage:
 class PastPrintDetails:
     """One print with all that there is of it.
 
-    Attributes
-    ----------
-    verdict, reasons : str, tuple of str
-        Of the scan.
-    gcode_there, journal_there : bool
-        Whether the bytes that were printed, and the journal, are still there.
-    report, photos : tuple of str
-        Files of the report; photos that the operator took.
-    note : dict
-        What the operator noted.
-    missing : tuple of str
-        What isn't there any more, or is of another print.
-    events : tuple of Event
-        The first of them; ``more_events`` follow.
-    states : tuple of Stretch
-    held_s : float, s
-        How long the print was held.
-    progress : Progress or None
-        How far it came, as the Job page tells it; None of an earlier print of the same folder, or
-        without its job's table.
+    ``verdict`` and ``reasons`` are the scan's, ``note`` is what the operator noted; ``missing``
+    isn't there any more, or is of another print. After ``events`` follow ``more_events``; it was
+    held for ``held_s``, s. ``progress`` is as the Job page tells it; None of an earlier print of
+    the same folder, or without its job's table.
     """
 
     print: ListedPrint
@@ -112,12 +96,7 @@ class Verification:
 
 
 class HistoryService:
-    """Past prints of this user, of this workspace or of all.
-
-    Parameters
-    ----------
-    core : Core
-    """
+    """Past prints of this user, of this workspace or of all."""
 
     def __init__(self, core: Core) -> None:
         self.workspace = core.workspace
@@ -139,12 +118,7 @@ class HistoryService:
         return PrintsPage(tuple(map(self._listed, found.entries)), found.total, query.offset)
 
     def entry(self, print_id: str) -> PrintEntry:
-        """Return one print's entry, by its whole id.
-
-        Raises
-        ------
-        NotFoundError
-        """
+        """Return one print's entry, by its whole id; NotFoundError for none."""
         try:
             entry = PrintHistory().one(print_id)
         except NoSuchPrint as exc:
@@ -154,12 +128,7 @@ class HistoryService:
         return tell_running(entry)
 
     def one(self, print_id: str) -> PastPrintDetails:
-        """Return one print with all that there is of it.
-
-        Raises
-        ------
-        NotFoundError
-        """
+        """Return one print with all that there is of it; NotFoundError for none."""
         entry = self.entry(print_id)
         try:
             line = time_line(entry.journal)
@@ -187,11 +156,7 @@ class HistoryService:
     def bundle(self, print_id: str) -> Path:
         """Write a print's bundle to a file of its own, which the caller deletes.
 
-        Raises
-        ------
-        NotFoundError
-        RecordsError
-            When the print is still going on, or its journal is gone.
+        RecordsError when the print is still going on, or its journal is gone.
         """
         entry = self.entry(print_id)
         key = None if signing_missing() else lab_key()
@@ -218,13 +183,7 @@ def _progress(entry: PrintEntry) -> Progress | None:
 
 
 def verified(stream: BinaryIO, key_pem: bytes = b"") -> Verification:
-    """Verify a bundle; without a key this lab's own is the one that is trusted.
-
-    Raises
-    ------
-    BadRequestError
-        When the key is none.
-    """
+    """Verify a bundle; without a key this lab's own is the one that is trusted."""
     check = verify_stream(stream, _trusted(key_pem))
     past = check.manifest.print if check.manifest and check.whole else None
     return Verification(

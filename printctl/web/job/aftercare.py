@@ -31,8 +31,6 @@ from printctl.web.job.set_up import JobSetUp
 from printctl.web.rest import Asking, Body
 from printctl.web.workspace import checked_name
 
-# Validate and re-encode uploaded photos of a print.
-
 _MOST_BYTES: Final = 30_000_000
 _MOST_PIXELS: Final = 100_000_000
 _LONGEST: Final = 2560
@@ -42,10 +40,7 @@ _FORMATS: Final = ("JPEG", "PNG", "WEBP", "TIFF")
 def keep_photo(folder: Path, data: bytes) -> str:
     """Write a picture as JPEG, without what else was in its file; give its name.
 
-    Raises
-    ------
-    BadRequestError
-        When it is too large or no picture.
+    BadRequestError when it is too large or no picture.
     """
     if len(data) > _MOST_BYTES:
         raise BadRequestError(
@@ -73,8 +68,6 @@ def keep_photo(folder: Path, data: bytes) -> str:
     write_bytes(folder / name, out.getvalue())
     return name
 
-
-# Read checklists; warm the bath slowly.
 
 _EVERY_S: Final = 2.0
 _FILE: Final = Path(__file__).with_name("checklist.yaml")
@@ -109,10 +102,7 @@ class RampState(Warming):
 class Ramp:
     """Warms one heater at a rate; at its end, or let go of, the heater keeps its target.
 
-    Raises
-    ------
-    ConflictError
-        When the printer has no such heater.
+    ConflictError when the printer has no such heater.
     """
 
     def __init__(self, printing: StationPrinting, warming: Warming) -> None:
@@ -166,25 +156,13 @@ def ramped_c(from_c: float, warming: Warming, seconds: float) -> float:
     return min(from_c + way, target_c) if target_c >= from_c else max(from_c - way, target_c)
 
 
-# Compare the time since cells were mixed in with their limit and the print's remaining time.
-
-
 @dataclass(frozen=True)
 class Viability:
     """State of the cells' time limit.
 
-    Attributes
-    ----------
-    minutes : float or None, min
-        Since they were mixed; None where nobody said when.
-    limit_min : float or None, min
-        How long they have; None where nobody knows.
-    source : str
-        Who says so.
-    words : str
-        For the page.
-    state : "unknown", "in time", "close", "late"
-        ``late`` when the limit is passed, or will be before the print's end.
+    ``minutes`` are since they were mixed, ``limit_min`` is how long they have, as ``source`` says;
+    None where nobody said. It is ``late`` when the limit is passed, or will be before the print's
+    end.
     """
 
     minutes: float | None
@@ -199,15 +177,8 @@ def viability(
 ) -> Viability:
     """Compare the time since mixing with the cells' limit.
 
-    Parameters
-    ----------
-    record : PrintRecord
-    budget : Budget or None
-        Of the ink or the form; what the record says comes first.
-    now : float
-        Wall-clock time, s since 1970.
-    remaining_s : float or None, s
-        Of the print; None when none goes on.
+    ``budget`` is of the ink or the form; what the record says comes first. ``now`` is in s since
+    1970; ``remaining_s`` is the print's, None when none goes on.
     """
     limit = record.viability_min or (budget.minutes if budget else None)
     source = "the record" if record.viability_min else budget.source if budget else ""
@@ -321,9 +292,7 @@ class Aftercare:
         """Notes of the job's last print."""
         return [Note(**one) for one in self._listed(job, "notes")]
 
-    def add_photo(
-        self, who: Asking, job: JobId, file: Annotated[UploadFile, File()]
-    ) -> list[Photo]:
+    def add_photo(self, who: Asking, job: JobId, file: Upload) -> list[Photo]:
         """Keep a photo; gives all."""
         name = keep_photo(self._photos(job), file.file.read(_MOST_BYTES + 1))
         self._records.add(self._last(job), who.by, "photos", {"name": name})
@@ -334,12 +303,7 @@ class Aftercare:
         return [Photo(**one) for one in self._listed(job, "photos")]
 
     def photo(self, job: JobId, name: str) -> FileResponse:
-        """File of a photo.
-
-        Raises
-        ------
-        NotFoundError, BadRequestError
-        """
+        """File of a photo; NotFoundError for none."""
         path = self._photos(job) / checked_name(name)
         if path.suffix != ".jpg" or not path.is_file():
             raise NotFoundError(f"there is no photo {name!r} of this print")

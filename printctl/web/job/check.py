@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_profiles import ProfileError
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.checks.preflight import (
     Check,
@@ -22,7 +21,7 @@ from printctl.checks.preflight import (
     volumes,
 )
 from printctl.checks.preflight.shaft import file_shaft
-from printctl.errors import PrintctlError, UsageError
+from printctl.errors import UsageError
 from printctl.failures import message_and_code
 from printctl.machine.link.job import parse_job
 from printctl.machine.printing import with_reloads_of
@@ -39,15 +38,8 @@ _BUDGET: Final = "print time"
 def check_job(gcode: Path, set_up: JobSetUp, table_file: Path) -> dict[str, Any]:
     """Check a job as `printctl print` does, and make its table.
 
-    Returns
-    -------
-    dict
-        ``sha256``, ``checks``, ``accepted``, ``reload_at``, ``reload_heads``, ``duration_s``,
-        ``layers``, ``vessels``, ``passes``, ``ink`` and what cells have.
-
-    Raises
-    ------
-    PrintctlError, ProfileError, OSError
+    Return ``sha256``, ``checks``, ``accepted``, ``reload_at``, ``reload_heads``, ``duration_s``,
+    ``layers``, ``vessels``, ``passes``, ``ink`` and what cells have.
     """
     data = gcode.read_bytes()
     mounted = set_up.mounted()
@@ -121,7 +113,7 @@ def main() -> None:
         answer = check_job(Path(asked["gcode"]), set_up, Path(asked["table"]))
     except Exception as exc:
         known = message_and_code(exc)
-        if known is None and not isinstance(exc, (PrintctlError, ProfileError, OSError)):
+        if known is None:
             raise
-        answer = {"error": known[0] if known else str(exc)}
+        answer = {"error": known[0]}
     print(json.dumps(answer), flush=True)

@@ -29,15 +29,8 @@ _HEAD_BYTES: Final = 512
 class JobEntry:
     """One job; figures of its dry run are None before the first.
 
-    Attributes
-    ----------
-    id : str
-        ``run~NAME`` or ``file~NAME``.
-    size : int, bytes
-    changed : float
-        Wall-clock time, s since 1970.
-    layers : int or None
-        Passes of an embedded print.
+    ``id`` is ``run~NAME`` or ``file~NAME``, ``size`` in bytes, ``changed`` s since 1970;
+    ``layers`` are an embedded print's passes.
     """
 
     id: str
@@ -91,14 +84,9 @@ def entry_of(workspace: Workspace, job: str) -> JobEntry:
 def add_job(workspace: Workspace, name: str, stream: IO[bytes], limit_bytes: int) -> str:
     """Keep an uploaded G-code file, and return the job; nothing in it is run.
 
-    ``name`` is as the user's file is called. The same file again does no harm.
-
-    Raises
-    ------
-    BadRequestError
-        For a name that can't be, a file that is too large, or no text.
-    ConflictError
-        When another file of that name is there.
+    ``name`` is as the user's file is called. The same file again does no harm. BadRequestError for
+    a name that can't be, a file that is too large, or no text; ConflictError when another file of
+    that name is there.
     """
     target = workspace.inside(workspace.root / "jobs" / job_name(name))
     with TemporaryDirectory(dir=workspace.private) as folder:
@@ -124,12 +112,7 @@ def save_name(came: Path, target: Path) -> None:
 
 
 def refuse_binary(path: Path) -> None:
-    """Refuse a file with a zero byte, or whose first bytes aren't printable UTF-8.
-
-    Raises
-    ------
-    BadRequestError
-    """
+    """Refuse a file with a zero byte, or whose first bytes aren't printable UTF-8."""
     refused = BadRequestError(f"{path.name} isn't text, so it is no G-code file")
     with path.open("rb") as handle:
         try:  # the head's end may cut a character

@@ -55,9 +55,6 @@ def small_picture(path: Path, changed_ns: int, width_px: int) -> bytes | None:
     return out.getvalue()
 
 
-# Service behind the Job page's Looks card: inspection records, pictures, operator's answer.
-
-
 Number = Annotated[int, PathParam(ge=1, le=10**6, description="Of the look, from 1.")]
 Width = Annotated[int, Query(ge=64, le=4096, description="At most so wide, px.")]
 
@@ -72,16 +69,9 @@ class AnswerRequest(Body):
 class LookReport(LookRecord):
     """One look at an observed print, but for the state that only the observer needs.
 
-    Attributes
-    ----------
-    answer : "approve", "go_on", "stop" or None
-        The operator's word; None while there is none.
-    waits : bool
-        Whether the print is held for the operator's word on it.
-    pictured : float
-        When its picture was written, s since 1970; 0 for no picture.
-    seen, proposed, outcome : str
-        How much was seen, what is proposed and what came of it, in words; empty for nothing.
+    ``answer`` is the operator's word, for which the print ``waits``; ``pictured`` is when its
+    picture was written, s since 1970, 0 for no picture. How much was ``seen``, what is ``proposed``
+    and its ``outcome`` are words, empty for nothing.
     """
 
     control: Annotated[dict[str, Any], Field(exclude=True)] = field(default_factory=dict)
@@ -100,23 +90,13 @@ class LookService:
         self._core, self._prints = core, prints
 
     def looks(self, job: JobId) -> list[LookReport]:
-        """Every look at the job's last print, in their order; none of an earlier print's.
-
-        Raises
-        ------
-        NotFoundError
-        """
+        """Every look at the job's last print, in their order; none of an earlier print's."""
         heard = self._prints.last(job)
         looks = read_looks(heard.folder, heard.journal.started)
         return [_reported(heard, one) for one in looks]
 
     def picture(self, job: JobId, number: Number, width: Width = 1600) -> Response:
-        """A look's picture with what was expected and found, as JPEG.
-
-        Raises
-        ------
-        NotFoundError
-        """
+        """A look's picture with what was expected and found, as JPEG; NotFoundError for none."""
         path = look_picture(self._core.workspace.print_folder(job), number)
         picture = None if path is None else small_picture(path, path.stat().st_mtime_ns, width)
         if picture is None:
@@ -126,13 +106,8 @@ class LookService:
     def answer(self, who: Asking, job: JobId, number: Number, given: AnswerRequest) -> LookReport:
         """Leave the operator's word for the observer; a stop needs no controls.
 
-        Saying the same again does no harm.
-
-        Raises
-        ------
-        NotInControlError, NotFoundError
-        ConflictError
-            When the print isn't held for that look, it was answered otherwise, or nobody listens.
+        Saying the same again does no harm. ConflictError when the print isn't held for that look,
+        it was answered otherwise, or nobody listens.
         """
         word = given.answer
         if word != "stop":

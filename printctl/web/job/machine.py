@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from pydantic import computed_field
 from pydantic.dataclasses import dataclass
@@ -19,34 +20,18 @@ from printctl.machine.printing import Order
 from printctl.machine.printing.simulated import SIMULATED
 from printctl.machine.station import Station, StationState, StationStatus, attach
 from printctl.machine.station.status import NO_PRINTER
-from printctl.web.errors import ConflictError
+from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.set_up import JobSetUp, Place
-from printctl.web.profile_store import ProfileStore
-
-PARTS: Final = ("needle", "syringe", "ink", "bath", "dish")
-"""What can be mounted on a printer."""
+from printctl.web.profile_store import PARTS, ProfileStore
 
 
 @dataclass(frozen=True)
 class Machine:
     """Connected printer with its mounted parts.
 
-    Attributes
-    ----------
-    ready : bool
-        Whether it would take a print now.
-    state : str
-        Of the station: ready, busy, printing, halted, ...
-    message : str
-        What it is doing, or what to do.
-    tip_mm : (x, y, z) or None, mm
-        None where nobody knows.
-    mounted : dict of str to str
-        Profiles of `PARTS`; empty for nothing there, or nobody said.
-    ul_left : float or None, µL
-        In the syringe, but for its dead volume.
-    touch_off_due : bool
-        Whether a needle is above a dish whose floor it hasn't touched.
+    ``ready`` is whether it would take a print now. ``tip_mm`` is None where nobody knows;
+    ``mounted`` names profiles of `PARTS`, empty for nothing there, or nobody said; ``ul_left`` is
+    in the syringe, but for its dead volume.
     """
 
     profile: str
@@ -103,25 +88,14 @@ class StationPrinting:
         )
 
     def start(self, order: Order) -> PrintClient:
-        """Print on the station's port.
-
-        Raises
-        ------
-        ConflictError, LinkError, PrintctlError
-        """
+        """Print on the station's port."""
         return self._station().print(order)
 
     def to_start(self, start_mm: Place) -> None:
         """Bring the tip to a job's start; the station refuses what its soft limits forbid.
 
-        Raises
-        ------
-        SafetyError
-            When nobody knows where the tip stands, or how high the dish's floor is.
-        ConflictError
-            When no printer is connected.
-        LinkError
-            What the station refuses; the tip then stands where the way so far has led.
+        SafetyError when nobody knows where the tip stands, or how high the dish's floor is;
+        LinkError for what the station refuses: the tip then stands where the way so far has led.
         """
         station = self._station()
         status = station.status
@@ -191,3 +165,22 @@ def set_up_of(machine: Machine | None, before: JobSetUp, declared: Place | None 
         if (machine.bath_depth_mm or 0.0) > 0 and values["dish"]:
             values["bath_depth_mm"] = machine.bath_depth_mm
     return JobSetUp.model_validate(values)
+
+
+def refuse_foreign_files(
+    profiles: Mapping[str, Iterable[str]], root: Path, machine: Machine | None
+) -> None:
+    """Let profiles be shipped names, files of the workspace, or what the station itself uses.
+
+    BadRequestError for any other path: the page isn't for reading the machine's files.
+    """
+    known = (machine.profile, *machine.mounted.values()) if machine else ()
+    for key, names in profiles.items():
+        for name in names:
+            plain = not any(mark in name for mark in "/\\")
+            if plain or name in known or Path(name).resolve().is_relative_to(root.resolve()):
+                continue
+            raise BadRequestError(
+                f"{key} {name[:80]!r} is a file outside the workspace {root}; give a shipped "
+                "profile's name, or put the file into the workspace"
+            )

@@ -33,14 +33,8 @@ _REFUSED_AGAIN_S: Final = 60.0
 class Preflight:
     """What is known of a job before it is printed.
 
-    Attributes
-    ----------
-    key : str
-        Of the job's content and the set-up; 32 hex digits.
-    facts : dict
-        As `printctl.web.job.check.check_job` gives them, but for the checks.
-    checks : tuple of Check
-    table : Path
+    ``key`` is of its content and the set-up, 32 hex digits; ``facts`` are as
+    `printctl.web.job.check.check_job` gives them, but for the checks.
     """
 
     key: str
@@ -116,20 +110,15 @@ class Preflights:
     def of(self, gcode: Path, set_up: JobSetUp) -> Preflight:
         """Check a job, or remember what was found; blocks for as long as the dry run takes.
 
-        Raises
-        ------
-        BadRequestError
-            When the job or the set-up can't be used; the message says why.
-        ConflictError
-            When the process that looks at it died or took too long.
+        BadRequestError when the job or the set-up can't be used, ConflictError when the process
+        that looks at it died or took too long.
         """
         if (known := self.known(gcode, set_up)) is not None:
             return known
-        key = key_of(gcode, set_up)
         with self._one:  # two dry runs at a time would be in each other's way, and in the print's
-            self._refuse_unusable(key)
-            if (known := self._read(key)) is not None:
+            if (known := self.known(gcode, set_up)) is not None:
                 return known
+            key = key_of(gcode, set_up)
             self._folder.mkdir(parents=True, exist_ok=True)
             facts = _ask(gcode, set_up, self._folder / f"{key}.npz")
             if "error" in facts:
@@ -141,27 +130,15 @@ class Preflights:
         return checked
 
     def known(self, gcode: Path, set_up: JobSetUp) -> Preflight | None:
-        """What was found before; None where nobody has looked.
-
-        Raises
-        ------
-        BadRequestError
-            As it was raised then.
-        """
+        """What was found before, or was raised then; None where nobody has looked."""
         key = key_of(gcode, set_up)
-        self._refuse_unusable(key)
-        return self._read(key)
-
-    def _read(self, key: str) -> Preflight | None:
+        at, message = self._unusable.get(key, (0.0, ""))
+        if message and time.monotonic() - at < _REFUSED_AGAIN_S:
+            raise BadRequestError(message)
         answer = self._folder / f"{key}.json"
         if not (answer.is_file() and answer.with_suffix(".npz").is_file()):
             return None
         return _preflight(key, json.loads(answer.read_text(encoding="utf-8")), self._folder)
-
-    def _refuse_unusable(self, key: str) -> None:
-        at, message = self._unusable.get(key, (0.0, ""))
-        if message and time.monotonic() - at < _REFUSED_AGAIN_S:
-            raise BadRequestError(message)
 
 
 def key_of(gcode: Path, set_up: JobSetUp) -> str:

@@ -25,6 +25,7 @@ from printctl.observe.starting import ensure_observer
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
 from printctl.web.job.jobs import JobId
+from printctl.web.job.machine import StationPrinting, refuse_foreign_files
 from printctl.web.rest import Asking, Body
 from printctl.web.workspace import checked_name
 
@@ -69,11 +70,7 @@ class RecoverRequest(Body):
 class RestPlan:
     """How to go on after the position was lost; ``steps`` are what a person does first, in order.
 
-    Attributes
-    ----------
-    lines_left_out : int
-        Commands of the job that aren't printed again.
-    start_mm : (x, y, z) or None, mm
+    ``lines_left_out`` are commands of the job that aren't printed again.
     """
 
     lines_left_out: int
@@ -92,8 +89,8 @@ class Rest:
 class PrintCommands:
     """Pause, resume, change of syringe, confirm alive, cancel; go on, recover, give up."""
 
-    def __init__(self, core: Core) -> None:
-        self._core = core
+    def __init__(self, core: Core, printing: StationPrinting) -> None:
+        self._core, self._printing = core, printing
 
     def pause(self, who: Asking, job: JobId, given: PauseRequest) -> Status:
         """Hold the print now, or once this layer or vessel has ended."""
@@ -106,19 +103,18 @@ class PrintCommands:
     def resume(self, who: Asking, job: JobId, given: ResumeRequest) -> Status:
         """Go on; after a change of syringe with what was put in.
 
-        Raises
-        ------
-        ConflictError
-            When what was told contradicts itself.
-        ObserverError
-            When its looks need an observer, and none can be started; nothing has moved.
-        Refused
+        BadRequestError for a profile outside the workspace, ConflictError when what was told
+        contradicts itself, ObserverError when its looks need an observer and none can be started:
+        nothing has moved then.
         """
         self._core.controls.require(who)
         syringe, plunger_mm, unchanged = given.syringe or None, given.plunger_mm, given.unchanged
         changed = plunger_mm is not None or syringe is not None
         if unchanged and changed:
             raise ConflictError("the syringe is either unchanged or a new one; say one of both")
+        if syringe is not None:
+            root = self._core.workspace.root
+            refuse_foreign_files({"syringe": [syringe]}, root, self._printing.machine())
         folder = self._core.workspace.print_folder(job)
         with attach(folder) as client:
             status = client.status
@@ -136,10 +132,6 @@ class PrintCommands:
         """Go on with a print that was broken off: the printer is asked for its last line first.
 
         A print that was broken off while it was paused is paused again. Asking twice does no harm.
-
-        Raises
-        ------
-        NotInControlError, ObserverError, LinkError
         """
         self._core.controls.require(who)
         folder = self._core.workspace.print_folder(job)

@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -45,8 +44,6 @@ APART_S: Final = 0.25
 LOOK_AGAIN_S: Final = 1.0
 _FIRST_WORD_S: Final = 10.0
 
-Tell = Callable[["PrintReport"], None]
-
 
 @dataclass(frozen=True)
 class PrintReport(PrintTruth):
@@ -61,25 +58,22 @@ class PrintReport(PrintTruth):
 
     def to_dict(self) -> dict[str, Any]:
         """As a JSON object; what `printctl.web.core` is told."""
-        simulated = _is_simulated(self.folder, self.journal.started)
-        return {"job": self.job, "simulated": simulated, **super().to_dict()}
-
-
-@lru_cache(maxsize=64)
-def _is_simulated(folder: Path, started: float) -> bool:
-    """Return whether a folder's print, begun at a time, goes to a simulated printer."""
-    return was_simulated(folder)
+        return {"job": self.job, "simulated": was_simulated(self.folder), **super().to_dict()}
 
 
 class PrintFollower:
     """A thread that follows one print to its end, or until it is told to let go.
 
     ``table_of`` gives the job's table; it may take long, and is called in a thread of its own.
-    ``tell`` is given what was heard, at most four times a second but for what is new.
+    ``tell`` is given what was heard and by whom, at most four times a second but for what is new.
     """
 
     def __init__(
-        self, job: str, folder: Path, table_of: Callable[[], JobTable | None], tell: Tell
+        self,
+        job: str,
+        folder: Path,
+        table_of: Callable[[str, Path], JobTable | None],
+        tell: Callable[[PrintReport, PrintFollower], None],
     ) -> None:
         self.job, self.folder = job, folder
         self._table_of, self._tell = table_of, tell
@@ -137,7 +131,7 @@ class PrintFollower:
     def _prepare(self) -> None:
         """Make or load the table, which may take as long as a dry run."""
         try:
-            table = self._table_of()
+            table = self._table_of(self.job, self.folder)
         except Exception:
             log.warning("no progress for %s", self.job, exc_info=True)
             return
@@ -168,7 +162,7 @@ class PrintFollower:
         truth = assemble_state(self.folder, status, self._journal, *views)
         heard = PrintReport.of(self.job, truth)
         try:
-            self._tell(heard)
+            self._tell(heard, self)
         except Exception:  # a full disk: the print is followed all the same
             log.exception("what the print of %s does can't be told", self.job)
         self.heard = heard
@@ -214,7 +208,7 @@ class Prints:
         preflights: Preflights,
         set_ups: SetUps,
         records: Records,
-        tell: Tell,
+        tell: Callable[[PrintReport], None],
     ) -> None:
         self._workspace, self._preflights, self._set_ups = workspace, preflights, set_ups
         self._records, self._tell = records, tell
@@ -248,9 +242,7 @@ class Prints:
             before = self._followers.get(job)
             if before is not None and (before.session == session if before.over else before.alive):
                 return
-            tell: Tell = lambda heard: self._hear(heard, follower)  # noqa: E731
-            follower = PrintFollower(job, folder, lambda: self._table(job, folder), tell)
-            self._followers[job] = follower
+            self._followers[job] = follower = PrintFollower(job, folder, self._table, self._hear)
             follower.begin()
 
     def heard(self, job: str) -> PrintReport | None:
@@ -273,25 +265,14 @@ class Prints:
         return heard
 
     def last(self, job: str) -> PrintReport:
-        """`heard`, of a job that was printed.
-
-        Raises
-        ------
-        NotFoundError
-        """
+        """`heard`, of a job that was printed; NotFoundError for another."""
         heard = self.heard(job)
         if heard is None:
             raise NotFoundError(f"no print of {job} was ever started")
         return heard
 
     def heard_soon(self, job: str) -> PrintReport:
-        """The first word of a print that is followed.
-
-        Raises
-        ------
-        LinkError
-            When it doesn't come.
-        """
+        """The first word of a print that is followed; LinkError when it doesn't come."""
         limit = time.monotonic() + _FIRST_WORD_S
         while time.monotonic() < limit:
             follower = self._followers[job]
@@ -308,18 +289,13 @@ class Prints:
 
         Else the newest print of the workspace, if it was broken off and nobody has said what next.
         """
-        known = self._known()
+        with self._lock:
+            known = [one.heard for one in self._followers.values() if one.heard is not None]
         if going_on := [one for one in known if not one.status.ended]:
             return _newest(going_on)
         newest = _newest([*known, *([self._reviewed] if self._reviewed else [])])
         report = None if newest is None else self.heard(newest.job)
         return report if report is not None and _open(report) else None
-
-    def _known(self) -> list[PrintReport]:
-        with self._lock:
-            return [one.heard for one in self._followers.values() if one.heard is not None]
-
-    # --- look for prints of other processes ----------------------------------------------------
 
     def _look(self) -> None:
         while not self._closed.is_set():
@@ -370,8 +346,6 @@ class Prints:
         self._reviewed = heard
         if _open(heard) or job in self._followers or (before is not None and before.job == job):
             self._tell(heard)
-
-    # --- what a print leaves -------------------------------------------------------------------
 
     def _keep_known_table(self, job: str, folder: Path) -> None:
         """Leave the table that a check made beside the journal, if it is of what was printed."""

@@ -11,10 +11,11 @@ from printctl.checks.set_up import Check
 from printctl.machine.station.orders import ASIDE_MM
 from printctl.machine.station.status import StationState
 from printctl.web.job.aftercare import checklist
-from printctl.web.job.machine import PARTS, Machine
+from printctl.web.job.machine import Machine
 from printctl.web.job.preflight import CheckRow, Preflight, PreflightReport, load_table, row
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
+from printctl.web.profile_store import PARTS
 
 Action = Literal[
     "",  # nothing
@@ -39,16 +40,9 @@ _LONG_ENOUGH: Final = "the syringe is then changed before line"
 
 @dataclass(frozen=True)
 class Refusal:
-    """One reason for which a start is refused.
+    """One reason for which a start is refused: ``what`` was looked at, and its ``remedy``.
 
-    Attributes
-    ----------
-    what, remedy : str
-        What was looked at, and what to do.
-    value, limit : float or None
-        What was found and what is allowed, in `unit`; None for a question to a person.
-    place : str
-        Line of the G-code, or key of a profile; empty for none.
+    ``value`` and ``limit`` are as in `CheckRow`; None for a question to a person.
     """
 
     what: str
@@ -76,18 +70,10 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Readiness:
-    """Whether a job's print may begin.
+    """Whether a job's print may begin: it was checked, and nothing refuses it.
 
-    Attributes
-    ----------
-    ready : bool
-        Whether it was checked and nothing refuses it.
-    checked : bool
-        Whether the job itself has been checked with this set-up; its refusals are unknown before.
-    key : str
-        Of the job's content and the set-up; empty for a set-up that can't be used.
-    preflight : PreflightReport or None
-        The job's own checks; None before.
+    ``checked`` is whether the job itself has been checked with this set-up; its refusals are
+    unknown before. ``key`` is empty for a set-up that can't be used.
     """
 
     job: str

@@ -59,13 +59,7 @@ class PrintRecord(BaseModel):
 
 
 class Records:
-    """The records of a workspace; any thread may ask.
-
-    Parameters
-    ----------
-    folder : Path
-        Where they are kept, one file each; it only gains changes.
-    """
+    """The records of a workspace, a file each in ``folder``; any thread may ask."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -84,12 +78,7 @@ class Records:
         return sorted(p.stem for p in self._folder.glob(f"{job}~[0-9]*.json"))
 
     def load(self, record: str) -> dict[str, Any]:
-        """A record: ``id``, ``job``, ``values``, ``steps``, ``notes``, ``photos``, ``changes``.
-
-        Raises
-        ------
-        NotFoundError, ConflictError
-        """
+        """A record: ``id``, ``job``, ``values``, ``steps``, ``notes``, ``photos``, ``changes``."""
         path = self._path(record)
         try:
             values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
@@ -106,12 +95,8 @@ class Records:
     def change(self, record: str, who: str, changes: Mapping[str, Any]) -> PrintRecord:
         """Say something of a print; what was said before stays in the changes.
 
-        Of ``ticked`` the points that are named change: two ticks may come at once.
-
-        Raises
-        ------
-        BadRequestError
-            For a value that can't be.
+        Of ``ticked`` the points that are named change: two ticks may come at once. BadRequestError
+        for a value that can't be.
         """
         with self._lock:
             found = self.load(record)

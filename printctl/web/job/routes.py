@@ -17,7 +17,7 @@ from printctl.machine.print_state.actions import Possible
 from printctl.machine.print_state.alerts import Alert
 from printctl.machine.printing.progress import Progress
 from printctl.web.job.aftercare import Aftercare, checklist
-from printctl.web.job.camera.routes import add_routes
+from printctl.web.job.camera.service import CameraService
 from printctl.web.job.jobs import JobEntry, JobId, all_jobs, entry_of
 from printctl.web.job.looks import LookService
 from printctl.web.job.machine import Machine
@@ -33,18 +33,9 @@ from printctl.web.rest import API, REFUSALS, Asking, Body
 
 @dataclass(frozen=True)
 class Form:
-    """The set-up filled in, and what it is chosen from.
+    """The set-up filled in, the points to tick, and profiles to choose: their value and name.
 
-    Attributes
-    ----------
-    machine : Machine or None
-        The printer that is connected.
-    checklist : list
-        Points to tick before the start.
-    choices : dict
-        Profiles that can be named: of each part their value and their name.
-    declared : bool
-        Whether the job itself says where it starts.
+    ``declared`` is whether the job itself says where it starts.
     """
 
     set_up: JobSetUp
@@ -105,14 +96,12 @@ _KEPT: Final = "~!*'()"
 
 def routers(service: JobService) -> tuple[APIRouter, ...]:
     """Routes of jobs and prints, and of the live view; nested, each would be made twice."""
-    seen = _router()
-    add_routes(seen, service.watching, service.prints.heard)
     own = _jobs(service), _prints(service), _after(service.after), _looks(service.looks)
-    return *own, seen, live_router(service.scene, service.scenes)
+    return *own, _camera(service.watching), live_router(service.scene, service.scenes)
 
 
-def _router(*tags: str) -> APIRouter:
-    return APIRouter(prefix=API, responses=REFUSALS, tags=[*tags])
+def _router(tag: str) -> APIRouter:
+    return APIRouter(prefix=API, responses=REFUSALS, tags=[tag])
 
 
 def job_hints(service: JobService) -> Callable[[Request], str]:
@@ -253,6 +242,26 @@ def _looks(looks: LookService) -> APIRouter:
     )(looks.picture)
     ask = "Answer a look that asks; 409 where the print doesn't wait for it"
     routes.post(f"{place}/{{number}}/answer", summary=ask)(looks.answer)
+    return routes
+
+
+def _camera(watching: CameraService) -> APIRouter:
+    routes = _router("camera")
+    routes.get("/camera", summary="The camera as it stands")(watching.seen)
+    routes.get(
+        "/camera/still",
+        summary="The picture of now, about once a second; 409 while the camera is lost",
+        response_class=Response,
+        responses={**_JPEG, 304: {"description": "None newer."}},
+    )(watching.still)
+    lapse = "/prints/{job}/timelapse"
+    routes.get(lapse, summary="The last print's time-lapse")(watching.timelapse)
+    routes.get(
+        f"{lapse}/film",
+        summary="Its film, an animated WebP; there once the print has ended",
+        response_class=FileResponse,
+        responses={200: {"content": {"image/webp": {}}}},
+    )(watching.film)
     return routes
 
 

@@ -7,24 +7,37 @@ import contextlib
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 from typing import IO, Any, Final
 
-from firmware_profiles import Printer, ProfileError, load
+from firmware_profiles import Printer, ProfileError, Syringe, load
+from printctl.checks.set_up import SetUp, of_each
 from printctl.errors import PrintctlError, SafetyError
+from printctl.machine.link.care import Care
 from printctl.machine.link.job import load_job
 from printctl.machine.link.printed_job import grown_in
 from printctl.machine.link.record import load_record
+from printctl.machine.printing import Order, retreat_for, usable_mm
 from printctl.machine.printing.find import running
 from printctl.machine.printing.mend_strokes import MendStrokes, mend_strokes
 from printctl.machine.station.status import NO_PRINTER
+from printctl.observe.order import ObserverOrder
+from printctl.observe.records import ORDER
+from printctl.observe.starting import end_idle_observer, start_observer
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare, Viability, viability
-from printctl.web.job.camera.routes import CameraService
+from printctl.web.job.camera.service import CameraService
 from printctl.web.job.jobs import JobEntry, JobId, add_job, all_jobs, entry_of
 from printctl.web.job.looks import LookService
-from printctl.web.job.machine import Machine, StationPrinting, set_up_of
+from printctl.web.job.machine import (
+    Machine,
+    StationPrinting,
+    refuse_foreign_files,
+    set_up_of,
+)
 from printctl.web.job.preflight import Preflight, PreflightReport, Preflights, key_of, report
 from printctl.web.job.print_commands import PrintCommands
 from printctl.web.job.prints import PrintReport, Prints
@@ -38,18 +51,7 @@ from printctl.web.job.readiness import (
     record_refusals,
 )
 from printctl.web.job.record import PrintRecord, Records
-from printctl.web.job.set_up import (
-    JobSetUp,
-    Place,
-    SetUps,
-    read_first_lines,
-    refuse_foreign_files,
-)
-from printctl.web.job.starting import (
-    observer_order,
-    observer_ready,
-    order_of,
-)
+from printctl.web.job.set_up import JobSetUp, Place, SetUps, read_first_lines, recipe_of
 from printctl.web.live import JobSource, SceneError
 from printctl.web.live.routes import SceneMaker
 from printctl.web.profile_store import ProfileStore
@@ -57,6 +59,7 @@ from printctl.web.rest import Asking
 
 _FOUND_S: Final = 3.0
 """So long after its start a server knows the print that goes on, which scenes are made behind."""
+_LIFT_MM: Final = 20.0
 _LARGEST_BYTES: Final = 100_000_000
 """Two million moves: about two seconds."""
 
@@ -64,32 +67,8 @@ _LARGEST_BYTES: Final = 100_000_000
 class JobService:
     """The job's room; any thread may call, and calls may block.
 
-    It finds the prints of the workspace that go on, whoever started them, and follows them.
-
-    Parameters
-    ----------
-    core : Core
-    printing : StationPrinting, optional
-        The workspace's station by default.
-
-    Attributes
-    ----------
-    store : ProfileStore
-        Profiles that a set-up can name.
-    set_ups : SetUps
-    records : Records
-    prints : Prints
-        How they stand.
-    hands : PrintCommands
-        Pause, resume, change of syringe, cancel.
-    scenes : SceneMaker
-        Of the live view.
-    after : Aftercare
-        Steps, notes, photos, warming, flushing.
-    watching : CameraService
-        The camera, the time-lapses.
-    looks : LookService
-        Looks at an observed print, and the operator's answer.
+    It finds the prints of the workspace that go on, whoever started them, and follows them. The
+    printer is the workspace's station by default.
     """
 
     def __init__(self, core: Core, printing: StationPrinting | None = None) -> None:
@@ -102,10 +81,10 @@ class JobService:
         self.prints = Prints(
             core.workspace, self._preflights, self.set_ups, self.records, self._tell
         )
-        self.hands = PrintCommands(core)
+        self.hands = PrintCommands(core, self.printing)
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
         self.scenes = SceneMaker()
-        self.watching = CameraService(core)
+        self.watching = CameraService(core, self.prints)
         self.looks = LookService(core, self.prints)
         self._starting = threading.Lock()
         self.prints.begin()
@@ -116,21 +95,13 @@ class JobService:
         self.after.close()
         self.watching.close()
 
-    # --- jobs ----------------------------------------------------------------------------------
-
     def upload(self, name: str, stream: IO[bytes]) -> JobEntry:
         """Keep an uploaded G-code file; nothing in it is run."""
         workspace, limit = self.core.workspace, int(self.core.settings.upload_mb * 1e6)
         return entry_of(workspace, add_job(workspace, name, stream, limit))
 
     def scene(self, job: str) -> JobSource:
-        """What the live view draws.
-
-        Raises
-        ------
-        KeyError
-            When there is no such job.
-        """
+        """What the live view draws; KeyError when there is no such job."""
         try:
             file, mounted = self.core.workspace.job_file(job), self.set_ups.of(job)
         except WebError as exc:
@@ -139,18 +110,10 @@ class JobService:
         return JobSource(file, cache, mounted.printer, mounted.syringe.partition(",")[0])
 
     def mends(self, job: JobId) -> list[MendStrokes]:
-        """What an observer had written again in the job's last print.
-
-        Raises
-        ------
-        LinkError
-            When the file or the journal can't be read.
-        """
+        """What an observer had written again in the job's last print."""
         file, folder = self.core.workspace.job_file(job), self.core.workspace.print_folder(job)
         printer = load(Printer, load_record(folder).profile)
         return mend_strokes(grown_in(folder, load_job(file, printer)))
-
-    # --- before the print ----------------------------------------------------------------------
 
     def set_up(self, job: str) -> JobSetUp:
         """The form filled in: as last time, else by the run's recipe; the printer knows better."""
@@ -162,12 +125,7 @@ class JobService:
         return read_first_lines(self.core.workspace.job_file(job), printer)[0]
 
     def to_start(self, who: Principal, job: str, start_mm: Place) -> Machine:
-        """Bring the tip to where the job starts: up, over, down, within the soft limits.
-
-        Raises
-        ------
-        NotInControlError, ConflictError, SafetyError, LinkError
-        """
+        """Bring the tip to where the job starts: up, over, down, within the soft limits."""
         self.core.controls.require(who)
         self.core.workspace.job_file(job)
         self._connected()
@@ -197,7 +155,7 @@ class JobService:
         wasn't yet, which takes as long as a dry run; not while the printer moves.
         """
         file, machine = self.core.workspace.job_file(job), self.printing.machine()
-        set_up = set_up or set_up_of(machine, self.set_ups.of(job), self.declared(job))
+        set_up = set_up or self.set_up(job)
         refusals = [
             *self._others_controls(who),
             *machine_refusals(machine, set_up),
@@ -238,16 +196,11 @@ class JobService:
         self.core.workspace.job_file(job)
         return self.records.change(self.records.current(job), who.by, changes)
 
-    # --- the print -----------------------------------------------------------------------------
-
     def start(self, who: Principal, job: str, set_up: JobSetUp, confirmed: str) -> PrintReport:
         """Start a print, or find the one that goes on.
 
-        ``confirmed`` is the machine, as `Machine.words` calls it.
-
-        Raises
-        ------
-        NotInControlError, SafetyError, ConflictError, BadRequestError, ObserverError, LinkError
+        ``confirmed`` is the machine, as `Machine.words` calls it. SafetyError says all that refuses
+        the start; ObserverError, LinkError: nothing has moved.
         """
         self.core.controls.require(who)
         with self._starting:  # a second click waits, and then finds the first one's print
@@ -302,8 +255,6 @@ class JobService:
         ended = heard is not None and heard.status.ended
         return viability(self.record(job), budget, time.time(), None if ended else left)
 
-    # --- between -------------------------------------------------------------------------------
-
     def _connected(self) -> Machine:
         machine = self.printing.machine()
         if machine is None:
@@ -311,9 +262,8 @@ class JobService:
         return machine
 
     def _refuse_foreign(self, set_up: JobSetUp) -> None:
-        machine = self.printing.machine()
-        known = {machine.profile, *machine.mounted.values()} if machine else set()
-        refuse_foreign_files(set_up, self.core.workspace.root, frozenset(known))
+        root = self.core.workspace.root
+        refuse_foreign_files(set_up.profiles, root, self.printing.machine())
 
     def _checked(self, job: str, set_up: JobSetUp) -> Preflight:
         """Check a job, unless it was checked so before."""
@@ -327,8 +277,100 @@ class JobService:
             yield Refusal("controls", f"{name} holds them; take them over", "controls")
 
     def _tell(self, heard: PrintReport) -> None:
-        self.watching.hear(heard)
+        self.watching.lapse.hear(heard)
         self.core.events.publish("print", **heard.to_dict())
+
+
+# Order of a job's print, and its observer.
+
+
+def observer_order(job: Path, set_up: JobSetUp, mounted: SetUp) -> ObserverOrder | None:
+    """Return how a job's print is observed, with what is mounted; None where nobody asks for it.
+
+    The recipe of the run that the G-code file is of may ask for an observer; ConflictError when the
+    run's folder doesn't say how.
+    """
+    folder = job.parent
+    recipe = recipe_of(folder)
+    if recipe is None or recipe.observe is None:
+        return None
+    try:
+        order = ObserverOrder.load(folder)
+    except (OSError, ValueError) as exc:
+        raise ConflictError(
+            f"the recipe of {folder.name} has its print observed, and {ORDER} in its folder, which "
+            f"says how, can't be read ({exc}): make the run anew (`printctl run RECIPE --until "
+            "toolpath`); nothing was moved"
+        ) from exc
+    syringe = load(Syringe, set_up.syringe)
+    return replace(
+        order,
+        job=str(job.resolve()),
+        profile=set_up.printer,
+        syringe=set_up.syringe,
+        ink=set_up.ink,
+        needle=set_up.needle or order.needle,
+        capacity_ul=usable_mm(syringe, mounted.printer) * syringe.area_mm2,
+    )
+
+
+@contextlib.contextmanager
+def observer_ready(order: Order, observer: ObserverOrder | None) -> Iterator[None]:
+    """Have an observer ready before a print begins, and end it where the print doesn't.
+
+    ObserverError when it can't be started; nothing has moved.
+    """
+    if observer is None:
+        yield
+        return
+    order.folder.mkdir(parents=True, exist_ok=True)
+    observer.save(order.folder)
+    start_observer(order.folder)
+    try:
+        yield
+    except Exception:
+        end_idle_observer(order.folder)
+        raise
+
+
+def order_of(
+    job: Path,
+    folder: Path,
+    set_up: JobSetUp,
+    mounted: SetUp,
+    machine: Machine,
+    preflight: Preflight,
+    observer: ObserverOrder | None = None,
+) -> Order:
+    """The order, as `printctl print` makes it, with the looks of a run's observer.
+
+    ``mounted`` is what the set-up names; the journal goes into ``folder``; the preflight says where
+    syringes must be changed, and what failed and was accepted.
+    """
+    printer, part = mounted.printer, set_up.care
+    loads = [mounted.load_of(k) for k in range(printer.head_count)]
+    retreat, *others = (retreat_for(one.syringe, one.ink, _LIFT_MM, part.prime_ul) for one in loads)
+    names, usable = of_each(printer, set_up.syringe, "syringe"), set_up.usable_mm(mounted)
+    several = len(names) > 1
+    care = Care(
+        checkpoint_s=part.checkpoint_every_s,
+        deadman_s=60.0 * part.deadman_min,
+        deadman_stops=part.deadman_stops,
+        silent_limit_s=part.silent_limit_s,
+        noise_limit=part.noise_limit,
+        syringe=names[0],
+        capacity_mm=usable[0],
+        head_syringes=tuple(names) if several else (),
+        head_capacity_mm=tuple(usable) if several else (),
+        start_mm=set_up.start_mm,
+        reload_at=tuple(preflight.facts["reload_at"]),
+        reload_heads=tuple(preflight.facts["reload_heads"]),
+        accepted=tuple(preflight.facts["accepted"]),
+    )
+    if observer is not None:
+        care = Care.from_dict(care.to_dict() | observer.care)
+    retreat = replace(retreat, others=tuple(others))
+    return Order(job, machine.profile, machine.port, folder, retreat, once=True, care=care)
 
 
 async def make_first_scene(service: JobService) -> None:

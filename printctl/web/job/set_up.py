@@ -9,17 +9,7 @@ from typing import Annotated, Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
-from firmware_profiles import (
-    Bath,
-    Dish,
-    Facts,
-    Ink,
-    Needle,
-    Printer,
-    ProfileError,
-    Syringe,
-    load,
-)
+from firmware_profiles import Facts, Printer, ProfileError, load
 from firmware_profiles.tools import THINNEST_BORE
 from printctl.checks.set_up import Budget, ProfileNames, SetUp, budget_of, set_up
 from printctl.errors import PrintctlError
@@ -31,20 +21,13 @@ from printctl.machine.station.orders import homing_line
 from printctl.recipe.making import CarePart
 from printctl.recipe.model import Recipe
 from printctl.run_folder.manifest import Manifest
-from printctl.web.errors import BadRequestError
+from printctl.web.profile_store import PARTS
 from printctl.web.workspace import Workspace
 
 Millimetre = Annotated[float, Field(ge=-5000, le=5000, allow_inf_nan=False)]
 Place = tuple[Millimetre, Millimetre, Millimetre]
 Profile = Annotated[str, Field(max_length=300)]
-PROFILES: Final[dict[str, type[Facts]]] = {
-    "printer": Printer,
-    "needle": Needle,
-    "syringe": Syringe,
-    "ink": Ink,
-    "bath": Bath,
-    "dish": Dish,
-}
+PROFILES: Final[dict[str, type[Facts]]] = {"printer": Printer, **PARTS}
 """Fields of a set-up that name profiles, and of what."""
 
 
@@ -88,12 +71,7 @@ class JobSetUp(BaseModel):
         return {one: [*filter(None, getattr(self, one).split(","))] for one in PROFILES}
 
     def mounted(self) -> SetUp:
-        """The profiles that it names.
-
-        Raises
-        ------
-        ProfileError, UsageError
-        """
+        """Load the profiles that it names."""
         centre = None if self.dish_centre_mm is None else "{!r},{!r}".format(*self.dish_centre_mm)
         given = ProfileNames(
             self.needle or None,
@@ -119,25 +97,6 @@ class JobSetUp(BaseModel):
         inks = {one.ink.name: one.ink for one in map(mounted.load_of, range(printer.head_count))}
         budgets = [budget_of(i, care.viability_min, care.viability_source) for i in inks.values()]
         return min((one for one in budgets if one), key=lambda one: one.minutes, default=None)
-
-
-def refuse_foreign_files(given: JobSetUp, root: Path, known: frozenset[str]) -> None:
-    """Let profiles be shipped names, files of the workspace, or what the station itself uses.
-
-    Raises
-    ------
-    BadRequestError
-        For any other path: the page isn't for reading the machine's files.
-    """
-    for key, names in given.profiles.items():
-        for name in names:
-            plain = not any(mark in name for mark in "/\\")
-            if plain or name in known or Path(name).resolve().is_relative_to(root.resolve()):
-                continue
-            raise BadRequestError(
-                f"{key} {name[:80]!r} is a file outside the workspace {root}; give a shipped "
-                "profile's name, or put the file into the workspace"
-            )
 
 
 def recipe_of(folder: Path) -> Recipe | None:
@@ -181,17 +140,10 @@ def _first_lines(path: Path, printer: str, size: int, changed_ns: int) -> tuple[
 
 
 def read_first_lines(path: Path, printer: str) -> tuple[Place | None, int]:
-    """Read where a job says that the tip stands, and the line in which it homes the machine.
+    """Read where a job says that the tip stands, mm, and the line in which it homes the machine.
 
-    The file is read once for each printer profile; again when its size or time of change is
-    another.
-
-    Returns
-    -------
-    declared : (x, y, z) or None, mm
-        Declared to the firmware; None where the job doesn't, or can't be read.
-    line : int
-        0 for none.
+    None where the job doesn't declare its start, or can't be read; line 0 for none. The file is
+    read once for each printer profile, and again when its size or time of change is another.
     """
     stat = path.stat()
     return _first_lines(path, printer, stat.st_size, stat.st_mtime_ns)
@@ -210,10 +162,7 @@ class SetUps:
     def of(self, job: str) -> JobSetUp:
         """As it was given for this job last, else by its recipe; the file isn't read for its start.
 
-        Raises
-        ------
-        WebError
-            When there is no such job.
+        WebError when there is no such job.
         """
         if (kept := _read(self._kept(job))) is not None:
             return kept

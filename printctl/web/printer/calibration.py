@@ -24,23 +24,11 @@ LARGEST: Final = 1e6
 
 @dataclass(frozen=True)
 class Wizard:
-    """One calibration.
+    """One calibration, as `printctl calibrate NAME`.
 
-    Attributes
-    ----------
-    name : str
-        As `printctl calibrate NAME`.
-    title, needs, gives : str
-    columns : tuple of str
-        Of its sheet, the words first; empty for one that is done by the command line alone.
-    words : int
-        How many of the columns are words.
-    printed : bool
-        Whether it begins with a test that is printed.
-    placed : bool
-        Whether a row takes the tip's place.
-    writes : tuple of str
-        What a measured copy of a profile can be written of.
+    Its sheet's ``columns`` begin with so many ``words``; none for one that is done by the command
+    line alone. ``printed`` is whether it begins with a test that is printed, ``placed`` whether a
+    row takes the tip's place; a measured copy of a profile can be written of ``writes``.
     """
 
     name: str
@@ -167,10 +155,6 @@ class Calibrating:
     """Makes tests, fits what was measured, writes measured copies of profiles.
 
     Its methods are routes.
-
-    Parameters
-    ----------
-    service : PrinterService
     """
 
     def __init__(self, service: PrinterService) -> None:

@@ -37,17 +37,9 @@ Replies = dict[Literal["replies"], list[str]]
 
 @dataclass(frozen=True)
 class Entry:
-    """Entry of the console.
+    """Entry of the console; ``at_s`` is since 1970.
 
-    Attributes
-    ----------
-    number : int
-        Counts up.
-    at_s : float, s since 1970
-    who, text : str
-    replies : tuple of str
-    refused : str
-        Why it wasn't sent, or failed; empty when it went out.
+    ``refused`` says why it wasn't sent, or failed; empty when it went out.
     """
 
     number: int
@@ -59,12 +51,7 @@ class Entry:
 
 
 class Console:
-    """Sends lines and keeps what came of them, the same for all browsers.
-
-    Parameters
-    ----------
-    service : PrinterService
-    """
+    """Sends lines and keeps what came of them, the same for all browsers."""
 
     def __init__(self, service: PrinterService) -> None:
         self._service = service
@@ -82,14 +69,7 @@ class Console:
         return {"replies": self.send(who, body.text)}
 
     def send(self, who: Principal, typed: str) -> list[str]:
-        """Send a line; give the reply.
-
-        Raises
-        ------
-        BadRequestError
-            For no line, or more than one.
-        NotInControlError, ConflictError, LinkError
-        """
+        """Send a line; give the reply."""
         text = checked_line(typed)
         try:
             replies = self._service.ask(who).command(text)
@@ -110,12 +90,7 @@ class Console:
 
 
 def checked_line(typed: str) -> str:
-    """Return one command as it can be sent.
-
-    Raises
-    ------
-    BadRequestError
-    """
+    """Return one command as it can be sent; BadRequestError for no line, or more than one."""
     text = typed.strip()
     if not text or len(text) > LONGEST or not (text.isascii() and text.isprintable()):
         raise BadRequestError(
@@ -153,13 +128,7 @@ class MacroFile(BaseModel):
 
 
 class Macros:
-    """Reads, checks, keeps and runs macros; its methods are routes.
-
-    Parameters
-    ----------
-    service : PrinterService
-    console : Console
-    """
+    """Reads, checks, keeps and runs macros; its methods are routes."""
 
     def __init__(self, service: PrinterService, console: Console) -> None:
         self._service, self._console = service, console

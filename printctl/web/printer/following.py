@@ -21,18 +21,8 @@ LOOK_AGAIN_S: Final = 2.0
 class Follower:
     """Two threads: one follows the station, one passes on its last known status.
 
-    Parameters
-    ----------
-    folder : Path
-        The station's. One that is alive there is found again, whoever started it.
-    tell : function
-        Given a status when there is a new one, at most every `APART_S`.
-
-    Attributes
-    ----------
-    status : StationStatus
-    station : Station or None
-        The one followed.
+    A station that is alive in ``folder`` is found again, whoever started it. ``tell`` is given each
+    new status, at most every `APART_S`.
     """
 
     def __init__(self, folder: Path, tell: Callable[[StationStatus], None]) -> None:

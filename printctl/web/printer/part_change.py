@@ -44,12 +44,7 @@ class Push(Body):
 
 
 class Changing:
-    """Changes of syringe and needle; its methods are routes.
-
-    Parameters
-    ----------
-    service : PrinterService
-    """
+    """Changes of syringe and needle; its methods are routes."""
 
     def __init__(self, service: PrinterService) -> None:
         self._service = service
@@ -164,12 +159,7 @@ TouchingNow = dict[Literal["touching"], Touching | None]
 
 
 class Guide:
-    """One touching at a time, the same for all browsers; its methods are routes.
-
-    Parameters
-    ----------
-    service : PrinterService
-    """
+    """One touching at a time, the same for all browsers; its methods are routes."""
 
     def __init__(self, service: PrinterService) -> None:
         self._service = service

@@ -1,26 +1,22 @@
-"""REST of the printer: what is sent, and routes."""
+"""REST of the printer: what is sent, what can be chosen, and routes."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from dataclasses import asdict, dataclass
+from typing import Annotated, Literal
 
 from fastapi import APIRouter
 from pydantic import Field
 
+from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, ProfileError, Syringe
+from printctl.machine.link.port_detection import matches, rates_to_try
+from printctl.machine.link.ports import PortInfo, list_ports
 from printctl.web.printer.calibration import MM, WIZARDS, Calibrating, Wizard
-from printctl.web.printer.choices import (
-    PARTS,
-    FoundPort,
-    PartChoice,
-    PrinterChoice,
-    part_choices,
-    ports_with_profiles,
-    printer_choices,
-)
 from printctl.web.printer.console import Console, Macros
 from printctl.web.printer.part_change import Changing, Guide, Name, NameOrNone, Push
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.status import PrinterStatus, way_out_mm
+from printctl.web.profile_store import PARTS, ProfileStore
 from printctl.web.rest import API, REFUSALS, Asking, Body
 
 
@@ -74,6 +70,70 @@ class MountRequest(Body):
     bath_level_mm: MM | None = None
 
 
+@dataclass(frozen=True)
+class FoundPort(PortInfo):
+    """A port, and the profiles whose USB id it has."""
+
+    profiles: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PrinterChoice:
+    """A printer profile that can be connected.
+
+    ``starting_values`` are keys whose values weren't measured at the machine. ``bauds`` (Bd) begin
+    with the profile's own, then those that ``auto`` tries.
+    """
+
+    name: str
+    summary: str
+    starting_values: tuple[str, ...]
+    bauds: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class PartChoice:
+    """A part that can be mounted; ``volume_ul`` is a syringe's."""
+
+    name: str
+    about: str
+    volume_ul: float | None = None
+
+
+def _part(store: ProfileStore, model: type[Facts], name: str) -> PartChoice:
+    try:
+        part = store.load(model, name)
+    except (ProfileError, OSError) as exc:  # a file of the user's own; mounting it is refused
+        return PartChoice(name, f"can't be read: {exc}")
+    if isinstance(part, Needle):
+        return PartChoice(name, f"bore {part.inner_mm:g} mm, {part.length_mm:g} mm long")
+    if isinstance(part, Syringe):
+        return PartChoice(name, f"{part.volume_ul:g} µL", part.volume_ul)
+    if isinstance(part, Ink):
+        low, high = part.temperature_c.low, part.temperature_c.high
+        return PartChoice(name, f"held at {low:g} to {high:g} °C")
+    if isinstance(part, Dish):
+        wide = "Ø " if part.shape == "round" else f"{part.inner_x_mm:g} × "
+        return PartChoice(name, f"{wide}{part.inner_y_mm:g} mm, wall {part.wall_mm:g} mm")
+    assert isinstance(part, Bath)
+    return PartChoice(name, f"yields at {part.yield_stress_pa:g} Pa")
+
+
+def summary(printer: Printer) -> str:
+    """Describe a printer on one line."""
+    x, y, z = (f"{s.low:g} to {s.high:g}" for s in (printer.x_mm, printer.y_mm, printer.z_mm))
+    pushes = (
+        f"pneumatic, {printer.pneumatic.pressure_kpa:g} kPa"
+        if printer.pneumatic
+        else f"plunger, {printer.plunger_travel_mm:g} mm of travel"
+    )
+    heads = f", {printer.head_count} heads" if printer.heads else ""
+    return (
+        f"{printer.name}: {printer.firmware}, {printer.baud} Bd, X {x}, Y {y}, Z {z} mm; "
+        f"{pushes}{heads}"
+    )
+
+
 def router(service: PrinterService) -> APIRouter:
     """Routes under ``/api/v1/printer``."""
     routes = APIRouter(prefix=f"{API}/printer", tags=["printer"], responses=REFUSALS)
@@ -84,37 +144,50 @@ def router(service: PrinterService) -> APIRouter:
 
 
 def _add_connection(routes: APIRouter, service: PrinterService) -> None:
+    store = service.store
+
     @routes.get("/status", summary="Last known status of the printer")
     def status() -> PrinterStatus:
         return service.status
 
+    def printers() -> dict[str, Printer]:
+        return {name: store.load(Printer, name) for name in store.printers()}
+
     @routes.get("/ports", summary="Serial ports, and whose USB id each has; opens none")
     def ports() -> list[FoundPort]:
-        return ports_with_profiles(service.store)
+        known = printers().items()
+        return [
+            FoundPort(
+                **asdict(port), profiles=tuple(name for name, one in known if matches(one, port))
+            )
+            for port in list_ports()
+        ]
 
     @routes.get("/profiles", summary="Printer profiles that can be connected")
     def profiles() -> list[PrinterChoice]:
-        return printer_choices(service.store)
+        return [
+            PrinterChoice(name, summary(one), one.starting_values, rates_to_try(one))
+            for name, one in printers().items()
+        ]
 
     @routes.get("/parts", summary="Needles, syringes, inks, dishes and baths to choose from")
     def parts() -> dict[str, list[PartChoice]]:
-        return part_choices(service.store)
+        return {
+            sort: [_part(store, model, name) for name in store.names(model)]
+            for sort, model in PARTS.items()
+        }
 
     @routes.post("/connect", summary="Connect a printer")
     def connect(body: ConnectTo, who: Asking) -> PrinterStatus:
         return service.connect(who, **dict(body))
 
-    @routes.post("/disconnect", summary="Let go of the port; heaters go off")
-    def disconnect(who: Asking) -> PrinterStatus:
-        return service.disconnect(who)
+    routes.post("/disconnect", summary="Let go of the port; heaters go off")(service.disconnect)
 
     @routes.post("/reconnect", summary="Open the port again after a halt or a lost port")
     def reconnect(who: Asking) -> PrinterStatus:
         return service.heard(service.ask(who).reconnect())
 
-    @routes.get("/temperatures", summary="The last ten minutes, by columns")
-    def temperatures() -> dict[str, Any]:
-        return service.plots.columns()
+    routes.get("/temperatures", summary="The last ten minutes, by columns")(service.plots.columns)
 
 
 def _add_moves(routes: APIRouter, service: PrinterService) -> None:

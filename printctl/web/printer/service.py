@@ -16,22 +16,13 @@ from printctl.web.errors import ConflictError
 from printctl.web.printer.following import Follower, Plots
 from printctl.web.printer.status import PrinterStatus, described
 from printctl.web.profile_store import ProfileStore
+from printctl.web.rest import Asking
 
 
 class PrinterService:
     """The workspace's printer; any thread may call, and calls may block.
 
     It follows a station in the workspace from the moment it is made, whoever started that one.
-
-    Parameters
-    ----------
-    core : Core
-
-    Attributes
-    ----------
-    store : ProfileStore
-        Profiles to choose from.
-    plots : Plots
     """
 
     def __init__(self, core: Core) -> None:
@@ -51,25 +42,14 @@ class PrinterService:
         return described(self._follower.status)
 
     def station(self) -> Station:
-        """Return the station that is open.
-
-        Raises
-        ------
-        ConflictError
-            When no printer is connected.
-        """
+        """Return the station that is open; ConflictError when no printer is connected."""
         station = self._follower.station
         if station is None:
             raise ConflictError(NO_PRINTER)
         return station
 
     def ask(self, who: Principal) -> Station:
-        """Return the station, for who holds the controls.
-
-        Raises
-        ------
-        NotInControlError, ConflictError
-        """
+        """Return the station, for who holds the controls; NotInControlError for others."""
         self.core.controls.require(who)
         return self.station()
 
@@ -78,10 +58,6 @@ class PrinterService:
         """Give the station for what moves: one move at a time, none waits for another to end.
 
         A move that waited would begin after the key was let go.
-
-        Raises
-        ------
-        NotInControlError, ConflictError
         """
         station = self.ask(who)
         if not self._moving.acquire(blocking=False):
@@ -102,13 +78,7 @@ class PrinterService:
         """Connect a printer, and check that it is the profile's.
 
         The port is a device, a TCP address, ``auto`` or ``simulated``; None takes the profile's
-        baud rate.
-
-        Raises
-        ------
-        ConflictError
-            When one is connected already.
-        NotInControlError, NotFoundError, LinkError, OSError
+        baud rate. ConflictError when one is connected already.
         """
         self.core.controls.require(who)
         now = self.status
@@ -129,7 +99,7 @@ class PrinterService:
         self._follower.follow(station)
         return self.heard(station.status)
 
-    def disconnect(self, who: Principal) -> PrinterStatus:
+    def disconnect(self, who: Asking) -> PrinterStatus:
         """Let go of the port; the heaters go off. Refused while printing."""
         station = self.ask(who)
         station.close()

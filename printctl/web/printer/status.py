@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final
 
@@ -12,8 +12,7 @@ from printctl.machine.station import StationState, StationStatus
 from printctl.machine.station.idle_commands import UNNAMED_UL_S
 from printctl.machine.station.status import MountedParts
 from printctl.web.errors import ConflictError
-from printctl.web.printer.choices import PARTS
-from printctl.web.profile_store import ProfileStore
+from printctl.web.profile_store import PARTS, ProfileStore
 
 STATE_WORDS: Final = {
     StationState.CONNECTING: "connecting: opening the port, asking who is there",
@@ -35,22 +34,9 @@ BLIND_LIFT_MM: Final = 20.0
 class PrinterStatus(StationStatus):
     """A station's status, and what follows from it.
 
-    Attributes
-    ----------
-    needs_touch_off : bool
-        Whether a needle is above a dish whose floor it hasn't touched.
-    printer : str
-        The profile's name, without a path.
-    parts : dict of str to str
-        Names of the mounted needle, syringe, ink, dish and bath; empty for none.
-    state_words, position_words : str
-        State and trust of the position, for people.
-    rim_mm : float or None, mm
-        Height of the tip at the dish's rim; None where that isn't known.
-    fastest_ul_s : float or None, µL/s
-        Fastest plunger with the syringe and ink mounted; None without a syringe.
-    full_ul : float or None, µL
-        What the mounted syringe gives when it is full; None without one.
+    ``printer`` and ``parts`` are names without a path, empty for none. ``rim_mm`` is the height of
+    the tip at the dish's rim, ``fastest_ul_s`` the fastest plunger with the syringe and ink
+    mounted, ``full_ul`` what that syringe gives when it is full; None where that isn't known.
     """
 
     needs_touch_off: bool = False
@@ -70,7 +56,7 @@ def described(status: StationStatus) -> PrinterStatus:
     except (ProfileError, OSError):  # a file that was removed meanwhile
         rim = fastest = full = None
     return PrinterStatus(
-        **{one.name: getattr(status, one.name) for one in fields(StationStatus)},
+        **vars(status),
         needs_touch_off=status.mounted.touch_off_due,
         printer=ProfileStore.name(status.profile),
         parts={sort: ProfileStore.name(getattr(status.mounted, sort)) for sort in PARTS},
@@ -100,10 +86,7 @@ def _limits(profile: str, mounted: MountedParts) -> tuple[float | None, float | 
 def way_out_mm(status: StationStatus) -> float:
     """Return how far up the tip is out of the bath and above the dish's rim, mm.
 
-    Raises
-    ------
-    ConflictError
-        When it is there already, or the axis ends below.
+    ConflictError when it is there already, or the axis ends below.
     """
     if status.position_mm is None:
         raise ConflictError("the printer hasn't told where it stands; home it, or jog Z up")

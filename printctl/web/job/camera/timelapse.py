@@ -27,16 +27,9 @@ _WAITING: Final = 16
 
 @dataclass(frozen=True)
 class TimeLapseState:
-    """State of a time-lapse.
+    """State of a time-lapse: pictures kept, and whether its film is there or being made.
 
-    Attributes
-    ----------
-    frames, bytes : int
-        Of the pictures kept.
-    film, making : bool
-        Whether its film is there, or being made.
-    message : str
-        Why no more pictures are kept, or why there is no film; else empty.
+    ``message`` says why no more pictures are kept, or why there is no film.
     """
 
     frames: int

@@ -21,6 +21,13 @@ from printctl.web.workspace import Workspace
 from tests.printctl.machine.link.layered import layered
 
 START = (50.0, 50.0, 10.0)
+WORDS = "generic_marlin on simulated"
+MOUNTED = {
+    "syringe": "hamilton_1ml",
+    "ink": "collagen_fresh",
+    "needle": "28g",
+    "bath": "gelatin_support",
+}
 OPERATOR = Principal("one", "Ada")
 OTHER = Principal("two", "Grace")
 
@@ -43,7 +50,7 @@ def station(core: Core) -> Iterator[Station]:
     opened = connect(
         "generic_marlin", "simulated", core.workspace.station, sim_speed=20.0, start_mm=START
     )
-    opened.mount(syringe="hamilton_1ml", ink="collagen_fresh", needle="28g", bath="gelatin_support")
+    opened.mount(**MOUNTED)
     yield opened
     shut(opened)
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from PIL import Image
+from playwright.sync_api import expect
 
 from printctl.machine.station import Station, connect
 from printctl.machine.station.record import load_station
@@ -20,7 +21,7 @@ from printctl.web.workspace import Workspace
 from tests.printctl.checks.preflight.test_shaft_checks import job
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.camera.pictures import sequence
-from tests.printctl.web.job.conftest import OPERATOR, add, ready
+from tests.printctl.web.job.conftest import OPERATOR, WORDS, add, ready
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, WIDE, shown
 from tests.sim_process import printer_process
@@ -55,8 +56,6 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, 
 
 def fits(page: Any) -> None:
     """Compare the page's height with the most it may have, at both sizes."""
-    from playwright.sync_api import expect
-
     for size in (PHONE, WIDE):
         page.set_viewport_size(size)
         expect(page.get_by_role("button", name="STOP")).to_be_in_viewport()
@@ -67,8 +66,6 @@ def fits(page: Any) -> None:
 def test_refusals_stand_together_are_mended_by_buttons_and_the_print_leads_on(
     served: tuple[Process, Path], browser: Any, tmp_path: Path
 ) -> None:
-    from playwright.sync_api import expect
-
     server, root = served
     page = shown(browser, f"{server.url}/job?job=file~part.gcode", viewport=WIDE)
     refusals = page.get_by_role("list", name="What refuses the start").get_by_role("listitem")
@@ -106,8 +103,6 @@ def test_refusals_stand_together_are_mended_by_buttons_and_the_print_leads_on(
 
 def after_the_end(page: Any, url: str, tmp_path: Path) -> None:
     """Look at links, tick a step, write a note, add a photo, and set the job up again."""
-    from playwright.sync_api import expect
-
     expect(page.get_by_role("link", name="Print again").first).to_be_visible()
     history = page.get_by_role("link", name="History", exact=True).last.get_attribute("href")
     identity = history.partition("print=")[2]
@@ -137,8 +132,6 @@ def after_the_end(page: Any, url: str, tmp_path: Path) -> None:
 def test_a_job_is_uploaded_set_up_and_never_started_where_it_is_out_of_bounds(
     served: tuple[Process, Path], browser: Any, tmp_path: Path, size: Any, theme: str
 ) -> None:
-    from playwright.sync_api import expect
-
     server, _ = served
     file = tmp_path / f"wide_{theme}.gcode"
     file.write_bytes(b";" + HOSTILE + b"\n" + layered(2, 10) + b"G1 X500 Y50 F1800\n")
@@ -157,8 +150,6 @@ def test_a_job_is_uploaded_set_up_and_never_started_where_it_is_out_of_bounds(
 
 def test_a_rehearsal_is_begun_without_a_word(browser: Any, tmp_path: Path) -> None:
     """With no printer: connect a simulated one, move its tip, start."""
-    from playwright.sync_api import expect
-
     workspace = Workspace(tmp_path / "workspace").make()
     (workspace.root / "jobs" / "zigzag.gcode").write_bytes(layered(1, 20))
     with server_process(workspace.root) as server:
@@ -180,15 +171,13 @@ def test_a_rehearsal_is_begun_without_a_word(browser: Any, tmp_path: Path) -> No
 def test_the_film_of_a_print_plays_and_is_fetched(
     core: Core, station: Station, browser: Any, tmp_path: Path
 ) -> None:
-    from playwright.sync_api import expect
-
     settings = replace(core.settings, camera=sequence(tmp_path / "seen"))
     service = JobService(replace(core, settings=settings))
     try:
         name = add(service)
         until(lambda: service.watching.seen().state == "there")
-        service.start(OPERATOR, name, ready(service, name), "generic_marlin on simulated")
-        until(lambda: service.watching.timelapse(name, service.prints.heard(name)).film, 60.0)
+        service.start(OPERATOR, name, ready(service, name), WORDS)
+        until(lambda: service.watching.timelapse(name).film, 60.0)
     finally:
         service.close()
     with server_process(core.workspace.root) as server:  # the film stays, without a camera

@@ -17,7 +17,7 @@ from printctl.web.core import Core
 from printctl.web.job.service import JobService
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
-from tests.printctl.web.job.conftest import OPERATOR, START, add, ready
+from tests.printctl.web.job.conftest import MOUNTED, OPERATOR, START, add, ready
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import serious, shown, take_controls
 from tests.sim_process import printer_process
@@ -53,9 +53,7 @@ def under_way(tmp_path_factory: pytest.TempPathFactory) -> Iterator[UnderWay]:
         workspace = Workspace(folder / "workspace").make()
         station = connect("generic_marlin", port, workspace.station)
         station.set_position(*START)
-        station.mount(
-            syringe="hamilton_1ml", ink="collagen_fresh", needle="28g", bath="gelatin_support"
-        )
+        station.mount(**MOUNTED)
         service = JobService(Core(ServeSettings(workspace.root), workspace))
         with server_process(workspace.root) as server:
             job = add(service, NAME, 20, 200)

@@ -12,17 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from firmware_profiles import Printer, load
 from printctl.checks.preflight import Budget
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.job_start import declared_start
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.aftercare import Ramp, Warming, ramped_c, viability
 from printctl.web.job.jobs import all_jobs, entry_of
 from printctl.web.job.machine import Machine, places_to, set_up_of
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp, read_first_lines
-from tests.printctl.machine.link.jobs import load_job
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, START, add
 
@@ -169,11 +165,9 @@ PLACED = b"G21\nG92 X1 Y2 Z3 E0\n"
 @pytest.mark.parametrize(
     ("data", "found"),
     [
-        (PLACED + MOVES, (1.0, 2.0, 3.0)),
         (PLACED + MOVES + b"G92 E0\n" + MOVES, (1.0, 2.0, 3.0)),
         (PLACED + MOVES + b"; G92 X9 Y9 Z9\n" + MOVES, (1.0, 2.0, 3.0)),
         (PLACED + MOVES + b"  G92 X9 Y9 Z9", (1.0, 2.0, 3.0)),
-        (MOVES + PLACED + MOVES, None),
         (MOVES, None),
         (b"M105\n" * 3000 + PLACED + MOVES, (1.0, 2.0, 3.0)),
         (b"M105\n" * 3000 + MOVES + PLACED, None),
@@ -188,11 +182,6 @@ def test_the_start_is_that_of_the_whole_job(
     path.write_bytes(data)
     name = "klipper_bioprinter" if b"KINEMATIC" in data else "generic_marlin"
     assert read_first_lines(path, name)[0] == found
-    try:
-        job = load_job(path, load(Printer, name))
-        assert declared_start(job) == found
-    except LinkError:
-        assert found is None
 
 
 def test_the_same_file_again_does_no_harm_another_one_is_refused(service):

@@ -16,12 +16,9 @@ from printctl.machine.station import connect
 from printctl.web.job.prints import PrintFollower, PrintReport
 from printctl.web.job.service import JobService
 from tests.printctl.machine.link.layered import layered
-from tests.printctl.web.job.conftest import START, shut
+from tests.printctl.web.job.conftest import MOUNTED, START, WORDS, shut
 from tests.printctl.web.serving import served
 from tests.waiting import wait_for
-
-WORDS = "generic_marlin on simulated"
-
 
 Call = Callable[..., Any]
 
@@ -33,10 +30,7 @@ def call(tmp_path: Path) -> Iterator[Call]:
     station = connect(
         "generic_marlin", "simulated", app.core.workspace.station, sim_speed=20.0, start_mm=START
     )
-    station.mount(
-        syringe="hamilton_1ml", ink="collagen_fresh", needle="28g", bath="gelatin_support"
-    )
-    station.mount(plunger_mm=30.0)
+    station.mount(**MOUNTED, plunger_mm=30.0)
     headers = {"Authorization": f"Bearer {app.access.token}"}
 
     def call(method: str, path: str, expected: int = 200, **more: Any) -> Any:
@@ -118,6 +112,10 @@ def test_ink_left_is_what_the_printer_knew_and_what_is_put_in_then(
     refused = call("POST", resume, expected=409, json={"syringe": "hamilton_2_5ml"})
     assert "(hamilton_2_5ml) has a bore of 7.28 mm" in refused["message"]
     assert "(hamilton_1ml) of 4.61 mm" in refused["message"]
+    outside = {"syringe": f"{tmp_path.parent}/half.yaml", "plunger_mm": 0}
+    refused = call("POST", resume, expected=422, json=outside)
+    assert "is a file outside the workspace" in refused["message"]
+    assert call("GET", f"/prints/{job}")["waits_for"] == "syringe"
     half = tmp_path / "half.yaml"  # another volume in the same bore
     text = (DATA / "syringes" / "hamilton_1ml.yaml").read_text()
     half.write_text(text.replace("volume_ul: 1000", "volume_ul: 500", 1))
@@ -156,7 +154,7 @@ def test_a_table_that_is_made_late_does_not_speak_over_the_next_print(
 
 
 def _follower(folder: Path) -> PrintFollower:
-    return PrintFollower("file~part.gcode", folder, lambda: None, lambda heard: None)
+    return PrintFollower("file~part.gcode", folder, lambda *_: None, lambda *_: None)
 
 
 def _report(print_id: str) -> PrintReport:

@@ -51,11 +51,9 @@ from printctl.web.job.record import Records
 from printctl.web.job.service import JobService
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.machine.link.test_journal import begun
-from tests.printctl.web.job.conftest import OPERATOR, OTHER, START, add, ready, shut
+from tests.printctl.web.job.conftest import MOUNTED, OPERATOR, OTHER, START, WORDS, add, ready, shut
 from tests.sim_process import printer_process
 from tests.waiting import wait_for as heard
-
-WORDS = "generic_marlin on simulated"
 
 
 def until(service: JobService, job: str, *states: LinkState):
@@ -275,8 +273,7 @@ def test_a_print_from_the_page_is_looked_at_and_after_a_resume_as_well(
     folder = service.core.workspace.print_folder(JOB)
     service.start(OPERATOR, JOB, ready(service, JOB), WORDS)
     assert load_record(folder).care["look_after"] == MarkKind.LAYER
-    while not (folder / "looks" / "0002").is_dir():
-        time.sleep(0.02)
+    heard((folder / "looks" / "0002").is_dir, 60.0)
     first = int((folder / READY).read_text())
     os.kill(first, signal.SIGKILL)
     held = until(service, JOB, LinkState.PAUSED)
@@ -327,7 +324,7 @@ def behind(core, port) -> Iterator[Station]:
     """A station whose printer outlives it."""
     opened = connect("generic_marlin", port, core.workspace.station)
     opened.set_position(*START)
-    opened.mount(syringe="hamilton_1ml", ink="collagen_fresh", needle="28g", bath="gelatin_support")
+    opened.mount(**MOUNTED)
     yield opened
     if opened.status.open:
         shut(opened)

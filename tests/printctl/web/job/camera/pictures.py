@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -17,21 +16,10 @@ def sequence(folder: Path, count: int = 4, colour: tuple[int, int, int] = BLUE) 
     """Pictures of one colour; the name that OpenCV reads them by."""
     folder.mkdir(exist_ok=True)
     for k in range(count):
-        assert cv2.imwrite(str(folder / f"frames_{k:03d}.png"), _picture(colour, 320, 240))
+        assert cv2.imwrite(
+            str(folder / f"frames_{k:03d}.png"), np.full((240, 320, 3), colour, np.uint8)
+        )
     return str(folder / "frames_%03d.png")
-
-
-def film(path: Path, count: int = 8, size: tuple[int, int] = (1600, 1200)) -> str:
-    """A short film (Motion JPEG), each picture of another brightness."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 5.0, size)
-    for k in range(count):
-        writer.write(_picture((20 * k, 20 * k, 20 * k), *size))
-    writer.release()
-    return str(path)
-
-
-def _picture(colour: tuple[int, int, int], width: int, height: int) -> Any:
-    return np.full((height, width, 3), colour, np.uint8)
 
 
 def seen_colour(jpeg: bytes) -> tuple[int, int, int]:

@@ -21,7 +21,7 @@ from printctl.web.job.camera.film import MOST_FRAMES, write_film
 from printctl.web.job.camera.timelapse import LEAVE_FREE_BYTES, limit_reached
 from printctl.web.job.service import JobService
 from tests.printctl.web.job.camera.pictures import BLUE, RED, seen_colour, sequence
-from tests.printctl.web.job.conftest import OPERATOR, add, ready
+from tests.printctl.web.job.conftest import OPERATOR, WORDS, add, ready
 from tests.printctl.web.serving import served, server_process
 from tests.printctl.web.shell.browsers import WIDE, serious, shown
 from tests.waiting import wait_for as until
@@ -94,9 +94,6 @@ def test_the_still_is_served_fresh_and_only_where_there_is_a_camera(tmp_path):
 
 
 # --- time-lapse of a print on the simulated printer, with a video file as camera
-WORDS = "generic_marlin on simulated"
-
-
 @pytest.fixture
 def core(core: Core, tmp_path: Path) -> Core:
     source = sequence(tmp_path / "seen")
@@ -121,15 +118,15 @@ def test_a_print_leaves_a_picture_a_layer_and_a_film(core, service, station):
     kept = sorted(path.name for path in folder.glob("*.jpg"))
     assert kept[0] == "000001.jpg"
     assert 4 <= len(kept) <= 7  # six layers and the end; the first may end before it is followed
-    told = service.watching.timelapse(job, heard)
+    told = service.watching.timelapse(job)
     assert (told.frames, told.film, told.message) == (len(kept), True, "")
-    assert service.watching.film(job, heard) == film
+    assert service.watching.film(job).path == film
     with Image.open(film) as seen:
         assert seen.format == "WEBP"
         assert seen.size == (320, 240)
     again = JobService(replace(core, settings=replace(core.settings, camera=None)))
     try:
-        assert again.watching.timelapse(job, again.prints.heard(job)).film
+        assert again.watching.timelapse(job).film
     finally:
         again.close()
 
