@@ -15,8 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 import yaml
 from typer.testing import CliRunner
@@ -224,30 +222,29 @@ CAMERA = {
 }
 
 
-COPIES = """
-import pathlib, shutil, sys, time
-here, out = pathlib.Path(__file__).parent, pathlib.Path(sys.argv[1])
-while out.parent.name == "0002" and not (here / "works").exists():
+SEES = """
+import pathlib, sys, time
+import numpy, PIL.Image
+out = pathlib.Path(sys.argv[1])
+while out.parent.name == "0002" and not pathlib.Path(__file__).with_name("works").exists():
     time.sleep(0.05)
-shutil.copy(here / f"grey{out.parent.name}.png", out.with_suffix(".png"))
+noise = numpy.random.default_rng(time.monotonic_ns()).integers(124, 130, (200, 200))
+PIL.Image.fromarray(noise.astype("u1")).save(out.with_suffix(".png"))
 """
 
 
 @pytest.fixture
 def order(core, tmp_path) -> ObserverOrder:
-    """A run whose camera is a program that copies grey pictures, and hangs in the second look."""
+    """A run whose camera is a program that sees grey noise, and hangs in the second look."""
     folder = core.workspace.root / "runs" / "observed"
     folder.mkdir(parents=True)
     (folder / GCODE).write_bytes(layered(3, 20))
     manifest = Manifest(folder)
     manifest.facts = {"recipe": RECIPE}
     manifest.save()
-    for look in range(4):
-        grey = np.full((200, 200), 126 + look, np.uint8)
-        cv2.imwrite(str(tmp_path / f"grey{look:04d}.png"), grey)
     (tmp_path / "camera.yaml").write_text(yaml.safe_dump(CAMERA))
-    (tmp_path / "copy.py").write_text(COPIES)
-    words = f"{sys.executable} {tmp_path / 'copy.py'} {{out}}"
+    (tmp_path / "see.py").write_text(SEES)
+    words = f"{sys.executable} {tmp_path / 'see.py'} {{out}}"
     device = DeviceSettings("command", words, extra={"camera": str(tmp_path / "camera.yaml")})
     made = ObserverOrder(
         job=str(folder / GCODE),
@@ -282,10 +279,8 @@ def test_a_print_from_the_page_is_looked_at_and_after_a_resume_as_well(
     service.hands.resume(OPERATOR, JOB, ResumeRequest())
     assert int((folder / READY).read_text()) != first
     assert until(service, JOB, LinkState.DONE).status.alarms == 1
-    assert [(one.number, one.decision) for one in read_looks(folder)] == [
-        (1, "go_on"),
-        (3, "go_on"),
-    ]
+    looks = [(one.number, one.done, one.decision) for one in read_looks(folder)]
+    assert looks == [(1, 27, "go_on"), (3, 51, "go_on"), (4, 75, "go_on")], "each layer's end"
 
 
 @pytest.mark.slow
