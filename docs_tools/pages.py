@@ -109,7 +109,7 @@ def _way(page: Page, url: str, example: str, drawn: bool = True) -> None:
 
 def _design(page: Page, url: str) -> None:
     page.goto(f"{url}/design?recipe=planar_tree")
-    box = page.get_by_role("textbox", name=re.compile("^X")).first
+    box = page.get_by_label("x", exact=True).first
     box.wait_for()
     box.fill("-16")
     page.keyboard.press("Tab")
@@ -117,7 +117,6 @@ def _design(page: Page, url: str) -> None:
     box.fill("16")
     page.keyboard.press("Tab")
     page.get_by_role("tab", name="Look").click()
-    _press(page, "Network")
     page.wait_for_timeout(4000)
     _draw(page, "design_look")
 
