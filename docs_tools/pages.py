@@ -152,7 +152,6 @@ def _job(page: Page, url: str) -> None:
     page.get_by_role("heading", name="Printing ·").wait_for()
     page.wait_for_selector("[data-drawn]")
     page.wait_for_timeout(60_000)
-    _draw(page, "job_printing")
     if page.locator("#pc-take").inner_text() != "Release":
         page.locator("#pc-take").click()
     _press(page, "Pause now")
