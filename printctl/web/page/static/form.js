@@ -64,7 +64,7 @@ function nodeAt(root, data, path) {
 }
 
 // What is to be written so that a value stands at a path: with it the sections that aren't there yet.
-export function toWrite({ root, data }, path, value) {
+function toWrite({ root, data }, path, value) {
   const missing = path.findIndex((_, k) => k > 0 && valueAt(data, path.slice(0, k)) === undefined);
   if (missing < 0) return { path, value };
   const first = path.slice(0, missing);
@@ -221,13 +221,9 @@ const isLeaf = (form, one) => !PARTS.includes(kindOf(form.root, one.node));
 
 const FieldList = ({ form, fields, lead = null }) => html`
   <div class="form-fields">${lead}${fields.filter((one) => isLeaf(form, one)).map((one) => html`
-    <${Value} key=${one.key} form=${form} node=${one.node} path=${one.path} />`)}</div>
+    <${Inside} key=${one.key} form=${form} node=${one.node} path=${one.path} />`)}</div>
   ${fields.filter((one) => !isLeaf(form, one)).map((one) => html`
     <${Part} key=${one.key} form=${form} node=${one.node} path=${one.path} />`)}`;
-
-const Value = ({ form, node, path }) =>
-  kindOf(form.root, node) === "row" ? html`<${Row} form=${form} node=${node} path=${path} />`
-    : html`<${Leaf} form=${form} node=${node} path=${path} />`;
 
 function Part({ form, node, path }) {
   const wrong = below(form, path);
@@ -245,7 +241,7 @@ function Part({ form, node, path }) {
 
 function Inside(of) {
   const { form, node } = of;
-  const Which = { list: List, choice: Choice, section: Section }[kindOf(form.root, node)] ?? Value;
+  const Which = { list: List, choice: Choice, section: Section, row: Row }[kindOf(form.root, node)] ?? Leaf;
   return html`<${Which} ...${of} />`;
 }
 
@@ -300,11 +296,8 @@ export function RecipeForm({ schema, choices, doc, change }) {
   const data = doc.data ?? {};
   const form = {
     root: schema, choices, data, problems: doc.problems, opened, turn,
-    change: (path, value, yaml) => {
-      if (yaml !== undefined) return change({ path, yaml });
-      if (value === undefined) return change({ path: toRemove(form, path), value: null });
-      return change(toWrite(form, path, value));
-    },
+    change: (path, value, yaml) => change(yaml !== undefined ? { path, yaml }
+      : value === undefined ? { path: toRemove(form, path), value: null } : toWrite(form, path, value)),
   };
   const show = (path) => {
     setOpened((old) => new Set([...old, ...path.map((_, k) => path.slice(0, k + 1).join("."))]));

@@ -27,7 +27,6 @@
 
   apply();
   system.addEventListener("change", apply);
-  window.addEventListener("load", apply);
   document.addEventListener("DOMContentLoaded", () => {
     apply();
     document.getElementById("pc-theme")?.addEventListener("click", () => {
