@@ -19,8 +19,8 @@ export function go(address, replace = false) {
 
 // The value at a path of the API: { value, problem, loading, reload }. Asked for again after any of
 // the events `on`, every `every` ms (or what it gives of the value) and with another `key`; what was there stays
-// shown meanwhile. No path, no question. `reload` resolves when the answer is here.
-export function useGet(path, { on = [], every = 0, key = "" } = {}) {
+// shown meanwhile, with `keep` of another path, too. No path, no question. `reload` resolves with the answer.
+export function useGet(path, { on = [], every = 0, key = "", keep = false } = {}) {
   const [state, setState] = useState({ value: null, problem: null, loading: true });
   const turn = useRef(0);
   const reload = useCallback(() => {
@@ -30,7 +30,7 @@ export function useGet(path, { on = [], every = 0, key = "" } = {}) {
     return path ? get(path).then((value) => set({ value }), (problem) => set({ problem })) : Promise.resolve();
   }, [path]);
   useEffect(() => {
-    setState({ value: null, problem: null, loading: true });
+    setState((old) => ({ value: keep ? old.value : null, problem: null, loading: true }));
     return () => { turn.current += 1; };
   }, [path]);
   useEffect(() => { reload(); }, [reload, key]);
@@ -164,11 +164,8 @@ export function useFew(rows, count) {
 export const Loading = ({ what = "" }) =>
   html`<p class="loading" role="status"><span class="spinner" aria-hidden="true"></span>${what || "Loading"} …</p>`;
 
-export const Failed = ({ problem, again }) => html`
-  <div class="note note-bad" role="alert">
-    <p>${problem.message}</p>
-    ${again && html`<${Button} onClick=${again}>Try again</${Button}>`}
-  </div>`;
+export const Failed = ({ problem, again }) => html`<${Note} tone="bad"><p>${problem.message}</p>
+  ${again && html`<${Button} onClick=${again}>Try again</${Button}>`}</${Note}>`;
 
 // Why an action was refused, beside its button.
 export const Refused = ({ problem }) => problem && html`<p class="problem" role="alert">${problem.message}</p>`;

@@ -2,12 +2,11 @@
 import { part, send, url } from "../api.js";
 import {
   Act, Button, Card, Drop, Facts, Field, Fields, Fold, Kept, Loaded, Photos, bytes, html, nameOf, number, runOf,
-  useGet, useState, useStyle, when,
+  useGet, useState, when,
 } from "../ui.js";
 import { madeRows } from "../runs.js";
 
 export default function After({ job, print }) {
-  useStyle("pages/job_steps.css");
   return html`<div class="columns job-set">
     <div class="stack"><${Outcome} job=${job} print=${print} />
       <div class="job-later"><${Notes} key=${print.print_id} job=${job} /></div></div>

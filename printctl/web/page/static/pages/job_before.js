@@ -3,7 +3,7 @@ import { get, part, send } from "../api.js";
 import {
   Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fields, Findings, Fold, Kept, Links, Loaded, Loading, Note,
   Unusable, bytes, go, html, nameOf, number, runOf, span, useCallback, useEffect, useFew, useGet, useNews,
-  useRef, useState, useStyle, when,
+  useRef, useState, when,
 } from "../ui.js";
 import { RECORD } from "../record.js";
 import { LiveView } from "./job_views.js";
@@ -12,10 +12,7 @@ const POLL_MS = 2000;
 const SHOWN_JOBS = 8;
 const address = (job) => `/job?job=${part(job)}`;
 
-export default function Before(props) {
-  useStyle("pages/job_steps.css");
-  return props.job ? html`<${Steps} ...${props} />` : html`<${Jobs} />`;
-}
+export default (props) => (props.job ? html`<${Steps} ...${props} />` : html`<${Jobs} />`);
 
 function Jobs() {
   const jobs = useGet("/jobs");
@@ -74,9 +71,8 @@ function Steps({ job, reload }) {
   useEffect(() => form.reload(), [state, String(machine?.tip_mm)]); // the printer knows the set-up better
   const refresh = useCallback(async () => { form.reload(); record.reload(); await ready.reload(); }, [job]);
   const all = { job, ready: ready.value, form: form.value, record: record.value, refresh, reload };
-  const failed = [entry, form, record].find((one) => one.problem && one.value === null);
-  if (failed) return html`<${Failed} problem=${failed.problem} again=${failed.reload} />`;
-  if (!form.value || !record.value || !entry.value) return html`<${Loading} what="Reading the job" />`;
+  const due = [entry, form, record].find((one) => one.value === null);
+  if (due) return html`<${Loaded} of=${due} what="Reading the job" />`;
   return html`<div class="columns job-set">
     <div class="stack">
       <${TheJob} ...${all} entry=${entry.value} />
