@@ -154,16 +154,15 @@ function Typed({ form, node, path, kind, value, label, hint, say }) {
 }
 
 function Chosen({ form, node, path, value, label, hint, say }) {
-  const known = node.profile ? Object.entries(form.choices.profiles[node.profile] ?? {})
+  const options = node.profile ? Object.entries(form.choices.profiles[node.profile] ?? {})
     : node.file ? form.choices.files.map((one) => [one, one])
       : node.type === "boolean" ? [[true, "yes"], [false, "no"]]
         : (node.enum ?? [node.const]).map((one) => [one, String(one).replaceAll("_", " ")]);
-  const options = known.map(([one, name]) => [JSON.stringify(one), name]);
-  const now = value === undefined ? "" : JSON.stringify(value);
-  if (!node.needed || now === "") options.unshift(["", node.needed ? "to be given" : `${defaultOf(node)} (default)`]);
-  if (now && !options.some(([one]) => one === now)) options.push([now, written(value)]);
-  return html`<${Field} kind="choice" label=${label} hint=${hint} value=${now} options=${options}
-    problem=${problemAt(form, path)} onChange=${(one) => say(one === "" ? undefined : JSON.parse(one))} />`;
+  const given = value !== undefined;
+  if (given && !options.some(([one]) => one === value)) options.push([value, written(value)]);
+  if (!node.needed || !given) options.unshift(["", node.needed ? "to be given" : `${defaultOf(node)} (default)`]);
+  return html`<${Field} kind="choice" label=${label} hint=${hint} value=${value} options=${options}
+    problem=${problemAt(form, path)} onChange=${(one) => say(one === "" ? undefined : one)} />`;
 }
 
 function Leaf({ form, node, path, label = labelOf(node), hint = hintOf(node), value = valueAt(form.data, path), say }) {
@@ -259,12 +258,12 @@ function Choice({ form, node, path }) {
   const now = value === undefined ? -1 : optionAt(form.root, node, value);
   const at = value === undefined && node.default ? optionAt(form.root, node, node.default) : now;
   const shown = at < 0 ? null : resolve(form.root, node.oneOf[at]);
-  const options = node.tags.map((tag, k) => [String(k), tag.replaceAll("_", " ")]);
+  const options = node.tags.map((tag, k) => [k, tag.replaceAll("_", " ")]);
   const none = node.needed ? "to be chosen" : node.default ? "default" : "none";
-  if (!node.needed || now < 0) options.unshift(["-1", none]);
+  if (!node.needed || now < 0) options.unshift([-1, none]);
   const fixed = at < 0 ? [] : Object.keys(node.begins[at]).filter((key) => "const" in shown.properties[key]);
-  const lead = html`<${Field} kind="choice" label=${`kind of ${node.title}`} value=${String(now)} options=${options}
-    hint=${shown?.description} onChange=${(k) => form.change(path, node.begins[Number(k)])} />`;
+  const lead = html`<${Field} kind="choice" label=${`kind of ${node.title}`} value=${now} options=${options}
+    hint=${shown?.description} onChange=${(k) => form.change(path, node.begins[k])} />`;
   return shown
     ? html`<${FieldsOf} key=${at} form=${form} node=${shown} path=${path} without=${fixed} lead=${lead} />` : lead;
 }

@@ -378,7 +378,7 @@ export function Dialog({ title, onClose, children }) {
 
 // --- fields ----------------------------------------------------------------------------------------
 
-// One value. kind: "text", "number", "choice" (options: values, or [value, name]), "flag", "slider",
+// One value. kind: "text", "number", "choice" (options: values of any kind, or [value, name]), "flag", "slider",
 // "long" or "password"; a slider's value may be `shown` in words. `onChange` is told the value as it is typed: a
 // number or null for numbers.
 export function Field({
@@ -392,10 +392,11 @@ export function Field({
   const number = (event) => onChange(event.target.value === "" ? null : Number(event.target.value));
   let input;
   if (kind === "choice") {
-    input = html`<select ...${common} value=${value ?? ""} onChange=${told}>${options.map((option) => {
-      const [one, name = one] = [option].flat(); // a value alone is its name
-      return html`<option key=${one} value=${one} selected=${one === (value ?? "")}>${name}</option>`;
-    })}</select>`;
+    const text = (one) => (typeof one === "string" ? one : JSON.stringify(one ?? ""));
+    const known = options.map((one) => (Array.isArray(one) ? one : [one, one])); // a value alone is its name
+    const choose = (event) => onChange(known.find(([one]) => text(one) === event.target.value)[0]);
+    input = html`<select ...${common} value=${text(value ?? "")} onChange=${choose}>${known.map(([one, name]) => html`
+      <option key=${text(one)} value=${text(one)} selected=${text(one) === text(value ?? "")}>${name}</option>`)}</select>`;
   } else if (kind === "flag") {
     input = html`<input type="checkbox" ...${common} checked=${Boolean(value)} onChange=${(event) => onChange(event.target.checked)} />`;
   } else if (kind === "long") {

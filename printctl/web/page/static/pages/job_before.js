@@ -132,7 +132,7 @@ async function keepNow({ job, form, ready, refresh }, change) {
   await refresh();
 }
 
-const placed = (mm, digits = 2) => mm.map((one, k) => `${"XYZ"[k]} ${one.toFixed(digits)}`).join(" ");
+const placed = (mm) => mm.map((one, k) => `${"XYZ"[k]} ${one.toFixed(2)}`).join(" ");
 
 function ThePrinter(all) {
   const { form, ready } = all;
@@ -222,10 +222,7 @@ function Checks(all) {
       <${Points} ...${all} left=${open} due=${ready.checked && !refusals.length} />`}
     ${ready.preflight?.accepted.map((text) => html`
       <${Note} key=${text} tone="warn">Accepted, and kept in the journal: ${text}</${Note}>`)}
-    <div class="job-folds">
-      ${folded("warning", "to know before the start")}
-      ${folded("passed", "checks passed")}
-    </div>
+    <div class="job-folds">${folded("warning", "to know before the start")}${folded("passed", "checks passed")}</div>
   </${Step}>`;
 }
 
@@ -326,7 +323,8 @@ function Start(all) {
   return html`<${Step} at="4" title="Start">
     <${Act} kind="main" post=${`/prints/${part(job)}/start`} body=${{ confirmed: words }} work=${reload} why=${why}
       ask=${{ title: "Start the print?", yes: "Yes, start it",
-        text: `${words} will move now and write ${nameOf(job)}${lasts}.${watch}` }}>${words ? `Start on ${words} …` : "Start …"}</${Act}>
+        text: `${words} will move now and write ${nameOf(job)}${lasts}.${watch}` }}>
+      ${words ? `Start on ${words} …` : "Start …"}</${Act}>
     ${why && html`<p class="hint">${why}</p>`}
   </${Step}>`;
 }

@@ -87,8 +87,7 @@ function Connect({ status, again }) {
     const fitting = found.filter((one) => one.profiles.includes(chosen.name));
     const at = port ?? (fitting.length === 1 ? fitting[0].device : "auto");
     const real = kept.way === "real";
-    const rate = real && baud !== "" ? Number(baud) || baud : null;
-    const body = { profile: chosen.name, port: real ? at : "simulated", baud: rate };
+    const body = { profile: chosen.name, port: real ? at : "simulated", baud: real && baud !== "" ? baud : null };
     return html`
       <${Segments} label="Which printer" options=${WAYS} value=${kept.way} onChange=${(way) => change({ way })} />
       <${Field} label="Printer profile" kind="choice" value=${chosen.name} options=${list.map((one) => one.name)}
@@ -104,7 +103,7 @@ function Connect({ status, again }) {
         </div>
         <${Fold} title="Baud rate">
           <${Field} label="Baud rate" kind="choice" value=${baud} onChange=${setBaud}
-            options=${[...BAUDS, ...chosen.bauds.map((one) => [String(one), `${one} Bd`])]} />
+            options=${[...BAUDS, ...chosen.bauds.map((one) => [one, `${one} Bd`])]} />
         </${Fold}>`}
       <div><${Button} kind="main" onClick=${() => connect(body)}>Connect</${Button}></div>`;
   };

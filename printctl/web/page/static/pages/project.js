@@ -194,8 +194,8 @@ function Print({ project, reload }) {
     <${Card} title="Rehearse it">
       <p>The real program prints on a simulated printer, a simulated scanner scans what came out, and the report judges it.
         Nothing needs to be connected, and nothing moves.</p>
-      <${Field} label="How fast" kind="choice" value=${String(speed)} onChange=${(value) => setKept(Number(value))}
-        options=${choices.map((one) => [String(one), one ? `${one} × real time: the print takes ${took(one)}` : "as fast as it can"])} />
+      <${Field} label="How fast" kind="choice" value=${speed} onChange=${setKept}
+        options=${choices.map((one) => [one, one ? `${one} × real time: the print takes ${took(one)}` : "as fast as it can"])} />
       <${Act} kind="main" post=${`/projects/${part(project.name)}/rehearse`} body=${{ speed }} work=${reload}>
         ${again ? "Rehearse again" : "Rehearse"}</${Act}>
     </${Card}>
