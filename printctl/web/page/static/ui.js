@@ -392,11 +392,12 @@ export function Field({
   const number = (event) => onChange(event.target.value === "" ? null : Number(event.target.value));
   let input;
   if (kind === "choice") {
-    const text = (one) => (typeof one === "string" ? one : JSON.stringify(one ?? ""));
+    const text = (one) => (typeof one === "string" ? one : JSON.stringify(one));
     const known = options.map((one) => (Array.isArray(one) ? one : [one, one])); // a value alone is its name
     const choose = (event) => onChange(known.find(([one]) => text(one) === event.target.value)[0]);
-    input = html`<select ...${common} value=${text(value ?? "")} onChange=${choose}>${known.map(([one, name]) => html`
-      <option key=${text(one)} value=${text(one)} selected=${text(one) === text(value ?? "")}>${name}</option>`)}</select>`;
+    const now = text(value ?? "");
+    input = html`<select ...${common} value=${now} onChange=${choose}>${known.map(([one, name]) => html`
+      <option key=${text(one)} value=${text(one)} selected=${text(one) === now}>${name}</option>`)}</select>`;
   } else if (kind === "flag") {
     input = html`<input type="checkbox" ...${common} checked=${Boolean(value)} onChange=${(event) => onChange(event.target.checked)} />`;
   } else if (kind === "long") {
