@@ -21,14 +21,9 @@ class Drawn extends FlatView {
     const half = network ? network.radius.reduce((a, b) => Math.max(a, b), 0) : 0;
     const canvas = make("canvas");
     super(element, canvas, new Camera(points, { half }));
-    Object.assign(this, { meshes, network, held: false });
+    Object.assign(this, { meshes, network });
     element.append(canvas);
-    this.listen({ taken: () => this.held, turns: "drag" });
-  }
-
-  hold(held) {
-    this.held = held;
-    this.canvas.style.touchAction = held ? "none" : "pan-y";
+    this.listen({ turns: "drag" });
   }
 
   orbit(across, up) {

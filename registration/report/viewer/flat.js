@@ -77,11 +77,23 @@ export function corners(low, high) {
 
 export class FlatView {
   constructor(element, canvas, camera) {
-    Object.assign(this, { element, canvas, camera, fitted: true, listeners: [], finest: Infinity });
+    Object.assign(this, { element, canvas, camera, fitted: true, held: true, listeners: [], finest: Infinity });
     this.context = canvas.getContext("2d");
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(element);
     this.endTheme = onTheme(() => this.draw());
+  }
+
+  // Whether wheel and one-finger strokes are the view's.
+  hold(held) {
+    this.held = held;
+    this.canvas.style.touchAction = held ? "none" : "pan-y";
+  }
+
+  dispose() {
+    this.observer.disconnect();
+    this.endTheme();
+    this.canvas.remove();
   }
 
   // Pixels of the canvas to one of the page.
@@ -149,7 +161,7 @@ export class FlatView {
   // Pointer and wheel move the camera. `taken`: whether the wheel is the view's; `point` gets where a
   // pointer is that drags nothing; `turns`: whether the view turns, by "drag" or else by the right
   // button or Alt.
-  listen({ taken = () => true, point = () => {}, turns = "" } = {}) {
+  listen({ taken = () => this.held, point = () => {}, turns = "" } = {}) {
     const held = new Map();
     const place = (event) => {
       const box = this.element.getBoundingClientRect();

@@ -19,7 +19,7 @@ export class FlatPainter extends FlatView {
     Object.assign(this, { onView, finest: 2, lines: new LinePainter(this.context, this.camera) });
     element.append(canvas);
     this.hold(false);
-    this.listen({ taken: () => this.held });
+    this.listen();
   }
 
   take(scene) {
@@ -117,18 +117,11 @@ export class FlatPainter extends FlatView {
 
   look() { this.fit(); }
 
-  hold(held) {
-    this.held = held;
-    this.canvas.style.touchAction = held ? "none" : "pan-y";
-  }
-
   orbit(across, up) { this.pan(60 * across, -60 * up); }
 
   dispose() {
-    this.observer.disconnect();
-    this.endTheme();
+    super.dispose();
     cancelAnimationFrame(this.going);
     this.state = null;
-    this.canvas.remove();
   }
 }

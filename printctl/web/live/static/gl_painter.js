@@ -89,8 +89,7 @@ const VERTEX = `
     float wide = 0.5 * clamp(um * 1e-3 * px_per_mm, width_px.x, width_px.y);
     vec2 side = vec2(float(corner >> 1), 2.0 * float(corner & 1) - 1.0);
     gl_Position = mix(a, b, side.x);
-    gl_Position.xy += (vec2(-ahead.y, ahead.x) * side.y + ahead * (2.0 * side.x - 1.0))
-      * wide / half_px;
+    gl_Position.xy += (vec2(-ahead.y, ahead.x) * side.y + ahead * (2.0 * side.x - 1.0)) * wide / half_px;
     across = side.y;
     round_off = wide > 1.2 ? 0.45 : 0.0;
     #endif
@@ -117,8 +116,7 @@ function pointTexture(points) {
   const height = Math.ceil(points.length / (4 * ROW));
   const data = new Uint16Array(4 * ROW * height);
   data.set(points);
-  const texture = new THREE.DataTexture(data, ROW, height, THREE.RGBAIntegerFormat,
-    THREE.UnsignedShortType);
+  const texture = new THREE.DataTexture(data, ROW, height, THREE.RGBAIntegerFormat, THREE.UnsignedShortType);
   return Object.assign(texture, { internalFormat: "RGBA16UI", needsUpdate: true });
 }
 
@@ -135,15 +133,13 @@ export class GlPainter extends Stage {
   // Everything that can be made ready before the job is there.
   constructor(element, { software, onView }) {
     // Smooth edges cost software WebGL three times as much.
-    super(element,
-      { antialias: !software, preserveDrawingBuffer: true, powerPreference: "low-power" });
+    super(element, { antialias: !software, preserveDrawingBuffer: true, powerPreference: "low-power" });
     this.renderer.autoClear = false;
     this.onView = onView;
     this.cost = software ? 7e-4 : 2e-5; // ms of a line's move, until it is measured
     this.slice = SLICE.begin;
     this.makeMoves();
-    // Compiles the shaders.
-    this.drawMoves("solid", false, 0, 1);
+    this.drawMoves("solid", false, 0, 1); // compiles the shaders
     this.controls.addEventListener("start", () => { this.turning = true; });
     this.controls.addEventListener("end", () => this.settle());
     element.addEventListener("wheel", () => this.settle(), { passive: true });
@@ -160,14 +156,13 @@ export class GlPainter extends Stage {
     for (const [name, value] of Object.entries(this.uniforms)) this.uniforms[name] = { value };
     this.moves = {};
     for (const [name, { width, solid = false, travels = false }] of Object.entries(LOOKS)) {
-      const own = { tint: new THREE.Vector4(0, 0, 0, 0), width_px: new THREE.Vector2(...width), travels };
+      const own = { tint: { value: new THREE.Vector4(0, 0, 0, 0) }, travels: { value: travels },
+        width_px: { value: new THREE.Vector2(...width) } };
       this.moves[name] = [false, true].map((ribbons) => {
-        const uniforms = { ...this.uniforms };
-        for (const key of Object.keys(own)) uniforms[key] = { value: own[key] };
         const material = new THREE.RawShaderMaterial({
           glslVersion: THREE.GLSL3, vertexShader: VERTEX, fragmentShader: FRAGMENT,
-          side: THREE.DoubleSide, depthWrite: solid, uniforms,
-          defines: { RIBBONS: Number(ribbons) },
+          side: THREE.DoubleSide, depthWrite: solid, defines: { RIBBONS: Number(ribbons) },
+          uniforms: { ...this.uniforms, ...own },
         });
         const geometry = new THREE.BufferGeometry();
         geometry.boundingSphere = new THREE.Sphere();
@@ -193,14 +188,13 @@ export class GlPainter extends Stage {
       const places = line.map((at) => new THREE.Vector3(...at));
       return new THREE.Line(new THREE.BufferGeometry().setFromPoints(places), this.rim);
     });
-    for (const line of this.outlines) this.scene.add(line);
+    this.scene.add(...this.outlines);
   }
 
   // Fits what is written, and what stands on the bed.
   fit() {
     const places = placesOf(this.job.about).map((at) => new THREE.Vector3(...at));
-    this.box = new THREE.Box3().setFromPoints(places);
-    this.box.expandByScalar(0.2);
+    this.box.setFromPoints(places).expandByScalar(0.2);
     this.frame(this.box, this.corners());
   }
 
@@ -287,8 +281,7 @@ export class GlPainter extends Stage {
 
   begin(ribbons, every) {
     const { written, next } = this.state;
-    Object.assign(this, { ribbons, every, done: false });
-    this.painted = { written, next: Math.max(written, next) };
+    Object.assign(this, { ribbons, every, done: false, painted: { written, next: Math.max(written, next) } });
     this.paintSlice(partsOf(this.state, this.job.moves));
   }
 

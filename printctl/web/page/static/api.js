@@ -1,12 +1,11 @@
 // The page's only way to the server: REST below /api/v1, and its stream of news.
 const ROOT = "/api/v1";
 
-// What the server refused, or why it couldn't be reached; `message` is for people.
-export class Problem extends Error {
-  constructor(status, kind, message) {
+// What the server refused, or why it couldn't be reached (status 0); `message` is for people.
+class Problem extends Error {
+  constructor(status, message) {
     super(message);
     this.status = status;
-    this.kind = kind;
   }
 }
 
@@ -23,12 +22,12 @@ export async function send(method, path, body) {
     if (!form) options.headers = { "Content-Type": "application/json" };
   }
   const answer = await fetch(url(path), options).catch(() => null);
-  if (answer === null) throw new Problem(0, "Unreached", UNREACHED);
+  if (answer === null) throw new Problem(0, UNREACHED);
   if (answer.status === 401) location.reload(); // logged out: the server shows its log-in page
   const json = (answer.headers.get("content-type") ?? "").includes("json");
   const value = json ? await answer.json().catch(() => null) : await answer.text();
   if (answer.ok) return json ? value : value || null;
-  throw new Problem(answer.status, value?.error ?? "", value?.message ?? `${method} ${path}: ${answer.status}`);
+  throw new Problem(answer.status, value?.message ?? `${method} ${path}: ${answer.status}`);
 }
 
 // A path of the API as an address; other paths stay as they are.
@@ -47,11 +46,11 @@ export function upload(path, file, onShare = () => {}, field = "file", more = {}
     request.open("POST", url(path));
     request.responseType = "json";
     request.upload.addEventListener("progress", (event) => onShare(event.loaded / (event.total || 1)));
-    request.addEventListener("error", () => reject(new Problem(0, "Unreached", UNREACHED)));
+    request.addEventListener("error", () => reject(new Problem(0, UNREACHED)));
     request.addEventListener("load", () => {
       const value = request.response;
       if (request.status < 300) resolve(value);
-      else reject(new Problem(request.status, value?.error ?? "", value?.message ?? `refused (${request.status})`));
+      else reject(new Problem(request.status, value?.message ?? `refused (${request.status})`));
     });
     request.send(form);
   });

@@ -2,7 +2,7 @@
 // export is a component, given the address's query as its properties.
 import { beginNews } from "./api.js";
 import { beginHeader, markCurrent, setTitle } from "./header.js";
-import { Failed, html, render } from "./ui.js";
+import { Failed, go, html, render } from "./ui.js";
 
 const PAGES = {
   "/": ["home", "Home"],
@@ -22,9 +22,8 @@ async function show(first = false) {
   markCurrent(location.pathname === "/project" ? "/" : location.pathname);
   setTitle(title ?? "Not found");
   content.dataset.page = file ?? "";
-  let body;
-  if (!file) body = html`<${Failed} problem=${{ message: `There is no page ${location.pathname}.` }} />`;
-  else {
+  let body = html`<${Failed} problem=${{ message: `There is no page ${location.pathname}.` }} />`;
+  if (file) {
     try {
       const { default: Page } = await import(`./pages/${file}.js`);
       const query = Object.fromEntries(new URLSearchParams(location.search));
@@ -42,12 +41,6 @@ async function show(first = false) {
   }
 }
 
-// Go to an address of the page without loading it anew.
-function go(address, replace = false) {
-  history[replace ? "replaceState" : "pushState"](null, "", address);
-  show();
-}
-
 document.addEventListener("click", (event) => {
   const link = event.target instanceof Element && event.target.closest("a[href]");
   if (!link || event.defaultPrevented || event.button || event.metaKey || event.ctrlKey || event.shiftKey) return;
@@ -57,7 +50,6 @@ document.addEventListener("click", (event) => {
   if (to.href !== location.href) go(to.pathname + to.search);
 });
 window.addEventListener("popstate", () => show());
-document.addEventListener("printctl-go", (event) => go(event.detail.address, event.detail.replace));
 
 beginHeader();
 beginNews();

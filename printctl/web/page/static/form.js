@@ -64,7 +64,7 @@ function nodeAt(root, data, path) {
 }
 
 // What is to be written so that a value stands at a path: with it the sections that aren't there yet.
-export function toWrite({ root, data }, path, value) {
+function toWrite({ root, data }, path, value) {
   const missing = path.findIndex((_, k) => k > 0 && valueAt(data, path.slice(0, k)) === undefined);
   if (missing < 0) return { path, value };
   const first = path.slice(0, missing);
@@ -154,16 +154,15 @@ function Typed({ form, node, path, kind, value, label, hint, say }) {
 }
 
 function Chosen({ form, node, path, value, label, hint, say }) {
-  const known = node.profile ? Object.entries(form.choices.profiles[node.profile] ?? {})
+  const options = node.profile ? Object.entries(form.choices.profiles[node.profile] ?? {})
     : node.file ? form.choices.files.map((one) => [one, one])
       : node.type === "boolean" ? [[true, "yes"], [false, "no"]]
         : (node.enum ?? [node.const]).map((one) => [one, String(one).replaceAll("_", " ")]);
-  const options = known.map(([one, name]) => [JSON.stringify(one), name]);
-  const now = value === undefined ? "" : JSON.stringify(value);
-  if (!node.needed || now === "") options.unshift(["", node.needed ? "to be given" : `${defaultOf(node)} (default)`]);
-  if (now && !options.some(([one]) => one === now)) options.push([now, written(value)]);
-  return html`<${Field} kind="choice" label=${label} hint=${hint} value=${now} options=${options}
-    problem=${problemAt(form, path)} onChange=${(one) => say(one === "" ? undefined : JSON.parse(one))} />`;
+  const given = value !== undefined;
+  if (given && !options.some(([one]) => one === value)) options.push([value, written(value)]);
+  if (!node.needed || !given) options.unshift(["", node.needed ? "to be given" : `${defaultOf(node)} (default)`]);
+  return html`<${Field} kind="choice" label=${label} hint=${hint} value=${value} options=${options}
+    problem=${problemAt(form, path)} onChange=${(one) => say(one === "" ? undefined : one)} />`;
 }
 
 function Leaf({ form, node, path, label = labelOf(node), hint = hintOf(node), value = valueAt(form.data, path), say }) {
@@ -221,13 +220,9 @@ const isLeaf = (form, one) => !PARTS.includes(kindOf(form.root, one.node));
 
 const FieldList = ({ form, fields, lead = null }) => html`
   <div class="form-fields">${lead}${fields.filter((one) => isLeaf(form, one)).map((one) => html`
-    <${Value} key=${one.key} form=${form} node=${one.node} path=${one.path} />`)}</div>
+    <${Inside} key=${one.key} form=${form} node=${one.node} path=${one.path} />`)}</div>
   ${fields.filter((one) => !isLeaf(form, one)).map((one) => html`
     <${Part} key=${one.key} form=${form} node=${one.node} path=${one.path} />`)}`;
-
-const Value = ({ form, node, path }) =>
-  kindOf(form.root, node) === "row" ? html`<${Row} form=${form} node=${node} path=${path} />`
-    : html`<${Leaf} form=${form} node=${node} path=${path} />`;
 
 function Part({ form, node, path }) {
   const wrong = below(form, path);
@@ -245,7 +240,7 @@ function Part({ form, node, path }) {
 
 function Inside(of) {
   const { form, node } = of;
-  const Which = { list: List, choice: Choice, section: Section }[kindOf(form.root, node)] ?? Value;
+  const Which = { list: List, choice: Choice, section: Section, row: Row }[kindOf(form.root, node)] ?? Leaf;
   return html`<${Which} ...${of} />`;
 }
 
@@ -263,12 +258,12 @@ function Choice({ form, node, path }) {
   const now = value === undefined ? -1 : optionAt(form.root, node, value);
   const at = value === undefined && node.default ? optionAt(form.root, node, node.default) : now;
   const shown = at < 0 ? null : resolve(form.root, node.oneOf[at]);
-  const options = node.tags.map((tag, k) => [String(k), tag.replaceAll("_", " ")]);
+  const options = node.tags.map((tag, k) => [k, tag.replaceAll("_", " ")]);
   const none = node.needed ? "to be chosen" : node.default ? "default" : "none";
-  if (!node.needed || now < 0) options.unshift(["-1", none]);
+  if (!node.needed || now < 0) options.unshift([-1, none]);
   const fixed = at < 0 ? [] : Object.keys(node.begins[at]).filter((key) => "const" in shown.properties[key]);
-  const lead = html`<${Field} kind="choice" label=${`kind of ${node.title}`} value=${String(now)} options=${options}
-    hint=${shown?.description} onChange=${(k) => form.change(path, node.begins[Number(k)])} />`;
+  const lead = html`<${Field} kind="choice" label=${`kind of ${node.title}`} value=${now} options=${options}
+    hint=${shown?.description} onChange=${(k) => form.change(path, node.begins[k])} />`;
   return shown
     ? html`<${FieldsOf} key=${at} form=${form} node=${shown} path=${path} without=${fixed} lead=${lead} />` : lead;
 }
@@ -300,11 +295,8 @@ export function RecipeForm({ schema, choices, doc, change }) {
   const data = doc.data ?? {};
   const form = {
     root: schema, choices, data, problems: doc.problems, opened, turn,
-    change: (path, value, yaml) => {
-      if (yaml !== undefined) return change({ path, yaml });
-      if (value === undefined) return change({ path: toRemove(form, path), value: null });
-      return change(toWrite(form, path, value));
-    },
+    change: (path, value, yaml) => change(yaml !== undefined ? { path, yaml }
+      : value === undefined ? { path: toRemove(form, path), value: null } : toWrite(form, path, value)),
   };
   const show = (path) => {
     setOpened((old) => new Set([...old, ...path.map((_, k) => path.slice(0, k + 1).join("."))]));

@@ -1,5 +1,5 @@
 // The API's description as a page: what the server says of itself.
-import { Failed, Fold, Loading, Table, html, render, useEffect, useState } from "./ui.js";
+import { Fold, Loaded, Table, html, render, useGet } from "./ui.js";
 
 function typed(schema) {
   if (!schema) return "";
@@ -38,21 +38,16 @@ const Type = ({ name, schema }) => html`<${Fold} title=${name}>${schema.properti
   : html`<p>${typed(schema)}</p>`}</${Fold}>`;
 
 function Reference({ address }) {
-  const [said, setSaid] = useState(null);
-  const [problem, setProblem] = useState(null);
-  useEffect(() => {
-    fetch(address).then((answer) => (answer.ok ? answer.json() : Promise.reject(new Error(answer.status))))
-      .then(setSaid, ({ message }) => setProblem({ message: `The description can't be read (${message}).` }));
-  }, []);
-  if (problem) return html`<${Failed} problem=${problem} />`;
-  if (!said) return html`<${Loading} what="Reading the description" />`;
-  const operations = Object.entries(said.paths).flatMap(([path, item]) => Object.entries(item).map(([method, of]) =>
-    ({ method, path, of, tag: of.tags?.[0] ?? path.split("/")[3] ?? "server" })));
-  return html`${[...new Set(operations.map((one) => one.tag))].map((tag) => html`<h2 key=${tag}>${tag}</h2>
-      ${operations.filter((one) => one.tag === tag).map((one) => html`<${Operation} ...${one} />`)}`)}
-    <h2>Types</h2>
-    ${Object.entries(said.components?.schemas ?? {}).map(([name, schema]) => html`
-      <${Type} name=${name} schema=${schema} />`)}`;
+  const said = useGet(address);
+  return html`<${Loaded} of=${said} what="Reading the description">${({ paths, components }) => {
+    const operations = Object.entries(paths).flatMap(([path, item]) => Object.entries(item).map(([method, of]) =>
+      ({ method, path, of, tag: of.tags?.[0] ?? path.split("/")[3] ?? "server" })));
+    return html`${Object.entries(Object.groupBy(operations, (one) => one.tag)).map(([tag, ones]) => html`
+        <h2 key=${tag}>${tag}</h2>${ones.map((one) => html`<${Operation} ...${one} />`)}`)}
+      <h2>Types</h2>
+      ${Object.entries(components?.schemas ?? {}).map(([name, schema]) => html`
+        <${Type} name=${name} schema=${schema} />`)}`;
+  }}</${Loaded}>`;
 }
 
 const place = document.getElementById("api");

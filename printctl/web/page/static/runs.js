@@ -1,8 +1,8 @@
 // Runs of designs: what is being made, how far it is, and the pages and files that came of it.
-import { part, send, url } from "./api.js";
+import { part, url } from "./api.js";
 import { Frame } from "./frame.js";
 import {
-  Act, Button, Empty, Loaded, Note, Progress, Segments, html, number, span, useGet, useState, useTheme,
+  Button, Empty, Loaded, Note, Progress, Segments, html, number, span, useGet, useState, useTheme,
 } from "./ui.js";
 
 const MARKS = { waiting: "·", running: "▸", done: "✓", failed: "✕" };
@@ -17,12 +17,6 @@ export const madeRows = (progress) => (progress ? [
   progress.layers > 0 && [progress.passes ? "Passes" : "Layers", `${progress.layers_done} of ${progress.layers}`],
   progress.vessels > 0 && ["Vessels", `${progress.vessels_done} of ${progress.vessels}`],
 ] : []);
-
-// A button that posts `action` to what makes something (`way`: /runs/NAME, /scans/SCAN/with/RUN), then `onDone`.
-export const Does = ({ way, action, body, onDone, children, ...more }) => html`<${Act} ...${more} work=${async () => {
-  await send("POST", `${way}/${action}`, body);
-  await onDone();
-}}>${children ?? "Cancel"}</${Act}>`;
 
 // How far it is, stage by stage, and how it failed.
 export function Stages({ of: progress }) {

@@ -24,19 +24,13 @@ class Sketch extends FlatView {
     super(element, element.firstElementChild, new Camera([[0, 0, 0], [1, 1, 1]], { margin: 0.95 }));
     this.camera.look(AZIMUTH, ELEVATION);
     this.hold(false);
-    this.listen({ taken: () => this.held, turns: "drag" });
+    this.listen({ turns: "drag" });
     startViewKeys(element, this);
   }
 
-  hold(held) {
-    this.held = held;
-    this.canvas.style.touchAction = held ? "none" : "pan-y";
-  }
-
   orbit(across, up) {
-    const { azimuth, elevation } = this.camera;
     const degrees = 180 / Math.PI;
-    this.camera.look(azimuth + across * degrees, elevation - up * degrees);
+    this.camera.look(this.camera.azimuth + across * degrees, this.camera.elevation - up * degrees);
     this.draw();
   }
 
@@ -85,11 +79,6 @@ class Sketch extends FlatView {
         pen.stroke();
       }
     }
-  }
-
-  dispose() {
-    this.observer.disconnect();
-    this.endTheme();
   }
 }
 

@@ -5,17 +5,14 @@
   const MODES = ["auto", "light", "dark"];
   const system = window.matchMedia("(prefers-color-scheme: dark)");
 
-  function mode() {
-    try {
-      const kept = localStorage.getItem(KEY);
-      return MODES.includes(kept) ? kept : "auto";
-    } catch {
-      return "auto";
-    }
+  let chosen = "auto";
+  try {
+    chosen = MODES.find((mode) => mode === localStorage.getItem(KEY)) ?? chosen;
+  } catch {
+    // A browser that keeps nothing: the choice lasts as long as the page.
   }
 
   function apply() {
-    const chosen = mode();
     const dark = chosen === "dark" || (chosen === "auto" && system.matches);
     document.documentElement.dataset.theme = dark ? "dark" : "light";
     const button = document.getElementById("pc-theme");
@@ -27,16 +24,12 @@
 
   apply();
   system.addEventListener("change", apply);
-  window.addEventListener("load", apply);
   document.addEventListener("DOMContentLoaded", () => {
     apply();
     document.getElementById("pc-theme")?.addEventListener("click", () => {
-      try {
-        localStorage.setItem(KEY, MODES[(MODES.indexOf(mode()) + 1) % MODES.length]);
-      } catch {
-        // A browser that keeps nothing: the system's choice stays.
-      }
+      chosen = MODES[(MODES.indexOf(chosen) + 1) % MODES.length];
       apply();
+      localStorage.setItem(KEY, chosen);
     });
   });
 })();

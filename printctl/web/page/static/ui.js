@@ -2,7 +2,7 @@
 import { h, render, Fragment } from "./vendor/preact.js";
 import { useCallback, useEffect, useErrorBoundary, useId, useLayoutEffect, useMemo, useRef, useState } from "./vendor/hooks.js";
 import htm from "./vendor/htm.js";
-import { get, last, listen, upload } from "./api.js";
+import { get, last, listen, send, upload } from "./api.js";
 
 export const html = htm.bind(h);
 export { Fragment, render, useCallback, useEffect, useId, useLayoutEffect, useMemo, useRef, useState };
@@ -10,15 +10,17 @@ export { Fragment, render, useCallback, useEffect, useId, useLayoutEffect, useMe
 const classes = (...names) => names.filter(Boolean).join(" ");
 
 // Go to another address of the page.
-export const go = (address, replace = false) =>
-  document.dispatchEvent(new CustomEvent("printctl-go", { detail: { address, replace } }));
+export function go(address, replace = false) {
+  history[replace ? "replaceState" : "pushState"](null, "", address);
+  window.dispatchEvent(new PopStateEvent("popstate"));
+}
 
 // --- values of the server ----------------------------------------------------------------------
 
 // The value at a path of the API: { value, problem, loading, reload }. Asked for again after any of
-// the events `on`, every `every` ms and with another `key`; what was there stays shown meanwhile. No path, no
-// question. `reload` resolves when the answer is here.
-export function useGet(path, { on = [], every = 0, key = "" } = {}) {
+// the events `on`, every `every` ms (or what it gives of the value) and with another `key`; what was there stays
+// shown meanwhile, with `keep` of another path, too. No path, no question. `reload` resolves with the answer.
+export function useGet(path, { on = [], every = 0, key = "", keep = false } = {}) {
   const [state, setState] = useState({ value: null, problem: null, loading: true });
   const turn = useRef(0);
   const reload = useCallback(() => {
@@ -28,16 +30,17 @@ export function useGet(path, { on = [], every = 0, key = "" } = {}) {
     return path ? get(path).then((value) => set({ value }), (problem) => set({ problem })) : Promise.resolve();
   }, [path]);
   useEffect(() => {
-    setState({ value: null, problem: null, loading: true });
+    setState((old) => ({ value: keep ? old.value : null, problem: null, loading: true }));
     return () => { turn.current += 1; };
   }, [path]);
   useEffect(() => { reload(); }, [reload, key]);
   useEffect(() => (on.length ? listen((one) => on.includes(one.event) && reload()) : undefined), [on.join(), reload]);
+  const pause = typeof every === "function" ? every(state.value) : every;
   useEffect(() => {
-    if (!every) return undefined;
-    const timer = setInterval(() => document.hidden || reload(), every);
+    if (!pause) return undefined;
+    const timer = setInterval(() => document.hidden || reload(), pause);
     return () => clearInterval(timer);
-  }, [every, reload]);
+  }, [pause, reload]);
   return { ...state, reload };
 }
 
@@ -51,26 +54,19 @@ export function useNews(event) {
   return message;
 }
 
-// Run `work` (async): [run, { busy, problem, clear }]. Pressed twice, it runs once.
+// Run `work` (async): [run, { busy, problem }]. Pressed twice, it runs once.
 export function useAction(work) {
   const [state, setState] = useState({ busy: false, problem: null });
   const running = useRef(false);
   const run = async (...values) => {
-    if (running.current) return undefined;
+    if (running.current) return;
     running.current = true;
     setState({ busy: true, problem: null });
-    try {
-      const value = await work(...values);
-      setState({ busy: false, problem: null });
-      return value;
-    } catch (problem) {
-      setState({ busy: false, problem });
-      return undefined;
-    } finally {
-      running.current = false;
-    }
+    const problem = await Promise.resolve().then(() => work(...values)).then(() => null, (why) => why);
+    running.current = false;
+    setState({ busy: false, problem });
   };
-  return [run, { ...state, clear: () => setState({ busy: false, problem: null }) }];
+  return [run, state];
 }
 
 // A style sheet of one page's own, by its path below this folder.
@@ -168,11 +164,8 @@ export function useFew(rows, count) {
 export const Loading = ({ what = "" }) =>
   html`<p class="loading" role="status"><span class="spinner" aria-hidden="true"></span>${what || "Loading"} …</p>`;
 
-export const Failed = ({ problem, again }) => html`
-  <div class="note note-bad" role="alert">
-    <p>${problem.message}</p>
-    ${again && html`<${Button} onClick=${again}>Try again</${Button}>`}
-  </div>`;
+export const Failed = ({ problem, again }) => html`<${Note} tone="bad"><p>${problem.message}</p>
+  ${again && html`<${Button} onClick=${again}>Try again</${Button}>`}</${Note}>`;
 
 // Why an action was refused, beside its button.
 export const Refused = ({ problem }) => problem && html`<p class="problem" role="alert">${problem.message}</p>`;
@@ -213,12 +206,11 @@ export function Card({ title, tools, fold, folded = false, tone, children, ...mo
   const [broken] = useErrorBoundary(console.error); // what fails in a card takes nothing else from the page
   const [closed, setClosed] = fold ? useKept(`fold.${fold}`, folded) : [false];
   const id = useId();
-  const head = fold
-    ? html`<h2><button type="button" class="fold" aria-expanded=${String(!closed)} aria-controls=${id}
-        onClick=${() => setClosed(!closed)}>${title}</button></h2>`
-    : html`<h2>${title}</h2>`;
+  const head = fold ? html`<button type="button" class="fold" aria-expanded=${String(!closed)} aria-controls=${id}
+    onClick=${() => setClosed(!closed)}>${title}</button>` : title;
   return html`<section class=${classes("card", tone && `card-${tone}`)} ...${more}>
-    ${(title || tools) && html`<div class="card-head">${title && head}${tools && html`<div class="row">${tools}</div>`}</div>`}
+    ${(title || tools) && html`<div class="card-head">${title && html`<h2>${head}</h2>`}
+      ${tools && html`<div class="row">${tools}</div>`}</div>`}
     <div class="card-body" id=${id} hidden=${closed}>${broken
       ? html`<${Failed} problem=${{ message: `This part can't be shown (${broken.message}). STOP above works; reload the page.` }} />`
       : children}</div>
@@ -262,11 +254,6 @@ export const Links = ({ rows, choose }) => html`<ul class="links">${rows.map(({ 
   <li key=${href}><a class="link-row" href=${href} aria-current=${current ? "true" : undefined}
     onClick=${choose && ((event) => { event.preventDefault(); choose(name); })}>
     <strong>${name}</strong><span class="quiet">${about}</span>${badge}</a></li>`)}</ul>`;
-
-// Steps as [title, body], each numbered; the one that is due (`at`) shows its body.
-export const Steps = ({ steps, at }) => html`<ol class="todo">${steps.map(([title, body], index) => html`
-  <li key=${title} aria-current=${index === at ? "step" : undefined}><h3>${title}</h3>
-    ${index === at && html`<div class="stack">${body}</div>`}</li>`)}</ol>`;
 
 // What was checked, as { check or what, value, limit, unit, place, remedy }. `mend(one)` gives what helps.
 export const Findings = ({ rows, label, refuses, mend = () => null }) => html`
@@ -327,9 +314,10 @@ export function Button({ kind = "quiet", href, busy, disabled, why, onClick, chi
     title=${why || undefined} onClick=${onClick} ...${more}>${busy && html`<span class="spinner" aria-hidden="true"></span>`}${children}</button>`;
 }
 
-// A button that runs `work` (async); while it runs it can't be pressed, and below it stands what was
-// refused. With `ask` ({ title, text, yes, no, danger }) it asks once more, in a dialog.
-export function Act({ work, ask, children, ...more }) {
+// A button that posts `body` to the path `post`, then runs `work` (async), or that alone; while it runs it can't be
+// pressed, and below it stands what was refused. With `ask` ({ title, text, yes, no, danger }) it asks once more.
+export function Act({ post, body, work: then, ask, children, ...more }) {
+  const work = post ? () => send("POST", post, body).then(then) : then;
   const [run, { busy, problem }] = useAction(work);
   const [asking, setAsking] = useState(false);
   return html`<div class="act">
@@ -390,7 +378,7 @@ export function Dialog({ title, onClose, children }) {
 
 // --- fields ----------------------------------------------------------------------------------------
 
-// One value. kind: "text", "number", "choice" (options: values, or [value, name]), "flag", "slider",
+// One value. kind: "text", "number", "choice" (options: values of any kind, or [value, name]), "flag", "slider",
 // "long" or "password"; a slider's value may be `shown` in words. `onChange` is told the value as it is typed: a
 // number or null for numbers.
 export function Field({
@@ -400,23 +388,24 @@ export function Field({
   const said = [hint && `${id}-hint`, problem && `${id}-problem`].filter(Boolean).join(" ") || undefined;
   const common = { id, "aria-describedby": said, "aria-invalid": problem ? "true" : undefined, ...more };
   const told = (event) => onChange(event.target.value);
+  const numeric = ["number", "slider"].includes(kind);
   const number = (event) => onChange(event.target.value === "" ? null : Number(event.target.value));
   let input;
   if (kind === "choice") {
-    input = html`<select ...${common} value=${value ?? ""} onChange=${told}>${options.map((option) => {
-      const [one, name = one] = [option].flat(); // a value alone is its name
-      return html`<option key=${one} value=${one} selected=${one === (value ?? "")}>${name}</option>`;
-    })}</select>`;
+    const text = (one) => (typeof one === "string" ? one : JSON.stringify(one));
+    const known = options.map((one) => (Array.isArray(one) ? one : [one, one])); // a value alone is its name
+    const choose = (event) => onChange(known.find(([one]) => text(one) === event.target.value)[0]);
+    const now = text(value ?? "");
+    input = html`<select ...${common} value=${now} onChange=${choose}>${known.map(([one, name]) => html`
+      <option key=${text(one)} value=${text(one)} selected=${text(one) === now}>${name}</option>`)}</select>`;
   } else if (kind === "flag") {
     input = html`<input type="checkbox" ...${common} checked=${Boolean(value)} onChange=${(event) => onChange(event.target.checked)} />`;
-  } else if (kind === "slider") {
-    input = html`<input type="range" ...${common} min=${min} max=${max} step=${step ?? "any"} value=${value} onInput=${number} />`;
   } else if (kind === "long") {
     input = html`<textarea ...${common} rows="4" value=${value ?? ""} onInput=${told}></textarea>`;
-  } else if (kind === "number") {
-    input = html`<input type="number" inputmode="decimal" ...${common} min=${min} max=${max} step=${step ?? "any"} value=${value ?? ""} onInput=${number} />`;
   } else {
-    input = html`<input type=${kind} ...${common} value=${value ?? ""} onInput=${told} />`;
+    input = html`<input type=${kind === "slider" ? "range" : kind} inputmode=${kind === "number" && "decimal"}
+      ...${common} min=${min} max=${max} step=${step ?? (numeric ? "any" : undefined)} value=${value ?? ""}
+      onInput=${numeric ? number : told} />`;
   }
   return html`<div class=${classes("field", `field-${kind}`)}>
     <label for=${id}>${label}</label>
@@ -455,29 +444,29 @@ export const Segments = ({ label, options, value, onChange }) => html`
 
 // A place to drop a file: sent to `path` as `field`, with `more`; `onDone` is told the answer.
 export function Drop({ label, accept, path, onDone, field, more }) {
-  const [share, setShare] = useState(null);
+  const [share, setShare] = useState(0);
   const [over, setOver] = useState(false);
-  const [run, state] = useAction(async (file) => {
+  const [run, { busy, problem }] = useAction(async (file) => {
     setShare(0);
-    try {
-      onDone(await upload(path, file, setShare, field, more), file);
-    } finally {
-      setShare(null);
-    }
+    onDone(await upload(path, file, setShare, field, more), file);
   });
+  const take = ([file]) => file && run(file);
   const drop = (event) => {
     event.preventDefault();
     setOver(false);
-    const file = event.dataTransfer.files[0];
-    if (file) run(file);
+    take(event.dataTransfer.files);
+  };
+  const choose = ({ target }) => {
+    take(target.files);
+    target.value = "";
   };
   return html`<div class=${classes("drop", over && "drop-over")} onDragOver=${(event) => { event.preventDefault(); setOver(true); }}
       onDragLeave=${() => setOver(false)} onDrop=${drop}>
-    <label class="button">${label}<input class="unseen" type="file" accept=${accept} disabled=${state.busy}
-      onChange=${(event) => { const [file] = event.target.files; event.target.value = ""; if (file) run(file); }} /></label>
+    <label class="button">${label}<input class="unseen" type="file" accept=${accept} disabled=${busy}
+      onChange=${choose} /></label>
     <span class="quiet">or drop it here</span>
-    ${share !== null && html`<${Progress} share=${share} label="Sending" />`}
-    <${Refused} problem=${state.problem} />
+    ${busy && html`<${Progress} share=${share} label="Sending" />`}
+    <${Refused} problem=${problem} />
   </div>`;
 }
 
@@ -485,7 +474,7 @@ export function Drop({ label, accept, path, onDone, field, more }) {
 
 // A number to `digits` significant figures, without a tail of noughts; a dash for none.
 export function number(value, digits = 4) {
-  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  if (!Number.isFinite(value)) return "–";
   return String(Number(value.toPrecision(digits))).replace("-", "\u2212");
 }
 
@@ -498,7 +487,7 @@ export const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 // Seconds as people say them.
 export function span(seconds) {
-  if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return "–";
+  if (!Number.isFinite(seconds)) return "–";
   if (seconds < 90) return `${Math.round(seconds)} s`;
   if (seconds < 5400) return `${Math.round(seconds / 60)} min`;
   return `${Math.floor(seconds / 3600)} h ${Math.round((seconds % 3600) / 60)} min`;

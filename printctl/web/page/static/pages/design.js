@@ -2,10 +2,10 @@
 import { get, part, send } from "../api.js";
 import { Problems, RecipeForm } from "../form.js";
 import { Frame } from "../frame.js";
-import { Does, Stages, isGoing } from "../runs.js";
+import { Stages, isGoing } from "../runs.js";
 import {
-  Act, Ask, Badge, Button, Card, Dialog, Drop, Empty, Field, Fold, Links, Loaded, Loading, Note, Page, Tabs, Unusable,
-  html, useAddress, useEffect, useGet, useRef, useState, useStyle, useTyped,
+  Act, Ask, Badge, Button, Card, Dialog, Drop, Empty, Field, Fields, Fold, Links, Loaded, Loading, Note, Page, Tabs,
+  Unusable, html, useAddress, useEffect, useGet, useRef, useState, useStyle, useTyped,
 } from "../ui.js";
 import { Compare, Figures, Look } from "./design_runs.js";
 
@@ -14,8 +14,6 @@ const STATES = {
   interrupted: "Broken off",
 };
 const TYPING_MS = 600;
-
-// --- the recipe that is edited -----------------------------------------------------------------------
 
 // { doc, loads, problem, unread, typed, load, change }. Changes are sent one after the other, each with the version
 // that it changes. `typed` is its text, `unread` why what was typed isn't in the file.
@@ -41,8 +39,6 @@ function useRecipe(name) {
   const typed = useTyped(state.doc?.text ?? "", (text) => write("PUT", { text }), TYPING_MS, state.loads);
   return { ...state, typed, load, change: (body) => write("PATCH", body) };
 }
-
-// --- page --------------------------------------------------------------------------------------------
 
 export default function Design({ recipe = "", tab = "recipe" }) {
   useStyle("pages/design.css");
@@ -88,9 +84,8 @@ export default function Design({ recipe = "", tab = "recipe" }) {
         names=${names} tools=${tools} at=${at} setAt=${setAt} recipes=${recipes} runs=${runs} /></div>`
     : html`<${Card}><${Empty}>A recipe says what is printed and how: tissue, vessels, toolpath, printer. Begin one from
         an example, or import a file. Step by step it goes on <a href="/">Home</a>.</${Empty}></${Card}>`)}</${Loaded}>
-    ${dialog === "new" && html`<${NewDialog} ...${dialogs} />`}
     ${dialog === "import" && html`<${ImportDialog} ...${dialogs} />`}
-    ${["duplicate", "rename"].includes(dialog) && html`<${NameDialog} ...${dialogs} act=${dialog} />`}
+    ${dialog in NAMED && html`<${NameDialog} ...${dialogs} act=${dialog} />`}
   </${Page}>`;
 }
 
@@ -140,31 +135,25 @@ const Recipes = ({ rows, made, chosen, choose }) => html`<nav class="design-reci
   }))} /></div>
 </nav>`;
 
-// --- dialogs -----------------------------------------------------------------------------------------
+// Each way to name a recipe: title, button, the field's label and hint.
+const NAMED = {
+  new: ["New recipe", "Make", "Name", "Letters a to z, digits, '.', '_' and '-'."],
+  duplicate: ["Duplicate", "Duplicate", "Name of the copy", ""],
+  rename: ["Rename", "Rename", "New name", "A run that was made of it keeps its name."],
+};
 
-function NewDialog({ choices, done, close }) {
-  const [name, setName] = useState("");
-  const [source, setSource] = useState("starter");
-  const work = async () => done(await send("POST", "/recipes", { name, source }));
-  return html`<${Ask} title="New recipe" yes="Make" onClose=${close} work=${work}>
-    <${Field} label="Name" value=${name} onChange=${setName} autocomplete="off"
-      hint="Letters a to z, digits, '.', '_' and '-'." />
-    <${Field} kind="choice" label="Begin from" value=${source} onChange=${setSource}
-      options=${choices.value?.examples ?? [source]} />
-  </${Ask}>`;
-}
-
-function NameDialog({ chosen, act, done, close }) {
-  const copies = act === "duplicate";
-  const [name, setName] = useState(copies ? `${chosen}_2` : chosen);
-  const title = copies ? "Duplicate" : "Rename";
-  const work = async () => {
-    if (copies || name !== chosen) done(await send("POST", `/recipes/${part(chosen)}/${act}`, { name }));
-  };
-  return html`<${Ask} title=${title} yes=${title} onClose=${close} work=${work}>
-    <${Field} label=${copies ? "Name of the copy" : "New name"} value=${name} onChange=${setName} autocomplete="off"
-      hint=${copies ? "" : "A run that was made of it keeps its name."} />
-  </${Ask}>`;
+function NameDialog({ act, choices, chosen, done, close }) {
+  const [title, yes, label, hint] = NAMED[act];
+  const first = { new: "", duplicate: `${chosen}_2`, rename: chosen }[act];
+  const [said, setSaid] = useState({ name: first, source: act === "new" ? "starter" : undefined });
+  const path = act === "new" ? "/recipes" : `/recipes/${part(chosen)}/${act}`;
+  const work = async () => (act === "rename" && said.name === chosen) || done(await send("POST", path, said));
+  return html`<${Ask} title=${title} yes=${yes} onClose=${close} work=${work}>
+    <${Fields} of=${said} onChange=${setSaid} fields=${[
+      { name: "name", label, hint, autocomplete: "off" },
+      act === "new" && { name: "source", label: "Begin from", kind: "choice",
+        options: choices.value?.examples ?? [said.source] },
+    ]} /></${Ask}>`;
 }
 
 function ImportDialog({ choices, done, close }) {
@@ -177,8 +166,6 @@ function ImportDialog({ choices, done, close }) {
       onDone=${(file) => done(null, html`<${Note} tone="good">${file} can be named in recipes now.</${Note}>`)} />
   </${Dialog}>`;
 }
-
-// --- recipe and text ---------------------------------------------------------------------------------
 
 function RecipeTab({ editor, choices, toText }) {
   const schema = useGet("/recipes/schema");
@@ -227,27 +214,21 @@ function Pick({ doc, change }) {
       title=${`Tissue of ${doc.name}`} />`}</${Fold}>`;
 }
 
-// --- make --------------------------------------------------------------------------------------------
-
 function MakeTab({ name, stages, problems, made, look }) {
-  const [every, setEvery] = useState(1000);
   const [until, setUntil] = useState("");
-  const progress = useGet(name && `/runs/${part(name)}/progress`, { every });
+  const way = `/runs/${part(name)}`;
+  const progress = useGet(name && `${way}/progress`, { every: (one) => (one && !isGoing(one) ? 5000 : 1000) });
   const run = progress.value;
   const busy = isGoing(run);
-  useEffect(() => {
-    setEvery(busy ? 1000 : 5000);
-    made();
-  }, [run?.state]);
-  const does = { way: `/runs/${part(name)}`, onDone: progress.reload };
+  useEffect(() => { made(); }, [run?.state]);
   const last = until || stages.at(-1);
   const why = problems.length ? "The recipe has something to mend first." : "";
   return html`<${Loaded} of=${progress}>${() => html`
     <div class="row row-end">
       <${Field} kind="choice" label="As far as" value=${last} onChange=${setUntil} options=${stages} />
-      <${Does} ...${does} kind="main" disabled=${busy} why=${why} action="start" body=${{ until: last }}>
-        Make the design</${Does}>
-      ${busy && html`<${Does} ...${does} action="cancel" />`}
+      <${Act} kind="main" disabled=${busy} why=${why} post=${`${way}/start`} body=${{ until: last }}
+        work=${progress.reload}>Make the design</${Act}>
+      ${busy && html`<${Act} post=${`${way}/cancel`} work=${progress.reload}>Cancel</${Act}>`}
     </div>
     ${why && html`<p class="quiet">${why}</p>`}
     <p role="status" class=${busy ? "loading" : ""}>${busy && html`<span class="spinner" aria-hidden="true"></span>`}
@@ -257,6 +238,6 @@ function MakeTab({ name, stages, problems, made, look }) {
       ${stages.indexOf(run.until) >= stages.indexOf("toolpath") && html`
         <${Button} href=${`/job?job=run~${part(name)}`}>Print it</${Button}>`}</div>`}
     ${run.print_state === "done" && !busy && html`<div class="row">
-      <${Does} ...${does} action="continue">Continue after the print</${Does}>
+      <${Act} post=${`${way}/continue`} work=${progress.reload}>Continue after the print</${Act}>
       <span class="quiet">Its print is done: scan, registration and report come next.</span></div>`}`}</${Loaded}>`;
 }

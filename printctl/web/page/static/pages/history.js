@@ -2,13 +2,13 @@
 import { url } from "../api.js";
 import {
   Button, Card, Drop, Empty, Failed, Field, Fields, Fold, Loaded, Note, Page, Segments, Table,
-  html, span, useAddress, useEffect, useGet, useRef, useState, useStyle, useTyped, when,
+  html, span, useAddress, useEffect, useGet, useState, useStyle, useTyped, when,
 } from "../ui.js";
 import OnePrint, { End, stateOf, titleOf } from "./history_print.js";
 
 const PER_PAGE = 10; // a screen of them
 const TYPING_MS = 300;
-const AGAIN = { every: 10_000 }; // a print that goes on changes its line
+const AGAIN = { every: 10_000, keep: true }; // a print that goes on changes its line
 const USUAL = {
   words: "", state: "", profile: "", who: "", since: "", until: "",
   sort: "started", descending: "true", page: "1", of: "",
@@ -39,10 +39,8 @@ function List({ query }) {
   useAddress("/history", Object.fromEntries(set(filter)));
   const words = asked(filter);
   const found = useGet(`/history?${words}&limit=${PER_PAGE}&offset=${PER_PAGE * (filter.page - 1)}`, AGAIN);
-  const before = useRef(null);
-  if (found.value) before.current = found.value;
-  const shown = found.value ?? before.current; // what was there stays until the next comes
-  const pages = Math.max(1, Math.ceil((shown?.total ?? 0) / PER_PAGE));
+  const total = found.value?.total ?? 0;
+  const pages = Math.max(1, Math.ceil(total / PER_PAGE));
   useEffect(() => {
     if (found.value && filter.page > pages) change({ page: String(pages) }); // an address of old
   }, [found.value]);
@@ -52,11 +50,11 @@ function List({ query }) {
   return html`<${Page} title="History" tools=${scope}>
     <${Card}>
       <${Filters} filter=${filter} change=${change} />
-      ${found.problem && html`<${Failed} problem=${found.problem} again=${found.reload} />`}
-      ${(shown || !found.problem) && html`<${Loaded} of=${{ ...found, value: shown }} what="Looking through the prints">
-        ${(page) => html`<${Prints} page=${page} filter=${filter} />`}</${Loaded}>`}
-      ${shown?.total > 0 && html`<div class="row history-foot">
-        <span role="status">${shown.total === 1 ? "1 print" : `${shown.total} prints`}</span>
+      ${found.value && found.problem && html`<${Failed} problem=${found.problem} again=${found.reload} />`}
+      <${Loaded} of=${found} what="Looking through the prints">${(page) => html`
+        <${Prints} page=${page} filter=${filter} />`}</${Loaded}>
+      ${total > 0 && html`<div class="row history-foot">
+        <span role="status">${total === 1 ? "1 print" : `${total} prints`}</span>
         ${pages > 1 && html`<nav class="row" aria-label="Pages of the list">
           <${Button} disabled=${filter.page <= 1} onClick=${() => turn(-1)}>Earlier page</${Button}>
           <span>page ${filter.page} of ${pages}</span>

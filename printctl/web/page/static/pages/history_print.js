@@ -61,24 +61,20 @@ function Printed({ it }) {
 
 function Judged({ it }) {
   const address = `/history/${part(it.print.id)}/report`;
-  const scan = runOf(it.print.job) && `/scan?run=${runOf(it.print.job)}`;
-  if (!it.verdict && !it.report.length) {
-    return html`<${Card} title="Is it right?">
-      <${Empty}>No scan of this print was compared with its design. Scan the part, then drop the scan on the Scan
-        page.</${Empty}>
-      ${scan && html`<div class="row">
-        <${Button} kind=${it.print.state === "done" ? "main" : "quiet"} href=${scan}>Go to the scan</${Button}></div>`}
-    </${Card}>`;
-  }
+  const run = runOf(it.print.job);
+  const open = !it.verdict && !it.report.length;
   return html`<${Card} title="Is it right?">
-    ${it.verdict && html`<${Verdict} outcome=${it.verdict} />`}
-    <${Bullets} rows=${it.reasons} />
+    ${open ? html`<${Empty}>No scan of this print was compared with its design. Scan the part, then drop the scan on the
+        Scan page.</${Empty}>` : html`
+      ${it.verdict && html`<${Verdict} outcome=${it.verdict} />`}
+      <${Bullets} rows=${it.reasons} />`}
     <div class="row">
       ${it.report.includes("report.html") && html`
         <${Button} href=${url(address)} target="_blank" rel="noopener">Open the report</${Button}>`}
       ${it.report.includes("report.pdf") && html`
         <${Button} href=${url(`${address}?kind=pdf`)} download>Report as PDF</${Button}>`}
-      ${scan && html`<${Button} href=${scan}>Go to the scan</${Button}>`}
+      ${run && html`<${Button} kind=${open && it.print.state === "done" ? "main" : "quiet"} href=${`/scan?run=${run}`}>
+        Go to the scan</${Button}>`}
     </div>
   </${Card}>`;
 }
@@ -90,12 +86,12 @@ function Again({ it }) {
   const look = async () => setPlan(await get(way));
   const make = async () => setJob((await send("POST", way)).job);
   return html`<${Card} title="Print it again">
-    ${!plan && html`
+    ${!it.gcode_there && html`<${Empty}>Not possible here: ${it.missing[0]}.</${Empty}>`}
+    ${!plan ? html`
       <p>The same G-code, byte for byte, as a new job. What isn't as it was then is listed first; you start the print
         yourself.</p>
-      <${Act} why=${it.gcode_there ? "" : it.missing[0]} work=${look}>Compare with today</${Act}>`}
-    ${!it.gcode_there && html`<${Empty}>Not possible here: ${it.missing[0]}.</${Empty}>`}
-    ${plan && html`<p>The G-code is the one that was printed (its SHA-256 agrees).</p>
+      <${Act} why=${it.gcode_there ? "" : it.missing[0]} work=${look}>Compare with today</${Act}>` : html`
+      <p>The G-code is the one that was printed (its SHA-256 agrees).</p>
       <${Bullets} rows=${[
         ...(plan.differences.length ? [] : ["Nothing that is known differs."]),
         ...plan.differences.map((one) => `${one.what}: was ${one.then}, is ${one.now}`),
@@ -142,49 +138,37 @@ function Happened({ it }) {
 function Strip({ states }) {
   const sums = new Map();
   for (const one of states) sums.set(one.state, (sums.get(one.state) ?? 0) + one.end_s - one.start_s);
-  const whole = [...sums.values()].reduce((sum, one) => sum + one, 0);
-  if (whole <= 0) return null;
+  if (![...sums.values()].some((seconds) => seconds > 0)) return null;
   return html`<div class="history-strip" aria-hidden="true">${states.map((one) => html`
-      <i data-state=${one.state} style=${{ flexGrow: (one.end_s - one.start_s) / whole }}></i>`)}</div>
+      <i data-state=${one.state} style=${{ flexGrow: 1000 * (one.end_s - one.start_s) }}></i>`)}</div>
     <ul class="row history-keys" aria-label="Times in each state">${[...sums].map(([state, seconds]) => html`
       <li key=${state}><i data-state=${state}></i>${state} ${span(seconds)}</li>`)}</ul>`;
 }
-
-// --- what the operator noted ---------------------------------------------------------------------
 
 const NAMES = {
   ...Object.fromEntries(RECORD.map(({ name, label, unit }) => [name, unit ? `${label} (${unit})` : label])),
   mixed_at: "Mixed", sterility: "Sterility", ticked: "Checklist",
 };
 const UNNAMED = ["text", "note", "step", "name"];
-const isRecord = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
+const isEmpty = (value) => [null, "", "{}", "[]"].includes(typeof value === "object" ? JSON.stringify(value) : value);
 
 function textOf(key, value) {
-  if (key === "ticked" && isRecord(value)) {
+  if (key === "ticked" && typeof value === "object") {
     const ticks = Object.values(value);
     return `${ticks.filter((one) => one === true).length} of ${ticks.length} points ticked before the start`;
   }
-  if (key === "mixed_at" && typeof value === "number") return when(value);
-  if (typeof value === "number") return value.toLocaleString([], { maximumFractionDigits: 6 });
-  return isRecord(value) || Array.isArray(value) ? JSON.stringify(value) : String(value);
+  if (typeof value !== "number") return typeof value === "object" ? JSON.stringify(value) : String(value);
+  return key === "mixed_at" ? when(value) : value.toLocaleString([], { maximumFractionDigits: 6 });
 }
 
-const isEmpty = (value) =>
-  value === null || value === "" || (typeof value === "object" && Object.keys(value).length === 0);
+// Names and values of a record; those that nobody filled in are left out.
+const filled = (record) => Object.entries(record ?? {}).filter(([, value]) => !isEmpty(value));
 
-// Names and values; those that nobody filled in are left out.
-const notedValues = (note) =>
-  Object.entries(isRecord(note.values) ? note.values : {})
-    .filter(([, value]) => !isEmpty(value))
-    .map(([key, value]) => [NAMES[key] ?? key.replaceAll("_", " "), textOf(key, value)]);
-
-// Steps after the print, or notes, each in a line: when, who, what.
-const notedLines = (note, list) => (Array.isArray(note[list]) ? note[list] : []).slice(0, 500).map(lineOf);
-
+// A step after the print, or a note: when, who, what.
 function lineOf(entry) {
-  if (!isRecord(entry)) return String(entry);
+  if (!entry || typeof entry !== "object") return String(entry);
   const { at, who, ...rest } = entry;
-  const words = Object.entries(rest).filter(([, value]) => value !== null && value !== "").map(([key, value]) => {
+  const words = filled(rest).map(([key, value]) => {
     if (typeof value === "boolean") return value ? `(${key})` : `(not ${key})`;
     return UNNAMED.includes(key) ? textOf(key, value) : `${key}: ${textOf(key, value)}`;
   });
@@ -192,8 +176,9 @@ function lineOf(entry) {
 }
 
 function Noted({ note }) {
-  const rows = notedValues(note);
-  const lists = [["Steps after the print", notedLines(note, "steps")], ["Notes", notedLines(note, "notes")]];
+  const rows = filled(note.values).map(([key, value]) => [NAMES[key] ?? key.replaceAll("_", " "), textOf(key, value)]);
+  const lists = [["Steps after the print", "steps"], ["Notes", "notes"]]
+    .map(([name, list]) => [name, [note[list] ?? []].flat().slice(0, 500).map(lineOf)]);
   if (!rows.length && !lists.some(([, lines]) => lines.length)) return null;
   return html`<${Card} title="What the operator noted">
     <${Facts} rows=${rows} />

@@ -1,5 +1,6 @@
 // Where everybody begins: what goes on, what was begun, and what one can begin with.
 import { part, send } from "../api.js";
+import { progressOf } from "../header.js";
 import {
   Act, Ask, Badge, Button, Card, Drop, Empty, Fields, Links, Loaded, Note, Page, go, html, nameOf, span, useFew, useGet,
   useNews, useState, when,
@@ -26,9 +27,7 @@ function Running() {
   const print = useNews("print");
   if (!print?.state || print.ended) return null;
   return html`<${Note} tone="info"><p>
-    <b>${nameOf(print.job)}</b> is on the printer: ${print.state.replaceAll("_", " ")}${
-    Number.isFinite(print.share) ? `, ${(100 * print.share).toFixed(0)} %` : ""}${
-    Number.isFinite(print.time_left_s) ? `, ${span(print.time_left_s)} left` : ""}.</p>
+    <b>${nameOf(print.job)}</b> is on the printer: ${progressOf(print).filter(Boolean).join(", ")}.</p>
     <${Button} kind="main" href=${`/job?job=${part(print.job)}`}>See the print</${Button}></${Note}>`;
 }
 
@@ -42,8 +41,6 @@ function Projects({ rows }) {
     ${more}
   </${Card}>`;
 }
-
-// --- what one can begin with -------------------------------------------------------------------
 
 function Gallery({ taken, first }) {
   const entries = useGet("/gallery");
@@ -78,8 +75,6 @@ function Entry({ one, taken }) {
   </li>`;
 }
 
-// --- what a user brings --------------------------------------------------------------------------
-
 const SHAPES = ".stl,.obj,.ply,.3mf";
 const NETWORKS = ".csv,.vtp,.swc,.json,.npz,.txt";
 
@@ -98,13 +93,12 @@ function Bring() {
   </${Card}>`;
 }
 
-const needsUnit = (file) => !/\.(3mf|json|npz|txt)$/i.test(file);
 const UNITS = [["", "choose"], ["mm", "millimetres"], ["cm", "centimetres"], ["m", "metres"], ["um", "micrometres"],
   ["in", "inches"]];
 
 function FromFile({ file, onClose }) {
   const mesh = SHAPES.split(",").some((one) => file.toLowerCase().endsWith(one));
-  const asks = needsUnit(file);
+  const asks = !/\.(3mf|json|npz|txt)$/i.test(file);
   const [said, setSaid] = useState({
     name: file.replace(/\.[^.]*$/, "").replace(/[^A-Za-z0-9._-]/g, "_").slice(0, 60), unit: asks ? "" : "mm",
   });

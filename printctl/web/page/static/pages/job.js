@@ -1,7 +1,7 @@
 // A job: before its print, while it goes on, and after it. A print is told by its own identity.
 import { get, last, listen, part } from "../api.js";
 import {
-  Badge, Button, Failed, Loading, Page, html, nameOf, useCallback, useEffect, useRef, useState, useStyle,
+  Badge, Button, Loaded, Page, html, nameOf, useCallback, useEffect, useRef, useState, useStyle,
 } from "../ui.js";
 import After from "./job_after.js";
 import Before from "./job_before.js";
@@ -10,8 +10,8 @@ import Running, { Ending } from "./job_running.js";
 export default function Job({ job: asked = "", again, other }) {
   useStyle("pages/job.css");
   const { print, loading, problem, reload } = usePrint(asked);
-  if (loading) return html`<${Page} title="Job"><${Loading} what="Asking for the print" /></${Page}>`;
-  if (problem && !print) return html`<${Page} title="Job"><${Failed} problem=${problem} again=${reload} /></${Page}>`;
+  const missing = (loading || (problem && !print)) && { value: null, loading, problem, reload };
+  if (missing) return html`<${Page} title="Job"><${Loaded} of=${missing} what="Asking for the print" /></${Page}>`;
   const job = asked || (other ? "" : (print?.job ?? ""));
   const mine = job && print?.job === job ? print : null;
   const goesOn = mine && !mine.ended;

@@ -2,21 +2,18 @@
 import { part, send, url } from "../api.js";
 import {
   Act, Button, Card, Drop, Facts, Field, Fields, Fold, Kept, Loaded, Photos, bytes, html, nameOf, number, runOf,
-  useGet, useState, useStyle, when,
+  useGet, useState, when,
 } from "../ui.js";
 import { madeRows } from "../runs.js";
 
 export default function After({ job, print }) {
-  useStyle("pages/job_steps.css");
-  return html`<div class="job-set">
+  return html`<div class="columns job-set">
     <div class="stack"><${Outcome} job=${job} print=${print} />
       <div class="job-later"><${Notes} key=${print.print_id} job=${job} /></div></div>
     <div class="stack"><${Steps} key=${print.print_id} job=${job} />
       <div class="job-later"><${TimeLapse} job=${job} print=${print} /></div></div>
   </div>`;
 }
-
-// --- what came out, and what is next -------------------------------------------------------------
 
 function Outcome({ job, print }) {
   const run = runOf(job);
@@ -61,8 +58,6 @@ function TimeLapse({ job, print }) {
       ${" "}${one.message}</p>
   </${Card}>`;
 }
-
-// --- the steps that follow -----------------------------------------------------------------------
 
 function Steps({ job }) {
   const path = `/prints/${part(job)}/steps`;
@@ -115,8 +110,6 @@ function Flush({ job }) {
       : "No flow was solved for this job: keep the pressure low and look at the outlet."}</p>`}</${Loaded}>
   </${Fold}>`;
 }
-
-// --- notes and photos ----------------------------------------------------------------------------
 
 function Notes({ job }) {
   const way = `/prints/${part(job)}`;

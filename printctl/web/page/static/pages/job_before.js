@@ -3,7 +3,7 @@ import { get, part, send } from "../api.js";
 import {
   Act, Badge, Button, Card, Drop, Empty, Facts, Failed, Field, Fields, Findings, Fold, Kept, Links, Loaded, Loading, Note,
   Unusable, bytes, go, html, nameOf, number, runOf, span, useCallback, useEffect, useFew, useGet, useNews,
-  useRef, useState, useStyle, when,
+  useRef, useState, when,
 } from "../ui.js";
 import { RECORD } from "../record.js";
 import { LiveView } from "./job_views.js";
@@ -12,30 +12,19 @@ const POLL_MS = 2000;
 const SHOWN_JOBS = 8;
 const address = (job) => `/job?job=${part(job)}`;
 
-export default function Before({ job, reload }) {
-  useStyle("pages/job_steps.css");
-  return job ? html`<${Steps} job=${job} reload=${reload} />` : html`<${Jobs} />`;
-}
-
-// --- the list of jobs ----------------------------------------------------------------------------
+export default (props) => (props.job ? html`<${Steps} ...${props} />` : html`<${Jobs} />`);
 
 function Jobs() {
   const jobs = useGet("/jobs");
   const unusable = useGet("/jobs/unusable");
+  const [few, more] = useFew(jobs.value ?? [], SHOWN_JOBS);
   return html`<${Card} title="Choose a job">
     <${Drop} label="Upload G-code" accept=".gcode,.gco,.g,.nc" path="/jobs" onDone=${(one) => go(address(one.id))} />
-    <${Loaded} of=${jobs} what="Reading the jobs">${(rows) => html`<${Listed} rows=${rows} />`}</${Loaded}>
+    <${Loaded} of=${jobs} what="Reading the jobs">${() => (few.length ? html`<${Links} rows=${few.map((one) => ({
+      href: address(one.id), name: one.name, about: `${factsOf(one)} · ${when(one.changed)}` }))} />${more}`
+    : html`<${Empty}>No job yet. Upload a G-code file, or <a href="/">begin with a design</a>.</${Empty}>`)}</${Loaded}>
     <${Unusable} names=${unusable.value} />
   </${Card}>`;
-}
-
-function Listed({ rows }) {
-  const [few, more] = useFew(rows, SHOWN_JOBS);
-  if (!rows.length) {
-    return html`<${Empty}>No job yet. Upload a G-code file, or <a href="/">begin with a design</a>.</${Empty}>`;
-  }
-  return html`<${Links} rows=${few.map((one) => ({
-    href: address(one.id), name: one.name, about: `${factsOf(one)} · ${when(one.changed)}` }))} />${more}`;
 }
 
 const factsOf = (one) => [
@@ -44,8 +33,6 @@ const factsOf = (one) => [
   one.duration_s !== null && span(one.duration_s),
   one.ink_ul !== null && `${number(one.ink_ul, 3)} µL of ink`,
 ].filter(Boolean).join(" · ");
-
-// --- what is known -------------------------------------------------------------------------------
 
 // What refuses a start, asked for again and again: the machine changes without us. A job that wasn't
 // checked with this set-up is, beside that, which takes as long as its dry run.
@@ -84,10 +71,9 @@ function Steps({ job, reload }) {
   useEffect(() => form.reload(), [state, String(machine?.tip_mm)]); // the printer knows the set-up better
   const refresh = useCallback(async () => { form.reload(); record.reload(); await ready.reload(); }, [job]);
   const all = { job, ready: ready.value, form: form.value, record: record.value, refresh, reload };
-  const failed = [entry, form, record].find((one) => one.problem && one.value === null);
-  if (failed) return html`<${Failed} problem=${failed.problem} again=${failed.reload} />`;
-  if (!form.value || !record.value || !entry.value) return html`<${Loading} what="Reading the job" />`;
-  return html`<div class="job-set">
+  const due = [entry, form, record].find((one) => one.value === null);
+  if (due) return html`<${Loaded} of=${due} what="Reading the job" />`;
+  return html`<div class="columns job-set">
     <div class="stack">
       <${TheJob} ...${all} entry=${entry.value} />
       <${ThePrinter} ...${all} />
@@ -104,8 +90,6 @@ function Steps({ job, reload }) {
 const Step = ({ at, title, done, tools, children }) => html`
   <${Card} title=${html`<span class="job-number" aria-hidden="true">${at}</span> ${title}`}
     tools=${html`${done && html`<${Badge} tone="good">${done}</${Badge}>`}${tools}`}>${children}</${Card}>`;
-
-// --- 1: the job ----------------------------------------------------------------------------------
 
 function TheJob({ job, entry, ready }) {
   const found = ready?.preflight ?? entry;
@@ -125,8 +109,6 @@ function TheJob({ job, entry, ready }) {
     ]} /></div>
   </${Step}>`;
 }
-
-// --- 2: the printer ------------------------------------------------------------------------------
 
 const PARTS = { printer: "Printer", needle: "Needle", syringe: "Syringe", ink: "Ink", bath: "Bath", dish: "Dish" };
 
@@ -150,7 +132,7 @@ async function keepNow({ job, form, ready, refresh }, change) {
   await refresh();
 }
 
-const placed = (mm, digits = 2) => mm.map((one, k) => `${"XYZ"[k]} ${one.toFixed(digits)}`).join(" ");
+const placed = (mm) => mm.map((one, k) => `${"XYZ"[k]} ${one.toFixed(2)}`).join(" ");
 
 function ThePrinter(all) {
   const { form, ready } = all;
@@ -189,10 +171,10 @@ function ThePrinter(all) {
 
 function partField(form, one) {
   const value = form.set_up[one];
-  const options = Object.entries(form.choices[one]);
-  if (!(value in form.choices[one]) && value) options.unshift([value, value]);
-  if (one !== "printer") options.unshift(["", "none named"]);
-  return { name: one, kind: "choice", label: PARTS[one], options };
+  const known = form.choices[one];
+  const options = Object.entries(!value || value in known ? known : { [value]: value, ...known });
+  return { name: one, kind: "choice", label: PARTS[one],
+    options: one === "printer" ? options : [["", "none named"], ...options] };
 }
 
 function Watched(all) {
@@ -215,26 +197,23 @@ function Watched(all) {
   </${Fold}>`;
 }
 
-// --- 3: the checks -------------------------------------------------------------------------------
-
 function Checks(all) {
   const { ready, problem } = all;
   if (!ready) {
     return html`<${Step} at="3" title="Checks">
-      ${problem ? html`<${Failed} problem=${problem} />` : html`<${Loading} what="Looking at job and printer" />`}
-    </${Step}>`;
+      <${Loaded} of=${{ problem, value: null, loading: true }} what="Looking at job and printer" /></${Step}>`;
   }
   const refusals = ready.refusals.filter((one) => one.action !== "tick");
   const open = ready.refusals.length - refusals.length;
   const rows = ready.preflight?.checks ?? [];
   const left = ready.refusals.length;
-  const says = left ? refusing(left) : ready.checked ? "Nothing refuses the start" : "";
   const folded = (result, name) => {
     const some = rows.filter((one) => one.result === result);
     return some.length > 0 && html`<${Fold} title=${`${some.length} ${name}`}><${Findings} rows=${some} /></${Fold}>`;
   };
   return html`<${Step} at="3" title="Checks" done=${ready.ready && "nothing refuses the start"}>
-    <p role="status" class=${left ? "job-left" : "unseen"}>${says}</p>
+    <p role="status" class=${left ? "job-left" : "unseen"}>${
+      left ? refusing(left) : ready.checked && "Nothing refuses the start"}</p>
     ${problem && html`<${Failed} problem=${problem} />`}
     ${refusals.length > 0 && html`<${Findings} rows=${refusals.map(asField)} refuses label="What refuses the start"
       mend=${(one) => html`<${Remedy} ...${all} one=${one} />`} />`}
@@ -243,10 +222,7 @@ function Checks(all) {
       <${Points} ...${all} left=${open} due=${ready.checked && !refusals.length} />`}
     ${ready.preflight?.accepted.map((text) => html`
       <${Note} key=${text} tone="warn">Accepted, and kept in the journal: ${text}</${Note}>`)}
-    <div class="job-folds">
-      ${folded("warning", "to know before the start")}
-      ${folded("passed", "checks passed")}
-    </div>
+    <div class="job-folds">${folded("warning", "to know before the start")}${folded("passed", "checks passed")}</div>
   </${Step}>`;
 }
 
@@ -267,7 +243,8 @@ const CROSS = {
 function Remedy(all) {
   const { one, job, form, record, refresh } = all;
   const act = (words, work, ask) => html`<${Act} work=${work} ask=${ask}>${words}</${Act}>`;
-  const post = (words, path, body, ask) => act(words, () => send("POST", path, body).then(refresh), ask);
+  const post = (words, path, body, ask) => html`
+    <${Act} post=${path} body=${body} work=${refresh} ask=${ask}>${words}</${Act}>`;
   const link = (words, href) => html`<${Button} href=${href}>${words}</${Button}>`;
   const touchOff = (words) => link(words, "/printer?tab=needle");
   const remedies = {
@@ -303,8 +280,6 @@ function Points(all) {
   </${Fold}>`;
 }
 
-// --- 4: the record, and the start ----------------------------------------------------------------
-
 async function write({ job, refresh }, changes) {
   await send("PATCH", `/jobs/${part(job)}/record`, changes);
   await refresh();
@@ -317,7 +292,7 @@ function TheRecord(all) {
   const { job, record } = all;
   const [ago, setAgo] = useState(0);
   const clock = useGet(record.mixed_at === null ? null : `/prints/${part(job)}/viability`, { every: 30_000 });
-  const known = RECORD.filter(({ name, kind }) => !kind && record[name]).map(({ name }) => record[name]);
+  const known = RECORD.filter(({ kind }) => !kind).map(({ name }) => record[name]).filter(Boolean);
   const save = (changes) => write(all, changes);
   return html`<${Card} aria-label="Record">
     ${clock.value && html`<${Note} tone=${CLOCK[clock.value.state] ?? "info"}>${clock.value.words}</${Note}>`}
@@ -345,15 +320,11 @@ function Start(all) {
   const seconds = ready?.preflight?.duration_s;
   const lasts = seconds ? `, for about ${span(seconds)}` : "";
   const watch = ready?.machine?.simulated ? "" : " Stay within reach of STOP.";
-  const start = async () => {
-    await send("POST", `/prints/${part(job)}/start`, { confirmed: words });
-    await reload();
-  };
   return html`<${Step} at="4" title="Start">
-    <${Act} kind="main" work=${start} why=${why} ask=${{
-      title: "Start the print?", yes: "Yes, start it",
-      text: `${words} will move now and write ${nameOf(job)}${lasts}.${watch}`,
-    }}>${words ? `Start on ${words} …` : "Start …"}</${Act}>
+    <${Act} kind="main" post=${`/prints/${part(job)}/start`} body=${{ confirmed: words }} work=${reload} why=${why}
+      ask=${{ title: "Start the print?", yes: "Yes, start it",
+        text: `${words} will move now and write ${nameOf(job)}${lasts}.${watch}` }}>
+      ${words ? `Start on ${words} …` : "Start …"}</${Act}>
     ${why && html`<p class="hint">${why}</p>`}
   </${Step}>`;
 }

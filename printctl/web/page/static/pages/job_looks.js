@@ -1,6 +1,6 @@
 // Looks at an observed print: the one that holds it with what was expected and found, what is asked,
 // and the last ones.
-import { part, send, url } from "../api.js";
+import { part, url } from "../api.js";
 import { Act, Card, Fold, html, sentence, useGet } from "../ui.js";
 
 const LAST = 12;
@@ -29,10 +29,7 @@ export const LastLooks = ({ job, looks }) => looks.length > 0 && html`
   <${Fold} title=${`Last looks (${looks.length})`}><${Strip} job=${job} looks=${looks} /></${Fold}>`;
 
 function Judged({ job, look, paused, answered }) {
-  const answer = (word) => async () => {
-    await send("POST", `/prints/${part(job)}/looks/${look.number}/answer`, { answer: word });
-    answered();
-  };
+  const answers = { post: `/prints/${part(job)}/looks/${look.number}/answer`, work: answered };
   return html`<div class="job-look">
     ${look.pictured > 0 && html`<img src=${picture(job, look, LARGE_PX)}
       alt=${`Look ${look.number}: what was expected and what was found`} />`}
@@ -41,8 +38,8 @@ function Judged({ job, look, paused, answered }) {
       ${look.seen && html`<p class="hint">${look.seen}</p>`}
       ${paused && html`<p role="status">${wordOf(look)}</p>`}
       ${look.waits && html`<div class="row">
-        <${Act} kind="main" work=${answer("approve")}>Approve</${Act}>
-        <${Act} work=${answer("go_on")}>Go on without</${Act}>
+        <${Act} kind="main" ...${answers} body=${{ answer: "approve" }}>Approve</${Act}>
+        <${Act} ...${answers} body=${{ answer: "go_on" }}>Go on without</${Act}>
       </div>`}
     </div>
   </div>`;

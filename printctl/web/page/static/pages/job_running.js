@@ -17,7 +17,7 @@ export default function Running({ job, print }) {
   const looks = useLooks(job, print);
   const asks = Boolean(looks.held?.waits);
   return html`<div class="job-run">
-    <section class="job-now" aria-label="Print">
+    <section class="stack job-now" aria-label="Print">
       <${State} print=${print} />
       <${Waits} job=${job} print=${print} look=${looks.held} />
       <${Alert} print=${print} look=${looks.held} />
@@ -87,8 +87,6 @@ function Alert({ print, look }) {
   </${Note}>`;
 }
 
-// --- what may be done ----------------------------------------------------------------------------
-
 const CANCEL = {
   title: "Cancel the print?", yes: "Yes, cancel it", no: "No, go on", danger: true,
   text: "The move in flight ends, the plunger is relieved, the needle goes straight up. The print can't be "
@@ -100,7 +98,7 @@ function Actions({ job, print, changing, asks }) {
   const does = (action, body) => () => send("POST", path(job, action), body);
   const pause = can(print, "pause").possible;
   const mayReload = ["printing", "paused", "looking"].includes(print.state);
-  return html`<div class="job-actions" role="group" aria-label="What may be done">
+  return html`<div class="row row-top job-actions" role="group" aria-label="What may be done">
     ${pause && html`<${Act} kind="main" work=${does("pause", { after: "now" })}>Pause now</${Act}>`}
     ${can(print, "resume").possible && !changing && html`
       <${Act} kind=${pause || asks ? "quiet" : "main"} work=${does("resume", {})}>
@@ -133,8 +131,6 @@ function NewSyringe({ job }) {
     </div>
   </${Card}>`;
 }
-
-// --- where it stands -----------------------------------------------------------------------------
 
 function Now({ job, print }) {
   const station = useNews("station");
@@ -179,8 +175,6 @@ function heatOf(station) {
     `${name}\u00a0${now.toFixed(1)}${target ? ` → ${number(target)}` : ""}\u00a0°C`;
   return station.temperatures.map(one).join(", ") || "not known";
 }
-
-// --- a print that broke off ----------------------------------------------------------------------
 
 const GO_ON = {
   title: "Go on with the print?", yes: "Yes, go on",

@@ -1,12 +1,12 @@
 // The printer's page: connect it, move it, heat it, say what is mounted; the rest in tabs.
 import {
-  Button, Card, Field, Fold, Loaded, Loading, Note, Page, Segments, Tabs, html, useAction, useAddress, useGet, useKept,
-  useNews, useState, useStyle,
+  Act, Button, Card, Field, Fold, Loaded, Loading, Note, Page, Segments, Tabs, html, useAction, useAddress, useGet,
+  useKept, useNews, useState, useStyle,
 } from "../ui.js";
 import { Calibration } from "./printer_calibrate.js";
 import { Console, Log, Macros } from "./printer_console.js";
 import { Temperatures } from "./printer_heat.js";
-import { HomeDialog, Move, PlaceDialog, Post, TouchOff, post } from "./printer_move.js";
+import { HomeDialog, Move, PlaceDialog, TouchOff, post } from "./printer_move.js";
 import { MountDialog, Mounted, NeedleDialog, Plunger, SyringeDialog } from "./printer_parts.js";
 
 const DIALOGS = {
@@ -63,9 +63,7 @@ const Connection = ({ status }) => html`
   <p class="quiet printer-state" role="status"><strong>${status.state_words}</strong>
     ${(standsBy(status) || status.state === "printing") && html`<span> · ${status.printer}, ${status.port}</span>
       <span class="printer-firmware"> · ${status.firmware}</span>`}</p>
-  ${standsBy(status) && html`<${Post} path="disconnect">Disconnect</${Post}>`}`;
-
-// --- nothing is connected --------------------------------------------------------------------------
+  ${standsBy(status) && html`<${Act} post="/printer/disconnect">Disconnect</${Act}>`}`;
 
 const WAYS = [["simulated", "Simulated printer"], ["real", "A printer at this computer"]];
 const NONE = "no printer is connected"; // as the server says before the first one
@@ -89,11 +87,7 @@ function Connect({ status, again }) {
     const fitting = found.filter((one) => one.profiles.includes(chosen.name));
     const at = port ?? (fitting.length === 1 ? fitting[0].device : "auto");
     const real = kept.way === "real";
-    const body = {
-      profile: chosen.name,
-      port: real ? at : "simulated",
-      baud: real && baud !== "" ? Number(baud) || baud : null,
-    };
+    const body = { profile: chosen.name, port: real ? at : "simulated", baud: real && baud !== "" ? baud : null };
     return html`
       <${Segments} label="Which printer" options=${WAYS} value=${kept.way} onChange=${(way) => change({ way })} />
       <${Field} label="Printer profile" kind="choice" value=${chosen.name} options=${list.map((one) => one.name)}
@@ -109,20 +103,19 @@ function Connect({ status, again }) {
         </div>
         <${Fold} title="Baud rate">
           <${Field} label="Baud rate" kind="choice" value=${baud} onChange=${setBaud}
-            options=${[...BAUDS, ...chosen.bauds.map((one) => [String(one), `${one} Bd`])]} />
+            options=${[...BAUDS, ...chosen.bauds.map((one) => [one, `${one} Bd`])]} />
         </${Fold}>`}
       <div><${Button} kind="main" onClick=${() => connect(body)}>Connect</${Button}></div>`;
   };
   const connecting = busy || status.state === "connecting";
+  const said = problem ? problem.message : !(connecting || again || status.message === NONE) && status.message;
   return html`<${Card} title=${again ? "Connect anew" : "First connect a printer"} class="card printer-connect">
     <p>All else on this page moves, heats or measures with the printer that is connected. You have none at hand?
       The simulated one answers as a real one does, and nothing can break.</p>
     ${connecting
       ? html`<${Loading} what="Connecting; a board that resets takes some seconds" />`
       : html`<${Loaded} of=${profiles} what="Reading printer profiles">${form}</${Loaded}>`}
-    ${problem && html`<${Note} tone="bad">${problem.message}</${Note}>`}
-    ${!(connecting || problem || again || status.message === NONE) && html`
-      <${Note} tone=${status.state === "lost" ? "bad" : "info"}>${status.message}</${Note}>`}
+    ${said && html`<${Note} tone=${problem || status.state === "lost" ? "bad" : "info"}>${said}</${Note}>`}
   </${Card}>`;
 }
 
@@ -132,8 +125,6 @@ function portOptions(found) {
   return [["auto", "auto: the one with the profile's USB id"], ...found.map((one) => [one.device, names(one)])];
 }
 
-// --- halted, lost, printing --------------------------------------------------------------------------
-
 const Down = ({ status }) => html`
   <${Card} title=${status.state === "lost" ? "The connection is lost" : "The printer has halted"} tone="bad">
     <p>${status.message}</p>
@@ -141,8 +132,8 @@ const Down = ({ status }) => html`
       lift the needle by hand, straight up, if it stands in the bath. Then reset the board if it has halted, and
       reconnect.</p>
     <div class="row">
-      <${Post} kind="main" path="reconnect">Reconnect</${Post}>
-      <${Post} path="disconnect">Disconnect</${Post}>
+      <${Act} kind="main" post="/printer/reconnect">Reconnect</${Act}>
+      <${Act} post="/printer/disconnect">Disconnect</${Act}>
       ${status.print_folder && html`<a href="/job">Its print, on the page Job</a>`}
     </div>
   </${Card}>

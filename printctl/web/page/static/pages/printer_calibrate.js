@@ -93,13 +93,12 @@ function Wizard({ wizard, status, onBack }) {
 function Sheet({ wizard, rows, tip, onRows }) {
   const [word, setWord] = useState(wizard.name === "level" ? "bed" : "");
   const add = (cells) => onRows([...rows, cells]);
-  const write = (row, column, text) => onRows(rows.map((cells, at) => (at !== row ? cells
-    : cells.map((cell, which) => (which === column ? text : cell)))));
+  const write = (row, column, text) => onRows(rows.with(row, rows[row].with(column, text)));
   const columns = wizard.columns.map((name, column) => ({ name, of: ({ cells, row }) => html`<div class="field">
     <input value=${cells[column]} aria-label=${`${name}, row ${row + 1}`} maxlength="24"
       onInput=${(event) => write(row, column, event.target.value)} /></div>` }));
   const remove = { name: "", of: ({ row }) => html`<${Button} aria-label=${`Remove row ${row + 1}`}
-    onClick=${() => onRows(rows.filter((_, at) => at !== row))}>×</${Button}>` };
+    onClick=${() => onRows(rows.toSpliced(row, 1))}>×</${Button}>` };
   return html`<div class="stack">
     ${rows.length > 0 && html`<div class="printer-sheet"><${Table} caption="Readings" tall
       columns=${[...columns, remove]} rows=${rows.map((cells, row) => ({ cells, row }))} /></div>`}

@@ -3,7 +3,7 @@ import { get, listen, part, send } from "../api.js";
 import {
   Act, Ask, Button, Card, Empty, Field, Fields, Loaded, Refused, html, useAction, useEffect, useGet, useRef, useState,
 } from "../ui.js";
-import { Post, post } from "./printer_move.js";
+import { post } from "./printer_move.js";
 
 const SHOWN = 100;
 
@@ -82,7 +82,7 @@ export function Macros({ status: { printer: profile } }) {
         ? html`<${Empty}>${profile} has none yet. A macro is commands as you would type them, under a name.</${Empty}>`
         : html`<p class="hint">Of ${profile}; sent like typed commands, until one is refused.</p>`}
       ${macros.map((one) => html`<div key=${one.name} class="row row-top">
-        <${Post} path=${`macros/run/${part(one.name)}`}>${one.name}</${Post}>
+        <${Act} post=${`/printer/macros/run/${part(one.name)}`}>${one.name}</${Act}>
         <${Button} aria-label=${`Edit ${one.name}`} onClick=${() => setEdited(one)}>Edit</${Button}>
       </div>`)}`}</${Loaded}>
     <div><${Button} onClick=${() => setEdited({ name: "", commands: [] })}>New macro …</${Button}></div>

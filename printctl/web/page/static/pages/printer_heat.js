@@ -1,6 +1,6 @@
 // Temperatures, and what forces and pressures the profile watches: the last ten minutes, and targets.
-import { Button, Card, Empty, Field, Refused, html, useAction, useGet, useState } from "../ui.js";
-import { Post, post } from "./printer_move.js";
+import { Act, Button, Card, Empty, Field, Refused, html, useAction, useGet, useState } from "../ui.js";
+import { post } from "./printer_move.js";
 
 const SPAN_MIN = 10;
 const [WIDE, HIGH] = [400, 170];
@@ -18,7 +18,7 @@ export function Temperatures({ status, locked }) {
     ${temperatures.map((one) => html`
       <${Heater} key=${one.name} ...${one} look=${lines.indexOf(one.name)} locked=${locked} />`)}
     ${!locked && temperatures.filter((one) => one.target_c).length > 1 && html`
-      <${Post} path="heaters-off">All heaters off</${Post}>`}
+      <${Act} post="/printer/heaters-off">All heaters off</${Act}>`}
     ${columns && Object.keys(columns.readings).length > 0 && html`
       <${Chart} at=${columns.at_s} values=${columns.readings} marks=${columns.limits} unit=""
         label="Forces and pressures of the last ten minutes, limits dotted; numbers below" />`}
@@ -53,7 +53,7 @@ const Sample = ({ look }) => look < 0 ? null : html`<svg class="printer-sample" 
 
 // Lines over time, each with a dash of its own; `marks` (targets, limits) are dotted.
 function Chart({ at, values, marks, unit, label }) {
-  const end = at[at.length - 1];
+  const end = at.at(-1);
   const all = [...Object.values(values), ...Object.values(marks)].flat().filter(Number.isFinite);
   if (!all.length) return null;
   const { low, high, step } = scale(Math.min(...all), Math.max(...all));

@@ -14,10 +14,6 @@ export const mm = (value) => (value === null || value === undefined ? "–" : va
 export const post = (path, body) => send("POST", `/printer/${path}`, body);
 const ends = (low, high) => `${Math.round(10 * low) / 10}…${Math.round(10 * high) / 10}`.replaceAll("-", "\u2212");
 
-// A button that posts `body` to a path below /printer.
-export const Post = ({ path, body, children, ...more }) =>
-  html`<${Act} ...${more} work=${() => post(path, body)}>${children}</${Act}>`;
-
 export function Move({ status, onOpen }) {
   const [step, setStep] = useState(1);
   const [jog, { problem }] = useAction((axis, sign) => post("jog", { axis, mm: sign * step }));
@@ -44,10 +40,10 @@ export function Move({ status, onOpen }) {
     ${problem ? html`<${Refused} problem=${problem} />`
       : html`<p class="hint">Keys on the pad: arrows, Page Up, Page Down.</p>`}
     <div class="row">
-      <${Post} path="lift-out">Up, out of the bath</${Post}>
+      <${Act} post="/printer/lift-out">Up, out of the bath</${Act}>
       <${Button} onClick=${() => onOpen("home")}>Home …</${Button}>
       <${Button} onClick=${() => onOpen("place")}>Where the tip is …</${Button}>
-      <${Post} kind="danger" path="stop-motion">Stop this move</${Post}>
+      <${Act} kind="danger" post="/printer/stop-motion">Stop this move</${Act}>
     </div>
     <${Facts} rows=${[
       ["Position", status.position_words.replace(/^position /, "")],
@@ -91,8 +87,6 @@ export function PlaceDialog({ status, onClose }) {
   </${Ask}>`;
 }
 
-// --- touching off ------------------------------------------------------------------------------------
-
 const HOW = {
   floor: "Bring the tip down until the foil just begins to drag under it (without foil: until it just touches), then "
     + "take the reading; go up, and do it again.",
@@ -134,8 +128,8 @@ export function TouchOff({ status, onOpen }) {
     ${now && html`
       <p>${HOW[now.surface]}</p>
       <div class="printer-fine">${FINE_MM.map((step) => (step === null ? html`<span></span>` : html`
-        <${Post} key=${step} path="jog" body=${{ axis: "z", mm: step }}>
-          ${step > 0 ? "Up" : "Down"} ${Math.abs(step)} mm</${Post}>`))}</div>
+        <${Act} key=${step} post="/printer/jog" body=${{ axis: "z", mm: step }}>
+          ${step > 0 ? "Up" : "Down"} ${Math.abs(step)} mm</${Act}>`))}</div>
       <${Act} kind=${now.agrees ? "quiet" : "main"} work=${after("touch-off/reading")}>
         Touched at Z ${mm(status.position_mm?.[2])}: take this reading</${Act}>
       <p>Readings: ${now.readings_mm.length ? `${now.readings_mm.map(mm).join(", ")} mm` : "none yet"}</p>

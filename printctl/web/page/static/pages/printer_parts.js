@@ -1,9 +1,9 @@
 // What is mounted, the plunger, and changes of needle and syringe step by step.
 import {
-  Act, Ask, Button, Card, Dialog, Facts, Field, Fields, Loaded, Progress, Steps, html, number, sentence, useEffect,
-  useGet, useState,
+  Act, Ask, Button, Card, Dialog, Facts, Field, Fields, Loaded, Progress, html, number, sentence, useEffect, useGet,
+  useState,
 } from "../ui.js";
-import { Post, coordinate, mm, post, rounded } from "./printer_move.js";
+import { coordinate, mm, post, rounded } from "./printer_move.js";
 
 const SORTS = ["needle", "syringe", "ink", "dish", "bath"];
 const choices = (list) => list.map((one) => [one.name, `${one.name} · ${one.about}`]);
@@ -58,12 +58,11 @@ export function MountDialog({ status, onClose }) {
   const [x, y] = status.mounted.dish_centre_mm ?? [null, null];
   const before = { ...status.parts, x, y };
   const [said, setSaid] = useState(before);
-  const say = async () => {
-    const others = SORTS.filter((sort) => said[sort] !== before[sort]);
-    const changed = Object.fromEntries(others.map((sort) => [sort, said[sort]]));
+  const say = () => {
+    const changed = SORTS.filter((sort) => said[sort] !== before[sort]).map((sort) => [sort, said[sort]]);
     const centre = [said.x, said.y];
-    if (centre.every(Number.isFinite) && (said.x !== x || said.y !== y)) changed.dish_centre_mm = centre;
-    await post("mount", changed);
+    if (centre.every(Number.isFinite) && (said.x !== x || said.y !== y)) changed.push(["dish_centre_mm", centre]);
+    return post("mount", Object.fromEntries(changed));
   };
   const tip = () => {
     const [here, there] = rounded(status.position_mm);
@@ -81,9 +80,7 @@ export function MountDialog({ status, onClose }) {
   </${Ask}>`;
 }
 
-// --- changes, step by step -------------------------------------------------------------------------
-
-// Steps of a change: `steps(profiles, next)` gives them after the first, which raises the needle.
+// Steps of a change: `steps(profiles, next)` gives them after the first, which raises the needle, as [title, body].
 function Change({ title, status, steps, onClose }) {
   const parts = useGet("/printer/parts");
   const [step, setStep] = useState(0);
@@ -91,21 +88,21 @@ function Change({ title, status, steps, onClose }) {
   const raise = ["Raise the needle", html`
     <p>Straight up, out of the bath and above the rim of the dish. The tip is at
       Z ${mm(status.position_mm?.[2])} mm.</p>
-    <div class="row row-top"><${Post} kind="main" path="lift-out">Raise</${Post}>
+    <div class="row row-top"><${Act} kind="main" post="/printer/lift-out">Raise</${Act}>
       <${Button} onClick=${next}>It is up: next</${Button}></div>`];
   return html`<${Dialog} title=${title} onClose=${onClose}>
     <${Loaded} of=${parts} what="Reading profiles">${(lists) => html`
-      <${Steps} steps=${[raise, ...steps(lists, next)]} at=${step} />`}</${Loaded}></${Dialog}>`;
+      <ol class="todo">${[raise, ...steps(lists, next)].map(([name, body], at) => html`
+      <li key=${name} aria-current=${at === step ? "step" : undefined}><h3>${name}</h3>
+        ${at === step && html`<div class="stack">${body}</div>`}</li>`)}</ol>`}</${Loaded}></${Dialog}>`;
 }
 
 export function SyringeDialog({ status, onClose }) {
   const [put, setPut] = useState({ syringe: status.parts.syringe, ink: status.parts.ink, filled_ul: null });
   const [pushed, setPushed] = useState(0);
   const [wiped, setWiped] = useState(false);
-  const purge = (ul) => html`<${Act} work=${async () => {
-    await post("change/purge", { ul });
-    setPushed((sum) => sum + ul);
-  }}>Push ${ul} µL</${Act}>`;
+  const purge = (ul) => html`<${Act} post="/printer/change/purge" body=${{ ul }}
+    work=${() => setPushed((sum) => sum + ul)}>Push ${ul} µL</${Act}>`;
   const steps = (lists, next) => {
     const chosen = lists.syringe.find((one) => one.name === put.syringe) ?? lists.syringe[0];
     const now = { syringe: chosen.name, ink: put.ink, filled_ul: put.filled_ul ?? chosen.volume_ul };

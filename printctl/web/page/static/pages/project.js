@@ -2,11 +2,11 @@
 // has come; whoever leaves and comes back finds it where it was.
 import { part, send } from "../api.js";
 import { Frame } from "../frame.js";
-import { Does, Pages, Stages, isGoing } from "../runs.js";
+import { Pages, Stages, isGoing } from "../runs.js";
 import { SketchView } from "../sketch_view.js";
 import {
   Act, Badge, Bullets, Button, Card, Empty, Facts, Field, Findings, Fold, Loaded, Note, Page, go, html, number, span,
-  useEffect, useEnd, useGet, useKept, useLayoutEffect, useNews, useRef, useState, useStyle,
+  useEnd, useGet, useKept, useLayoutEffect, useNews, useRef, useState, useStyle,
 } from "../ui.js";
 
 const STEPS = [["shape", "Shape"], ["check", "Check"], ["print", "Print"], ["judge", "Judge"]];
@@ -16,13 +16,9 @@ const settings = (name) => `/design?recipe=${part(name ?? "")}`;
 
 export default function Project({ name, step }) {
   useStyle("pages/project.css");
-  const got = useGet(`/projects/${part(name ?? "")}`);
+  // A run tells nothing by itself: it is asked, about as often as it says something.
+  const got = useGet(`/projects/${part(name ?? "")}`, { every: (project) => project && busy(project) && 1000 });
   const working = got.value !== null && busy(got.value);
-  useEffect(() => { // a run tells nothing by itself: it is asked, about as often as it says something
-    if (!working) return undefined;
-    const timer = setInterval(got.reload, 1000);
-    return () => clearInterval(timer);
-  }, [working]);
   // What was made or rehearsed is shown where it leads to.
   useEnd(working, () => to(got.value, ["print", "judge"].includes(step) ? next(got.value) : "check", true));
   return html`<${Page} title=${name} tools=${html`<${Button} href=${settings(name)}>All settings</${Button}>`}>
@@ -33,19 +29,20 @@ export default function Project({ name, step }) {
 
 // What comes next of itself; a finished project stands at its report.
 const next = (project) => (project.step === "done" ? "judge" : project.step);
-const reached = (project, id) => STEPS.findIndex(([one]) => one === next(project)) >= STEPS.findIndex(([one]) => one === id);
 
 function Way({ project, chosen, reload }) {
   const at = STEPS.some(([id]) => id === chosen) ? chosen : next(project);
   const Step = { shape: Shape, check: Check, print: Print, judge: Judge }[at];
-  const done = (id) => project.made && !busy(project) && (project.step === "done" || (reached(project, id) && id !== next(project)));
+  const due = project.step === "done" ? STEPS.length : STEPS.findIndex(([id]) => id === next(project));
+  const done = project.made && !busy(project) ? due : 0; // so many steps
   return html`
     <nav aria-label="Steps"><ol class="steps">
       <li class="step step-done"><a href="/"><span class="step-mark" aria-hidden="true">✓</span>Choose</a></li>
       ${STEPS.map(([id, title], k) => html`
-      <li key=${id} class=${`step ${done(id) ? "step-done" : ""}`}>
+      <li key=${id} class=${`step ${k < done ? "step-done" : ""}`}>
         <a href=${`/project?name=${part(project.name)}&step=${id}`} aria-current=${id === at ? "step" : undefined}>
-          <span class="step-mark" aria-hidden="true">${done(id) ? "✓" : k + 2}</span>${title}${done(id) && html`<span class="unseen"> (done)</span>`}</a></li>`)}
+          <span class="step-mark" aria-hidden="true">${k < done ? "✓" : k + 2}</span>${title}${
+          k < done && html`<span class="unseen"> (done)</span>`}</a></li>`)}
     </ol></nav>
     ${project.problems.length > 0 && html`<${Note} tone="bad"><p>The recipe can't be used as it stands:</p>
       <${Bullets} rows=${project.problems} />
@@ -55,15 +52,13 @@ function Way({ project, chosen, reload }) {
 
 const to = (project, step, replace = false) => go(`/project?name=${part(project.name)}&step=${step}`, replace);
 
-// --- shape -------------------------------------------------------------------------------------
-
 function Shape({ project, reload }) {
   const [values, setValues] = useState({});
   const sketch = useSketch(project, values);
   const changed = Object.keys(values).length > 0;
   const make = async () => {
     if (changed) await send("PATCH", `/projects/${part(project.name)}`, { values });
-    await send("POST", `/runs/${part(project.name)}/start`, {});
+    await send("POST", `${wayOf(project)}/start`, {});
     setValues({});
     reload();
     to(project, "check");
@@ -123,16 +118,13 @@ function useSketch(project, values) {
     if (going.current) return;
     going.current = true;
     while (waiting.current) {
-      const asked = waiting.current;
+      const asked = { values: waiting.current, known: known.current };
       waiting.current = null;
       setState((old) => ({ ...old, loading: true }));
-      try {
-        const value = await send("POST", `/projects/${part(project.name)}/sketch`, { values: asked, known: known.current });
+      await send("POST", `/projects/${part(project.name)}/sketch`, asked).then((value) => {
         known.current = value.tissue;
         setState((old) => ({ value, outline: value.outline ?? old.outline, problem: null, loading: false }));
-      } catch (problem) {
-        setState((old) => ({ ...old, value: null, problem, loading: false }));
-      }
+      }, (problem) => setState((old) => ({ ...old, value: null, problem, loading: false })));
     }
     going.current = false;
   };
@@ -143,17 +135,13 @@ function useSketch(project, values) {
   return state;
 }
 
-// --- check -------------------------------------------------------------------------------------
-
 const VIEWS = [["network", "Network"], ["layers", "Print, line by line"], ["dry_run", "Dry run"]];
 
 function Check({ project, reload }) {
   if (busy(project)) return html`<${Making} project=${project} reload=${reload} />`;
   if (!project.made) return html`<${NotMade} project=${project} reload=${reload} />`;
-  const failed = project.checks.filter((one) => !one.passed);
-  const refused = failed.filter((one) => one.refuses);
-  const noted = failed.filter((one) => !one.refuses);
-  const passed = project.checks.filter((one) => one.passed);
+  const { passed = [], refused = [], noted = [] } = Object.groupBy(
+    project.checks, (one) => (one.passed ? "passed" : one.refuses ? "refused" : "noted"));
   return html`<div class="columns">
     <${Card} title=${refused.length ? `${refused.length} of ${project.checks.length} checks refuse the print`
       : `All ${project.checks.length} checks let it be printed`} tone=${refused.length ? "bad" : undefined}>
@@ -179,8 +167,8 @@ function NotMade({ project, reload }) {
     ${failed && html`<p><b>${failed.name}</b>: ${failed.note || project.run.message}</p>`}
     ${!failed && project.run.message && html`<p>${project.run.message}</p>`}
     <div class="row">${failed && html`<${Mend} project=${project} main />`}
-      <${Does} kind=${failed ? "quiet" : "main"} way=${wayOf(project)} action="start" body=${{}} onDone=${reload}>
-        ${failed ? "Try again" : "Make it"}</${Does}></div>
+      <${Act} kind=${failed ? "quiet" : "main"} post=${`${wayOf(project)}/start`} body=${{}} work=${reload}>
+        ${failed ? "Try again" : "Make it"}</${Act}></div>
   </${Card}>`;
 }
 
@@ -188,34 +176,28 @@ function Making({ project, reload, title = "Making it" }) {
   const kept = project.run.stages.filter((one) => one.state === "done" && one.note.startsWith("unchanged"));
   const stages = project.run.stages.filter((one) => !kept.includes(one));
   return html`<${Card} title=${title} tools=${html`
-      <${Does} way=${`/runs/${part(project.run.name)}`} action="cancel" body=${{}} onDone=${reload} />`}>
+      <${Act} post=${`/runs/${part(project.run.name)}/cancel`} work=${reload}>Cancel</${Act}>`}>
     ${kept.length > 0 && html`<p class="quiet">Made before and unchanged: ${kept.map((one) => one.name).join(", ")}.</p>`}
     <${Stages} of=${{ ...project.run, stages }} />
   </${Card}>`;
 }
 
-// --- print -------------------------------------------------------------------------------------
-
 function Print({ project, reload }) {
   const [kept, setKept] = useKept("rehearsal.speed", null);
-  const print = useNews("print");
-  if (busy(project)) return html`<${Rehearsing} project=${project} reload=${reload} print=${print} />`;
+  if (busy(project)) return html`<${Rehearsing} project=${project} reload=${reload} />`;
   if (!project.made) return html`<${NotMade} project=${project} reload=${reload} />`;
   const speed = kept ?? project.rehearsal_speed;
   const took = (at) => (at ? span(project.print_time_s / at) : "as fast as it can");
   const choices = [...new Set([1, 10, project.rehearsal_speed, 100, 0])].sort((a, b) => (a || Infinity) - (b || Infinity));
-  const rehearse = async () => {
-    await send("POST", `/projects/${part(project.name)}/rehearse`, { speed });
-    reload();
-  };
   const again = Boolean(project.judged) && project.judged !== project.name;
   return html`<div class="columns">
     <${Card} title="Rehearse it">
       <p>The real program prints on a simulated printer, a simulated scanner scans what came out, and the report judges it.
         Nothing needs to be connected, and nothing moves.</p>
-      <${Field} label="How fast" kind="choice" value=${String(speed)} onChange=${(value) => setKept(Number(value))}
-        options=${choices.map((one) => [String(one), one ? `${one} × real time: the print takes ${took(one)}` : "as fast as it can"])} />
-      <${Act} kind="main" work=${rehearse}>${again ? "Rehearse again" : "Rehearse"}</${Act}>
+      <${Field} label="How fast" kind="choice" value=${speed} onChange=${setKept}
+        options=${choices.map((one) => [one, one ? `${one} × real time: the print takes ${took(one)}` : "as fast as it can"])} />
+      <${Act} kind="main" post=${`/projects/${part(project.name)}/rehearse`} body=${{ speed }} work=${reload}>
+        ${again ? "Rehearse again" : "Rehearse"}</${Act}>
     </${Card}>
     <${Card} title="Print it">
       <p>On a printer of yours: ${span(project.print_time_s)} of print. The page Job lists all that must be ready before the
@@ -226,7 +208,8 @@ function Print({ project, reload }) {
   </div>`;
 }
 
-function Rehearsing({ project, reload, print }) {
+function Rehearsing({ project, reload }) {
+  const print = useNews("print");
   const printing = project.run.stages.find((one) => one.name === "print");
   const job = `run~${project.run.name}`;
   const live = print?.job === job && !print.ended;
@@ -236,8 +219,6 @@ function Rehearsing({ project, reload, print }) {
       <${Button} kind="main" href=${`/job?job=${part(job)}`}>Watch it print</${Button}></${Note}>`}`;
 }
 
-// --- judge -------------------------------------------------------------------------------------
-
 function Judge({ project, reload }) {
   if (busy(project)) return html`<${Rehearsing} project=${project} reload=${reload} />`;
   if (project.has_report) return html`<${Report} project=${project} />`;
@@ -245,7 +226,7 @@ function Judge({ project, reload }) {
   return html`<${Card} title=${printed ? "Printed; now scan it" : "Nothing to judge yet"}>
     ${printed ? html`<p>Scan the part and drop the scan on the page Scan, or have the scan made that the recipe names.</p>
       <div class="row"><${Button} kind="main" href=${`/scan?run=${part(project.name)}`}>Take in a scan</${Button}>
-        <${Does} way=${wayOf(project)} action="continue" onDone=${reload}>Take the recipe's own scan</${Does}></div>`
+        <${Act} post=${`${wayOf(project)}/continue`} work=${reload}>Take the recipe's own scan</${Act}></div>`
       : html`<p>First it is printed or rehearsed.</p><div class="row"><${Button} kind="main" onClick=${() => to(project, "print")}>Back to Print</${Button}></div>`}
   </${Card}>`;
 }

@@ -5,7 +5,7 @@ import {
   bytes, html, number, useAddress, useEnd, useGet, useState, useStyle, when,
 } from "../ui.js";
 import { Frame } from "../frame.js";
-import { Does, Files, Stages, isGoing } from "../runs.js";
+import { Files, Stages, isGoing } from "../runs.js";
 import Findings, { Vessels } from "./scan_findings.js";
 import { Metadata, Missing } from "./scan_metadata.js";
 import Slices from "./scan_slices.js";
@@ -81,8 +81,6 @@ function List({ rows, at, choose }) {
   }))} choose=${(name) => choose(rows.find((one) => plain(one.scan) === name).scan)} /></div>`;
 }
 
-// --- before there is a scan ------------------------------------------------------------------------
-
 // What a scan is for, and the simulated one of a simulated print.
 function Purpose({ run, printed, onDone }) {
   const [chosen, setChosen] = useState("");
@@ -102,17 +100,15 @@ function Purpose({ run, printed, onDone }) {
       <div class="row row-end scan-row">
         ${!run && printed.length > 1 && html`<${Field} kind="choice" label="Print" value=${name} onChange=${setChosen}
           options=${printed} />`}
-        ${going ? html`<${Does} way=${way} action="cancel" onDone=${progress.reload} />`
-          : html`<${Does} kind="main" way=${way} action="continue" onDone=${progress.reload}>
-            Simulate the scan of ${name}, and judge it</${Does}>`}
+        ${going ? html`<${Act} post=${`${way}/cancel`} work=${progress.reload}>Cancel</${Act}>`
+          : html`<${Act} kind="main" post=${`${way}/continue`} work=${progress.reload}>
+            Simulate the scan of ${name}, and judge it</${Act}>`}
       </div>
       <${Stages} of=${progress.value} />`
     : run && html`<${Empty}>${run} has no finished print here; a scan of any part of its design can be compared with
         it.</${Empty}>`}
   </${Card}>`;
 }
-
-// --- one scan ----------------------------------------------------------------------------------------
 
 function OneScan({ row, run, runs, onRun, onChange, onGone }) {
   const way = `/scans/${part(row.scan)}`;
@@ -193,9 +189,9 @@ function Compare({ row, run, runs, volume, onRun, onChange }) {
           <${Field} kind="choice" label="Design (run)" value=${chosen} options=${names} onChange=${onRun} />
           ${!own && !going && html`<${Field} kind="flag" label="Lumens are bright (filled with contrast agent)"
             value=${filled} onChange=${setFilled} />`}
-          ${going ? html`<${Does} way=${works} action="cancel" onDone=${progress.reload} />`
-            : html`<${Does} kind=${result ? "quiet" : "main"} way=${works} action=${own ? "continue" : "start"}
-              body=${own ? undefined : { filled }} onDone=${progress.reload}>${words}</${Does}>`}
+          ${going ? html`<${Act} post=${`${works}/cancel`} work=${progress.reload}>Cancel</${Act}>`
+            : html`<${Act} kind=${result ? "quiet" : "main"} post=${`${works}/${own ? "continue" : "start"}`}
+              body=${own ? undefined : { filled }} work=${progress.reload}>${words}</${Act}>`}
         </div>
         ${own && html`<p class="hint">This scan is the run's own: judging it continues the run.</p>`}
         ${going && stages}`}

@@ -3,7 +3,7 @@ import { part, send } from "../api.js";
 import { Act, Field, Fold, Note, html, useState } from "../ui.js";
 
 const choice = (label, name, options) => ({ label, name, kind: "choice", options: [["", "–"], ...options] });
-const flag = (label, name, yes, no) => ({ ...choice(label, name, [["true", yes], ["false", no]]), flag: true });
+const flag = (label, name, yes, no) => choice(label, name, [[true, yes], [false, no]]);
 const FIELDS = {
   voxel_um: { label: "the voxel size", parts: ["Voxel along x", "along y", "along z"], unit: "µm" },
   modality: choice("what scanned", "Scanned by", [["oct", "OCT"], ["microct", "micro-CT"], "confocal"]),
@@ -61,11 +61,10 @@ export function Metadata({ scan, needs, onSaid }) {
 }
 
 function One({ name, value, onChange }) {
-  const { label, name: words, parts, unit, flag: isFlag, ...field } = FIELDS[name];
+  const { label, name: words, parts, unit, ...field } = FIELDS[name];
   if (parts) return html`<${Numbers} names=${parts} unit=${unit} value=${value} onChange=${onChange} />`;
-  const read = (one) => (one === "" ? null : isFlag ? one === "true" : one);
-  return html`<${Field} ...${field} label=${words} value=${isFlag ? String(value ?? "") : value}
-    onChange=${(one) => onChange(read(one))} />`;
+  return html`<${Field} ...${field} label=${words} value=${value}
+    onChange=${(one) => onChange(one === "" ? null : one)} />`;
 }
 
 // Numbers that belong together; none of them given is none.
