@@ -13,6 +13,10 @@ from sim.devices.board.controller import Controller, apply_fault
 from sim.devices.board.runner import Runner
 from sim.devices.board.wire import RefusedLine
 
+_LOOK_S = 1e-4
+"""From the end of a quickstop until the next urgent code is looked at: a line that waited is let in
+first, and dropped before its first step (Marlin's `Temperature::task` isn't entered twice)."""
+
 
 class MainLoop:
     """Brings a board's parts on in the order of time.
@@ -33,7 +37,8 @@ class MainLoop:
     @property
     def pending(self) -> bool:
         """Whether a line is on its way, in line or in hand."""
-        return not self._board.work.idle or not self._board.wire.quiet
+        wire = self._board.wire
+        return not self._board.work.idle or not wire.quiet or bool(wire.urgent)
 
     def next_alarm_s(self) -> float:
         """When it next has something to say or do of its own, s."""
@@ -61,6 +66,8 @@ class MainLoop:
                 return
             else:
                 soon = min(self._alarms.next_s(), arrives, self._task_at())
+                if wire.urgent:  # not looked at while a quickstop goes on
+                    soon = min(soon, machine.motion.closed_until + _LOOK_S)
             self.wakes_s = soon
             if math.isinf(soon) or soon > until:
                 return
@@ -92,10 +99,14 @@ class MainLoop:
         """Do one thing that is due now; False when nothing is."""
         board, machine, wire = self._board, self._board.machine, self._board.wire
         machine.roll()
-        if wire.urgent:
+        if wire.urgent and machine.now > machine.motion.closed_until:
             self._intake.read_line()  # it is looked at before the flag that the interrupt has set
             if wire.urgent:
-                self._intake.act_urgently(wire.urgent.pop(0))
+                codes = sorted(set(wire.urgent))  # flags; M112 is looked at before M410
+                wire.urgent.clear()
+                for code in codes:
+                    if not machine.dead:
+                        self._intake.act_urgently(code)
             return True
         if (fault := board.plan.due(machine.now, wire.received)) is not None:
             apply_fault(board, fault)

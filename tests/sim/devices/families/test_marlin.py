@@ -353,6 +353,29 @@ def test_quickstop_before_the_kill_leaves_no_step_behind_it() -> None:
     assert (len(printer.executed()), x_steps(printer)) == stopped
 
 
+@pytest.mark.parametrize(("again", "moves_on"), [(False, True), (True, False)])
+def test_a_line_that_waited_is_dropped_by_a_second_quickstop(again: bool, moves_on: bool) -> None:
+    """Urgent codes aren't looked at in a quickstop's second: the line is let in, then dropped."""
+    printer = marlin()
+    answer, k = b"ok", 0
+    while answer:  # one line in flight: the planner is full, and it waits for room
+        printer.receive(b"G1 X%d F600\n" % (95 - 90 * (k % 2)))
+        printer.advance(0.01)
+        answer, k = printer.take_output(), k + 1
+    printer.advance(1.0)
+    printer.receive(b"\nM410\n")
+    printer.advance(0.5)
+    stopped = x_steps(printer)
+    if again:
+        printer.receive(b"\nM410\n")
+    printer.advance(1.3)
+    assert (x_steps(printer) != stopped) is moves_on
+    printer.receive(b"\nM112\n")
+    printer.advance(3.0)
+    assert printer.dead
+    assert (x_steps(printer) != stopped) is moves_on
+
+
 def test_firmware_that_stops_itself_runs_on_like_any_kill() -> None:
     printer = MarlinPrinter(PROFILE, faults=(Fault(fault="kill", time_s=1.0),))
     said(printer, "M302 P1", "G1 X100 F3000")
