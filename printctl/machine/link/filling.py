@@ -26,11 +26,14 @@ class Filling:
         Travel used up of it then.
     capacity_mm : float, mm
         Travel of a full one; 0 where unknown.
+    name : str
+        Its profile; empty where unknown.
     """
 
     done: int = 0
     used_mm: float = 0.0
     capacity_mm: float = 0.0
+    name: str = ""
 
 
 def grown_plan(job: Job, grown: Job, plan: Plan, filling: Filling, head: int | None = None) -> Plan:

@@ -247,7 +247,9 @@ def _apply(history: JournalledPrint, record: Record | None) -> None:
         history.syringe = record
         _plan(history, record)
         used, capacity = float(record["plunger_mm"]), float(record.get("capacity_mm", 0.0))
-        history.filled[record.get("head")] = Filling(record["done"], used, capacity)
+        history.filled[record.get("head")] = Filling(
+            record["done"], used, capacity, str(record.get("name", ""))
+        )
     elif sort == "look":
         history.look = record
     elif sort == "looked":

@@ -90,7 +90,7 @@ class SyringeChanger:
             Where the job can't be made so.
         """
         head, watch, done = self._change.head, self._watch, self._progress.done
-        capacity = new.capacity_mm or self._care.of_head(head)[1]
+        capacity = new.capacity_mm or self._last(head).capacity_mm
         if not capacity or self._wiring.printer.pneumatic:  # no plunger tells what is used up
             return
         planned = dict(zip(watch.reload_at, watch.reload_heads, strict=False))
@@ -105,6 +105,12 @@ class SyringeChanger:
         order = sorted(all_of_them)
         watch.plan(tuple(order), tuple(all_of_them[index] for index in order))
 
+    def _last(self, head: int | None) -> Filling:
+        """What is in use: what was put in last, else what the print began with."""
+        name, capacity = self._care.of_head(head)
+        used = self._care.used_mm if head is None else 0.0
+        return self._change.filled.get(head, Filling(0, used, capacity, name))
+
     def replanned(self, grown: Job) -> Plan:
         """Return where a syringe must be changed once the job is ``grown`` by one more insert.
 
@@ -114,8 +120,7 @@ class SyringeChanger:
             Where the syringe in use doesn't last for it.
         """
         watch, head = self._watch, self._progress.head
-        full = self._care.of_head(head)[1]
-        filling = self._change.filled.get(head, Filling(capacity_mm=full))
+        filling = self._last(head)
         if self._wiring.printer.pneumatic is not None:
             filling = Filling()
         plan = watch.reload_at, watch.reload_heads
@@ -142,15 +147,15 @@ class SyringeChanger:
 
     def _record(self, command: bytes, new: NewSyringe) -> None:
         head = self._change.head
-        capacity = new.capacity_mm or self._care.of_head(head)[1]
-        done = self._progress.done
-        self._change.filled[head] = Filling(done, new.plunger_mm, capacity)
+        last, done = self._last(head), self._progress.done
+        capacity, name = new.capacity_mm or last.capacity_mm, new.name or last.name
+        self._change.filled[head] = Filling(done, new.plunger_mm, capacity, name)
         self._logbook.record(
             "syringe",
             n=self._wiring.protocol.number + 1,
             command=command.decode(),
             done=done,
-            name=new.name or self._care.of_head(head)[0],
+            name=name,
             plunger_mm=new.plunger_mm,
             capacity_mm=capacity,
             **({} if head is None else {"head": head}),

@@ -225,6 +225,11 @@ ARTEFACTS: Final = (
     "scan_in_part.nrrd",
 )  # fmt: skip
 """Files of a run that may be fetched."""
+_MEDIA: Final = {
+    ".yaml": "text/plain", ".log": "text/plain", ".gcode": "text/plain",
+    ".vtp": "application/xml", ".ply": "model/ply", ".3mf": "model/3mf", ".stl": "model/stl",
+}  # fmt: skip
+"""Types of files that not every system knows."""
 
 
 def artefacts(folder: Path) -> list[str]:
@@ -243,7 +248,9 @@ def artefact(name: str, folder: Path, file: str) -> FileResponse:
     """
     if file not in artefacts(folder):
         raise NotFoundError(f"run {name!r} has no file {file[:80]!r} that can be fetched")
-    media = mimetypes.guess_type(file)[0] or "application/octet-stream"
+    media = (
+        _MEDIA.get(Path(file).suffix) or mimetypes.guess_type(file)[0] or "application/octet-stream"
+    )
     return FileResponse(folder / file, media_type=media, filename=f"{name}_{file}")
 
 

@@ -51,7 +51,11 @@ def all_jobs(workspace: Workspace) -> list[JobEntry]:
     for job in workspace.jobs():
         try:
             entries.append(entry_of(workspace, job))
-        except (OSError, NotFoundError):
+        except (
+            OSError,
+            NotFoundError,
+            BadRequestError,
+        ):  # gone, or a link that leads out
             log.warning("job %s can't be read", job, exc_info=True)
     return entries
 

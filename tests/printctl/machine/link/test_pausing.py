@@ -452,6 +452,20 @@ def test_syringe_that_does_not_last_to_the_next_reload_point_is_not_gone_on_with
     assert_same_strokes(transport.printer.executed(), FORESEEN)
 
 
+def test_a_refill_is_of_the_syringe_that_was_put_in_last(tmp_path):
+    """Told by its used travel alone: its capacity isn't the one's that the print began with."""
+    said = iter([NewSyringe(0.0, "small", 0.12)])
+    script = Script(on_paused=lambda streamer: streamer.resume(next(said, NewSyringe(0.01))))
+    marks = JOB.marks.of(MarkKind.RELOAD)[:2]
+    care = Care(reload_at=tuple(one.index for one in marks), syringe="large", capacity_mm=50.0)
+    assert played(DATA, tmp_path, wire(), script, care).state is LinkState.DONE
+    put_in = [
+        one for one in read_records(tmp_path / "journal.log") if one and one["t"] == "syringe"
+    ]
+    assert len(put_in) > 1
+    assert {(one["name"], one["capacity_mm"]) for one in put_in} == {("small", 0.12)}
+
+
 @pytest.mark.parametrize("part", first_of([0.6, 0.0, 1.0]))
 @pytest.mark.parametrize("last", range(1, 22))
 def test_host_killed_in_the_middle_of_a_change_goes_on_exactly(tmp_path, last, part):
