@@ -454,8 +454,8 @@ def test_syringe_that_does_not_last_to_the_next_reload_point_is_not_gone_on_with
 
 def test_a_refill_is_of_the_syringe_that_was_put_in_last(tmp_path):
     """Told by its used travel alone: its capacity isn't the one's that the print began with."""
-    said = iter([NewSyringe(0.0, "small", 0.12)])
-    script = Script(on_paused=lambda streamer: streamer.resume(next(said, NewSyringe(0.01))))
+    said = iter([NewSyringe(0.0, "small", 0.35)])
+    script = Script(on_paused=lambda streamer: streamer.resume(next(said, NewSyringe(0.02))))
     marks = JOB.marks.of(MarkKind.RELOAD)[:2]
     care = Care(reload_at=tuple(one.index for one in marks), syringe="large", capacity_mm=50.0)
     assert played(DATA, tmp_path, wire(), script, care).state is LinkState.DONE
@@ -463,7 +463,7 @@ def test_a_refill_is_of_the_syringe_that_was_put_in_last(tmp_path):
         one for one in read_records(tmp_path / "journal.log") if one and one["t"] == "syringe"
     ]
     assert len(put_in) > 1
-    assert {(one["name"], one["capacity_mm"]) for one in put_in} == {("small", 0.12)}
+    assert {(one["name"], one["capacity_mm"]) for one in put_in} == {("small", 0.35)}
 
 
 @pytest.mark.parametrize("part", first_of([0.6, 0.0, 1.0]))
