@@ -144,7 +144,7 @@ def assemble_state(
     if table is None or remaining is None or len(table) != own:
         return PrintTruth(folder, status, journal, None, actions)
     now = time.time()
-    active = journal.active_until(now) if not status.ended else journal.active_s
+    active = journal.active_until(journal.heard_at if status.ended else now)
     done = file_count(status.lines_executed, status.inserted)
     at = predicted_s(table, done)
     if status.state is LinkState.PRINTING:

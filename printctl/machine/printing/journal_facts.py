@@ -12,7 +12,8 @@ from printctl.machine.link.journalled_print import times_words
 from printctl.machine.link.states import LinkState
 from printctl.machine.printing.inserted_ink import InsertedInk, inserted_ink
 
-_AT_WORK: Final = LinkState.PRINTING
+_AT_WORK: Final = (LinkState.PRINTING, LinkState.PAUSING)
+"""In both the job's moves are made: a pause is reached when those that were sent are done."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class JournalledFacts:
         Where the printer said that it stood when the print's end dropped its moves.
     inserts : tuple of InsertedInk
         What was put into the job.
+    heard_at : float
+        When the last record was written, s since 1970.
     """
 
     print_id: str = ""
@@ -53,6 +56,7 @@ class JournalledFacts:
     last_alarm: str = ""
     stood_mm: tuple[float, float, float] | None = None
     inserts: tuple[InsertedInk, ...] = ()
+    heard_at: float = 0.0
 
     def active_until(self, now: float) -> float:
         """Time without pauses until ``now``, s."""
@@ -76,7 +80,7 @@ def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
             facts, before = _begun(facts, record), facts
             paces = paces if before.print_id == facts.print_id else []
         elif sort in ("state", "end"):
-            facts = _changed(facts, record.get("state") == _AT_WORK and sort == "state", at)
+            facts = _changed(facts, record.get("state") in _AT_WORK and sort == "state", at)
         elif sort == "syringe":
             used, full = (float(record.get(k, 0.0)) for k in ("plunger_mm", "capacity_mm"))
             facts = _with(facts, filled=(int(record.get("done", 0)), used, full))
@@ -90,6 +94,7 @@ def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
             facts = _with(facts, stood_mm=_place(record.get("place") or {}))
         elif sort == "checkpoint" and facts.since is not None:
             paces.append((int(record.get("done", 0)), facts.active_until(at)))
+        facts = _with(facts, heard_at=max(at, facts.heard_at))
     return _with(facts, paces=tuple(paces))
 
 
@@ -103,7 +108,9 @@ def _begun(before: JournalledFacts, record: dict[str, Any]) -> JournalledFacts:
     sha256, at = str(record.get("sha256", "")), float(record.get("started", 0.0))
     same = before.sha256 == sha256 and record.get("id") in (None, before.print_id)
     if before.sha256 and same:
-        return _with(before, since=None, stood_mm=None)
+        # Where its process died, nobody knows for how long it went on after its last record.
+        active_s = before.active_until(before.heard_at)
+        return _with(before, active_s=active_s, since=None, stood_mm=None)
     return JournalledFacts(print_id(record), sha256, at)
 
 

@@ -35,8 +35,12 @@ def test_pauses_are_left_out_of_the_time_at_work():
     ]
     found = read_so_far(records)
     assert found.started == 100.0
-    assert found.active_until(425.0) == pytest.approx(55.0)
+    # While it is pausing, moves that were sent are made.
+    assert found.active_until(425.0) == pytest.approx(60.0)
     assert found.filled == (42, 1.5, 0.0)
     ended = read_so_far([*records, {"t": "end", "state": "done", "at": 420.0}])
-    assert ended.active_until(999.0) == pytest.approx(50.0)
-    assert read_so_far([*records, {**records[0], "at": 500.0}]).active_s == pytest.approx(40.0)
+    assert ended.active_until(999.0) == pytest.approx(55.0)
+    heard = {"t": "checkpoint", "done": 60, "at": 430.0}  # then its process died
+    assert read_so_far([*records, heard, {**records[0], "at": 500.0}]).active_s == pytest.approx(
+        65.0
+    )
