@@ -8,8 +8,6 @@ from typing import Final
 from printctl.errors import UsageError
 from printctl.progress import Listener
 
-REHEARSAL: Final = ".rehearsal"
-"""Behind a run folder's name: where its rehearsal is, apart from what was printed for real."""
 SIMULATED_PORT: Final = "simulated"
 """Port of the simulated printer."""
 DESIGN_NAMES: Final = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from importlib import metadata
 from typing import Any, Final
@@ -39,6 +39,8 @@ _LONGEST_VALUE: Final = 60
 """Of a wrong value in a message, characters."""
 _STOP_LIMIT_S: Final = 2.5
 """As the stop process waits for the word that a printer has halted."""
+_REHEARSALS_END_S: Final = 1.0
+"""For as long an answer waits for them; they end all the same."""
 
 
 def our_version() -> str:
@@ -156,10 +158,11 @@ class StopAnswer(BaseModel):
 
     sent: list[SentStop]
     message: str
+    rehearsals_ended: int = 0
 
 
-def router(core: Core, prints: PrintSockets) -> APIRouter:
-    """Routes that belong to no room."""
+def router(core: Core, prints: PrintSockets, end_rehearsals: Callable[[], int]) -> APIRouter:
+    """Routes that belong to no room; a stop ends what is on its way to a simulated print, too."""
     routes = APIRouter(prefix=API, tags=["server"], responses=REFUSALS)
 
     @routes.get("/health", summary="Whether the server lives; open to all")
@@ -185,6 +188,7 @@ def router(core: Core, prints: PrintSockets) -> APIRouter:
     @routes.post("/stop", summary="Halt every printer past all queues; needs no controls")
     async def stop() -> StopAnswer:
         sent = await prints.kill(time.monotonic())
+        ending = asyncio.create_task(asyncio.to_thread(end_rehearsals))
         outcomes = await prints.outcomes(sent, _STOP_LIMIT_S)
         unconfirmed = any(one["message"] == UNCONFIRMED for one in outcomes)
         machines = len({one.process or one.folder for one in sent})
@@ -196,7 +200,9 @@ def router(core: Core, prints: PrintSockets) -> APIRouter:
             else "nothing is connected to a printer here: nothing to stop; if something moves, "
             "cut its power"
         )
-        return StopAnswer(sent=sent, message=message)
+        await asyncio.wait({ending}, timeout=_REHEARSALS_END_S)
+        ended = ending.result() if ending.done() else 0
+        return StopAnswer(sent=sent, message=message, rehearsals_ended=ended)
 
     @routes.websocket("/events")
     async def events(socket: WebSocket) -> None:

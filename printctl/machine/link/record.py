@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from design.files import write_text
 from printctl.machine.link.errors import NoLink
@@ -84,11 +84,17 @@ def load_record(folder: Path) -> LinkRecord:
     return read_private(folder / RECORD, LinkRecord, absent)
 
 
+REHEARSAL: Final = ".rehearsal"
+"""End of the name of a run's folder in which only simulated printers print."""
+
+
 def reported_port(folder: Path, port: str) -> str:
     """Return the port of a folder's print, ``simulated`` where a simulated printer was behind it.
 
     Where the print went to another port, the address is left of an earlier rehearsal.
     """
+    if folder.parent.name.endswith(REHEARSAL):
+        return SIMULATED
     try:
         simulated = (folder / SIM_ADDRESS).read_text().partition("\n")[0].strip() == port
     except (OSError, ValueError):

@@ -20,9 +20,10 @@ from starlette.responses import FileResponse
 
 from printctl.machine.link.client import attach
 from printctl.machine.link.errors import LinkError
+from printctl.machine.link.record import REHEARSAL
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.lock import is_run_active
-from printctl.pipeline.run_options import REHEARSAL, TOOLPATH_NAMES, names_until
+from printctl.pipeline.run_options import TOOLPATH_NAMES, names_until
 from printctl.run_folder.artefacts import GCODE, HTML
 from printctl.run_folder.manifest import MANIFEST
 from printctl.sources import python_command
@@ -355,6 +356,11 @@ class Runs:
         if not self.processes.cancel(name, self.workspace.run(name)):
             raise ConflictError(f"run {name!r} isn't going on")
         return self.progress(name)
+
+    def end_rehearsals(self) -> int:
+        """End all that are on their way to a simulated print; how many."""
+        folders = [one for one in self.workspace.found(f"runs/*{REHEARSAL}") if one.is_dir()]
+        return sum(self.processes.cancel(one.name, one) for one in folders)
 
     def print_state(self, name: str) -> str:
         """State of the run's print; empty when none was ever started."""

@@ -17,8 +17,9 @@ from fastapi.responses import JSONResponse
 from pydantic import Field
 
 from design.units import LengthUnit
+from printctl.machine.link.record import JOURNAL, REHEARSAL
 from printctl.machine.link.states import ENDED
-from printctl.pipeline.run_options import JOB_NAMES, REHEARSAL
+from printctl.pipeline.run_options import JOB_NAMES
 from printctl.recipe.schema import KeyPath
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import MANIFEST, Manifest
@@ -137,6 +138,8 @@ class Project:
         Whether the design is made and is the recipe's as it stands.
     rehearsal_speed : float
         Times real time at which a rehearsal takes about a minute.
+    rehearsal_state : str
+        How the last rehearsal's print ended where nothing was judged; empty without one.
     """
 
     name: str
@@ -149,6 +152,7 @@ class Project:
     checks: tuple[ProjectCheck, ...]
     print_time_s: float | None
     rehearsal_speed: float
+    rehearsal_state: str
     print_state: str
     has_report: bool
     reasons: tuple[str, ...]
@@ -215,6 +219,7 @@ class ProjectService:
             checks=tuple(sorted(checks, key=lambda one: (one.passed, not one.refuses))),
             print_time_s=time_s,
             rehearsal_speed=min(max(round((time_s or 0.0) / LONGEST_REHEARSAL_S), 1), MAX_SPEED),
+            rehearsal_state="" if verdict else self._runs.print_state(name + REHEARSAL),
             print_state=reached.print_state,
             has_report=verdict is not None,
             reasons=tuple(verdict.get("reasons", ())) if verdict else (),
@@ -421,10 +426,11 @@ def _checked_design(folder: Path, of: Stamp) -> _Design | None:
 
 
 def _verdict(folder: Path) -> dict[str, Any] | None:
-    """The verdict of a run's report, if that is newer than its G-code."""
-    path = folder / "report.json"
+    """The verdict of a run's report, if that is newer than its G-code and its last print."""
+    path, printed = folder / "report.json", folder / "print" / JOURNAL
     try:
-        if path.stat().st_mtime < (folder / GCODE).stat().st_mtime:
+        made = [one.stat().st_mtime for one in (folder / GCODE, printed) if one.exists()]
+        if path.stat().st_mtime < max(made):
             return None
         return _read_verdict(path, stamp(path))
     except (OSError, ValueError):

@@ -102,8 +102,8 @@
 
   async function stop(by) {
     const began = performance.now();
-    const said = { head: `STOP (${by}) …`, sent: "", outcome: "", trouble: "" };
-    const tell = () => show([said.head, said.sent, said.outcome, said.trouble]);
+    const said = { head: `STOP (${by}) …`, sent: "", outcome: "", rehearsal: "", trouble: "" };
+    const tell = () => show([said.head, said.sent, said.outcome, said.rehearsal, said.trouble]);
     const since = () => `${Math.round(performance.now() - began)} ms`;
     let answers = 0;
     let most = 0;
@@ -119,6 +119,7 @@
           said.sent = `Nothing is connected to a printer here: nothing to halt. ${CUT}`;
         }
       }
+      if (message.rehearsals_ended) said.rehearsal = "What was being rehearsed is ended, too.";
       if (message.outcome?.length) said.outcome = outcome(message.outcome);
       said.head = `STOP (${by}).`;
       tell();

@@ -11,6 +11,7 @@ import pytest
 
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import shown
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.browser
 
@@ -44,6 +45,21 @@ def test_from_the_open_page_to_the_report_in_six_clicks_and_no_text(
     page.goto(address)
     page.get_by_role("heading", name="The rehearsal is as designed").wait_for(timeout=240_000)
     page.frame_locator("iframe[title=Report]").get_by_text("Pass").first.wait_for()
+    stopped_while_rehearsed_again(page)
+
+
+def stopped_while_rehearsed_again(page: Any) -> None:
+    """The report of the rehearsal before isn't the stopped one's."""
+    page.get_by_role("navigation", name="Steps").get_by_role("link", name="Print").click()
+    page.get_by_label("How fast").select_option("1")
+    button(page, "Rehearse again").click()
+    wait_for(lambda: "printing" in page.locator("#pc-print").inner_text(), 120)
+    page.keyboard.press("Escape")
+    page.keyboard.press("Escape")
+    page.get_by_text("The last rehearsal didn't come to its end").wait_for()
+    page.reload()
+    page.get_by_text("The last rehearsal didn't come to its end").wait_for()
+    assert page.get_by_text("is as designed").count() == 0
 
 
 def test_a_dialog_leaves_stop_in_reach_and_gives_the_focus_back(
