@@ -119,6 +119,8 @@ def test_without_a_printer_only_the_connection_is_offered(visit: Open) -> None:
 def test_connect_jog_by_button_and_key_and_see_it_move(visit: Open) -> None:
     page = connected(visit())
     x, y, z = place(page)
+    page.get_by_role("button", name="X +").click()  # as a second click on Connect would: ignored
+    page.wait_for_timeout(800)
     page.get_by_role("button", name="X +").click()
     comes_to(page, 0, x + 1)
     page.get_by_role("radio", name="0.1 mm", exact=True).click()
@@ -179,6 +181,7 @@ def test_another_browser_sees_what_is_typed_as_text_and_moves_nothing(
             )
             assert one.locator("#evil").count() == 0
         before = place(page)
+        other.wait_for_timeout(800)
         other.get_by_role("button", name="X +").click()
         expect(other.get_by_text("holds the controls").first).to_be_visible(timeout=10_000)
         assert place(page) == before

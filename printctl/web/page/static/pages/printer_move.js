@@ -1,7 +1,8 @@
 // Move the tip by hand: the pad, homing, saying where it stands, touching off.
 import { send } from "../api.js";
 import {
-  Act, Ask, Button, Card, Facts, Field, Fields, Refused, Segments, html, useAction, useGet, useState,
+  Act, Ask, Button, Card, Facts, Field, Fields, Refused, Segments, html, useAction, useGet, useRef,
+  useState,
 } from "../ui.js";
 
 const AXES = ["X", "Y", "Z"];
@@ -16,7 +17,10 @@ const ends = (low, high) => `${Math.round(10 * low) / 10}…${Math.round(10 * hi
 
 export function Move({ status, onOpen }) {
   const [step, setStep] = useState(1);
-  const [jog, { problem }] = useAction((axis, sign) => post("jog", { axis, mm: sign * step }));
+  const [go, { problem }] = useAction((axis, sign) => post("jog", { axis, mm: sign * step }));
+  // A second click on what stood here before, as Connect did, isn't meant for the needle.
+  const shown = useRef(performance.now());
+  const jog = (...way) => performance.now() - shown.current > 700 && go(...way);
   // A key that is held repeats; only the first press moves, so that nothing piles up behind it. On a
   // button inside, the keys do what they always do: arrows move the printer on the pad itself alone.
   const press = (event) => {
