@@ -106,7 +106,7 @@ def _part(name: str, now: int, count: int, whole: int, verb: str) -> str:
     if not count:
         return ""
     if whole == count:
-        return f"{name}s: all {count} whole"
+        return f"{name}{'es' if name.endswith('s') else 's'}: all {count} whole"
     return f"{name} {now} of {count} {verb} being written, {whole} whole"
 
 

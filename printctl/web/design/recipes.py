@@ -17,6 +17,7 @@ from design.files import write_bytes, write_text
 from design.geometry.surface import START_BYTES, TRIANGLE
 from firmware_profiles import ProfileError, load
 from firmware_profiles.load import FOLDERS
+from printctl.pipeline.lock import is_run_active
 from printctl.pipeline.run_options import TOOLPATH_NAMES
 from printctl.recipe import Recipe
 from printctl.recipe.anatomy import INLETS
@@ -319,8 +320,10 @@ class Recipes:
         return name
 
     def delete(self, name: str) -> None:
-        """Put a recipe into the bin, from which `restore` takes it back."""
-        path = self._there(name)
+        """Put a recipe into the bin, from which `restore` takes it back; not while it is made."""
+        path, run = self._there(name), self.workspace.run(name)
+        if run.is_dir() and is_run_active(run):
+            raise ConflictError(f"{name!r} is being made; cancel that first, or wait for its end")
         self._bin.mkdir(parents=True, exist_ok=True)
         path.replace(self._bin / f"{name}~{time.time_ns()}.yaml")
 

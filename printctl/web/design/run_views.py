@@ -123,7 +123,8 @@ def _difference(name: str, one: Any, other: Any) -> Difference:
     a, b = (side.value if isinstance(side, Figure) else None for side in (one, other))
     change = ""
     if isinstance(a, float) and isinstance(b, float) and a not in (0, b):
-        change = f"{100 * (b - a) / abs(a):+.3g} %".replace("-", "−")
+        percent = 100 * (b - a) / abs(a)
+        change = f"{percent if abs(percent) > 1e-9 else 0.0:+.3g} %".replace("-", "−")
     first, second = ("" if value is None else str(value) for value in (one, other))
     return Difference(name, first, second, change)
 

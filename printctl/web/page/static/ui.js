@@ -482,8 +482,8 @@ export function number(value, digits = 4) {
 export const nameOf = (job) => job.replace(/^(run|file)~/, "").replace(/\.gcode$/, "");
 export const runOf = (job) => (job.startsWith("run~") ? job.slice(4) : "");
 
-// A text of the program as a sentence: its first letter large.
-export const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+// A text of the program as a sentence: its first letter large, unless a name of a file or key stands there.
+export const sentence = (text) => (/^\S*[._/~]\S/.test(text) ? text : text.charAt(0).toUpperCase() + text.slice(1));
 
 // Seconds as people say them.
 export function span(seconds) {

@@ -10,6 +10,7 @@ from urllib.parse import unquote
 import pytest
 from starlette.testclient import TestClient
 
+from printctl.pipeline.lock import run_lock
 from printctl.run_folder.manifest import Manifest, StageRecord
 from printctl.web.app import build_app
 from printctl.web.core import Core
@@ -75,6 +76,17 @@ def test_a_recipe_is_made_changed_checked_and_thrown_away(client: TestClient) ->
     assert client.delete("/api/v1/recipes/a").status_code == 204
     assert client.get("/api/v1/recipes/a").status_code == 404
     assert client.post("/api/v1/recipes/a/restore").json()["text"] == text
+
+
+def test_a_recipe_isnt_thrown_away_while_it_is_made(
+    client: TestClient, workspace: Workspace
+) -> None:
+    client.post("/api/v1/recipes", json={"name": "a"})
+    with run_lock(workspace.run("a")):
+        refused = client.delete("/api/v1/recipes/a")
+    assert refused.status_code == 409
+    assert "is being made" in refused.json()["message"]
+    assert client.delete("/api/v1/recipes/a").status_code == 204
 
 
 def test_a_text_is_checked_without_being_kept(client: TestClient) -> None:
