@@ -25,11 +25,13 @@ DIST = ROOT / "dist"
 SMALLEST = b"G21\nG90\nM82\nG1 Z5 F300\nG1 X12 Y10 F1200\nG1 X14 Y12 F600\n"
 START = "10,10,10"
 EXAMPLES_OF_THE_GALLERY = """
-from printctl.web.design.recipes import EXAMPLES
-from printctl.web.project.service import gallery
-missing = [one.example for one in gallery() if not (EXAMPLES / f"{one.example}.yaml").is_file()]
-if missing or not gallery():
-    raise SystemExit(f"the gallery has {len(gallery())} examples, and no {missing} in {EXAMPLES}")
+import pathlib, yaml, printctl
+package = pathlib.Path(printctl.__file__).parent
+gallery = yaml.safe_load((package / "web" / "project" / "gallery.yaml").read_text())
+names = [f"{one['example']}.yaml" for one in gallery]
+missing = [name for name in names if not (package / "examples" / name).is_file()]
+if missing or not names:
+    raise SystemExit(f"the gallery has {len(names)} examples, and {missing} aren't in {package}")
 """
 SIMULATED = ("--printer", "generic_marlin", "--port", "simulated")
 WITHOUT_SOURCES = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
