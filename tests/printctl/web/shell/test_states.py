@@ -301,8 +301,10 @@ def station_says(page: Any, change: dict[str, Any]) -> None:
 
 
 def looks_of(state: State) -> list[Any]:
+    """In CI the states that are pictured, in two looks; all in all looks in `make test-slow`."""
+    often = [pytest.param(state, LOOKS, id=state.name)] if state.name in PICTURED else []
     return [
-        pytest.param(state, LOOKS, id=state.name),
+        *often,
         pytest.param(state, ALL_LOOKS, id=f"{state.name}-all", marks=pytest.mark.slow),
     ]
 
