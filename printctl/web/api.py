@@ -201,7 +201,7 @@ def router(core: Core, prints: PrintSockets, end_rehearsals: Callable[[], int]) 
             "cut its power"
         )
         await asyncio.wait({ending}, timeout=_REHEARSALS_END_S)
-        ended = ending.result() if ending.done() else 0
+        ended = 0 if not ending.done() or ending.exception() else ending.result()
         return StopAnswer(sent=sent, message=message, rehearsals_ended=ended)
 
     @routes.websocket("/events")

@@ -7,28 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from firmware_profiles import (
-    Bath,
-    Dish,
-    Facts,
-    Ink,
-    Needle,
-    Printer,
-    ProfileError,
-    Syringe,
-    load,
-    shipped,
-)
+from firmware_profiles import PROFILE_SORTS, Facts, Printer, ProfileError, load, shipped
 from firmware_profiles.load import FOLDERS, Profile
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.workspace import checked_name, is_name
 
 PARTS: Final[dict[str, type[Facts]]] = {
-    "needle": Needle,
-    "syringe": Syringe,
-    "ink": Ink,
-    "bath": Bath,
-    "dish": Dish,
+    sort: PROFILE_SORTS[sort] for sort in ("needle", "syringe", "ink", "bath", "dish")
 }
 """What can be mounted on a printer."""
 

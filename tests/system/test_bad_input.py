@@ -122,6 +122,15 @@ def test_missing_port(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+def test_print_on_a_real_port_asks_first(tmp_path: Path) -> None:
+    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG1 X5 F600\nM400\n")
+    done = called(
+        "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", cwd=tmp_path
+    )
+    assert done.returncode == 3, done.stderr
+    assert "--yes" in done.stderr
+
+
 def test_full_disk_leaves_the_good_file(tmp_path: Path) -> None:
     """A write that fails half-way (here by a file size limit) leaves what was there."""
     coarse = {"=": "replace", "method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400}

@@ -73,11 +73,11 @@ def read_journal_facts(path: Path) -> JournalledFacts:
 
 def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
     """Read the last print of a journal's records."""
-    facts, paces = JournalledFacts(), list[tuple[int, float]]()
+    facts, paces, heard_at = JournalledFacts(), list[tuple[int, float]](), 0.0
     for record in records:
         sort, at = record.get("t"), float(record.get("at", 0.0))
         if sort == "job":
-            facts, before = _begun(facts, record), facts
+            facts, before = _begun(facts, record, heard_at), facts
             paces = paces if before.print_id == facts.print_id else []
         elif sort in ("state", "end"):
             facts = _changed(facts, record.get("state") in _AT_WORK and sort == "state", at)
@@ -94,8 +94,8 @@ def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
             facts = _with(facts, stood_mm=_place(record.get("place") or {}))
         elif sort == "checkpoint" and facts.since is not None:
             paces.append((int(record.get("done", 0)), facts.active_until(at)))
-        facts = _with(facts, heard_at=max(at, facts.heard_at))
-    return _with(facts, paces=tuple(paces))
+        heard_at = max(at, heard_at)
+    return _with(facts, paces=tuple(paces), heard_at=heard_at)
 
 
 def _place(told: Mapping[str, Any]) -> tuple[float, float, float] | None:
@@ -103,13 +103,13 @@ def _place(told: Mapping[str, Any]) -> tuple[float, float, float] | None:
     return None if x is None or y is None or z is None else (float(x), float(y), float(z))
 
 
-def _begun(before: JournalledFacts, record: dict[str, Any]) -> JournalledFacts:
-    """A job record begins a print, or goes on with an interrupted one."""
+def _begun(before: JournalledFacts, record: dict[str, Any], heard_at: float) -> JournalledFacts:
+    """A job record begins a print, or goes on with one that was last heard at ``heard_at``."""
     sha256, at = str(record.get("sha256", "")), float(record.get("started", 0.0))
     same = before.sha256 == sha256 and record.get("id") in (None, before.print_id)
     if before.sha256 and same:
         # Where its process died, nobody knows for how long it went on after its last record.
-        active_s = before.active_until(before.heard_at)
+        active_s = before.active_until(heard_at)
         return _with(before, active_s=active_s, since=None, stood_mm=None)
     return JournalledFacts(print_id(record), sha256, at)
 

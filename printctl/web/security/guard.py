@@ -269,7 +269,7 @@ def _dressed(send: Send, policy: str) -> Send:
                 plain.update(message)
                 return
         elif plain:
-            reason = message["body"].decode(errors="replace")
+            reason = message.get("body", b"").decode(errors="replace")
             answer = error_response(plain["status"], reason, "BadRequestError")
             MutableHeaders(scope=plain).update(answer.headers)
             await send(plain)
