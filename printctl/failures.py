@@ -13,11 +13,11 @@ from printctl.errors import PrintctlError
 from printctl.system_errors import explain
 
 CODES: tuple[tuple[str, str, int], ...] = (
-    ("printctl.machine.link.errors", "NoLink", 1),  # not the printer's fault, as the next three
-    ("printctl.machine.link.errors", "JournalError", 1),
-    ("printctl.machine.link.errors", "HistoryError", 1),
-    ("printctl.machine.link.errors", "Refused", 1),
-    ("printctl.machine.link.errors", "LinkError", 4),
+    ("printctl.machine.errors", "NoLink", 1),  # not the printer's fault, as the next three
+    ("printctl.machine.errors", "JournalError", 1),
+    ("printctl.machine.errors", "HistoryError", 1),
+    ("printctl.machine.errors", "Refused", 1),
+    ("printctl.machine.errors", "LinkError", 4),
     ("firmware_profiles", "ProfileError", 2),
     ("design.errors", "FlowInputError", 2),
     ("design.errors", "DesignError", 1),

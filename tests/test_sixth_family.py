@@ -15,12 +15,12 @@ from firmware_profiles.families import family_names
 from printctl.checks.gate import Bounds, LineOrigin, PrinterSituation, judge
 from printctl.checks.gate.inputs import AllowedLine
 from printctl.checks.preflight.firmware import firmware_checks
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.families import protocol_for
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.states import LinkState
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
+from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.states import LinkState
 from sim.devices.families.registry import simulated_printer
 from sim.errors import LineError
 from sim.gcode.dry_run.run import dry_run

@@ -14,17 +14,13 @@ from benchmarks.common import Row, limited
 from benchmarks.firmware.board import AvrBoard
 from benchmarks.firmware.files import Followed, LayeredFile, follow, way_points
 from benchmarks.firmware.product import environment, stand_still
-from printctl.machine.link import (
-    LinkState,
-    MarkKind,
-    PrintClient,
-    Retreat,
-    resume_print,
-    start_print,
-)
-from printctl.machine.link.care import Care
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.look_book import LookDecision
+from printctl.machine.control.look_book import LookDecision
+from printctl.machine.errors import LinkError
+from printctl.machine.job.care import Care
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.process.client import PrintClient, resume_print, start_print
+from printctl.machine.records.states import LinkState
 
 LIFT_MM = 3.0
 HELD_S = 0.5

@@ -13,7 +13,8 @@ from benchmarks.checkers.link_order import body_of
 from benchmarks.common import Row, at_least, limited, row, scratch
 from benchmarks.link.files import zigzag
 from benchmarks.link.printers import answerer, profile, read_record
-from printctl.machine.link import LinkState, start_print
+from printctl.machine.process.client import start_print
+from printctl.machine.records.states import LinkState
 
 REAL = {"clock": "wall"}
 _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")

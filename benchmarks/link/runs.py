@@ -17,14 +17,14 @@ from benchmarks.checkers.link_order import Order, Taken, body_of, judge, unreach
 from benchmarks.link.files import START_MM, STEPS_PER_MM, PrintFile
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.machine.link import LinkState, Status
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import PortLost
-from printctl.machine.link.job import parse_job
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.errors import PortLost
+from printctl.machine.job.job import parse_job
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import PermanentFaults
 from sim.gcode.motion.executed import ExecutedMotion

@@ -13,7 +13,7 @@ from benchmarks.link.runs import BreakingTroubles, Ledger, Run, Wire, run
 from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
-from printctl.machine.link.clock import VirtualClock
+from printctl.machine.ports.clock import VirtualClock
 
 VIRTUAL = {"clock": "virtual"}
 MILD = BreakingTroubles(noise=0.0004, drop_ok=0.001, delay=0.001, breaks=0.0002)

@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.checkers import bath_painter as painter
 from benchmarks.common import Row, limited, row
 from firmware_profiles.bead import BeadSection
-from printctl.machine.link.marks import Marks
+from printctl.machine.job.marks import Marks
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Limits
 from printctl.observe.deciding.evidence import Evidence
 from printctl.observe.expected import ExpectedInk

@@ -26,11 +26,12 @@ import numpy as np
 from benchmarks.checkers.grown_strokes import Compared, compared
 from benchmarks.common import Row, row, scratch
 from benchmarks.link.printers import profile, simulated
-from printctl.machine.link import LinkError, LinkState, PrintClient, resume_print, start_print
-from printctl.machine.link.care import Care
-from printctl.machine.link.errors import Refused
-from printctl.machine.link.look_book import LookDecision
-from printctl.machine.link.marks import MarkKind
+from printctl.machine.control.look_book import LookDecision
+from printctl.machine.errors import LinkError, Refused
+from printctl.machine.job.care import Care
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.process.client import PrintClient, resume_print, start_print
+from printctl.machine.records.states import LinkState
 from sim.gcode.motion.executed import ExecutedMotion
 
 START = (50.0, 50.0, 10.0)

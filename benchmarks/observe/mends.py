@@ -25,8 +25,8 @@ from benchmarks.checkers.read_gcode import Moves, read_moves
 from benchmarks.common import ROOT, Row, at_least, limited, printctl, row, scratch, timed
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
-from printctl.machine.link.job import Job, load_job
-from printctl.machine.link.marks import MarkKind
+from printctl.machine.job.job import Job, load_job
+from printctl.machine.job.marks import MarkKind
 from printctl.observe.mending import HeldPrint, Mend, Voids, gap_between, plan_mend, written_paths
 
 COVERED = 0.95

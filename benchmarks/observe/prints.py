@@ -22,12 +22,12 @@ import yaml
 from benchmarks.checkers.line_dice import BoolArray, dice, painted
 from benchmarks.common import Row, at_least, limited, row, scratch
 from firmware_profiles import Ink, Printer, Syringe, load
-from printctl.machine.link.care import Care
-from printctl.machine.link.inserts import Insert
-from printctl.machine.link.job import Job, load_job
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.record import JOURNAL
-from printctl.machine.link.watch import DueTask, Watch
+from printctl.machine.control.watch import DueTask, Watch
+from printctl.machine.job.care import Care
+from printctl.machine.job.inserts import Insert
+from printctl.machine.job.job import Job, load_job
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.record import JOURNAL
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.look_values import Look

@@ -22,10 +22,10 @@ from benchmarks.observe.prints import (
     observed,
 )
 from firmware_profiles import Printer, load
-from printctl.machine.link.inserts import file_count
-from printctl.machine.link.job import parse_job
-from printctl.machine.link.look_places import look_places
-from printctl.machine.link.marks import Mark, MarkKind, Marks
+from printctl.machine.job.inserts import file_count
+from printctl.machine.job.job import parse_job
+from printctl.machine.job.look_places import look_places
+from printctl.machine.job.marks import Mark, MarkKind, Marks
 from sim.gcode.deposit.ink_faults import Drift, InkFaults
 
 SPEED_MM_S, EVERY = 4.0, "5 s written"

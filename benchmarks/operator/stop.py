@@ -33,7 +33,8 @@ from benchmarks.link.printers import (
     simulated,
 )
 from benchmarks.operator.server import browsers, page_server, touched_at, workspace
-from printctl.machine.link import LinkState, start_print
+from printctl.machine.process.client import start_print
+from printctl.machine.records.states import LinkState
 
 WALL = {"clock": "wall"}
 MOVES, WATCHING, ELSEWHERE = 1_000_000, 5, 45

@@ -22,10 +22,10 @@ from printctl.history.signing import known_lab_key, lab_key, read_public_file, s
 from printctl.history.table import local_time
 from printctl.history.timeline import TimeLine, time_line
 from printctl.history.verify import verify_bundle
-from printctl.machine.link.history import PrintHistory
-from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
-from printctl.machine.link.history_query import HistoryQuery, SortBy
-from printctl.machine.link.states import ENDED
+from printctl.machine.records.history import PrintHistory
+from printctl.machine.records.history_entry import INTERRUPTED, PrintEntry
+from printctl.machine.records.history_query import HistoryQuery, SortBy
+from printctl.machine.records.states import ENDED
 from printctl.pipeline.evidence import evidence
 from printctl.settings import arg, opt, settings
 

@@ -14,12 +14,16 @@ from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
 from printctl.cli import options as cli
 from printctl.cli.declare import json_command
 from printctl.cli.simulate import read_start_position
-from printctl.machine import printing
-from printctl.machine.link.care import Care
-from printctl.machine.link.families import refuse_unsent
-from printctl.machine.link.job import load_job
-from printctl.machine.link.port_detection import named_port, read_baud
-from printctl.machine.link.states import PrintOutcome
+from printctl.machine.families import refuse_unsent
+from printctl.machine.job.care import Care
+from printctl.machine.job.job import load_job
+from printctl.machine.job.syringes import usable_mm, with_reloads_of
+from printctl.machine.ports.port_detection import named_port, read_baud
+from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.prints.follow import confirm, follow, retreat_for
+from printctl.machine.process.find import Order, find_or_start, running
+from printctl.machine.process.simulated import simulated_printer
+from printctl.machine.records.states import PrintOutcome
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.progress import StageBars
@@ -103,19 +107,17 @@ def print_job(
     place = folder if folder is not None else file.with_name(file.name + ".print")
     tip = read_start_position(file, profile, start)
     loads = loads_of(profile, syringe, ink, mounted.needle)
-    usable = [printing.usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
+    usable = [usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
     care = how.care(of_each(profile, syringe, "--syringe"), usable)
-    retreat, *others = (printing.retreat_for(one.syringe, one.ink, 20.0, prime_ul) for one in loads)
+    retreat, *others = (retreat_for(one.syringe, one.ink, 20.0, prime_ul) for one in loads)
     retreat = replace(retreat, others=tuple(others))
-    order = printing.Order(
-        file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud)
-    )
-    if printing.running(order) is None:  # Check the file before the first byte.
+    order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))
+    if running(order) is None:  # Check the file before the first byte.
         set_for = set_up(profile, syringe, ink, tip, mounted)
         run, job = dry_run(cli.read_gcode_file(file), profile, tip), load_job(file, profile)
         shaft = file_shaft(file, run, set_for, accepted=accept_crossings)
         checks = [*file_checks(run, set_for, file.with_suffix(".map.npz")), *shaft.checks]
-        checks, at, heads = printing.with_reloads_of(checks, job, usable, wanted=reload)
+        checks, at, heads = with_reloads_of(checks, job, usable, wanted=reload)
         refuse_failed(checks)
         cli.print_notes(warnings(checks))
         care = replace(
@@ -135,27 +137,27 @@ def print_job(
 
 
 def _print(
-    order: printing.Order, printer: Printer, tip: tuple[float, float, float], yes: bool
+    order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool
 ) -> PrintOutcome:
     """Start the print, or find it again, and follow it to its end."""
     order.folder.mkdir(parents=True, exist_ok=True)
     bars = StageBars(cli.messages())
 
     def open_port() -> str:
-        if order.port == printing.SIMULATED:
-            return printing.simulated_printer(
+        if order.port == SIMULATED:
+            return simulated_printer(
                 order.printer, tip, order.job, order.folder / "executed.npz", order.folder
             )
         name = named_port(order.port, printer)
-        printing.confirm(name, bars, yes)
+        confirm(name, bars, yes)
         if order.resume:  # a print with looks
             ensure_observer(order.folder)
         return name
 
     with bars.all(), bars.stage("print") as report:
         try:
-            client = printing.find_or_start(order, open_port)
+            client = find_or_start(order, open_port)
         except Exception:
             end_idle_observer(order.folder)
             raise
-        return printing.follow(client, report, bars)
+        return follow(client, report, bars)

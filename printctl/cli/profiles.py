@@ -25,7 +25,7 @@ from firmware_profiles import (
 from printctl.cli.declare import group, json_command
 from printctl.cli.options import print_note, print_result
 from printctl.errors import UsageError
-from printctl.machine.link.families import link_facts
+from printctl.machine.families import link_facts
 from printctl.machine.probing import Row, compare, corrected_profile, query_settings
 from printctl.settings import arg, opt
 

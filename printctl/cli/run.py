@@ -20,7 +20,7 @@ from printctl.cli.kernels_ready import have_kernels, kernels_for_a_run
 from printctl.cli.running_print import looks_lines
 from printctl.errors import UsageError
 from printctl.history.table import outcome
-from printctl.machine.link.record import REHEARSAL
+from printctl.machine.records.record import REHEARSAL
 from printctl.pipeline.run import RunOptions, design_recipe, run_recipe, toolpath_recipe
 from printctl.pipeline.run_options import DESIGN_NAMES, names_until
 from printctl.progress_file import ProgressFile

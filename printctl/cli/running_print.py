@@ -12,22 +12,22 @@ from typing import Final, Literal
 from printctl.cli.declare import command, json_command, wants_json
 from printctl.cli.options import RunArg, messages, print_lines, print_result, refuse_input_as_output
 from printctl.errors import SafetyError, UsageError
-from printctl.machine.link.client import attach
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.find_link import alive
-from printctl.machine.link.history_entry import this_user
-from printctl.machine.link.kill import UNCONFIRMED
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.record import JOURNAL, load_record
-from printctl.machine.link.states import LinkState, PrintOutcome, Status
-from printctl.machine.link.syringe_change import CHANGE
-from printctl.machine.print_state.actions import Possible, PrintAction
-from printctl.machine.print_state.give_up import give_up as give_up_print
-from printctl.machine.print_state.print_folder import print_folder, running_print
-from printctl.machine.print_state.state import PrintTruth, read_print
-from printctl.machine.printing.journal_facts import read_journal_facts
-from printctl.machine.printing.print_words import alarm_words
-from printctl.machine.printing.recovery import planned, write_rest
+from printctl.machine.control.kill import UNCONFIRMED
+from printctl.machine.control.syringe_change import CHANGE
+from printctl.machine.errors import LinkError
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.prints.actions import Possible, PrintAction
+from printctl.machine.prints.give_up import give_up as give_up_print
+from printctl.machine.prints.journal_facts import read_journal_facts
+from printctl.machine.prints.print_folder import print_folder, running_print
+from printctl.machine.prints.print_words import alarm_words
+from printctl.machine.prints.recovery_file import planned, write_rest
+from printctl.machine.prints.state import PrintTruth, read_print
+from printctl.machine.process.client import attach
+from printctl.machine.process.find_link import alive
+from printctl.machine.records.history_entry import this_user
+from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.states import LinkState, PrintOutcome, Status
 from printctl.observe import records
 from printctl.observe.continue_print import continue_print
 from printctl.observe.look_words import proposal_words, seen_words, total_words
@@ -153,7 +153,7 @@ def kill(run: RunArg) -> None:
         raise LinkError(outcome.message)
     if unconfirmed or (outcome.state is not LinkState.KILLED and not outcome.position_known):
         # The link itself: slow to import.
-        from printctl.machine.link.kill_unlinked import kill_unlinked
+        from printctl.machine.process.kill_unlinked import kill_unlinked
 
         outcome = PrintOutcome.of(kill_unlinked(client.folder))
     before = "" if outcome.state is LinkState.KILLED else "not halted, for the print had ended: "

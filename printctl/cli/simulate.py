@@ -15,10 +15,10 @@ from printctl.cli.declare import json_command, wants_json
 from printctl.cli.kernels_ready import have_kernels
 from printctl.errors import UsageError
 from printctl.failures import error_facts
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.job import parse_job
-from printctl.machine.link.job_start import declared_start
-from printctl.machine.link.start_checks import ASIDE_MM
+from printctl.machine.control.start_checks import ASIDE_MM
+from printctl.machine.errors import LinkError
+from printctl.machine.job.job import parse_job
+from printctl.machine.job.start import declared_start
 from printctl.pipeline.bead_choices import BeadChoices, BeadOptions
 from printctl.settings import opt, three_numbers
 from sim.gcode.dry_run.run import dry_run

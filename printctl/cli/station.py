@@ -14,11 +14,12 @@ from printctl.checks.set_up import read_dish_centre
 from printctl.cli.declare import command, group, json_command, wants_json
 from printctl.cli.options import PrinterOption, print_lines, print_note, print_result
 from printctl.errors import PrintctlError, UsageError
-from printctl.machine.link.port_detection import AUTO, locate, matches, read_baud
-from printctl.machine.link.ports import list_ports
-from printctl.machine.station import Station, StationStatus, attach
-from printctl.machine.station import connect as open_station
-from printctl.machine.station.record import usual_folder
+from printctl.machine.control.station_status import StationStatus
+from printctl.machine.ports.port_detection import AUTO, locate, matches, read_baud
+from printctl.machine.ports.port_list import list_ports
+from printctl.machine.process.station_client import Station, attach
+from printctl.machine.process.station_client import connect as open_station
+from printctl.machine.process.station_record import usual_folder
 from printctl.settings import arg, opt, three_numbers
 from printctl.sources import python_command
 

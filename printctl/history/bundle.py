@@ -23,9 +23,9 @@ from printctl.history.signing import (
     Manifest,
 )
 from printctl.history.table import outcome
-from printctl.machine.link.find_link import alive
-from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
-from printctl.machine.link.origin import version
+from printctl.machine.process.find_link import alive
+from printctl.machine.records.history_entry import INTERRUPTED, PrintEntry
+from printctl.machine.records.origin import version
 from printctl.pipeline.evidence import Evidence, evidence
 
 # Pack a print's files and their cover page into one signed bundle.

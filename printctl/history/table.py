@@ -11,9 +11,9 @@ from itertools import islice
 from typing import Any, Final, Literal
 
 from printctl.errors import UsageError
-from printctl.machine.link.find_link import alive
-from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
-from printctl.machine.link.record import JOURNAL
+from printctl.machine.process.find_link import alive
+from printctl.machine.records.history_entry import INTERRUPTED, PrintEntry
+from printctl.machine.records.record import JOURNAL
 
 
 def day_begins(text: str, where: str) -> float:

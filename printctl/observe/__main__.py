@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 from printctl.errors import PrintctlError
-from printctl.machine.link.detached_process import detach
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.process import ignore_signals
+from printctl.machine.errors import LinkError
+from printctl.machine.process.detached_process import detach
+from printctl.machine.process.process import ignore_signals
 from printctl.observe.process import observe
 from printctl.observe.records import LOG
 

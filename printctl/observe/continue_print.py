@@ -7,16 +7,16 @@ from typing import Final
 
 from firmware_profiles import Printer, Syringe, load
 from printctl.errors import PrintctlError, UsageError
-from printctl.machine.link.care import Care, NewSyringe
-from printctl.machine.link.client import PrintClient, attach, resume_print
-from printctl.machine.link.find_link import alive
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.record import JOURNAL, load_record
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.print_state.actions import refuse_forgotten
-from printctl.machine.printing.journal_facts import read_journal_facts
-from printctl.machine.printing.syringes import usable_mm
+from printctl.machine.job.care import Care, NewSyringe
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.syringes import usable_mm
+from printctl.machine.prints.actions import refuse_forgotten
+from printctl.machine.prints.journal_facts import read_journal_facts
+from printctl.machine.process.client import PrintClient, attach, resume_print
+from printctl.machine.process.find_link import alive
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.states import LinkState, Status
 from printctl.observe.records import OBSERVER_LOCK, asking_look, read_looks
 from printctl.observe.starting import end_idle_observer, ensure_observer
 
@@ -146,8 +146,7 @@ def restart(folder: Path, port: str | None = None, unobserved: bool = False) -> 
     ObserverError
         When it is one with looks, and no observer can be started; unless ``unobserved``.
     LinkError
-        See `printctl.machine.link.client.resume_print`; `Refused` where the printer has certainly
-        forgotten its place.
+        See `resume_print`; `Refused` where the printer has certainly forgotten its place.
     """
     record = load_record(folder)
     refuse_forgotten(folder, port or record.port, load(Printer, record.profile))

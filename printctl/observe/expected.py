@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from printctl.machine.link.job import Job
+from printctl.machine.job.job import Job
 from printctl.observe.mending import HeldPrint, WrittenPath, written_paths
 from printctl.observe.mending.held_print import Style
 

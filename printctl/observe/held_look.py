@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray
-from printctl.machine.link.marks import MarkKind, Marks
+from printctl.machine.job.marks import MarkKind, Marks
 from printctl.observe.deciding.evidence import MapCheck, Thin, UnseenPath
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.look_values import Look

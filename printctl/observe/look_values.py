@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from printctl.machine.link.marks import Mark, MarkKind
+from printctl.machine.job.marks import Mark, MarkKind
 from printctl.observe.deciding import Evidence
 
 

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from printctl.machine.link.errors import LinkError, Refused
+from printctl.machine.errors import LinkError, Refused
 from printctl.observe.deciding import Decider, Decision, DecisionKind, LayersSeen
 from printctl.observe.deciding.evidence import Thin
 from printctl.observe.deciding.flow_control import Answers, Reading, SeenFlow, SeenLevel

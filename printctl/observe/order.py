@@ -39,7 +39,7 @@ class ObserverOrder:
     device : DeviceSettings
     limits : Limits
     care : dict
-        When the print is held for looks: fields of `printctl.machine.link.care.Care`, as JSON.
+        When the print is held for looks: fields of `printctl.machine.job.care.Care`, as JSON.
     laser : bool
         Whether the device is a laser line profiler, which gives height maps.
     """

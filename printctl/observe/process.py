@@ -15,16 +15,16 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from design.files import write_text
-from printctl.machine.link.client import PrintClient, attach
-from printctl.machine.link.errors import LinkError, NoLink, Refused
-from printctl.machine.link.find_link import alive
-from printctl.machine.link.inserts import file_count
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.look_book import LookDecision
-from printctl.machine.link.process import hold_folder
-from printctl.machine.link.record import JOURNAL, load_record
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.printing.journal_facts import read_journal_facts
+from printctl.machine.control.look_book import LookDecision
+from printctl.machine.errors import LinkError, NoLink, Refused
+from printctl.machine.job.inserts import file_count
+from printctl.machine.prints.journal_facts import read_journal_facts
+from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.find_link import alive
+from printctl.machine.process.process import hold_folder
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import PICTURES, DeviceError, DeviceSettings, acquire
 from printctl.observe.look_values import Look

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from design.files import write_text
-from printctl.machine.link.find_link import alive
-from printctl.machine.link.states import LinkState, Status
+from printctl.machine.process.find_link import alive
+from printctl.machine.records.states import LinkState, Status
 
 Answer = Literal["approve", "go_on", "stop"]
 ANSWERS: Final[tuple[Answer, ...]] = ("approve", "go_on", "stop")

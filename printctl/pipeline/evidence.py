@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.machine.link.history_entry import PrintEntry
-from printctl.machine.link.journal import read_records
-from printctl.machine.link.print_notes import NOTED, notes_path, read_notes
-from printctl.machine.link.record import JOURNAL
-from printctl.machine.printing.films import TIMELAPSE, film_file
+from printctl.machine.prints.films import TIMELAPSE, film_file
+from printctl.machine.records.history_entry import PrintEntry
+from printctl.machine.records.journal import read_records
+from printctl.machine.records.print_notes import NOTED, notes_path, read_notes
+from printctl.machine.records.record import JOURNAL
 from printctl.run_folder.artefacts import HTML, JSON, PDF
 from printctl.run_folder.manifest import MANIFEST, Manifest, digest_file
 

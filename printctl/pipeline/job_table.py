@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from kernels.arrays import FloatArray, IntArray
-from printctl.machine.link.job import Job
-from printctl.machine.printing.job_table import NONE, JobTable
+from printctl.machine.job.job import Job
+from printctl.machine.prints.job_table import NONE, JobTable
 from registration.report.gcode import Act, GcodeJob
 from sim.gcode.dry_run.run import DryRun
 

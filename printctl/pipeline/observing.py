@@ -10,12 +10,12 @@ import yaml
 from design.files import write_text
 from design.network_files.csv_format import write_network_csv
 from kernels.arrays import FloatArray
-from printctl.machine.link.care import Care
-from printctl.machine.link.job import load_job
-from printctl.machine.link.look_places import Written, look_places
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.printing import usable_mm
-from printctl.machine.printing.executed_note import EXECUTED
+from printctl.machine.job.care import Care
+from printctl.machine.job.job import load_job
+from printctl.machine.job.look_places import Written, look_places
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.syringes import usable_mm
+from printctl.machine.process.executed_note import EXECUTED
 from printctl.observe.deciding import FlowLimits, GapTest, Limits
 from printctl.observe.devices import PICTURES, DeviceSettings
 from printctl.observe.order import ObserverOrder
@@ -43,7 +43,7 @@ _CARE: Final = {
 
 
 def look_care(part: ObservePart | None, *, embedded: bool) -> dict[str, Any]:
-    """When the print is held for a look, for `printctl.machine.link.Care`."""
+    """When the print is held for a look, for `printctl.machine.job.care.Care`."""
     if part is None:
         return {}
     care: dict[str, Any] = {"look_limit_s": part.limit_s, "look_park_mm": part.park_mm}

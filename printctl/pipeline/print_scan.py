@@ -16,12 +16,12 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.errors import wording
 from printctl.checks.set_up import of_each
 from printctl.errors import UsageError
-from printctl.machine.link.grown_text import grown_text
-from printctl.machine.link.history_entry import PrintEntry
-from printctl.machine.link.job import parse_job
-from printctl.machine.link.printed_job import grown_in
-from printctl.machine.link.record import JOURNAL, load_record
-from printctl.machine.printing.executed_note import EXECUTED, record_for
+from printctl.machine.job.job import parse_job
+from printctl.machine.prints.grown_text import grown_text
+from printctl.machine.process.executed_note import EXECUTED, record_for
+from printctl.machine.records.history_entry import PrintEntry
+from printctl.machine.records.printed_job import grown_in
+from printctl.machine.records.record import JOURNAL, load_record
 from printctl.pipeline.context import LIGHT_REACHES_MM
 from printctl.pipeline.evidence import Evidence, evidence
 from printctl.pipeline.simulated_scan import (

@@ -8,8 +8,8 @@ from typing import Any, Final
 from rich.console import Console
 
 from printctl.errors import RecipeError, UsageError
-from printctl.machine.link.record import RECORD
-from printctl.machine.printing.simulated import was_simulated
+from printctl.machine.process.simulated import was_simulated
+from printctl.machine.records.record import RECORD
 from printctl.pipeline.run_options import (
     DESIGN_NAMES,
     JOB_NAMES,

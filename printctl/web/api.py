@@ -21,7 +21,7 @@ from design.errors import DesignError
 from firmware_profiles import ProfileError
 from firmware_profiles.errors import wording
 from printctl.errors import PrintctlError
-from printctl.machine.link.errors import LinkError
+from printctl.machine.errors import LinkError
 from printctl.system_errors import explain
 from printctl.web.controls import Principal
 from printctl.web.core import Core

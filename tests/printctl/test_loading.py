@@ -43,7 +43,6 @@ ON_DEMAND = (
     "printctl.calibration",
     "printctl.checks.gcode_view",
     "printctl.checks.preflight",
-    "printctl.machine.printing",
     "printctl.web.live",
     "printctl.recipe",
     "registration.measuring.gauging",
@@ -77,10 +76,10 @@ def _loaded(steps: tuple[tuple[str, ...], ...]) -> list[set[str]]:
 
 
 BEGUN = (
-    "printctl.machine.station.__main__",
-    "printctl.machine.station",
-    "printctl.machine.link.__main__",
-    "printctl.machine.link.client",
+    "printctl.machine.process.station_main",
+    "printctl.machine.process.station_client",
+    "printctl.machine.process.__main__",
+    "printctl.machine.process.client",
     "printctl.web.stop_process",
     "printctl.recipe",
     "printctl.cli.register",
@@ -88,7 +87,7 @@ BEGUN = (
 )
 """Stations, links, their clients, the stop process, recipes, a command's help, the server."""
 STEPS = (
-    ("printctl.machine.link", "printctl.checks.gate", "printctl.cli.running_print"),
+    ("printctl.machine.process.client", "printctl.checks.gate", "printctl.cli.running_print"),
     BEGUN,
     ("printctl.cli.run",),
 )

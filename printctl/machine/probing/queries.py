@@ -12,22 +12,23 @@ from pathlib import Path
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from printctl.machine.link.channel import Channel
-from printctl.machine.link.clock import RealClock
-from printctl.machine.link.connecting import connect
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.families import protocol_for, refuse_unsent
-from printctl.machine.link.job import Job
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.logbook import Logbook
-from printctl.machine.link.port_detection import named_port
-from printctl.machine.link.print_events import print_channel
-from printctl.machine.link.progress import JobProgress
-from printctl.machine.link.requests import RequestQueue
-from printctl.machine.link.states import PrintEnded
-from printctl.machine.link.transport import open_port
-from printctl.machine.link.wiring import Wiring
+from printctl.machine.control.channel import Channel
+from printctl.machine.control.connecting import connect
+from printctl.machine.control.logbook import Logbook
+from printctl.machine.control.print_events import print_channel
+from printctl.machine.control.progress import JobProgress
+from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.requests import RequestQueue
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.errors import LinkError
+from printctl.machine.families import refuse_unsent
+from printctl.machine.job.job import Job
+from printctl.machine.ports.clock import RealClock
+from printctl.machine.ports.port_detection import named_port
+from printctl.machine.ports.transport import open_port
 from printctl.machine.probing.settings import Settings, read_settings
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.states import PrintEnded
 
 _TRIES = 3
 

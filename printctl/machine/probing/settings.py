@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from firmware_profiles.families import Family
-from printctl.machine.link.firmware import parse_firmware
+from printctl.machine.job.firmware import parse_firmware
 
 _SETTING: Final = re.compile(r"\b(M\d+(?:\.\d+)?)((?: [A-Z]-?\d+(?:\.\d+)?)+)")
 _PAIR: Final = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")

@@ -15,7 +15,7 @@ from firmware_profiles import Ink, Needle, Printer, Syringe
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.bead import lag_of
 from printctl.errors import PrintctlError
-from printctl.machine.link.modal import Modal, modal_state, relieved_mm
+from printctl.machine.job.modal import Modal, modal_state, relieved_mm
 from sim.gcode.deposit.written import level_areas, level_heights, written_levels
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE
@@ -49,7 +49,7 @@ class HeldPrint:
     Attributes
     ----------
     lines : sequence of bytes
-        Commands of the (grown) job as the link sends them (`printctl.machine.link.job.Job.lines`).
+        Commands of the (grown) job as the link sends them (`printctl.machine.job.job.Job.lines`).
     done : int
         Lines taken; the needle is where the last of them left it.
     printer : Printer

@@ -29,8 +29,8 @@ from printctl.checks.preflight import (
     well_checks,
 )
 from printctl.errors import PrintctlError
-from printctl.machine.link.job import parse_job
-from printctl.machine.printing import usable_mm, with_reloads_of
+from printctl.machine.job.job import parse_job
+from printctl.machine.job.syringes import usable_mm, with_reloads_of
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun, relative

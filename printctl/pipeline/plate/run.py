@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from printctl.errors import PrinterFailedError, SafetyError
-from printctl.machine.link.job import load_job
+from printctl.machine.job.job import load_job
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.design_run import DESIGN
 from printctl.pipeline.facts import run_facts

@@ -44,8 +44,8 @@ from printctl.checks.preflight import (
     written_ul,
 )
 from printctl.checks.preflight.bore import line_checks
-from printctl.machine.link.job import parse_job
-from printctl.machine.printing import usable_mm, with_reloads_of
+from printctl.machine.job.job import parse_job
+from printctl.machine.job.syringes import usable_mm, with_reloads_of
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.stage import Stage

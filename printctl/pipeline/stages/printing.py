@@ -9,25 +9,20 @@ from typing import Any
 
 from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
-from printctl.machine.link import Care, PrintClient, PrintOutcome
-from printctl.machine.link.families import refuse_unsent
-from printctl.machine.link.grown_text import GrownText, grown_text
-from printctl.machine.link.job import parse_job
-from printctl.machine.link.port_detection import named_port
-from printctl.machine.link.printed_job import grown_in
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.printing import (
-    SIMULATED,
-    Order,
-    confirm,
-    find_or_start,
-    finished,
-    follow,
-    retreat_for,
-    simulated_printer,
-    usable_mm,
-)
-from printctl.machine.printing.executed_note import is_complete_record
+from printctl.machine.families import refuse_unsent
+from printctl.machine.job.care import Care
+from printctl.machine.job.job import parse_job
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.job.syringes import usable_mm
+from printctl.machine.ports.port_detection import named_port
+from printctl.machine.prints.follow import confirm, follow, retreat_for
+from printctl.machine.prints.grown_text import GrownText, grown_text
+from printctl.machine.process.client import PrintClient
+from printctl.machine.process.executed_note import is_complete_record
+from printctl.machine.process.find import Order, find_or_start, finished
+from printctl.machine.process.simulated import SIMULATED, simulated_printer
+from printctl.machine.records.printed_job import grown_in
+from printctl.machine.records.states import PrintOutcome
 from printctl.observe.order import ObserverOrder
 from printctl.observe.starting import (
     ObserverError,
@@ -291,6 +286,4 @@ def executed_facts(context: RunContext) -> dict[str, Any]:
     }
 
 
-STAGE = Stage(
-    "print", depends, (GCODE,), ("sim", "printctl/machine/link", "firmware_profiles"), work
-)
+STAGE = Stage("print", depends, (GCODE,), ("sim", "printctl/machine", "firmware_profiles"), work)

@@ -18,10 +18,10 @@ from typing import Any, Final, Literal
 
 from starlette.responses import FileResponse
 
-from printctl.machine.link.client import attach
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.record import REHEARSAL
-from printctl.machine.link.states import ENDED
+from printctl.machine.errors import LinkError
+from printctl.machine.process.client import attach
+from printctl.machine.records.record import REHEARSAL
+from printctl.machine.records.states import ENDED
 from printctl.pipeline.lock import is_run_active
 from printctl.pipeline.run_options import TOOLPATH_NAMES, names_until
 from printctl.run_folder.artefacts import GCODE, HTML

@@ -23,13 +23,13 @@ from printctl.history.signing import (
 from printctl.history.table import Outcome, outcome, tell_running
 from printctl.history.timeline import Event, Stretch, TimeLine, time_line
 from printctl.history.verify import Signature, verify_stream
-from printctl.machine.link.errors import LinkError, NoSuchPrint
-from printctl.machine.link.history import PrintHistory
-from printctl.machine.link.history_entry import PrintEntry
-from printctl.machine.link.history_query import HistoryPage, HistoryQuery
-from printctl.machine.link.record import JOURNAL
-from printctl.machine.print_state.state import read_print
-from printctl.machine.printing.progress import Progress
+from printctl.machine.errors import LinkError, NoSuchPrint
+from printctl.machine.prints.progress import Progress
+from printctl.machine.prints.state import read_print
+from printctl.machine.records.history import PrintHistory
+from printctl.machine.records.history_entry import PrintEntry
+from printctl.machine.records.history_query import HistoryPage, HistoryQuery
+from printctl.machine.records.record import JOURNAL
 from printctl.pipeline.evidence import GCODE, PHOTOS, evidence
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError

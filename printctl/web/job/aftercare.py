@@ -21,7 +21,7 @@ from design.files import write_bytes
 from firmware_profiles import Bath, load
 from printctl.analysis.flushing import FlushLimit, flush_limit
 from printctl.checks.set_up import Budget
-from printctl.machine.link.errors import LinkError
+from printctl.machine.errors import LinkError
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.job.jobs import JobId

@@ -23,8 +23,8 @@ from printctl.checks.preflight import (
 from printctl.checks.preflight.shaft import file_shaft
 from printctl.errors import UsageError
 from printctl.failures import message_and_code
-from printctl.machine.link.job import parse_job
-from printctl.machine.printing import with_reloads_of
+from printctl.machine.job.job import parse_job
+from printctl.machine.job.syringes import with_reloads_of
 from printctl.pipeline.job_table import make_table
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import lower_priority

@@ -14,12 +14,12 @@ from pydantic.dataclasses import dataclass
 from firmware_profiles import Dish, load
 from printctl.checks.gate import RIM_MARGIN_MM, STEP_DOWN_MM
 from printctl.errors import SafetyError
-from printctl.machine.link.client import PrintClient
-from printctl.machine.link.errors import NoLink
-from printctl.machine.printing import Order
-from printctl.machine.printing.simulated import SIMULATED
-from printctl.machine.station import Station, StationState, StationStatus, attach
-from printctl.machine.station.status import NO_PRINTER
+from printctl.machine.control.station_status import NO_PRINTER, StationState, StationStatus
+from printctl.machine.errors import NoLink
+from printctl.machine.process.client import PrintClient
+from printctl.machine.process.find import Order
+from printctl.machine.process.simulated import SIMULATED
+from printctl.machine.process.station_client import Station, attach
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.set_up import JobSetUp, Place
 from printctl.web.profile_store import PARTS, ProfileStore

@@ -10,11 +10,11 @@ from typing import Annotated, Final, Literal
 from fastapi import Query
 from pydantic import Field
 
-from printctl.machine.link.client import PrintClient, attach
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.print_state.give_up import give_up
-from printctl.machine.printing.recovery import planned, write_rest
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.prints.give_up import give_up
+from printctl.machine.prints.recovery_file import planned, write_rest
+from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.records.states import LinkState, Status
 from printctl.observe.continue_print import (
     awaits_observer,
     continue_print,

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.machine.link.client import PrintClient, attach
-from printctl.machine.link.errors import LinkError, NoLink
-from printctl.machine.link.find_link import alive
-from printctl.machine.link.record import JOURNAL, RECORD, load_record
-from printctl.machine.link.states import Status
-from printctl.machine.print_state.actions import PrintAction
-from printctl.machine.print_state.state import (
+from printctl.machine.errors import LinkError, NoLink
+from printctl.machine.prints.actions import PrintAction
+from printctl.machine.prints.job_table import JobTable
+from printctl.machine.prints.journal_facts import JournalledFacts, read_journal_facts
+from printctl.machine.prints.progress import Filling
+from printctl.machine.prints.remaining import Remaining
+from printctl.machine.prints.state import (
     PrintTruth,
     assemble_state,
     filling_of,
@@ -26,12 +26,12 @@ from printctl.machine.print_state.state import (
     read_print,
     remaining_of,
 )
-from printctl.machine.printing.job_table import JobTable
-from printctl.machine.printing.journal_facts import JournalledFacts, read_journal_facts
-from printctl.machine.printing.progress import Filling
-from printctl.machine.printing.remaining import Remaining
-from printctl.machine.printing.simulated import was_simulated
-from printctl.machine.station.record import RECORD as STATION_RECORD
+from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.find_link import alive
+from printctl.machine.process.simulated import was_simulated
+from printctl.machine.process.station_record import RECORD as STATION_RECORD
+from printctl.machine.records.record import JOURNAL, RECORD, load_record
+from printctl.machine.records.states import Status
 from printctl.web.errors import NotFoundError
 from printctl.web.job.preflight import Preflights, load_table
 from printctl.web.job.record import Records

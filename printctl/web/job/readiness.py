@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from printctl.checks.set_up import Check
-from printctl.machine.station.orders import ASIDE_MM
-from printctl.machine.station.status import StationState
+from printctl.machine.control.station_status import StationState
+from printctl.machine.process.station_orders import ASIDE_MM
 from printctl.web.job.aftercare import checklist
 from printctl.web.job.machine import Machine
 from printctl.web.job.preflight import CheckRow, Preflight, PreflightReport, load_table, row

@@ -12,10 +12,10 @@ from fastapi import APIRouter, File, Query, Request, Response, UploadFile
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from printctl.machine.link.states import LinkState
-from printctl.machine.print_state.actions import Possible
-from printctl.machine.print_state.alerts import Alert
-from printctl.machine.printing.progress import Progress
+from printctl.machine.prints.actions import Possible
+from printctl.machine.prints.alerts import Alert
+from printctl.machine.prints.progress import Progress
+from printctl.machine.records.states import LinkState
 from printctl.web.job.aftercare import Aftercare, checklist
 from printctl.web.job.camera.service import CameraService
 from printctl.web.job.jobs import JobEntry, JobId, all_jobs, entry_of

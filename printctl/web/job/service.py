@@ -14,14 +14,15 @@ from typing import IO, Any, Final
 from firmware_profiles import Printer, ProfileError, Syringe, load
 from printctl.checks.set_up import SetUp, of_each
 from printctl.errors import PrintctlError, SafetyError
-from printctl.machine.link.care import Care
-from printctl.machine.link.job import load_job
-from printctl.machine.link.printed_job import grown_in
-from printctl.machine.link.record import load_record
-from printctl.machine.printing import Order, retreat_for, usable_mm
-from printctl.machine.printing.find import running
-from printctl.machine.printing.mend_strokes import MendStrokes, mend_strokes
-from printctl.machine.station.status import NO_PRINTER
+from printctl.machine.control.station_status import NO_PRINTER
+from printctl.machine.job.care import Care
+from printctl.machine.job.job import load_job
+from printctl.machine.job.syringes import usable_mm
+from printctl.machine.prints.follow import retreat_for
+from printctl.machine.prints.mend_strokes import MendStrokes, mend_strokes
+from printctl.machine.process.find import Order, running
+from printctl.machine.records.printed_job import grown_in
+from printctl.machine.records.record import load_record
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, start_observer

@@ -13,11 +13,11 @@ from firmware_profiles import Facts, Printer, ProfileError, load
 from firmware_profiles.tools import THINNEST_BORE
 from printctl.checks.set_up import Budget, ProfileNames, SetUp, budget_of, set_up
 from printctl.errors import PrintctlError
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.job import load_job
-from printctl.machine.link.job_start import declared_start
-from printctl.machine.printing import usable_mm
-from printctl.machine.station.orders import homing_line
+from printctl.machine.errors import LinkError
+from printctl.machine.job.job import load_job
+from printctl.machine.job.start import declared_start
+from printctl.machine.job.syringes import usable_mm
+from printctl.machine.process.station_orders import homing_line
 from printctl.recipe.making import CarePart
 from printctl.recipe.model import Recipe
 from printctl.run_folder.manifest import Manifest

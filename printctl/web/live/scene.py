@@ -36,7 +36,7 @@ class LiveScene:
         before is reached by a move of ``Act.JUMP``.
     command : (n,) uint32
         Which of the file's commands the move is of, from 0, as the link counts them
-        (`printctl.machine.link.job.parse_job`); ascending. A move is executed when more commands
+        (`printctl.machine.job.job.parse_job`); ascending. A move is executed when more commands
         than that are.
     time_s : (n,) float32, s
         At which the move ends, from the feeds alone.

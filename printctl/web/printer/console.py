@@ -16,7 +16,7 @@ from design.files import write_text
 from firmware_profiles import Printer
 from firmware_profiles.yaml_file import read_yaml
 from printctl.checks.gate import Refusal, judge_stored_line
-from printctl.machine.link.errors import LinkError
+from printctl.machine.errors import LinkError
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError, WebError
 from printctl.web.printer.service import PrinterService

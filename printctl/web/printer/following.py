@@ -11,8 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.machine.link.errors import LinkError
-from printctl.machine.station import Station, StationState, StationStatus, attach
+from printctl.machine.control.station_status import StationState, StationStatus
+from printctl.machine.errors import LinkError
+from printctl.machine.process.station_client import Station, attach
 
 APART_S: Final = 0.25
 LOOK_AGAIN_S: Final = 2.0

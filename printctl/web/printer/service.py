@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from firmware_profiles import Printer
-from printctl.machine.link.port_detection import AUTO
-from printctl.machine.station import Station, StationStatus, connect
-from printctl.machine.station.status import NO_PRINTER
+from printctl.machine.control.station_status import NO_PRINTER, StationStatus
+from printctl.machine.ports.port_detection import AUTO
+from printctl.machine.process.station_client import Station, connect
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError

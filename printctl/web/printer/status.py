@@ -8,9 +8,8 @@ from functools import lru_cache
 from typing import Final
 
 from firmware_profiles import Dish, Ink, Printer, ProfileError, Syringe, load
-from printctl.machine.station import StationState, StationStatus
-from printctl.machine.station.idle_commands import UNNAMED_UL_S
-from printctl.machine.station.status import MountedParts
+from printctl.machine.control.idle_commands import UNNAMED_UL_S
+from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
 from printctl.web.errors import ConflictError
 from printctl.web.profile_store import PARTS, ProfileStore
 

@@ -17,8 +17,8 @@ from fastapi.responses import JSONResponse
 from pydantic import Field
 
 from design.units import LengthUnit
-from printctl.machine.link.record import JOURNAL, REHEARSAL
-from printctl.machine.link.states import ENDED
+from printctl.machine.records.record import JOURNAL, REHEARSAL
+from printctl.machine.records.states import ENDED
 from printctl.pipeline.run_options import JOB_NAMES
 from printctl.recipe.schema import KeyPath
 from printctl.run_folder.artefacts import GCODE

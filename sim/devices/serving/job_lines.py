@@ -107,8 +107,8 @@ class JobLines:
 
 # Read lines inserted into a job, from the print host's journal.
 #
-# The format is `printctl.machine.link.journal`'s, written down here once more, because a simulated
-# printer imports nothing of its host: ``<crc32 of the JSON, 8 hex digits> <JSON>`` a line, records
+# The format is `printctl.machine.records.journal`'s, once more, because a simulated printer imports
+# nothing of its host: ``<crc32 of the JSON, 8 hex digits> <JSON>`` a line, records
 # with ``t: insert``, ``after`` (commands of the job before, earlier inserts counted), ``lines`` and
 # perhaps ``flow``: what writes behind it pushes so many times what the file says.
 

@@ -15,8 +15,8 @@ from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.solids import write_stl
 from printctl.errors import UsageError
 from printctl.history import comparing
-from printctl.machine.link.journal import encode
-from printctl.machine.link.record import JOURNAL
+from printctl.machine.records.journal import encode
+from printctl.machine.records.record import JOURNAL
 from printctl.pipeline.registration_work import read_design
 from printctl.run_folder.artefacts import JOURNAL_FOLDER, LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from printctl.machine.link.errors import Refused
+from printctl.machine.errors import Refused
 from printctl.observe.deciding import (
     Decider,
     Evidence,

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
-from printctl.machine.link.inserts import Insert
-from printctl.machine.link.job import parse_job
-from printctl.machine.link.marks import Marks
+from printctl.machine.job.inserts import Insert
+from printctl.machine.job.job import parse_job
+from printctl.machine.job.marks import Marks
 from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.devices import DeviceError
 from printctl.observe.expected import expected_ink

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from printctl.machine.link.errors import LinkError, NoLink, Refused
-from printctl.machine.link.states import LinkState, Status
+from printctl.machine.errors import LinkError, NoLink, Refused
+from printctl.machine.records.states import LinkState, Status
 from printctl.observe import process
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.deciding.evidence import Thin

@@ -18,10 +18,10 @@ import pytest
 import yaml
 
 from printctl.errors import UsageError
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.find_link import alive, has_ended
-from printctl.machine.link.process import hold_folder
-from printctl.machine.link.record import RECORD
+from printctl.machine.errors import LinkError
+from printctl.machine.process.find_link import alive, has_ended
+from printctl.machine.process.process import hold_folder
+from printctl.machine.records.record import RECORD
 from printctl.observe import starting, views
 from printctl.observe import views as camera_holds
 from printctl.observe.deciding import Limits
@@ -38,7 +38,7 @@ from tests.waiting import wait_for
 _OBSERVER = """
 import signal, sys
 from pathlib import Path
-from printctl.machine.link.process import hold_folder
+from printctl.machine.process.process import hold_folder
 from printctl.observe.__main__ import _leave
 from printctl.observe.devices import DeviceSettings, acquire
 from printctl.observe.records import OBSERVER_LOCK

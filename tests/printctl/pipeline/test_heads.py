@@ -23,7 +23,7 @@ from design.tissue.shapes import annulus, block
 from design.tissue.surface import tissue_from_surface
 from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, SafetyError, UsageError
-from printctl.machine.link.marks import MarkKind
+from printctl.machine.job.marks import MarkKind
 from printctl.observe.records import ORDER
 from printctl.pipeline import observing
 from printctl.pipeline.heads import layer_lines_um, vessel_heads

@@ -23,8 +23,8 @@ import pytest
 
 from printctl.cli import serve as cli_serve
 from printctl.errors import UsageError
-from printctl.machine.link import LinkError
-from printctl.machine.station import attach
+from printctl.machine.errors import LinkError
+from printctl.machine.process.station_client import attach
 from printctl.web.listening import bind
 from printctl.web.serve import Running, check
 from printctl.web.settings import ServeSettings, is_loopback

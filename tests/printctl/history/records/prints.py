@@ -7,10 +7,10 @@ import json
 from pathlib import Path
 
 from firmware_profiles import Printer, load
-from printctl.machine.link.history import PrintHistory
-from printctl.machine.link.history_entry import PrintEntry
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.origin import origin
+from printctl.machine.records.history import PrintHistory
+from printctl.machine.records.history_entry import PrintEntry
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.origin import origin
 
 GCODE = b"G21\nG90\nG1 X1 ; a comment\n"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from firmware_profiles import Printer, load
-from printctl.machine.link.job import Job
+from printctl.machine.job.job import Job
 from tests.printctl.machine.link.fake_marlin import FakeMarlin
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import Script

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.ports import PortPrograms
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.port_list import PortPrograms
 
 
 class FakeMarlin:

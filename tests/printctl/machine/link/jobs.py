@@ -8,9 +8,9 @@ from typing import Final
 import yaml
 
 from firmware_profiles import Printer, load
-from printctl.machine.link import job
-from printctl.machine.link.job import Job
-from printctl.machine.link.journal import Journal
+from printctl.machine.job import job
+from printctl.machine.job.job import Job
+from printctl.machine.records.journal import Journal
 
 MARLIN: Final = load(Printer, "generic_marlin")
 KLIPPER: Final = load(Printer, "klipper_bioprinter")
@@ -18,7 +18,7 @@ _NAMES: Final = (b"SET_", b"ACTIVATE_")
 
 
 def parse_job(data: bytes, name: str, printer: Printer | None = None) -> Job:
-    """`printctl.machine.link.job.parse_job`."""
+    """`printctl.machine.job.job.parse_job`."""
     named = any(line.startswith(_NAMES) for line in data.upper().splitlines())
     return job.parse_job(data, name, printer or (KLIPPER if named else MARLIN))
 
@@ -29,7 +29,7 @@ def with_codes(printer: Printer, *codes: str) -> Printer:
 
 
 def load_job(path: Path, printer: Printer = MARLIN) -> Job:
-    """`printctl.machine.link.job.load_job`."""
+    """`printctl.machine.job.job.load_job`."""
     return (
         parse_job(path.read_bytes(), path.name, printer)
         if path.is_file()

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer
-from printctl.machine.link.care import Care
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.job import Job
-from printctl.machine.link.journalled_print import JournalledPrint
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.transport import Transport
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.job.care import Care
+from printctl.machine.job.job import Job
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.transport import Transport
+from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.machine.link.fake_marlin import FakeMarlin
 from tests.printctl.machine.link.sim_transport import SimTransport

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer
-from printctl.machine.link.care import Care
-from printctl.machine.link.inserts import Insert
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.look_book import LookDecision
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
+from printctl.machine.control.look_book import LookDecision
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.job.care import Care
+from printctl.machine.job.inserts import Insert
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.states import LinkState, Status
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import layered

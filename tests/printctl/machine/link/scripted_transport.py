@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.ports import PortPrograms
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.port_list import PortPrograms
 
 
 class ScriptedTransport:

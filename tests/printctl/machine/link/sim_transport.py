@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from printctl.machine.link.clock import VirtualClock
+from printctl.machine.ports.clock import VirtualClock
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import PermanentFaults
 from tests.printctl.machine.link.fake_marlin import slips_through

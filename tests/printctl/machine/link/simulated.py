@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.machine.link.care import Care
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.job import Job
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.transport import Transport
-from printctl.machine.link.wiring import Wiring
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.job.care import Care
+from printctl.machine.job.job import Job
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.transport import Transport
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import parse_fault
 from sim.gcode.dry_run.run import dry_run

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import PortLost
-from printctl.machine.link.ports import PortPrograms
+from printctl.machine.errors import PortLost
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.port_list import PortPrograms
 from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.faults import FaultyCable, Pace, PermanentFaults
 
@@ -20,7 +20,7 @@ class HostDiedError(BaseException):
 
 
 class SimulatedTransport:
-    """See the module, and `printctl.machine.link.transport.Transport`.
+    """See the module, and `printctl.machine.ports.transport.Transport`.
 
     Parameters
     ----------

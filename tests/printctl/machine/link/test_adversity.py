@@ -13,19 +13,19 @@ from pydantic import ValidationError
 from firmware_profiles import Printer, WatchedGauge, load
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.cli.running_print import waiting_lines
-from printctl.machine.link import kill
-from printctl.machine.link.care import Care, NewSyringe
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import PortLost, Refused
-from printctl.machine.link.journal import Journal, encode, read_records
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.record import JOURNAL
-from printctl.machine.link.resuming import resumable
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.transport_serial import SerialTransport
+from printctl.machine.control import kill
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.errors import PortLost, Refused
+from printctl.machine.job.care import Care, NewSyringe
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.serial_port import SerialTransport
+from printctl.machine.process.resuming import resumable
+from printctl.machine.records.journal import Journal, encode, read_records
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import FaultFile, load_faults
 from sim.devices.faults import Gauge as SimGauge

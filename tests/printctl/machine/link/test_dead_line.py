@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.machine.link import resume_print, start_print
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import PortLost
-from printctl.machine.link.families import protocol_for
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.transport_serial import SerialTransport
+from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.errors import PortLost
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.serial_port import SerialTransport
+from printctl.machine.process.client import resume_print, start_print
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.board.controller import FaultPlan
 from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter

@@ -13,12 +13,12 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import MAX_REFUSALS, Halting
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.recovering import plan_recovery
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState
-from printctl.machine.link.streamer import Streamer
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.prints.recovering import plan_recovery
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import zigzag
 from tests.printctl.machine.link.jobs import parse_job, with_codes

@@ -13,12 +13,12 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import StrayOk
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.families import protocol_for
-from printctl.machine.link.journalled_print import JournalledPrint, read_journal
-from printctl.machine.link.ports import PortPrograms
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
+from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.port_list import PortPrograms
+from printctl.machine.records.journalled_print import JournalledPrint, read_journal
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer

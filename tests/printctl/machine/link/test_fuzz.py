@@ -18,9 +18,9 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.facts import crc16
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.families import protocol_for
-from printctl.machine.link.streamer import Streamer
+from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.ports.clock import VirtualClock
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, zigzag
 from tests.printctl.machine.link.jobs import close_all, parse_job

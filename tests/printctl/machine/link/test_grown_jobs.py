@@ -7,26 +7,26 @@ from dataclasses import replace
 import pytest
 
 from printctl.cli.running_print import waiting_lines
-from printctl.machine.link.errors import Refused
-from printctl.machine.link.find_link import read_outcome
-from printctl.machine.link.flow_check import check_factor, check_flow
-from printctl.machine.link.insert_check import InsertPlace, judged_lines
-from printctl.machine.link.inserts import Insert
-from printctl.machine.link.job_frame import frame_at
-from printctl.machine.link.job_reach import JobReach
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.journalled_print import JournalledPrint, read_journal
-from printctl.machine.link.look_book import LookDecision
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.modal import Modal
-from printctl.machine.link.record import JOURNAL, LinkRecord
-from printctl.machine.link.recovering import plan_recovery
-from printctl.machine.link.reloading import plunger_travel
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.print_state.actions import possible_actions
-from printctl.machine.printing.inserted_ink import filling_in_file, inserted_ink
-from printctl.machine.printing.progress import Filling
+from printctl.machine.control.look_book import LookDecision
+from printctl.machine.errors import Refused
+from printctl.machine.job.flow_check import check_factor, check_flow
+from printctl.machine.job.frame import frame_at
+from printctl.machine.job.insert_check import InsertPlace, judged_lines
+from printctl.machine.job.inserts import Insert
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.modal import Modal
+from printctl.machine.job.reach import JobReach
+from printctl.machine.job.reloading import plunger_travel
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.prints.actions import possible_actions
+from printctl.machine.prints.inserted_ink import filling_in_file, inserted_ink
+from printctl.machine.prints.progress import Filling
+from printctl.machine.prints.recovering import plan_recovery
+from printctl.machine.process.find_link import read_outcome
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.journalled_print import JournalledPrint, read_journal
+from printctl.machine.records.record import JOURNAL, LinkRecord
+from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.looking import Observer, layered, observed, patch
 from tests.printctl.machine.link.simulated import PRINTER, wire

@@ -14,20 +14,20 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.machine.link import modal
-from printctl.machine.link.care import NewSyringe
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.families import protocol_for
-from printctl.machine.link.halting import halting_of
-from printctl.machine.link.job import Job
-from printctl.machine.link.kill import Kill
-from printctl.machine.link.modal import Modal
-from printctl.machine.link.motor_run_on import MotorRunOn
-from printctl.machine.link.planned_moves import planned_moves
-from printctl.machine.link.progress import JobProgress
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
+from printctl.machine.control.halting import halting_of
+from printctl.machine.control.kill import Kill
+from printctl.machine.control.progress import JobProgress
+from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.job import modal
+from printctl.machine.job.care import NewSyringe
+from printctl.machine.job.job import Job
+from printctl.machine.job.modal import Modal
+from printctl.machine.job.motor_run_on import MotorRunOn
+from printctl.machine.job.planned_moves import planned_moves
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.gcode.motion.executed import ExecutedMotion

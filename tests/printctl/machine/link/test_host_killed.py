@@ -12,22 +12,22 @@ import numpy as np
 import pytest
 
 from printctl.cli.running_print import status_lines
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.completed_moves import moves_ahead, surely_moved
-from printctl.machine.link.errors import Refused
-from printctl.machine.link.find_link import read_outcome
-from printctl.machine.link.history_entry import entry_of
-from printctl.machine.link.job import Job
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.record import JOURNAL, RECORD, LinkRecord, save_private
-from printctl.machine.link.recovering import plan_recovery
-from printctl.machine.link.recovery_begin import NoCheckpoint
-from printctl.machine.link.resuming import resumable
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.print_state.state import assemble_state
-from printctl.machine.printing.journal_facts import JournalledFacts
+from printctl.machine.errors import Refused
+from printctl.machine.job.completed_moves import moves_ahead, surely_moved
+from printctl.machine.job.job import Job
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.prints.journal_facts import JournalledFacts
+from printctl.machine.prints.recovering import plan_recovery
+from printctl.machine.prints.recovery_begin import NoCheckpoint
+from printctl.machine.prints.state import assemble_state
+from printctl.machine.process.find_link import read_outcome
+from printctl.machine.process.resuming import resumable
+from printctl.machine.records.history_entry import entry_of
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.record import JOURNAL, RECORD, LinkRecord, save_private
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.cli.shell import Shell
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer

@@ -17,16 +17,16 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families.position_reply import parse_position
 from printctl.checks.preflight.firmware import firmware_checks
-from printctl.machine.link.care import Care
-from printctl.machine.link.completed_moves import CompletedMoves
-from printctl.machine.link.errors import JobError, LinkError, Refused
-from printctl.machine.link.job_start import declared_start
-from printctl.machine.link.look_places import Written, look_places
-from printctl.machine.link.marks import Mark, MarkKind, Marks
-from printctl.machine.link.modal import Modal, ModalTrail, disagreement, modal_state, relieved_mm
-from printctl.machine.link.retreat import Retreat, heaters_off
-from printctl.machine.link.watch import DueTask, Watch
-from printctl.machine.printing import Order, find_or_start
+from printctl.machine.control.watch import DueTask, Watch
+from printctl.machine.errors import JobError, LinkError, Refused
+from printctl.machine.job.care import Care
+from printctl.machine.job.completed_moves import CompletedMoves
+from printctl.machine.job.look_places import Written, look_places
+from printctl.machine.job.marks import Mark, MarkKind, Marks
+from printctl.machine.job.modal import Modal, ModalTrail, disagreement, modal_state, relieved_mm
+from printctl.machine.job.retreat import Retreat, heaters_off
+from printctl.machine.job.start import declared_start
+from printctl.machine.process.find import Order, find_or_start
 from printctl.pipeline.stages import printing
 from printctl.recipe.making import FileScan, SimulatedScan
 from sim.gcode.dry_run.run import dry_run

@@ -20,21 +20,21 @@ from typer.testing import CliRunner
 
 from firmware_profiles import Printer, load
 from printctl.cli.main import app
-from printctl.machine.link import start_print
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import HistoryError, JournalError, Refused
-from printctl.machine.link.history import PrintHistory, data_folder, remember
-from printctl.machine.link.history_entry import INTERRUPTED, entry_of
-from printctl.machine.link.history_query import HistoryQuery
-from printctl.machine.link.journal import RESERVE, Journal, decode, encode, read_records
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.origin import profile_digest
-from printctl.machine.link.print_notes import archive_journal, journal_of, notes_path, read_notes
-from printctl.machine.link.recovery_begin import beginning
-from printctl.machine.link.resuming import resumable
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wire_log import RING_BYTES, LoggedTransport, WireLog
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.errors import HistoryError, JournalError, Refused
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.wire_log import RING_BYTES, LoggedTransport, WireLog
+from printctl.machine.prints.recovery_begin import beginning
+from printctl.machine.process.client import start_print
+from printctl.machine.process.resuming import resumable
+from printctl.machine.records.history import PrintHistory, data_folder, remember
+from printctl.machine.records.history_entry import INTERRUPTED, entry_of
+from printctl.machine.records.history_query import HistoryQuery
+from printctl.machine.records.journal import RESERVE, Journal, decode, encode, read_records
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.origin import profile_digest
+from printctl.machine.records.print_notes import archive_journal, journal_of, notes_path, read_notes
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
@@ -399,7 +399,7 @@ def test_journal_with_damaged_lines_or_without_a_job_is_no_obstacle(data, tmp_pa
 def test_many_processes_may_write_at_once(data, tmp_path):
     code = (
         "import sys; from pathlib import Path\n"
-        "from printctl.machine.link.history import PrintHistory\n"
+        "from printctl.machine.records.history import PrintHistory\n"
         "for k in range(10): PrintHistory().note(Path(sys.argv[1]) / f'{sys.argv[2]}-{k}')\n"
     )
     for who in range(2):

@@ -16,28 +16,23 @@ from pathlib import Path
 import pytest
 
 from benchmarks.observe.faults import one_print
-from printctl.machine.link import (
-    LinkError,
-    LinkState,
-    PrintClient,
-    attach,
-    find_link,
-    resume_print,
-    start_print,
-)
-from printctl.machine.link.care import Care
-from printctl.machine.link.errors import (
+from printctl.machine.control.look_book import LookDecision
+from printctl.machine.errors import (
     AlreadyPrinting,
     HandshakeError,
     JobError,
+    LinkError,
     PortInUse,
     PortMissing,
     Refused,
 )
-from printctl.machine.link.find_link import alive
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.look_book import LookDecision
-from printctl.machine.link.marks import MarkKind
+from printctl.machine.job.care import Care
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.process import find_link
+from printctl.machine.process.client import PrintClient, attach, resume_print, start_print
+from printctl.machine.process.find_link import alive
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.looking import layered, patch, patch_at
@@ -186,7 +181,8 @@ def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path, profile):
 def test_print_goes_on_when_its_client_is_killed(tmp_path, profile):
     lines = write_job(tmp_path / "job.gcode", 2000)
     script = (
-        "import sys; from pathlib import Path; from printctl.machine.link import start_print\n"
+        "import sys; from pathlib import Path\n"
+        "from printctl.machine.process.client import start_print\n"
         f"start_print(Path({str(tmp_path / 'job.gcode')!r}), {profile!r}, sys.argv[1], "
         f"Path({str(tmp_path / 'run')!r}))\n"
         "print('up', flush=True)\n"

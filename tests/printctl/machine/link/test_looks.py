@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printctl.machine.link.care import Care, NewSyringe
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import Refused
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.look_book import LookDecision
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.states import LinkState
+from printctl.machine.control.look_book import LookDecision
+from printctl.machine.errors import Refused
+from printctl.machine.job.care import Care, NewSyringe
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.looking import (
     EVERY_LAYER,

@@ -19,17 +19,17 @@ from firmware_profiles import Syringe, load
 from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
-from printctl.machine.link.care import Care, NewSyringe
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.journal import read_records
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.reloading import plan_reloads, plunger_travel
-from printctl.machine.link.requests import Request
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
+from printctl.machine.control.requests import Request
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.errors import LinkError
+from printctl.machine.job.care import Care, NewSyringe
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.reloading import plan_reloads, plunger_travel
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.records.journal import read_records
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath

@@ -27,10 +27,10 @@ from firmware_profiles.families.marlin.replies import Kind, classify, frame
 from firmware_profiles.families.marlin.sender import guard_command
 from firmware_profiles.families.marlin.state import QUESTION, RENUMBER
 from firmware_profiles.families.pairing import Pairing
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.families import protocol_for
-from printctl.machine.link.journal import read_records
-from printctl.machine.link.states import LinkState
+from printctl.machine.control.protocols import protocol_for
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.records.journal import read_records
+from printctl.machine.records.states import LinkState
 from sim.devices.board.wire import Wire
 from sim.devices.families.marlin.numbering import EMERGENCY
 from sim.devices.families.marlin.printer import MarlinPrinter

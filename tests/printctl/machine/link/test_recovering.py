@@ -7,19 +7,19 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.checks.preflight import gcode_checks
-from printctl.machine.link.care import Care
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.completed_moves import moves_ahead, surely_moved
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.journalled_print import JournalledPrint, read_journal
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.modal import Modal
-from printctl.machine.link.recovering import Recovery, plan_recovery
-from printctl.machine.link.recovery_begin import NoCheckpoint
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.stop_place import StopPlace, find_stop_line
-from printctl.machine.link.streamer import Streamer
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.errors import LinkError
+from printctl.machine.job.care import Care
+from printctl.machine.job.completed_moves import moves_ahead, surely_moved
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.modal import Modal
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.job.stop_place import StopPlace, find_stop_line
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.prints.recovering import Recovery, plan_recovery
+from printctl.machine.prints.recovery_begin import NoCheckpoint
+from printctl.machine.records.journalled_print import JournalledPrint, read_journal
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import parse_fault
 from sim.gcode.dry_run.run import dry_run

@@ -16,13 +16,13 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.checks.gate import Bounds, Phase, PrinterSituation
-from printctl.machine.link.care import NewSyringe
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.gating import allowed_command, judge_typed
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.server import Server, forget, listen
-from printctl.machine.link.socket_clients import MOST_GUESTS
-from printctl.machine.link.states import LinkState, Status
+from printctl.machine.control.gating import allowed_command, judge_typed
+from printctl.machine.errors import LinkError
+from printctl.machine.job.care import NewSyringe
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.process.server import Server, forget, listen
+from printctl.machine.process.socket_clients import MOST_GUESTS
+from printctl.machine.records.states import LinkState, Status
 
 
 class Spy:

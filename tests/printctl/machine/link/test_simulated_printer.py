@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.history_entry import entry_of
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.print_parts import EVERY_S
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.slips import SOONEST_LINES
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.printing.journal_facts import read_journal_facts
+from printctl.machine.control.print_parts import EVERY_S
+from printctl.machine.control.slips import SOONEST_LINES
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.prints.journal_facts import read_journal_facts
+from printctl.machine.records.history_entry import entry_of
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import Fault, PermanentFaults
 from sim.gcode.motion.hardware import Board

@@ -10,13 +10,13 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import LinkProtocol
 from printctl.checks.gate.firmware import differences, reported_settings
-from printctl.machine.link.care import Care
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import HandshakeError
-from printctl.machine.link.families import protocol_for
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.start_checks import REST_LIMIT_S
-from printctl.machine.link.states import LinkState, Status
+from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.start_checks import REST_LIMIT_S
+from printctl.machine.errors import HandshakeError
+from printctl.machine.job.care import Care
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.states import LinkState, Status
 from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter

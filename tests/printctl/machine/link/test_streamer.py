@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from firmware_profiles.families.link_protocol import MAX_REFUSALS
-from printctl.machine.link import kill
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import PortLost, Refused
-from printctl.machine.link.job import Job
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.link.streamer import Streamer
+from printctl.machine.control import kill
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.errors import PortLost, Refused
+from printctl.machine.job.job import Job
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import Following, Script, layered, played

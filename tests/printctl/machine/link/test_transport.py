@@ -21,9 +21,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.state import QUESTION
 from printctl.cli import station as ports_command
 from printctl.cli.main import app
-from printctl.machine.link import LinkState, port_detection, start_print, transport_serial
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import (
+from printctl.machine.errors import (
     HandshakeError,
     PortDenied,
     PortError,
@@ -31,10 +29,15 @@ from printctl.machine.link.errors import (
     PortLost,
     PortMissing,
 )
-from printctl.machine.link.port_detection import AUTO, choose_port, matches, rates_to_try, sweep
-from printctl.machine.link.ports import PortInfo
-from printctl.machine.link.transport import open_port
-from printctl.machine.link.transport_serial import SerialTransport, _refusal
+from printctl.machine.ports import port_detection
+from printctl.machine.ports import serial_port as transport_serial
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.port_detection import AUTO, choose_port, matches, rates_to_try, sweep
+from printctl.machine.ports.port_list import PortInfo
+from printctl.machine.ports.serial_port import SerialTransport, _refusal
+from printctl.machine.ports.transport import open_port
+from printctl.machine.process.client import start_print
+from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, write_job
 
@@ -182,7 +185,7 @@ def test_other_users_programs_are_kept_out_until_the_port_is_closed(pty):
 
 HOLDER = """
 import os, signal, sys
-from printctl.machine.link.transport_serial import SerialTransport
+from printctl.machine.ports.serial_port import SerialTransport
 if os.geteuid() == 0:
     os.setuid(65534)
 wire = SerialTransport(sys.argv[1], 115_200)

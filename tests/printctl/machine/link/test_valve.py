@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from firmware_profiles.families.marlin.sender import guard_command
-from printctl.machine.link.care import Care, NewSyringe
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.heads import head_at
-from printctl.machine.link.journalled_print import JournalledPrint, read_journal
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.recovering import plan_recovery
-from printctl.machine.link.reloading import plan_head_reloads, plunger_travel
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.valve import is_open
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.job.care import Care, NewSyringe
+from printctl.machine.job.heads import head_at
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.reloading import plan_head_reloads, plunger_travel
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.job.valve import is_open
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.prints.recovering import plan_recovery
+from printctl.machine.records.journalled_print import JournalledPrint, read_journal
+from printctl.machine.records.states import LinkState
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.airy import AIR, CLOSES, OPENS, START, Airy, airy, laid_by

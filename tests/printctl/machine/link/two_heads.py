@@ -10,7 +10,7 @@ import numpy as np
 from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from design.toolpath.moves import MoveBuilder
 from firmware_profiles import Printer, Syringe, load
-from printctl.machine.link.clock import VirtualClock
+from printctl.machine.ports.clock import VirtualClock
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.print_state.alerts import alert_of
-from printctl.machine.print_state.state import assemble_state
-from printctl.machine.printing.journal_facts import JournalledFacts, read_journal_facts
-from printctl.machine.printing.print_words import tip_words
-from printctl.machine.printing.progress import Progress
+from printctl.machine.prints.alerts import alert_of
+from printctl.machine.prints.journal_facts import JournalledFacts, read_journal_facts
+from printctl.machine.prints.print_words import tip_words
+from printctl.machine.prints.progress import Progress
+from printctl.machine.prints.state import assemble_state
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.states import LinkState, Status
 
 CODES = re.compile(r"\b[MG]\d{2,3}\b|`|X\d")
 PROGRESS = Progress(

@@ -20,30 +20,24 @@ from rich.console import Console
 from firmware_profiles import Printer, Syringe, load
 from printctl.checks.preflight import Check, gcode_checks, refuse_failed, syringe_checks
 from printctl.errors import PrintctlError, SafetyError
-from printctl.machine.link.care import Care
-from printctl.machine.link.errors import PortMissing, Refused
-from printctl.machine.link.find_link import alive
-from printctl.machine.link.job import Job
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.locking import lock
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.process import hold_folder
-from printctl.machine.link.record import JOURNAL, LinkRecord, load_record
-from printctl.machine.link.resuming import resumable
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState, PrintOutcome, Status
-from printctl.machine.link.syringe_change import CHANGE
-from printctl.machine.print_state.state import PrintTruth, read_print
-from printctl.machine.printing import (
-    Order,
-    capacity_mm,
-    find_or_start,
-    running,
-    usable_mm,
-    with_reloads,
-)
-from printctl.machine.printing.recovery import planned, write_rest
-from printctl.machine.printing.watch import follow
+from printctl.machine.control.syringe_change import CHANGE
+from printctl.machine.errors import PortMissing, Refused
+from printctl.machine.job.care import Care
+from printctl.machine.job.job import Job
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.job.syringes import capacity_mm, usable_mm, with_reloads
+from printctl.machine.ports.locking import lock
+from printctl.machine.prints.follow import follow
+from printctl.machine.prints.recovery_file import planned, write_rest
+from printctl.machine.prints.state import PrintTruth, read_print
+from printctl.machine.process.find import Order, find_or_start, running
+from printctl.machine.process.find_link import alive
+from printctl.machine.process.process import hold_folder
+from printctl.machine.process.resuming import resumable
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.records.states import LinkState, PrintOutcome, Status
 from printctl.observe.continue_print import continue_print
 from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, LookRecord, save_look
 from printctl.observe.starting import ObserverError

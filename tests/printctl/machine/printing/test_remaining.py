@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from printctl.machine.printing.journal_facts import read_so_far
-from printctl.machine.printing.remaining import Remaining
+from printctl.machine.prints.journal_facts import read_so_far
+from printctl.machine.prints.remaining import Remaining
 
 
 def test_the_error_told_covers_19_of_20_prints():

@@ -11,9 +11,9 @@ import yaml
 
 from firmware_profiles import Axes, Printer, Span, load
 from firmware_profiles.families import find_family
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import PortInUse
-from printctl.machine.link.transport import open_port
+from printctl.machine.errors import PortInUse
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.transport import open_port
 from printctl.machine.probing import (
     Settings,
     compare,

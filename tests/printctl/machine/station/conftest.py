@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from printctl.machine.station import Station, connect
+from printctl.machine.process.station_client import Station, connect
 
 
 @pytest.fixture(scope="module")

@@ -13,16 +13,16 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import LineRefused
 from printctl.checks.gate import Bounds, NotAllowed, PrinterSituation, check_heat
 from printctl.checks.gate.firmware import differences
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import AlreadyPrinting, HandshakeError, Refused
-from printctl.machine.link.states import LinkState, PrintEnded
-from printctl.machine.link.temperatures import Temperature
-from printctl.machine.station import StationState, attach, connect
-from printctl.machine.station.idle_commands import IdleCommands
-from printctl.machine.station.known_state import Knowledge, heat_limits
-from printctl.machine.station.mounted_profiles import read_mounted_profiles
-from printctl.machine.station.standby_events import StandbyEvents
-from printctl.machine.station.status import MountedParts, StationStatus
+from printctl.machine.control.idle_commands import IdleCommands
+from printctl.machine.control.known_state import Knowledge, heat_limits
+from printctl.machine.control.mounted_profiles import read_mounted_profiles
+from printctl.machine.control.standby_events import StandbyEvents
+from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
+from printctl.machine.errors import AlreadyPrinting, HandshakeError, Refused
+from printctl.machine.job.temperatures import Temperature
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.process.station_client import attach, connect
+from printctl.machine.records.states import LinkState, PrintEnded
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.motion.hardware import Board
 from tests.printctl.cli.shell import Shell
@@ -168,7 +168,7 @@ def test_every_listener_hears_and_a_dead_one_doesnt_matter(at_rest):
 
 
 def test_second_station_in_the_folder_is_refused(at_rest, monkeypatch):
-    monkeypatch.setattr("printctl.machine.link.find_link._ENDING_S", 0.1)
+    monkeypatch.setattr("printctl.machine.process.find_link._ENDING_S", 0.1)
     with pytest.raises(AlreadyPrinting, match="at 0 times real time, not 30; attach"):
         connect("generic_marlin", "simulated", at_rest.folder, sim_speed=30)
 

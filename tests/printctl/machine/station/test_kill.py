@@ -13,13 +13,14 @@ from typing import Any
 
 import pytest
 
-from printctl.machine.link import LinkState
-from printctl.machine.link.detached_process import spawn
-from printctl.machine.link.errors import NoLink, Refused
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.printing.find import Order
-from printctl.machine.station import Station, StationState, attach, connect
-from printctl.machine.station.record import load_station
+from printctl.machine.control.station_status import StationState
+from printctl.machine.errors import NoLink, Refused
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.process.detached_process import spawn
+from printctl.machine.process.find import Order
+from printctl.machine.process.station_client import Station, attach, connect
+from printctl.machine.process.station_record import load_station
+from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.waiting import wait_for
 
@@ -175,7 +176,13 @@ def test_killed_while_it_connects_to_a_printer_that_says_nothing(folder, profile
     master, slave = os.openpty()
     try:
         folder.mkdir()
-        command = [sys.executable, "-m", "printctl.machine.station", "--printer", profile]
+        command = [
+            sys.executable,
+            "-m",
+            "printctl.machine.process.station_main",
+            "--printer",
+            profile,
+        ]
         spawn([*command, "--detach", "--port", os.ttyname(slave), "--folder", str(folder)])
         heard, limit = b"", time.monotonic() + 30
         while b"N" not in heard and time.monotonic() < limit:  # it speaks, so it can be reached

@@ -12,17 +12,23 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.machine.link import LinkState
-from printctl.machine.link.client import attach as attach_print
-from printctl.machine.link.errors import JobError, LinkError, NoLink, Refused
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.printing.executed_note import is_complete_record
-from printctl.machine.printing.find import Order, find_or_start
-from printctl.machine.station import Station, StationState, StationStatus, attach, process
-from printctl.machine.station.process import Opening, serve_station
-from printctl.machine.station.record import JOURNAL, StationRecord, load_station
-from printctl.machine.station.status import NO_PRINTER, MountedParts
+from printctl.machine.control.station_status import (
+    NO_PRINTER,
+    MountedParts,
+    StationState,
+    StationStatus,
+)
+from printctl.machine.errors import JobError, LinkError, NoLink, Refused
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.process import station_process as process
+from printctl.machine.process.client import attach as attach_print
+from printctl.machine.process.executed_note import is_complete_record
+from printctl.machine.process.find import Order, find_or_start
+from printctl.machine.process.station_client import Station, attach
+from printctl.machine.process.station_process import Opening, serve_station
+from printctl.machine.process.station_record import JOURNAL, StationRecord, load_station
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.states import LinkState
 
 
 def _left_printing(folder: Path, *states: str) -> None:

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
-from printctl.machine.link.job import parse_job
+from printctl.machine.job.job import parse_job
 from printctl.observe.mending import HeldPrint
 
 PRINTER = load(Printer, "generic_marlin")

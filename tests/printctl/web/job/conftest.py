@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from printctl.machine.link.errors import Refused
-from printctl.machine.station import Station, connect
+from printctl.machine.errors import Refused
+from printctl.machine.process.station_client import Station, connect
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.job.aftercare import checklist

@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 from playwright.sync_api import expect
 
-from printctl.machine.station import Station, connect
-from printctl.machine.station.record import load_station
+from printctl.machine.process.station_client import Station, connect
+from printctl.machine.process.station_record import load_station
 from printctl.web.core import Core
 from printctl.web.job.service import JobService
 from printctl.web.workspace import Workspace

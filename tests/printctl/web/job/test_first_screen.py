@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from printctl.machine.station import connect
-from printctl.machine.station.record import load_station
+from printctl.machine.process.station_client import connect
+from printctl.machine.process.station_record import load_station
 from printctl.web.core import Core
 from printctl.web.job.service import JobService
 from printctl.web.settings import ServeSettings

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from firmware_profiles.load import DATA
-from printctl.machine.link.states import LinkState, Status
-from printctl.machine.printing.journal_facts import JournalledFacts
-from printctl.machine.station import connect
+from printctl.machine.prints.journal_facts import JournalledFacts
+from printctl.machine.process.station_client import connect
+from printctl.machine.records.states import LinkState, Status
 from printctl.web.job.prints import PrintFollower, PrintReport
 from printctl.web.job.service import JobService
 from tests.printctl.machine.link.layered import layered

@@ -21,19 +21,18 @@ from typer.testing import CliRunner
 
 from printctl.cli.main import app
 from printctl.errors import SafetyError
-from printctl.machine.link import LinkState
-from printctl.machine.link.errors import Refused
-from printctl.machine.link.history import PrintHistory
-from printctl.machine.link.history_query import HistoryQuery
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.journalled_print import read_journal
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.print_notes import read_notes
-from printctl.machine.link.record import JOURNAL, LinkRecord, load_record
-from printctl.machine.link.states import Status
-from printctl.machine.print_state.actions import PrintAction
-from printctl.machine.station import Station, connect
-from printctl.machine.station.record import load_station
+from printctl.machine.errors import Refused
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.prints.actions import PrintAction
+from printctl.machine.process.station_client import Station, connect
+from printctl.machine.process.station_record import load_station
+from printctl.machine.records.history import PrintHistory
+from printctl.machine.records.history_query import HistoryQuery
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.print_notes import read_notes
+from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.records.states import LinkState, Status
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.order import ObserverOrder

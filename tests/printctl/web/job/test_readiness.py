@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from printctl.errors import SafetyError
-from printctl.machine.link.client import PrintClient
-from printctl.machine.printing import Order
+from printctl.machine.process.client import PrintClient
+from printctl.machine.process.find import Order
 from printctl.web.core import Core
 from printctl.web.job.aftercare import checklist
 from printctl.web.job.machine import Machine, StationPrinting

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
 
-from printctl.machine.link.errors import LinkError
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.printing.find import Order
-from printctl.machine.station import attach
+from printctl.machine.errors import LinkError
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.process.find import Order
+from printctl.machine.process.station_client import attach
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import WIDE
 

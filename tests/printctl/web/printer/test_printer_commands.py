@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
-from printctl.machine.station import StationState, StationStatus, attach, client, connect
+from printctl.machine.control.station_status import StationState, StationStatus
+from printctl.machine.process import station_client as client
+from printctl.machine.process.station_client import attach, connect
 from printctl.web.printer import following
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.service import PrinterService

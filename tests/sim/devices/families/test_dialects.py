@@ -8,11 +8,11 @@ from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import FileController, Plunger, Printer, Syringe, load
 from firmware_profiles.families.ack_protocol import Sort
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.states import LinkState
-from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.wiring import Wiring
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.states import LinkState
 from sim.devices.families.registry import simulated_printer
 from sim.devices.families.reprapfirmware.printer import crc16
 from sim.errors import GcodeError

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.journal import Journal
-from printctl.machine.link.retreat import Retreat
-from printctl.machine.link.states import LinkState
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.states import LinkState
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.serving.job_lines import JobLines
 from sim.gcode.deposit.pneumatic import pneumatic_deposit

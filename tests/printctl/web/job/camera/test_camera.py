@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from printctl.machine.link import LinkState
-from printctl.machine.printing.films import film_file, frames_folder
+from printctl.machine.prints.films import film_file, frames_folder
+from printctl.machine.records.states import LinkState
 from printctl.web.core import Core
 from printctl.web.job.camera import timelapse
 from printctl.web.job.camera.camera import CameraProcess, CameraState

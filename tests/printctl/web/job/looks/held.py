@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from printctl.machine.link import LinkState, start_print
-from printctl.machine.link.care import Care
-from printctl.machine.link.client import PrintClient
-from printctl.machine.link.look_book import LookDecision
-from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.process import hold_folder
+from printctl.machine.control.look_book import LookDecision
+from printctl.machine.job.care import Care
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.process.client import PrintClient, start_print
+from printctl.machine.process.process import hold_folder
+from printctl.machine.records.states import LinkState
 from printctl.observe.records import OBSERVER_LOCK, LookRecord, look_folder, save_look
 from printctl.web.workspace import Workspace
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer

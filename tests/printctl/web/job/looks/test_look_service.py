@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from printctl.machine.link.look_book import LookDecision
+from printctl.machine.control.look_book import LookDecision
 from printctl.observe.records import answer_of, look_folder, save_look
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.job.looks import AnswerRequest, LookReport

@@ -1,0 +1,228 @@
+"""Communication channel to one printer: send commands, match replies, pass on its events.
+
+Everything here runs in one thread, the one that owns the port. Other threads leave requests
+(`printctl.machine.control.requests`), or halt the firmware (`printctl.machine.control.kill`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
+
+from firmware_profiles.families import link_protocol as said
+from printctl.machine.control.kill import Kill
+from printctl.machine.control.logbook import Logbook
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.families import link_facts
+
+POLL_S: Final = 0.04
+"""Longest wait for the printer before requests are looked at."""
+_LAST_BYTES: Final = 80
+
+
+class EventHandler(Protocol):
+    """What becomes of a printer's events; `Replied` and `Synchronised` are the channel's own."""
+
+    def handle(self, event: said.Event) -> None:
+        """Take notice of an event; raise `PrintEnded` or `LinkError` where it ends all."""
+        ...
+
+    def step_made(self) -> None:
+        """Take notice that a step of a wait is over."""
+        ...
+
+    def between_commands(self) -> None:
+        """Take notice that a command is about to be sent, or was answered; raise to end there."""
+        ...
+
+
+class PrinterReplies:
+    """What was heard of a printer.
+
+    Attributes
+    ----------
+    count : int
+        Bytes.
+    last : str
+        The last words, for a message.
+    booted : bool
+        Whether its firmware has said that it starts.
+    heard_s : float, s
+        When the last of them came; of a job's lines, too.
+    """
+
+    def __init__(self) -> None:
+        self.count, self.booted, self._last, self.heard_s = 0, False, b"", math.inf
+
+    def add(self, data: bytes, now: float) -> None:
+        """Count what came by ``now``, s."""
+        self.heard_s = now
+        self.count += len(data)
+        self._last = (self._last + data)[-_LAST_BYTES:]
+
+    @property
+    def last(self) -> str:
+        """See the class."""
+        lines = self._last.split()
+        return b" ".join(lines).decode("ascii", "backslashreplace")
+
+    def boot(self) -> None:
+        """Take notice that the firmware starts."""
+        self.booted = True
+
+
+class Channel:
+    """Communication with one printer.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    logbook : Logbook
+    kill : Kill
+    handler : EventHandler
+    heard : PrinterReplies
+
+    Attributes
+    ----------
+    on_step : callable or None
+        Called in each step of a wait; may raise to end it.
+    troubles : int
+        Events so far beside answers: what came garbled, late or not at all.
+    """
+
+    def __init__(
+        self,
+        wiring: Wiring,
+        logbook: Logbook,
+        kill: Kill,
+        handler: EventHandler,
+        heard: PrinterReplies,
+    ) -> None:
+        self.wiring, self.logbook, self.kill, self.heard = wiring, logbook, kill, heard
+        self._handler = handler
+        self.on_step: Callable[[], None] | None = None
+        self.troubles = 0
+        self._awaited = -1
+        self._replies: list[said.CommandReplied] = []
+        self._in_step: list[int] = []
+
+    # --- one step --------------------------------------------------------------------------------
+
+    def pump(self, until: float | None = None) -> None:
+        """Write what is due, hear what comes, for at most `POLL_S`."""
+        wiring, protocol = self.wiring, self.wiring.protocol
+        if self.kill.asked.is_set():
+            self.await_halt()
+        output = protocol.take_output()
+        if output:
+            wiring.transport.write(output)
+        now = wiring.clock.now()
+        due = protocol.deadline if until is None else min(protocol.deadline, until)
+        data = wiring.transport.read(min(POLL_S, max(0.0, due - now)))
+        now = wiring.clock.now()
+        if data:
+            self.heard.add(data, now)
+            self.handle(protocol.feed(data, now))
+        if now >= protocol.deadline:
+            self.handle(protocol.tick(now))
+        if now >= self.logbook.next_note:
+            self.logbook.note(now)
+        self._handler.step_made()
+        if self.on_step is not None:
+            self.on_step()
+
+    def look_around(self) -> None:
+        """Have what goes on beside the protocol noticed, where a loop reads by itself."""
+        self._handler.step_made()
+
+    def settle(self) -> None:
+        """Send no further job line; wait until what is in flight is taken."""
+        protocol = self.wiring.protocol
+        protocol.held = True
+        while not protocol.idle:
+            self.pump()
+
+    def await_halt(self) -> None:
+        """Another thread has halted the firmware: wait for the printer to say so."""
+        self.kill.await_halt(self._hear)
+
+    def _hear(self) -> None:
+        if self.kill.halted_itself and (question := self.wiring.protocol.take_output()):
+            self.wiring.transport.write(question)  # why: nothing else is left
+        data = self.wiring.transport.read(POLL_S)
+        if data:
+            self.kill.heard()
+            self.handle(self.wiring.protocol.feed(data, self.wiring.clock.now()))
+
+    # --- commands and agreements -----------------------------------------------------------------
+
+    def command(self, text: bytes, journalled: bool = True) -> tuple[bytes, ...]:
+        """Send a control command with nothing in flight; return the printer's reply.
+
+        Behind M400 the printer has to confirm that it is idle: an ok alone may be another line's.
+        """
+        protocol = self.wiring.protocol
+        self._handler.between_commands()
+        self._replies.clear()
+        self._awaited = protocol.number + 1
+        if journalled:
+            self.logbook.record_control(self._awaited, text)
+        protocol.submit(text, self.wiring.clock.now())
+        while not self._replies:
+            self.pump()
+        if text == b"M400":
+            self.agree(protocol.confirm)
+            self._ask_board(journalled)
+            self.logbook.progress.stands_still()
+        self._handler.between_commands()
+        return self._replies[0].lines
+
+    def _ask_board(self, journalled: bool) -> None:
+        """Have the board itself say that it has come to rest, where M400 doesn't reach it."""
+        question = link_facts(self.wiring.printer).rest_question
+        if question:
+            before, replies = self.logbook.fault, list(self._replies)
+            self.command(question, journalled)
+            self._replies[:] = replies
+            if question.decode() in self.logbook.fault:  # a build without endstops doesn't know it
+                self.logbook.excuse(before)
+
+    def commands(self, texts: Sequence[bytes]) -> None:
+        """Send several, one after the other."""
+        for text in texts:
+            self.command(text)
+
+    def ask(self, text: bytes) -> tuple[bytes, ...]:
+        """Send a command that the journal isn't told of; return the printer's reply."""
+        return self.command(text, journalled=False)
+
+    def agree(self, begin: Callable[[float], None]) -> int:
+        """Renumber or ask (``begin``); return the printer's last line."""
+        self._in_step.clear()
+        begin(self.wiring.clock.now())
+        while not self._in_step:
+            self.pump()
+        return self._in_step[0]
+
+    # --- events ----------------------------------------------------------------------------------
+
+    def handle(self, events: Sequence[said.Event]) -> None:
+        """Take what is the channel's own; hand on the rest."""
+        for event in events:
+            if isinstance(event, said.CommandReplied):
+                if event.number == self._awaited:  # another's is of a command that was sent again
+                    self._replies.append(event)
+            elif isinstance(event, said.Synchronised):
+                self._in_step.append(event.number)
+            else:
+                self.troubles += not isinstance(event, said.TokenSent)
+                self._note_own(event)
+                self._handler.handle(event)
+
+    def _note_own(self, event: said.Event) -> None:
+        if isinstance(event, said.LinesResent) and event.controls:
+            # the newest is the one whose reply is waited for
+            self._awaited = event.first + len(event.controls) - 1
+        elif isinstance(event, (said.FirmwareStarted, said.FirmwareReset)):
+            self.heard.boot()

@@ -1,0 +1,301 @@
+"""Execute manual commands on an idle printer, within limits: move, home, heat, push, touch off.
+
+Each request takes the values that came over the socket and gives what is answered. What it refuses
+moves nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+from firmware_profiles.families import family_of
+from printctl.checks.gate import (
+    DEFAULT_MM_S,
+    LineAction,
+    LineOrigin,
+    NotAllowed,
+    PrinterSituation,
+    check_heat,
+    check_homing,
+    check_step,
+    judge,
+    speed_limit,
+)
+from printctl.checks.gate.firmware import LISTED, levelling_is_on, questions
+from printctl.machine.control.gating import allowed_command
+from printctl.machine.control.known_state import Knowledge
+from printctl.machine.control.standby import Standby
+from printctl.machine.control.station_status import Place
+from printctl.machine.errors import LinkError, Refused
+from printctl.machine.job.temperatures import target_command
+
+AXES: Final = "xyz"
+UNNAMED_UL_S: Final = 1.0
+"""Fastest push of an ink that nobody named."""
+MOTIONS: Final = frozenset({"jog", "move_to", "home", "plunger", "command"})
+"""Requests that move, or may."""
+_TINY: Final = 1e-9
+
+Answer = dict[str, Any]
+
+
+class IdleCommands:
+    """Grants requests one at a time, in the thread that speaks to the printer.
+
+    Parameters
+    ----------
+    standby : Standby
+    known : Knowledge
+    """
+
+    def __init__(self, standby: Standby, known: Knowledge) -> None:
+        self.standby, self.known = standby, known
+        self.requests: Mapping[str, Callable[[dict[str, Any]], Answer]] = {
+            "jog": self._jog,
+            "move_to": self._move_to,
+            "home": self._home,
+            "heat": self._heat,
+            "plunger": self._plunger,
+            "command": self._command,
+            "touch_off": self._touch_off,
+            "set_position": self._set_position,
+        }
+
+    # --- motion --------------------------------------------------------------------------------
+
+    def _jog(self, request: dict[str, Any]) -> Answer:
+        at = self._at()
+        by = {str(axis).lower(): _number(mm, f"{axis} mm") for axis, mm in request["by"].items()}
+        _only(by, AXES)
+        target = tuple(mm + by.get(axis, 0.0) for axis, mm in zip(AXES, at, strict=True))
+        return self._go((target[0], target[1], target[2]), request.get("speed_mm_s"))
+
+    def _move_to(self, request: dict[str, Any]) -> Answer:
+        at = self._at()
+        if not self.known.trusted:
+            raise Refused(
+                "the printer's count isn't known to be right, so no place can be gone to: home it "
+                "without needle, or tell where the tip is (set_position); small steps (jog) are "
+                "free"
+            )
+        given = {axis: request.get(axis) for axis in AXES}
+        target = tuple(
+            mm if given[axis] is None else _number(given[axis], axis)
+            for axis, mm in zip(AXES, at, strict=True)
+        )
+        return self._go((target[0], target[1], target[2]), request.get("speed_mm_s"))
+
+    def _go(self, target: Place, speed: float | None) -> Answer:
+        at, bounds = self._at(), self.known.bounds
+        if math.dist(at, target) < _TINY:
+            return {}
+        mm_s = min(DEFAULT_MM_S, speed_limit(bounds, at, target)[0])
+        mm_s = mm_s if speed is None else _number(speed, "speed_mm_s")
+        try:
+            check_step(self._known, at, target, mm_s)
+        except NotAllowed as exc:
+            raise Refused(str(exc)) from exc
+        whole = self.standby.travel(target, mm_s)
+        return {"message": "" if whole else "the move was ended before its goal"}
+
+    def _home(self, request: dict[str, Any]) -> Answer:
+        axes = [str(axis).lower() for axis in request["axes"]]
+        _only(axes, AXES)
+        try:
+            check_homing(replace(self._known, needle_off=bool(request.get("needle_off"))))
+        except NotAllowed as exc:
+            raise Refused(str(exc)) from exc
+        self.standby.do("G28 " + " ".join(axis.upper() for axis in axes), "M400")
+        message = self._level_off()
+        self.standby.look()
+        self.known.home(set(axes))
+        return {"message": message}
+
+    def _level_off(self) -> str:
+        """Switch bed levelling off that G28 has switched on; return what was done, or ''.
+
+        A Marlin that was built with ENABLE_LEVELING_AFTER_G28 does so, and a start is then refused.
+        Later it would change what the height of a tip is called that was touched off meanwhile.
+        """
+        printer = self._known.printer
+        if LISTED not in questions(printer):
+            return ""
+        if not levelling_is_on(self.standby.do(LISTED), printer):
+            return ""
+        self.standby.do("M420 S0")
+        return "homing switched bed levelling on; it was switched off again (M420 S0)"
+
+    def _plunger(self, request: dict[str, Any]) -> Answer:
+        ul = _number(request["ul"], "ul")
+        per_mm, most, why = self._push_limits()
+        speed = _number(request["ul_s"], "ul_s") if request.get("ul_s") is not None else most
+        if not 0 < speed <= most * (1 + _TINY):
+            raise Refused(f"{speed:g} µL/s isn't within 0 to {most:g} µL/s ({why})")
+        self._within_syringe(ul / per_mm, per_mm)
+        if ul > 0 and self.standby.trouble:
+            raise Refused(f"nothing is pushed while: {self.standby.trouble}; draw back instead")
+        before, asked = self.standby.plunger, ul / per_mm
+        try:
+            moved = self.standby.push(asked, speed / per_mm) if asked else 0.0
+        finally:
+            self._count_plunger(before)
+        whole = abs(moved) >= abs(asked) - _TINY
+        return {"message": "" if whole else "the plunger was stopped before its goal"}
+
+    def _count_plunger(self, before: float | None) -> None:
+        """Add what the printer says it has moved; where it doesn't say, nobody knows any more."""
+        after, used = self.standby.plunger, self.known.plunger_mm
+        if before is None or after is None or used is None:
+            self.known.plunger_mm = None
+        else:
+            self.known.plunger_mm = used + after - before
+
+    def _push_limits(self) -> tuple[float, float, str]:
+        """µL per mm, fastest flow in µL/s, and what limits that."""
+        printer, profiles = self.known.printer, self.known.profiles
+        if printer.pneumatic is not None:
+            raise Refused(f"{printer.name} has a valve and no plunger; only a print opens it")
+        if printer.heads:
+            raise Refused(
+                f"{printer.name} has several heads; a plunger of one can't be moved by hand from "
+                "here yet, only in a print's change of syringe"
+            )
+        per_mm = profiles.ul_per_mm
+        if per_mm is None:
+            raise Refused("nobody said which syringe is mounted; name it (mount) to move in µL")
+        machine = printer.max_speed_mm_s.e * per_mm, f"max_speed_mm_s.e of {printer.name}"
+        ink = profiles.ink
+        own = (
+            (ink.plunger_ul_s, f"plunger_ul_s of {ink.name}")
+            if ink
+            else (UNNAMED_UL_S, "no ink is named; name it (mount) if it bears more")
+        )
+        most, why = min(machine, own)
+        return per_mm, most, why
+
+    def _within_syringe(self, mm: float, per_mm: float) -> None:
+        used, left = self.known.plunger_mm, self.known.plunger_left_mm
+        if used is None or left is None:
+            raise Refused(
+                "nobody said how far the plunger has gone; say it (mount syringe, plunger_mm: 0 "
+                "for a full one)"
+            )
+        if mm > left + _TINY:
+            raise Refused(
+                f"{mm * per_mm:g} µL is more than the {left * per_mm:.2f} µL that are left in "
+                f"{self.known.mounted.syringe} (less its dead volume, or the drive's travel)"
+            )
+        if mm < -used - _TINY:
+            raise Refused(
+                f"{-mm * per_mm:g} µL back is more than the {used * per_mm:.2f} µL that were "
+                f"pushed; {self.known.mounted.syringe} counts as full there"
+            )
+
+    # --- heat and console ----------------------------------------------------------------------
+
+    def _heat(self, request: dict[str, Any]) -> Answer:
+        name, celsius = str(request["name"]), _number(request["celsius"], "celsius")
+        try:
+            check_heat(self._known, name, celsius)
+        except NotAllowed as exc:
+            raise Refused(str(exc)) from exc
+        self.standby.do(target_command(name, celsius))
+        self.standby.ask_soon()
+        return {}
+
+    def _command(self, request: dict[str, Any]) -> Answer:
+        """A line of the console; one that moves or heats goes the way of the request for that."""
+        line = allowed_command(judge(str(request["text"]), LineOrigin.CONSOLE, self._known))
+        if line.act is LineAction.SEND:
+            lines = self.standby.do(line.text)
+            self.standby.look()
+            return {"lines": lines}
+        if line.act is LineAction.MOVE and line.target is not None:
+            answer = self._go(line.target, line.speed_mm_s)
+        elif line.act is LineAction.HOME:
+            answer = self._home({"axes": line.axes})
+        else:
+            answer = self._heat({"name": line.heater, "celsius": line.celsius})
+        return {"lines": [answer["message"]] if answer.get("message") else []}
+
+    @property
+    def _known(self) -> PrinterSituation:
+        """What the gate is told."""
+        standby = self.standby
+        heaters = tuple(one.name for one in standby.temperatures)
+        return replace(self.known.limits, position=standby.position, heaters=heaters)
+
+    # --- where it is ---------------------------------------------------------------------------
+
+    def _touch_off(self, request: dict[str, Any]) -> Answer:
+        mounted, at = self.known.mounted, self._at()
+        if not mounted.needle or not mounted.dish:
+            raise Refused("a floor is touched with a needle in a dish; say which first (mount)")
+        foil = _number(request.get("foil_mm", 0.0), "foil_mm")
+        if not 0 <= foil <= 2:
+            raise Refused(f"a foil of {foil:g} mm isn't within 0 to 2 mm")
+        touched = at[2] if request.get("z") is None else _number(request["z"], "z")
+        self.known.mount({"floor_mm": touched - foil})
+        return {}
+
+    def _set_position(self, request: dict[str, Any]) -> Answer:
+        at, printer = self._at(), self.known.printer
+        given = {axis for axis in AXES if request.get(axis) is not None}
+        if not given:
+            raise Refused("no axis is given; say x, y or z in mm")
+        new = [
+            _number(request[axis], axis) if axis in given else mm
+            for axis, mm in zip(AXES, at, strict=True)
+        ]
+        for axis in given:
+            span, mm = getattr(printer, f"{axis}_mm"), new[AXES.index(axis)]
+            if not span.low <= mm <= span.high:
+                raise Refused(
+                    f"{axis.upper()} {mm:g} mm is outside {span.low:g} to {span.high:g} mm "
+                    f"({axis}_mm of {printer.name}); no tip stands there"
+                )
+        self.declare((new[0], new[1], new[2]), given)
+        return {}
+
+    def declare(self, place: Place, axes: set[str]) -> None:
+        """Tell the firmware where the tip is; axes that aren't given stay as they count.
+
+        Raises
+        ------
+        LinkError
+        """
+        at = self._at()
+        self.standby.do(self._declaration(place, axes))
+        self.known.count_anew(at, place, axes)
+        self.standby.look()
+
+    def _declaration(self, place: Place, given: set[str]) -> str:
+        declares = family_of(self.known.printer).dialect(self.known.printer).declares
+        if declares:  # all three at once
+            x, y, z = (f"{mm:.4f}" for mm in place)
+            return declares.format(x=x, y=y, z=z)
+        words = (
+            f"{axis.upper()}{mm:.4f}" for axis, mm in zip(AXES, place, strict=True) if axis in given
+        )
+        return "G92 " + " ".join(words)
+
+    def _at(self) -> Place:
+        at = self.standby.position
+        if at is None:
+            raise LinkError("the printer doesn't tell its position (M114); reconnect")
+        return at
+
+
+def _number(value: object, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise Refused(f"{what} {value!r} isn't a finite number")
+    return float(value)
+
+
+def _only(given: Any, names: str) -> None:
+    unknown = [name for name in given if name not in names or len(name) != 1]
+    if unknown or not given:
+        raise Refused(f"axis {unknown[0] if unknown else 'none'} is none of {', '.join(names)}")

@@ -1,0 +1,342 @@
+"""State and alarms of a running print: sent to its clients and written to its journal."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from printctl.machine.control.progress import JobProgress
+from printctl.machine.control.standstill import Standstill
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.errors import JournalError, Refused
+from printctl.machine.records.journal import RESERVE_BYTES
+from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.states import EARLY, LinkState, PrintEnded, Status
+
+NOTE_S: Final = 0.25
+"""Interval of progress records and progress events."""
+_TOLD: Final = 3
+"""Complaints told in one message."""
+_REMARKS: Final = 1000
+"""Unknown replies counted."""
+MOST_STANDSTILLS: Final = 100
+"""Written down one by one; further ones are counted."""
+_NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
+
+
+class _Alarm:
+    """An alarm's first and last words, how often it came, and how often was written down."""
+
+    def __init__(self, text: str) -> None:
+        self.first = self.text = text
+        self.times, self.written = 0, 1
+
+
+def _as_it_is(status: Status) -> Status:
+    return status
+
+
+def _never() -> float:
+    return math.inf
+
+
+class Logbook:
+    """State of one print, told and written down; the only one that writes to the journal.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    progress : JobProgress
+    details : callable
+        Adds to a status what other parts know.
+    next_due : callable
+        When something else is due, s: `note` is due then at the latest.
+    unrecorded : frozenset of str
+        Sorts of records that aren't written down.
+
+    Attributes
+    ----------
+    next_note : float, s
+        When `note` is due.
+    resumed : bool
+        Whether the print was begun by a process that died.
+    """
+
+    def __init__(
+        self,
+        wiring: Wiring,
+        progress: JobProgress,
+        details: Callable[[Status], Status] = _as_it_is,
+        next_due: Callable[[], float] = _never,
+        unrecorded: frozenset[str] = frozenset(),
+    ) -> None:
+        self.progress = progress
+        self._wiring, self._unrecorded = wiring, unrecorded
+        self._details, self._next_due = details, next_due
+        self._state, self._message = LinkState.CONNECTING, ""
+        self._noted = self._alarms = 0
+        self._open: list[tuple[str, bool]] = []
+        self._complaints = 0
+        self._remarks: list[str] = []
+        self._told: dict[str, _Alarm] = {}
+        self._standstills: list[Standstill] = []
+        self._final: Status | None = None
+        self._journal_lost = self._disk_full = False
+        self.next_note = 0.0
+        self.resumed = False
+
+    # --- as it stands, for any thread ------------------------------------------------------------
+
+    @property
+    def state(self) -> LinkState:
+        """Where the print stands."""
+        return self._state
+
+    @property
+    def begun(self) -> bool:
+        """Whether the printer may have lines of the job."""
+        return self.resumed or self._state not in EARLY
+
+    @property
+    def fault(self) -> str:
+        """The complaints, of the printer or the journal, that end the print; or empty."""
+        return "; ".join(list(dict.fromkeys(text for text, _ in self._open))[:_TOLD])
+
+    @property
+    def remarks(self) -> str:
+        """What to add to the message of the end about replies that no table has; or empty."""
+        if not self._remarks:
+            return ""
+        first, count = self._remarks[0], len(self._remarks)
+        more = f" and {count - 1} other replies" if count > 1 else ""
+        return f"; the printer said {first!r}{more}, unknown to printctl: see its manual"
+
+    @property
+    def complaints(self) -> int:
+        """How often the printer has complained."""
+        return self._complaints
+
+    @property
+    def disk_full(self) -> bool:
+        """Whether a record couldn't be written at once."""
+        return self._disk_full
+
+    @property
+    def status(self) -> Status:
+        """The print as it stands."""
+        if self._final is not None:
+            return self._final
+        progress, (done, made) = self.progress, self.progress.known
+        return self._details(
+            Status(
+                state=self._state,
+                lines_done=done,
+                lines_executed=made,
+                lines_total=len(progress.job),
+                file_line=progress.job.file_line(done),
+                message=self._message,
+                line_errors=self._wiring.protocol.line_errors,
+                alarms=self._alarms,
+                inserted=progress.job.positions,
+            )
+        )
+
+    # --- state -----------------------------------------------------------------------------------
+
+    def go_on(self, history: JournalledPrint) -> None:
+        """Go on with a print that was begun by a process that died, from what its journal says."""
+        self.resumed, self._alarms = True, len(history.alarms)
+        self.progress.restore(history.done, history.made)
+        self._noted = history.done
+
+    def enter(self, state: LinkState, message: str) -> None:
+        """Pass to a state; write it down and tell the clients."""
+        now, standstills = self._wiring.clock.now(), self.progress.standstills
+        self.note(now)
+        if state is LinkState.PRINTING:
+            standstills.begin(self._wiring.protocol.lines_done, now)
+        elif state in (LinkState.PAUSING, LinkState.STOPPING):
+            standstills.end_at_rest()
+        self._state, self._message = state, message
+        self.record("state", state=state, message=message)
+        self._wiring.on_status(self.status)
+
+    def enter_unrecorded(self, state: LinkState) -> None:
+        """Pass to a state that nobody is told of."""
+        self._state = state
+
+    def end(self, ended: PrintEnded) -> Status:
+        """Write down how the print ended; return the last status."""
+        self._note_standstills()
+        # Whoever asks meanwhile must see the print either running or ended with all that is known.
+        status = replace(
+            self.status,
+            state=ended.state,
+            message=ended.message + self._standstill_words(),
+            position_known=ended.known,
+            error=ended.error,
+            look=None,
+        )
+        self._state, self._final = ended.state, status
+        self._journal_lost = False  # there may be room again, and this is the one that matters
+        refused = self.progress.refused
+        for told in self._told.values():
+            if told.times > told.written:
+                self._record_times(told)
+        self.record(
+            "end",
+            state=status.state,
+            message=status.message,
+            done=status.lines_done,
+            error=ended.error,
+            position_known=ended.known,
+            **({} if refused is None else {"refused": refused, "made": status.lines_executed}),
+        )
+        return status
+
+    # --- the journal -----------------------------------------------------------------------------
+
+    def record(self, sort: str, **values: Any) -> bool:
+        """Add to the journal; a full disk is a fault that ends the print by a controlled stop.
+
+        Returns
+        -------
+        bool
+            Whether the record is there.
+        """
+        if self._journal_lost or sort in self._unrecorded:
+            return False
+        try:
+            self._wiring.journal.add(sort, **values)
+        except JournalError as exc:
+            self._disk_full = True
+            self._open = [(str(exc), False), *(one for one in self._open if one[0] != str(exc))]
+            self._journal_lost = not self._wiring.journal.use_reserve()
+            return self.record(sort, **values)
+        return True
+
+    def refuse_without_room(self, values: dict[str, Any], name: str) -> None:
+        """Refuse a large record that the disk hasn't room for: one that fails costs the reserve.
+
+        Raises
+        ------
+        Refused
+        """
+        size = len(json.dumps(values)) + RESERVE_BYTES
+        free = shutil.disk_usage(self._wiring.journal.path.parent).free
+        if size > free:
+            raise Refused(
+                f"{name} isn't taken: its record wants {size:,} bytes on the disk of the journal, "
+                f"and {free:,} are free; free some"
+            )
+
+    def record_control(self, number: int, command: bytes) -> None:
+        """Write down a command between two lines of the job, before it is sent."""
+        self.record("control", n=number, command=command.decode("ascii"))
+
+    def note(self, now: float) -> None:
+        """Write down progress and tell the clients."""
+        self.next_note = min(now + NOTE_S, max(self._next_due(), now))
+        self._note_standstills()
+        done = self.progress.known[0]
+        if done != self._noted:
+            self.record("ack" if done > self._noted else "back", done=done)
+            self._noted = done
+            self._wiring.on_status(self.status)
+
+    def _note_standstills(self) -> None:
+        """Write down where the ink stood still, each by itself: up to a number."""
+        found = self.progress.standstills.found
+        for one in found:
+            self._standstills.append(one)
+            count = len(self._standstills)
+            self.alarm(
+                f"the ink stood still {self.progress.standstill_words(one)}; look at the part",
+                kind=f"standstill {min(count, MOST_STANDSTILLS)}",
+            )
+        found.clear()
+
+    def _standstill_words(self) -> str:
+        """Return what to add to the last message; empty where the ink never stood still."""
+        if not self._standstills:
+            return ""
+        longest = max(self._standstills, key=lambda one: one.seconds)
+        where = self.progress.standstill_words(longest)
+        if len(self._standstills) == 1:
+            return f"; the ink stood still {where}"
+        total = sum(one.seconds for one in self._standstills)
+        many = f"{len(self._standstills)} times, {total:.1f} s in all"
+        return f"; the ink stood still {many}, the longest {where}"
+
+    def record_back(self, number: int, controls: Sequence[bytes]) -> None:
+        """Write down that the last line taken was ``number``, and which commands go again."""
+        self._noted = self.progress.known[0]
+        self.record("back", done=self._noted, n=number)
+        for count, command in enumerate(controls, number + 1):
+            self.record_control(count, command)
+
+    def alarm(self, text: str, kind: str = "") -> None:
+        """Write down what a person must see; the same alarm again is counted.
+
+        Parameters
+        ----------
+        text : str
+        kind : str
+            Alarms of one kind are the same; by default those that differ in numbers alone.
+        """
+        kind = kind or _NUMBER.sub("0", text)
+        told = self._told.setdefault(kind, _Alarm(text))
+        told.text, told.times = text, told.times + 1
+        if told.times == 1:
+            self._alarms += 1
+            self.record("alarm", text=text)
+        elif told.times & (told.times - 1) == 0:  # the 2nd, 4th, 8th: thousands fill no disk
+            self._record_times(told)
+
+    def _record_times(self, told: _Alarm) -> None:
+        told.written = told.times
+        self.record("repeated", first=told.first, text=told.text, times=told.times)
+
+    def notice(self, text: str) -> None:
+        """Write down what needs no action."""
+        self.record("notice", text=text)
+
+    def remark(self, text: str, known: bool) -> None:
+        """Write down what the printer said of its own; ``known``: its family's table has it."""
+        if known:
+            self.alarm(f"the printer says {text!r}")
+            return
+        if len(self._remarks) < _REMARKS:
+            self._remarks.append(text)
+        self.alarm(f"the printer says {text!r}, which printctl doesn't know", kind="unknown reply")
+
+    # --- complaints ------------------------------------------------------------------------------
+
+    def complain(self, text: str, about_command: bool = False) -> None:
+        """Keep a complaint that ends the print; ``about_command``: it may be excused."""
+        self._open.append((text, about_command))
+        self._complaints += 1
+
+    def take_fault(self) -> str:
+        """Return the complaints, and forget them."""
+        text, self._open = self.fault, []
+        return text
+
+    def excuse(self, before: str) -> str:
+        """Forget complaints about one command, not about the printer; return them.
+
+        Parameters
+        ----------
+        before : str
+            The complaints before that command was sent.
+        """
+        if before:
+            return ""
+        excused = [text for text, about_command in self._open if about_command]
+        self._open = [one for one in self._open if not one[1]]
+        return "; ".join(excused)

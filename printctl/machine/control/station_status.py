@@ -1,0 +1,151 @@
+"""Data classes of a station's status and its mounted parts, as sent to clients."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import Any, Final
+
+from printctl.machine.job.temperatures import Temperature
+
+Place = tuple[float, float, float]
+
+
+class StationState(StrEnum):
+    """Where a station stands. What may be asked in each is in ``docs/station.md``."""
+
+    CONNECTING = "connecting"
+    READY = "ready"
+    BUSY = "busy"
+    PRINTING = "printing"
+    HALTING = "halting"
+    HALTED = "halted"
+    LOST = "lost"
+    CLOSED = "closed"
+
+
+NO_PRINTER: Final = "no printer is connected; connect one first (page Printer)"
+"""Told wherever something is asked of a station that isn't there."""
+OPEN: Final = frozenset({StationState.READY, StationState.BUSY, StationState.PRINTING})
+"""States in which the printer answers."""
+
+
+@dataclass(frozen=True)
+class MountedParts:
+    """What the user said is on the printer; nobody can check it.
+
+    Attributes
+    ----------
+    needle, syringe, ink, dish, bath : str
+        Profiles, by name or path; empty for nothing there, or nobody said.
+    dish_centre_mm : (x, y) or None, mm
+        Printer's frame, as the printer counts now.
+    floor_mm : float or None, mm
+        Height of the tip when it touches the dish's floor; None until it was touched off.
+    bath_level_mm : float or None, mm
+        Height of the bath's surface, printer's frame; None where nobody said it.
+    """
+
+    needle: str = ""
+    syringe: str = ""
+    ink: str = ""
+    dish: str = ""
+    bath: str = ""
+    dish_centre_mm: tuple[float, float] | None = None
+    floor_mm: float | None = None
+    bath_level_mm: float | None = None
+
+    @property
+    def touch_off_due(self) -> bool:
+        """Whether a needle is above a dish whose floor it hasn't touched."""
+        return bool(self.needle and self.dish) and self.floor_mm is None
+
+    @staticmethod
+    def from_dict(data: dict[str, Any]) -> MountedParts:
+        """Read a JSON object; keys of later versions are ignored."""
+        known = {name: data[name] for name in MountedParts.__dataclass_fields__ if name in data}
+        centre = known.get("dish_centre_mm")
+        return MountedParts(
+            **{**known, "dish_centre_mm": None if centre is None else tuple(centre)}
+        )
+
+
+@dataclass(frozen=True)
+class StationStatus:
+    """A station as its clients see it.
+
+    Attributes
+    ----------
+    state : StationState
+    message : str
+        What happened last, and what to do if something must be done.
+    profile, port, firmware : str
+        Printer profile as it was given, port, the firmware's own name.
+    position_mm : (x, y, z) or None, mm
+        As M114 tells it; None until it was asked.
+    position_trusted : bool
+        Whether the printer's count means its frame: after homing X, Y and Z, after
+        `set_position`, or at the end of a print that ended with a known position. Firmwares
+        don't tell which axes were homed.
+    homed : (x, y, z) of bool
+        Axes that this station has homed, or was told the place of, since the motors last had no
+        power or the board was reset.
+    plunger_mm : float or None, mm
+        Travel since `mount` said that a syringe was put in (0 then); None where nobody said.
+    plunger_left_mm, ul_left : float or None, mm and µL
+        Until the syringe (but for its dead volume) or the drive is at its end.
+    temperatures : tuple of Temperature
+    readings : tuple of str
+        Last readings of what the profile has watched, with their limits.
+    print_folder : str
+        Of the print that goes on, or was last; empty for none.
+    soft_low_mm, soft_high_mm : (x, y, z), mm
+        Box in which the tip may be moved from where it is; empty tuples where the position isn't
+        trusted.
+    mounted : MountedParts
+    error : str
+        Name of the error's class (`printctl.machine.errors`) that led to ``lost`` or
+        ``halted``.
+    """
+
+    state: StationState
+    message: str = ""
+    profile: str = ""
+    port: str = ""
+    firmware: str = ""
+    position_mm: Place | None = None
+    position_trusted: bool = False
+    homed: tuple[bool, bool, bool] = (False, False, False)
+    plunger_mm: float | None = None
+    plunger_left_mm: float | None = None
+    ul_left: float | None = None
+    temperatures: tuple[Temperature, ...] = ()
+    readings: tuple[str, ...] = ()
+    print_folder: str = ""
+    soft_low_mm: tuple[float, ...] = ()
+    soft_high_mm: tuple[float, ...] = ()
+    mounted: MountedParts = field(default_factory=MountedParts)
+    error: str = ""
+
+    @property
+    def open(self) -> bool:
+        """Whether the printer answers."""
+        return self.state in OPEN
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object."""
+        return asdict(self)
+
+    @staticmethod
+    def from_dict(data: dict[str, Any]) -> StationStatus:
+        """Read `to_dict`; keys of later versions are ignored."""
+        known = {name: data[name] for name in StationStatus.__dataclass_fields__ if name in data}
+        known["state"] = StationState(known["state"])
+        for name in ("homed", "readings", "soft_low_mm", "soft_high_mm"):
+            if name in known:
+                known[name] = tuple(known[name])
+        if known.get("position_mm") is not None:
+            known["position_mm"] = tuple(known["position_mm"])
+        known["temperatures"] = tuple(Temperature(**one) for one in known.get("temperatures", ()))
+        known["mounted"] = MountedParts.from_dict(known.get("mounted", {}))
+        return StationStatus(**known)

@@ -1,0 +1,54 @@
+"""Data class of what a print or station runs on: transport, protocol, clock, journal, profile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from firmware_profiles import Printer
+from firmware_profiles.families.link_protocol import LinkProtocol
+from printctl.checks.gate import Bounds, Phase, PrinterSituation
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.clock import Clock
+from printctl.machine.ports.transport import Transport
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.states import Status
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """What a print, or a station between prints, is given.
+
+    Attributes
+    ----------
+    transport : Transport
+    protocol : LinkProtocol
+    clock : Clock
+    journal : Journal
+    printer : Printer
+    retreat : Retreat
+    fresh : bool
+        Whether the port has just been opened, so that the board may be starting.
+    on_status : callable
+        Told of every change of state and of progress every `NOTE_S`, in the streamer's thread.
+    room : callable or None
+        What a station knows of the room around the tip, and of heat.
+    """
+
+    transport: Transport
+    protocol: LinkProtocol
+    clock: Clock
+    journal: Journal
+    printer: Printer
+    retreat: Retreat = field(default_factory=Retreat)
+    fresh: bool = True
+    on_status: Callable[[Status], None] = lambda status: None
+    room: Callable[[], PrinterSituation] | None = None
+
+    def printing_limits(self) -> PrinterSituation:
+        """Return the same for the time in which the job's lines go out, or a look is made."""
+        return replace(self.limits(), phase=Phase.PRINTING)
+
+    def limits(self) -> PrinterSituation:
+        """Return what the gate judges by: a station's knowledge, or the profile alone."""
+        return self.room() if self.room is not None else PrinterSituation(Bounds(self.printer))

@@ -1,0 +1,203 @@
+"""Read a G-code file into the command lines to send, all checked before anything is sent.
+
+What is sent is rendered from what was understood (`sim.gcode.reading`): capitals, one blank between
+words, without the file's line numbers, checksums and comments. A file gives the same lines each
+time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+from firmware_profiles import Printer
+from printctl.checks.gate import refused_lines
+from printctl.machine.errors import JobError
+from printctl.machine.job.inserts import Insert, Position
+from printctl.machine.job.marks import MarkReader, Marks
+from printctl.machine.job.modal import modal_state
+from sim.errors import GcodeError
+from sim.gcode.reading.file import GcodeFile, Others, kinds_of, other_lines, read_file
+from sim.gcode.reading.sent_line import with_flow
+from sim.user_files import read_gcode_path, text_of
+
+_MOVES: Final = (b"G0 ", b"G1 ")
+_COMMENTS: Final = (b";", b"//")
+_SHORT: Final = 16
+"""Bytes of a line that no firmware's buffer cuts, whatever its number (profile: 32 at least)."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """Command lines without comments and blanks.
+
+    Attributes
+    ----------
+    lines : list of bytes
+        One command each, as `sim.gcode.reading.read_line` renders it.
+    file_lines : list of int
+        One-based line of the file that each came from; of an insert's, of the last one before it.
+    sha256 : str
+        Hash of the whole file.
+    name : str
+        The file's name.
+    marks : Marks
+        Where layers and vessels end and the syringe may be changed, from the file's comments.
+    inserts : tuple of Insert
+        Lines that were put in while it was printed, in their order; they are among ``lines``.
+    """
+
+    lines: list[bytes]
+    file_lines: list[int]
+    sha256: str
+    name: str
+    marks: Marks = field(default_factory=lambda: Marks([]))
+    inserts: tuple[Insert, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def file_line(self, done: int) -> int:
+        """File line of the last of ``done`` command lines; 0 for none."""
+        return self.file_lines[min(done, len(self.lines)) - 1] if done > 0 and self.lines else 0
+
+    @property
+    def own(self) -> Job:
+        """The file's own commands, without what was put in; its marks aren't shifted back."""
+        lines, file_lines = list(self.lines), list(self.file_lines)
+        for after, count in reversed(self.positions):
+            del lines[after : after + count]
+            del file_lines[after : after + count]
+        return replace(self, lines=lines, file_lines=file_lines, inserts=())
+
+    @property
+    def positions(self) -> tuple[Position, ...]:
+        """Where its inserts stand, and how many lines each has."""
+        return tuple((one.after, len(one.lines)) for one in self.inserts)
+
+    @property
+    def flow(self) -> float:
+        """What moves that write push behind its last insert, over what the file says."""
+        return self.inserts[-1].flow if self.inserts else 1.0
+
+    def grown_by(self, inserts: Sequence[Insert]) -> Job:
+        """Return the job with several inserts, in their order; see `grown`."""
+        job = self
+        for insert in inserts:
+            job = job.grown(insert)
+        return job
+
+    def grown(self, insert: Insert) -> Job:
+        """Return the job with an insert's lines behind its first ``insert.after`` lines.
+
+        Marks at that place stay before them. What writes behind them pushes ``insert.flow`` of what
+        the file says (`sim.gcode.reading.sent_line`).
+
+        Raises
+        ------
+        JobError
+            When the job has fewer lines, was given a later insert before, or doesn't tell the
+            plunger's count where its flow is to change.
+        """
+        after, count = insert.after, len(insert.lines)
+        begun = max((one.after + len(one.lines) for one in self.inserts), default=0)
+        if not begun <= after <= len(self):
+            raise JobError(
+                f"an insert behind line {after} doesn't fit {self.name}, {len(self)} lines with "
+                f"inserts up to line {begun}; the journal isn't of this job"
+            )
+        line, rest = self.file_line(after), self.lines[after:]
+        if insert.flow != self.flow:
+            e_mm = modal_state(self.lines, after).e
+            if e_mm is None:
+                raise JobError(f"{self.name} doesn't tell the plunger's count after line {after}")
+            rest = with_flow(rest, e_mm, insert.flow / self.flow)
+        return replace(
+            self,
+            lines=[*self.lines[:after], *insert.lines, *rest],
+            file_lines=[*self.file_lines[:after], *[line] * count, *self.file_lines[after:]],
+            marks=self.marks.shifted(after, count),
+            inserts=(*self.inserts, insert),
+        )
+
+
+def load_job(path: Path, printer: Printer) -> Job:
+    """Read a G-code file.
+
+    Parameters
+    ----------
+    path : Path
+    printer : Printer
+        Whose firmware family says how a line is read, and how long it may be.
+
+    Raises
+    ------
+    JobError
+        When the file can't be read, is empty, or has a line that must not be sent; the message
+        names the line.
+    """
+    try:
+        data = read_gcode_path(path)
+    except OSError as exc:
+        raise JobError(f"job file {path} can't be read: {exc.strerror}; check the path") from exc
+    return parse_job(data, path.name, printer)
+
+
+def parse_job(data: bytes, name: str, printer: Printer) -> Job:
+    """Read G-code bytes; see `load_job`."""
+    read = _read(data, name, printer)
+    if printer.streamed:
+        _check_gate(other_lines(data, printer), name, printer)
+    lines: list[bytes] = []
+    file_lines: list[int] = []
+    marks = MarkReader()
+    texts = text_of(data).splitlines()
+    for number, (command, raw) in enumerate(zip(read.lines, texts, strict=True), 1):
+        if command:
+            if len(command) > _SHORT or not command.startswith(_MOVES):
+                _check(command, f"{name}, line {number}", printer.max_line_bytes, len(lines) + 1)
+            lines.append(command)
+            file_lines.append(number)
+        elif raw.startswith(_COMMENTS):
+            marks.comment(b";" + raw.removeprefix(b"//").removeprefix(b";"), len(lines))
+    if not lines:
+        raise JobError(f"{name} has no command in it; nothing to print")
+    return Job(lines, file_lines, hashlib.sha256(data).hexdigest(), name, Marks(marks.found))
+
+
+def _read(data: bytes, name: str, printer: Printer) -> GcodeFile:
+    try:
+        read = read_file(data, printer)
+    except GcodeError as exc:
+        raise JobError(f"{name}: {exc}") from exc
+    if read.refused:
+        kinds = [
+            f"{name}, line {line}: {error}" + (f" ({count} such lines)" if count > 1 else "")
+            for line, error, count in kinds_of(read.refused)
+        ]
+        raise JobError("\n".join(kinds))
+    return read
+
+
+_TAKE_OUT: Final = "; take it out"
+
+
+def _check(command: bytes, where: str, max_line_bytes: int, number: int) -> None:
+    sent = len(command) + len(b"N%d *255\n" % number)
+    if sent > max_line_bytes:
+        raise JobError(
+            f"{where}: {sent} bytes with number and checksum exceed {max_line_bytes} "
+            "(profile: max_line_bytes), the firmware would cut it; shorten the line"
+        )
+
+
+def _check_gate(others: Others, name: str, printer: Printer) -> None:
+    """Refuse a job with commands that the gate refuses; each code once, by its first line."""
+    first: dict[str, str] = {}
+    for number, code, why in refused_lines(others, printer):
+        first.setdefault(code, f"{name}, line {number}: {why}" + _TAKE_OUT * (_TAKE_OUT not in why))
+    if first:
+        raise JobError("\n".join(first.values()))

@@ -1,0 +1,140 @@
+"""Find comments in a G-code file that mark places to pause: layer or pass ends, reload points.
+
+Ours (`design.toolpath.gcode.marks`): ``;LAYER_END:n``, ``;PASS_END:n``, ``;PART_END:n`` and
+``;RELOAD``. Slicers say where a layer begins, which ends the one before: ``;LAYER:n`` (Cura),
+``;LAYER_CHANGE`` (PrusaSlicer, OrcaSlicer), ``; CHANGE_LAYER`` (Bambu Studio), ``; layer n,``
+(Simplify3D).
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Final
+
+from printctl.machine.job.inserts import behind
+
+_OURS: Final = re.compile(rb";(LAYER_END|PASS_END|PART_END|RELOAD)(?::(-?\d+))?\s*$")
+_SLICERS: Final = re.compile(rb";(?:LAYER:(-?\d+)|LAYER_CHANGE|\s*CHANGE_LAYER)\s*$|; layer (\d+),")
+
+
+class MarkKind(StrEnum):
+    """What has ended at a mark."""
+
+    LAYER = "layer"
+    VESSEL = "vessel"
+    PART = "part"
+    RELOAD = "reload"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place between two lines of a job.
+
+    Attributes
+    ----------
+    index : int
+        Command lines before it.
+    kind : MarkKind
+    number : int
+        Of the layer or vessel that ended (of a part: that is written so far), from 0; -1 where
+        the file doesn't say.
+    """
+
+    index: int
+    kind: MarkKind
+    number: int = -1
+
+    def __str__(self) -> str:
+        what = _WORDS[self.kind]
+        # People and slicers' views count layers from 1; vessels have a network's numbers.
+        number = self.number + (self.kind is MarkKind.LAYER)
+        return f"{what} {number}" if self.number >= 0 else what
+
+
+_KIND: Final = {
+    b"LAYER_END": MarkKind.LAYER,
+    b"PASS_END": MarkKind.VESSEL,
+    b"PART_END": MarkKind.PART,
+    b"RELOAD": MarkKind.RELOAD,
+}
+
+
+_WORDS: Final = {
+    MarkKind.LAYER: "end of layer",
+    MarkKind.VESSEL: "end of vessel",
+    MarkKind.PART: "end of a part of vessel",
+    MarkKind.RELOAD: "reload point",
+}
+
+
+class MarkReader:
+    """Collects the marks of a file that is read line by line."""
+
+    def __init__(self) -> None:
+        self.found: list[Mark] = []
+        self._layers_begun = 0
+
+    def comment(self, text: bytes, index: int) -> None:
+        """Take a line that is a comment, after ``index`` commands."""
+        ours = _OURS.match(text)
+        if ours:
+            self.found.append(Mark(index, _KIND[ours[1]], int(ours[2] or -1)))
+            return
+        begun = _SLICERS.match(text)
+        if begun is None:
+            return
+        if self._layers_begun:  # the first layer's beginning is no end
+            self.found.append(Mark(index, MarkKind.LAYER, _ended_before(begun)))
+        self._layers_begun += 1
+
+
+def _ended_before(begun: re.Match[bytes]) -> int:
+    """Layer that ends where a slicer's begins, from 0: Cura counts from 0, Simplify3D from 1."""
+    if begun[1]:
+        return max(int(begun[1]) - 1, -1)
+    return max(int(begun[2]) - 2, -1) if begun[2] else -1
+
+
+class Marks:
+    """The marks of a job, to be searched while it is printed.
+
+    Parameters
+    ----------
+    found : sequence of Mark
+        In the file's order.
+    """
+
+    def __init__(self, found: list[Mark]) -> None:
+        self.all = tuple(found)
+        self._by_kind = {kind: [mark for mark in found if mark.kind is kind] for kind in MarkKind}
+        self._index = {kind: [mark.index for mark in of] for kind, of in self._by_kind.items()}
+
+    def __len__(self) -> int:
+        return len(self.all)
+
+    def shifted(self, after: int, count: int) -> Marks:
+        """Return them with ``count`` lines put in behind the first ``after``: those there stay."""
+        return Marks([replace(one, index=behind(one.index, after, count)) for one in self.all])
+
+    def of(self, kind: MarkKind) -> list[Mark]:
+        """All of one kind."""
+        return self._by_kind[kind]
+
+    def next(self, kind: MarkKind, index: int) -> Mark | None:
+        """The first of a kind at or after ``index``."""
+        place = bisect_left(self._index[kind], index)
+        marks = self._by_kind[kind]
+        return marks[place] if place < len(marks) else None
+
+    def last(self, kind: MarkKind, index: int) -> Mark | None:
+        """The last of a kind at or before ``index``."""
+        place = bisect_right(self._index[kind], index)
+        return self._by_kind[kind][place - 1] if place else None
+
+    def here(self, index: int) -> list[Mark]:
+        """All marks at ``index``."""
+        each = (self.next(kind, index) for kind in MarkKind)
+        return [mark for mark in each if mark is not None and mark.index == index]

@@ -1,0 +1,136 @@
+"""Explain a print's alarm or early end to who stands beside it: what, consequence, remedy."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Final, Literal
+
+import yaml
+
+from printctl.machine.control.kill import UNCONFIRMED
+from printctl.machine.errors import PortLost
+from printctl.machine.records.states import LinkState, Status
+
+Tone = Literal["info", "warn", "bad"]
+Sentences = tuple[str, str, str]
+
+_TABLE: Final = Path(__file__).with_name("alarms.yaml")
+_LIFT: Final = (
+    "See where the needle is, and lift it by hand if it stands in the part. Then connect the "
+    "printer again on the page Printer."
+)
+_POSITION_LOST: Final = (
+    "This print is over. The printer doesn't know where its needle is any more, and its heaters "
+    "are off."
+)
+
+
+@dataclass(frozen=True)
+class Alert:
+    """The one thing of a print that somebody must know.
+
+    Attributes
+    ----------
+    what : str
+        What happened.
+    means : str
+        What it means for the print; empty where that is clear.
+    remedy : str
+        What to do; empty for nothing.
+    detail : str
+        The same in the words of the link, with codes and places.
+    tone : "info", "warn" or "bad"
+    """
+
+    what: str
+    means: str = ""
+    remedy: str = ""
+    detail: str = ""
+    tone: Tone = "warn"
+
+
+def alert_of(status: Status, last_alarm: str, may_go_on: bool) -> Alert | None:
+    """Return the alert of a print: its end where that wasn't as meant, else its last alarm.
+
+    Parameters
+    ----------
+    status : Status
+    last_alarm : str
+        As it was journalled.
+    may_go_on : bool
+        Whether an interrupted print can be gone on with.
+    """
+    if status.ended and status.state is not LinkState.DONE:
+        return _of_end(status, may_go_on)
+    if status.state is LinkState.DONE and not status.position_known:
+        return Alert(*_alarm("another program"), status.message)
+    if not status.alarms:
+        return None
+    return Alert(*_alarm(last_alarm), last_alarm)
+
+
+def _of_end(status: Status, may_go_on: bool) -> Alert:
+    detail, known = status.message, status.position_known
+    if status.state is LinkState.KILLED:
+        return Alert(*_killed(detail), detail, "bad")
+    if status.state is LinkState.STOPPED:
+        what = "The print was stopped"
+        if "stopped by the user" in detail:
+            what = "The print was cancelled"
+        elif "dead-man" in detail:
+            what = "The print was stopped: nobody confirmed to be there"
+        means = "The plunger was relieved and the needle lifted straight up."
+        return Alert(what, *((means, "") if known else (_POSITION_LOST, _LIFT)), detail, "info")
+    if status.state is LinkState.GIVEN_UP:
+        return Alert("The print was given up", "It can't be gone on with.", "", detail, "info")
+    if status.state is LinkState.INTERRUPTED:
+        means = "The printer has made the moves that it held, and stands still in the part."
+        remedy = (
+            "If it kept its power and nobody moved the needle: Go on. Else: Recover."
+            if may_go_on
+            else "It can't go on from here by itself: Recover plans the rest as a job of its own."
+        )
+        what = "The program that spoke to the printer ended in the middle of the print"
+        return Alert(what, means, remedy, detail, "bad")
+    if status.error == PortLost.__name__:
+        what = "The connection to the printer was lost"
+        means = "It makes the moves that it still holds, then stands still in the part."
+        remedy = "See its power and its cable. " + _LIFT
+        return Alert(what, means, remedy, detail, "bad")
+    if status.state is LinkState.POSITION_UNKNOWN or not known:
+        what = "The printer doesn't know for sure where its needle is"
+        means = "The print was ended, so that nothing is written beside its place."
+        return Alert(what, means, _LIFT, detail, "bad")
+    means = "The print was ended; the plunger was relieved and the needle lifted."
+    remedy = "See the details for the cause; look at the part before anything moves."
+    return Alert("A fault ended the print", means, remedy, detail, "bad")
+
+
+def _killed(detail: str) -> Sentences:
+    if UNCONFIRMED in detail:
+        what = "STOP was sent, and the printer hasn't confirmed that it halted"
+        return what, _POSITION_LOST, "Cut its power now. " + _LIFT
+    if detail.startswith("killed by the user") and "itself" not in detail:
+        return "STOP has halted the printer", _POSITION_LOST, _LIFT
+    return "The printer halted itself", _POSITION_LOST, "Its own screen may say why. " + _LIFT
+
+
+_UNUSUAL: Final = (
+    "The printer reports something unusual",
+    "The print goes on unless it says otherwise above.",
+    "Look at the printer and at the part; the details have its own words.",
+)
+
+
+@cache
+def _alarms() -> list[tuple[str, Sentences]]:
+    """Read patterns of alarms' texts, and what is said of each."""
+    rows = yaml.safe_load(_TABLE.read_text(encoding="utf-8"))
+    return [(one["pattern"], (one["what"], one["means"], one["remedy"])) for one in rows]
+
+
+def _alarm(text: str) -> Sentences:
+    return next((words for pattern, words in _alarms() if re.search(pattern, text)), _UNUSUAL)

@@ -1,0 +1,164 @@
+"""Ask before a print starts; follow it from the command line; on Ctrl-C detach, stop or kill."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import signal
+import sys
+
+from firmware_profiles import Ink, Syringe
+from printctl.errors import PrintctlError, PrinterFailedError, SafetyError
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.prints.journal_facts import read_journal_facts
+from printctl.machine.prints.print_words import alarm_words
+from printctl.machine.process.client import PrintClient
+from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.states import LinkState, PrintOutcome, Status
+from printctl.progress import Report, StageBars
+
+_QUESTION = """
+The print goes on by itself. What shall happen?
+  d  detach: leave it printing
+  s  stop: end the move, relieve the plunger, lift the needle
+  k  kill: halt the printer at once; its position is lost
+  (anything else: go on watching)
+> """
+
+
+def confirm(port: str, bars: StageBars, assume_yes: bool) -> None:
+    """Have a person say that a real machine may move now.
+
+    A changed recipe or a new version of the product makes the print stage run again; that alone
+    mustn't move a needle.
+
+    Raises
+    ------
+    SafetyError
+        When the answer isn't yes, or nobody can be asked.
+    """
+    if assume_yes:
+        return
+    answer = ""
+    if sys.stdin.isatty():
+        with bars.paused():
+            answer = bars.ask(
+                f"\nThe printer on {port} will move. Is the syringe filled, the needle touched "
+                "off, and the dish in place? Type yes to start: "
+            )
+    if answer.strip().lower() != "yes":
+        raise SafetyError(f"the print on {port} wasn't started; answer yes, or give --yes")
+
+
+def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome:
+    """Show progress until the print is over; on Ctrl-C ask: detach, stop or kill.
+
+    Raises
+    ------
+    PrinterFailedError
+        When the print didn't end well.
+    PrintctlError
+        When the user detached.
+    """
+    if sys.stdin.isatty():
+        # A parent that ignores Ctrl-C (a shell's background job) bequeathes that.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    alarms, waits = _Alarms(client, bars), _Waits(client, bars)
+    while True:
+        try:
+            for status in client.events():
+                alarms.tell(status.alarms)
+                waits.tell(status)
+                done = status.lines_done / max(status.lines_total, 1)
+                held = status.state in (LinkState.PAUSED, LinkState.LOOKING, LinkState.STOPPING)
+                lines = f"{status.lines_done} of {status.lines_total} lines"
+                report(done, f"{lines}; {status.message}" if held else lines)
+            break
+        except KeyboardInterrupt:
+            _obey(_ask(bars), client)
+    outcome = client.wait()
+    if outcome.state is not LinkState.DONE:
+        raise PrinterFailedError(
+            f"the print ended as {outcome.state.value}: {outcome.message} "
+            f"({outcome.lines_done} of {outcome.lines_total} lines taken by the printer; `printctl "
+            f"status` tells how many are made; journal: {client.folder})"
+        )
+    if not outcome.proved:
+        bars.remark("print", outcome.message)
+    return outcome
+
+
+def retreat_for(syringe: Syringe, ink: Ink, lift_mm: float, prime_ul: float = 0.0) -> Retreat:
+    """Out of the bath: relieve the plunger as the ink's profile says, then straight up.
+
+    ``prime_ul`` is pushed in addition on coming back.
+    """
+    per_ul = 4 / (math.pi * syringe.inner_mm**2)
+    return Retreat(
+        relief_mm=ink.retract_ul * per_ul,
+        relief_mm_s=ink.plunger_ul_s * per_ul,
+        lift_mm=lift_mm,
+        prime_mm=prime_ul * per_ul,
+    )
+
+
+class _Alarms:
+    """Tells each new alarm of a print in words, which a count alone doesn't."""
+
+    def __init__(self, client: PrintClient, bars: StageBars) -> None:
+        self._journal, self._bars = client.folder / JOURNAL, bars
+        self._count = 0
+
+    def tell(self, count: int) -> None:
+        """Show the last alarm where there are more than before."""
+        if count > self._count:
+            self._count = count
+            self._bars.remark(
+                "print", alarm_words(count, read_journal_facts(self._journal).last_alarm)
+            )
+
+
+class _Waits:
+    """Tells once what a paused print waits for, and the command that goes on."""
+
+    def __init__(self, client: PrintClient, bars: StageBars) -> None:
+        self._run, self._bars = shlex.quote(str(client.folder.absolute())), bars
+        self._told = ""
+
+    def tell(self, status: Status) -> None:
+        """Show what a pause is for where it is another than before."""
+        words = status.message if status.state is LinkState.PAUSED else ""
+        if words and words != self._told:
+            go_on = "" if "printctl resume" in words else f"; `printctl resume {self._run}` goes on"
+            self._bars.remark(
+                "print",
+                f"it waits for you: {words.replace(' RUN', f' {self._run}')}{go_on}. Type that in "
+                f"another terminal; `printctl status {self._run}` tells more, and what a look asks",
+            )
+        self._told = words
+
+
+def _ask(bars: StageBars) -> str:
+    """d, s or k; without a terminal nobody can be asked, and the print isn't touched."""
+    if not sys.stdin.isatty():
+        return "d"
+    try:
+        with bars.paused():
+            return bars.ask(_QUESTION).strip().lower()[:1]
+    except KeyboardInterrupt:  # pressed again: whoever insists wants it to end, but not lost
+        return "s"
+    except EOFError:
+        return "d"
+
+
+def _obey(request: str, client: PrintClient) -> None:
+    if request == "k":
+        client.kill()
+    elif request == "s":
+        client.stop()
+    elif request == "d":
+        client.detach()
+        raise PrintctlError(
+            f"detached; the print goes on (journal: {client.folder}); "
+            "run the same command again to watch it, or to stop it by Ctrl-C"
+        )

@@ -1,0 +1,86 @@
+"""Give up an interrupted print: write its end into the journal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from firmware_profiles import Printer, ProfileError, load
+from printctl.machine.control.gating import settings_changed_by
+from printctl.machine.errors import JobError, Refused
+from printctl.machine.prints.actions import PrintAction, possible_actions
+from printctl.machine.process.client import attach
+from printctl.machine.process.process import hold_folder
+from printctl.machine.records.history import remember_meanwhile
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.printed_job import load_printed_job
+from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.states import LinkState, Status
+
+_PATIENCE_S = 5.0
+_UNDER_WAY = 32
+"""Lines behind the last that is known to be taken, which may have been."""
+
+
+def give_up(folder: Path, who: str) -> Status:
+    """End the record of an interrupted print; nothing is sent to the printer.
+
+    Parameters
+    ----------
+    folder : Path
+        The print's.
+    who : str
+        Who says so.
+
+    Raises
+    ------
+    Refused
+        When the print goes on, or its end is written down already.
+    AlreadyPrinting
+        When a link process has just begun there.
+    JournalError
+        When the end can't be written.
+    """
+    with attach(folder) as client:
+        status = client.status
+    can = next(one for one in possible_actions(folder, status) if one.action is PrintAction.GIVE_UP)
+    if not can.possible:
+        raise Refused(f"the print in {folder} isn't given up: {can.reason}")
+    with hold_folder(folder):
+        status = replace(
+            status,
+            state=LinkState.GIVEN_UP,
+            message=f"given up by {who}; before: {status.message}{_settings_left(folder, status)}",
+            position_known=False,
+        )
+        journal = Journal(folder / JOURNAL)
+        journal.add(
+            "end",
+            state=status.state,
+            message=status.message,
+            done=status.lines_done,
+            error=status.error,
+            position_known=False,
+        )
+        journal.close()
+        record = replace(load_record(folder), address="", token="", refused={})
+        replace(record, status=status.to_dict()).save(folder)
+    remember_meanwhile(folder).join(_PATIENCE_S)
+    return status
+
+
+def _settings_left(folder: Path, status: Status) -> str:
+    """Name what sets the firmware back that the job changed; empty where it changed nothing."""
+    record = load_record(folder)
+    try:
+        printer = load(Printer, record.profile)
+        history = read_journal(folder / JOURNAL)
+        job = load_printed_job(Path(record.job), printer, history)
+    except (JobError, ProfileError):
+        return ""
+    lines, before = job.lines[: status.lines_done + _UNDER_WAY], history.settings
+    commands = [before[code] for code in settings_changed_by(lines, printer) if before.get(code)]
+    if not commands:
+        return ""
+    return f"; settings may be the job's still, send {', '.join(commands)} to have them as before"

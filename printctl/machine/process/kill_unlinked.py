@@ -1,0 +1,103 @@
+"""Emergency halt of a printer whose print has no link process any more."""
+
+from __future__ import annotations
+
+import os
+import threading
+from contextlib import closing, suppress
+from dataclasses import replace
+from pathlib import Path
+
+from firmware_profiles import Printer, load
+from firmware_profiles.families import link_protocol as said
+from printctl.machine.control.channel import POLL_S
+from printctl.machine.control.kill import UNCONFIRMED, Kill
+from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.errors import JournalError, LinkError, PortError
+from printctl.machine.ports.clock import RealClock
+from printctl.machine.ports.transport import open_port
+from printctl.machine.process.find_link import read_outcome
+from printctl.machine.process.process import hold_folder
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.states import LinkState, PrintEnded, Status
+
+_STARTED = "its board started anew when its port was opened, which drops all it held"
+
+
+def kill_unlinked(folder: Path) -> Status:
+    """Open the port of the print in ``folder`` and halt its firmware; write that down as its end.
+
+    Raises
+    ------
+    LinkError
+        When the port can't be used, or the printer doesn't confirm.
+    """
+    record = load_record(folder)
+    printer = load(Printer, record.profile)
+    with hold_folder(folder):
+        before = read_outcome(folder)
+        try:
+            transport = open_port(record.port, printer, record.baud)
+        except PortError as exc:
+            raise LinkError(f"not halted, cut the printer's power: {exc}") from exc
+        with closing(transport), closing(_journal(folder)) as journal:
+            protocol = protocol_for(printer, transport.quiet_s)
+            ended = _halted(Wiring(transport, protocol, RealClock(), journal, printer))
+            if UNCONFIRMED in str(ended):
+                with suppress(JournalError):
+                    journal.add("alarm", text=str(ended))
+                raise LinkError(str(ended))
+            message = f"{ended}; before, the print was {before.state.value}"
+            status = replace(
+                before, state=LinkState.KILLED, message=message, position_known=False, error=""
+            )
+            with suppress(JournalError):  # of a full disk: the printer is halted all the same
+                journal.add(
+                    "end",
+                    state=status.state,
+                    message=message,
+                    done=status.lines_done,
+                    error="",
+                    position_known=False,
+                )
+        with suppress(OSError):
+            replace(record, address="", token="", status=status.to_dict()).save(folder)
+    return status
+
+
+def _journal(folder: Path) -> Journal:
+    """Return the print's journal; a full or damaged disk doesn't keep the halt from going out."""
+    try:
+        return Journal(folder / JOURNAL)
+    except JournalError:
+        return Journal(Path(os.devnull))
+
+
+def _halted(wiring: Wiring) -> PrintEnded:
+    """Halt the firmware; return what came of it."""
+    kill = Kill(wiring)
+
+    def hear() -> None:
+        data = wiring.transport.read(POLL_S)
+        if data:
+            kill.heard()
+        for event in wiring.protocol.feed(data, wiring.clock.now()) if data else ():
+            if isinstance(event, (said.FirmwareHalted, said.Halting)):
+                kill.halted()
+                raise PrintEnded(LinkState.KILLED, kill.words(None), known=False)
+            if isinstance(event, (said.FirmwareStarted, said.FirmwareReset)):
+                kill.halted()
+                raise PrintEnded(LinkState.KILLED, f"killed by the user; {_STARTED}", known=False)
+
+    striking = threading.Thread(target=kill.strike)
+    striking.start()
+    try:
+        kill.await_halt(hear)
+    except PrintEnded as ended:
+        return ended
+    finally:
+        kill.end()
+        striking.join()
+    raise AssertionError("await_halt always raises")

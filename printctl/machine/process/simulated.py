@@ -1,0 +1,103 @@
+"""Start the simulated printer as a separate process, behind a pseudo-terminal."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Final
+
+from printctl.errors import PrinterFailedError
+from printctl.machine.errors import LinkError
+from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.records.record import JOURNAL, SIM_ADDRESS, load_record, reported_port
+from printctl.sources import python_command
+
+__all__ = ["SIMULATED", "simulated_printer"]
+
+_COMES_UP_S: Final = 120.0
+"""It takes one or two; a machine under heavy load needs far longer to import and compile."""
+
+
+def simulated_printer(
+    profile: str,
+    start_mm: tuple[float, float, float],
+    job: Path | None,
+    record: Path | None,
+    folder: Path,
+    *,
+    speed: float = 0.0,
+    journal: Path | None = None,
+    faults: Path | None = None,
+) -> str:
+    """Start a simulated printer and return the port to reach it by.
+
+    It records what its motors did into ``record``, and ends when its host
+    hangs up, so that it outlives a command line that detaches from the print but not the print.
+
+    Parameters
+    ----------
+    profile : str
+        Printer profile.
+    start_mm : (3,) mm
+        Where the tip stands at power-up, printer's frame.
+    job : Path or None
+        The G-code that will be sent, by whose commands the record names what was done; None where
+        it is moved by hand.
+    record : Path or None
+        ``.npz`` of the executed motion.
+    folder : Path
+        For its log and its address.
+    speed : float
+        Times real time; 0 for virtual time, as fast as it can.
+    journal : Path, optional
+        Of the print, which tells what is inserted into the job; the one in ``folder`` by default.
+    faults : Path or None
+        A fault file (`sim.devices.faults`).
+
+    Raises
+    ------
+    PrinterFailedError
+        When it doesn't come up.
+    """
+    address, errors = folder / SIM_ADDRESS, folder / "sim.log"
+    command = [*python_command("sim"), "--printer", profile, "--speed", f"{speed:g}"]
+    command += ["--start", ",".join(f"{value:.6f}" for value in start_mm)]
+    if job:
+        journal = journal or folder / JOURNAL
+        command += ["--job", str(job.resolve()), "--journal", str(journal.resolve())]
+    command += ["--record", str(record.resolve())] if record else []
+    command += ["--faults", str(faults.resolve())] if faults else []
+    command += ["--exit-on-hangup"]
+    command += ["--tcp", "0"] if sys.platform == "win32" else []
+    with address.open("wb") as out, errors.open("wb") as log:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=log,
+            start_new_session=True,
+            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+        )
+    limit = time.monotonic() + _COMES_UP_S
+    while time.monotonic() < limit and process.poll() is None:
+        port, complete, _ = address.read_text().partition("\n")
+        if complete:
+            return port.strip()
+        time.sleep(0.02)
+    ended = process.poll() is not None
+    process.kill()
+    tail = errors.read_text(errors="replace").strip()[-500:]
+    raise PrinterFailedError(
+        "the simulated printer didn't come up"
+        f"{'' if ended else f' within {_COMES_UP_S:g} s'}: {tail or 'no message'}"
+    )
+
+
+def was_simulated(folder: Path) -> bool:
+    """Return whether a folder's print went to a simulated printer."""
+    try:
+        return reported_port(folder, load_record(folder).port) == SIMULATED
+    except LinkError:
+        return False

@@ -1,0 +1,233 @@
+r"""Print journal: append-only file of all events of a print.
+
+One record a line: ``<crc32 of the JSON, 8 hex digits> <JSON>\n``. A record is one ``write`` to a
+file opened for appending, so a killed process leaves at most one torn line at the end, which the
+reader drops and reports. Record sorts (key ``t``):
+
+========== =====================================================================================
+job        ``id`` of the print, file name, sha256, lines, profile, port, pid, who, host, wall-clock
+           start: first; again on going on, with the same ``id`` and when the journal was written
+           last (``heard``); ``accepted``: failed checks that the user told to print with all the
+           same
+state      state, message
+ack        ``done``: command lines known to be taken; never more than is true
+back       ``done``, ``n``: lines that an ok which wasn't theirs had acknowledged are taken back, to
+           the line of number ``n``; control records of what goes again follow
+control    ``n``, ``command``: a line number about to be used for a control command
+alarm      text
+repeated   an alarm came again: ``first``: its first text, ``text``: its last, ``times``
+checkpoint position read back (M114) after ``done`` command lines, ``agrees`` with the job's text?
+           ``mark``: what ended there, where it was made at a mark; ``stands``: with the motors at
+           rest, so that those lines were made
+wanted     ``after``: the mark at which somebody wants the print held; empty once it is taken
+           back; ``head``: of several, whose syringe
+reload     a change of syringe begins after ``done`` lines; the plunger's count was ``e``; ``head``:
+           of several, whose
+syringe    ``n``, ``command``: the line about to call the new plunger's place the job's; what was
+           put in; ``reload_at``, ``reload_heads``: where the next changes are due
+left       the job's ``place`` that the needle leaves for a pause or a look: after the host's death
+           it tells what the job's own lines haven't; ``park``: where it then waits, if not above
+look       ``look``: the number of a look that begins after ``done`` lines; ``mark``, ``layer``
+insert     ``look``, ``after``, ``lines``, ``sha256``, ``why``: lines that follow the first
+           ``after`` of the job, earlier inserts counted; on the disk before the job has them;
+           ``flow``: what the job's moves that write push behind them, over what the file says;
+           ``reload_at``, ``reload_heads``: where the changes of syringe are due in the grown job
+looked     ``look``, ``done``, ``decision``, ``why``, ``by``: a look was decided
+heat       ``targets``, °C by heater, as this print has set them after ``line`` lines of the job
+stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `StopPlace`; ``done`` lines were
+           taken; ``dropped``: whether moves weren't made; ``place`` that the printer told
+end        state, message, done, error, position_known: last; where the printer refused a line of
+           the job: ``refused``, the lines before it, and ``made``, those of them surely made
+========== =====================================================================================
+
+job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, looked, stood and end
+records also have ``at``, the wall-clock time, s since 1970.
+
+What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
+death of the process (kill -9). Those with ``at`` are also forced to the disk, but for a checkpoint
+that agrees and was made at no mark. That one and ack and control records are not, since forcing
+the disk several times a second would stall the line, and after a loss of power the printer has
+lost its position as well.
+
+Room is kept back on the disk (``journal.reserve``), so that the end of a print that a full disk
+ends can be written down. Emptied, it says that records may be missing at the journal's end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+import threading
+import time
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from printctl.machine.errors import JournalError
+
+Record = dict[str, Any]
+RESERVE: Final = "journal.reserve"
+RESERVE_BYTES: Final = 65_536
+_DATED: Final = frozenset(
+    {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
+    | {"look", "insert", "looked"}
+)
+
+
+class Journal:
+    """An append-only journal; any thread may add to it.
+
+    Parameters
+    ----------
+    path : Path
+        Made if absent; an existing one is gone on with (a torn tail is closed by a line end).
+    reserve : bool
+        Whether to keep room back on the disk until the print has ended.
+
+    Raises
+    ------
+    JournalError
+        When it can't be written.
+    """
+
+    def __init__(self, path: Path, reserve: bool = False) -> None:
+        self.path = path
+        self._lock, self._torn, self._ended = threading.Lock(), False, False
+        self._reserve = path.with_name(RESERVE) if reserve else None
+        try:
+            if self._reserve is not None:
+                _keep_room(self._reserve)
+            self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+            size = os.fstat(self._fd).st_size
+            if size and _last_byte(path, size) != b"\n":
+                os.write(self._fd, b"\n")
+        except OSError as exc:
+            raise JournalError(f"journal {path} can't be opened: {exc.strerror}") from exc
+
+    def add(self, sort: str, **values: Any) -> None:
+        """Append a record.
+
+        Raises
+        ------
+        JournalError
+            When it can't be written (disk full); the record isn't there then.
+        """
+        at = {"at": time.time()} if sort in _DATED else {}
+        line = encode({"t": sort, **at, **values})
+        passing = sort == "checkpoint" and values.get("agrees") and not values.get("mark")
+        with self._lock:
+            try:
+                if self._torn:  # a part of the last record is there
+                    line = b"\n" + line
+                written = os.write(self._fd, line)
+                self._torn = written != len(line) and (self._torn or written > 0)
+                if written != len(line):
+                    raise OSError("disk full")
+                self._ended = sort == "end"
+                if at and not passing:
+                    os.fsync(self._fd)
+            except OSError as exc:
+                raise JournalError(
+                    f"journal {self.path} can't be written: {exc}; free space on the disk"
+                ) from exc
+
+    def use_reserve(self) -> bool:
+        """Free the room kept back, so that the record that didn't fit may be added once more.
+
+        Returns
+        -------
+        bool
+            False where there is none left.
+        """
+        with self._lock:
+            if self._reserve is None or not bytes_in(self._reserve):
+                return False
+            try:
+                os.truncate(self._reserve, 0)
+                if self._torn:
+                    os.ftruncate(self._fd, _end_of_last_line(self.path))
+            except OSError:
+                return False
+            self._torn = False
+            return True
+
+    def close(self) -> None:
+        """Force everything to the disk, if it can, and let go of the file.
+
+        Closing twice does no harm. The print is over: what the disk says now changes no outcome.
+        """
+        with self._lock:
+            if self._fd >= 0:
+                with contextlib.suppress(OSError):
+                    os.fsync(self._fd)
+                with contextlib.suppress(OSError):
+                    os.close(self._fd)
+                self._fd = -1
+            if self._ended and self._reserve is not None:
+                with contextlib.suppress(OSError):
+                    self._reserve.unlink(missing_ok=True)
+
+
+def _keep_room(reserve: Path) -> None:
+    if bytes_in(reserve) < RESERVE_BYTES:
+        reserve.write_bytes(os.urandom(RESERVE_BYTES))  # no disk can make it smaller
+
+
+def bytes_in(path: Path) -> int:
+    """Size of a file; 0 where there is none."""
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
+
+
+def _end_of_last_line(path: Path) -> int:
+    return path.read_bytes().rfind(b"\n") + 1
+
+
+def _last_byte(path: Path, size: int) -> bytes:
+    with path.open("rb") as handle:
+        handle.seek(size - 1)
+        return handle.read(1)
+
+
+def encode(record: Record) -> bytes:
+    """One record as a line."""
+    text = json.dumps(record, separators=(",", ":"), ensure_ascii=True).encode()
+    return b"%08x %b\n" % (zlib.crc32(text), text)
+
+
+def decode(line: bytes) -> Record | None:
+    """Read a line; None when its checksum is wrong."""
+    crc, _, text = line.rstrip(b"\n").partition(b" ")
+    try:
+        record = json.loads(text) if crc == b"%08x" % zlib.crc32(text) else None
+    except ValueError:
+        return None
+    return record if isinstance(record, dict) else None
+
+
+def new_print_id(started: float) -> str:
+    """Return a random identity for a print begun at ``started`` (s since 1970), sorting by it."""
+    return f"{int(started):010d}-{secrets.token_hex(4)}"
+
+
+def print_id(job: Record) -> str:
+    """Return the identity of the print that a journal's first job record begins.
+
+    Journals of versions without identities have one of what that record says.
+    """
+    if job.get("id"):
+        return str(job["id"])
+    words = "|".join(str(job.get(key)) for key in ("started", "pid", "host", "sha256", "path"))
+    return f"{int(job.get('started', 0)):010d}-{zlib.crc32(words.encode()):08x}"
+
+
+def read_records(path: Path) -> Iterator[Record | None]:
+    """Give the records in order, None for each damaged line."""
+    with path.open("rb") as handle:
+        for line in handle:
+            yield decode(line) if line.endswith(b"\n") else None
