@@ -43,7 +43,7 @@ class ForeignCommands:
         progress = self.channel.logbook.progress
         if not progress.meddled:
             return
-        progress.taken_back()
+        progress.meddled = False
         try:
             self.set_anew()
         except HandshakeError as exc:

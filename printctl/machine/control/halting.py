@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 from firmware_profiles import Printer
 from printctl.machine.families import link_facts
-from printctl.machine.job.motor_run_on import MotorRunOn, unknown_run_on
+from printctl.machine.job.moves import MotorRunOn, unknown_run_on
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from printctl.machine.control.halting import Halting, halting_of
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import PortLost
 from printctl.machine.job.firmware import Firmware
-from printctl.machine.job.motor_run_on import MotorRunOn
+from printctl.machine.job.moves import MotorRunOn
 from printctl.machine.records.states import LinkState, PrintEnded
 
 KILL_AGAIN_S: Final = 0.02

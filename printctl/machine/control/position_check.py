@@ -255,7 +255,7 @@ class PositionCheck:
             Where they disagree: the printer didn't make what it acknowledged.
         """
         progress, at = self._progress, self._progress.modal()
-        progress.verified()
+        progress.unverified = False
         wrong, told, by_steps = self._frame.compare_end(at)
         if not told:
             words = "; the end's place isn't compared: the printer tells none (M114)"
@@ -365,5 +365,5 @@ class PositionCheck:
     def verify_in_passing(self) -> None:
         """Compare positions between two lines; the planner isn't drained for it."""
         self._channel.settle()
-        self._progress.verified()
+        self._progress.unverified = False
         self.verify(self._progress.modal())

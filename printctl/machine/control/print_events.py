@@ -14,7 +14,7 @@ from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.requests import Request, RequestQueue
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import HandshakeError
-from printctl.machine.job.motor_run_on import MotorRunOn
+from printctl.machine.job.moves import MotorRunOn
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded
 from sim.gcode.reading import is_motion
 
@@ -185,7 +185,7 @@ class PrintEvents:
     def _on_stray(self, event: said.StrayOk) -> None:
         if self._kill.asked.is_set():  # its own M410 is answered by an ok, too
             return
-        self._progress.doubt()
+        self._progress.unverified = True
         if not event.foreign:
             self._logbook.notice(f"an ok without a line, near line {event.number}")
             return
@@ -198,7 +198,7 @@ class PrintEvents:
         self._hold(self._progress.foreign_words())
 
     def _on_renumbered(self, event: said.Renumbered) -> None:
-        self._progress.doubt()
+        self._progress.unverified = True
         self._progress.count_foreign(1)
         text = (
             f"the printer's count of lines became {event.last}, and this print's is "

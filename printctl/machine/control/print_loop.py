@@ -123,7 +123,7 @@ class PrintLoop:
         now = now_s()
         stop = protocol.limit = self._next_stop(now)
         taken = protocol.lines_done
-        progress.standstills.answered(self._job.lines, taken, now, protocol.line_errors)
+        progress.caught_up(now)
         if not progress.unverified:
             protocol.held = False
             protocol.go(now)
@@ -220,8 +220,7 @@ class PrintLoop:
     def _finish(self) -> bool:
         """Wait for the last move; return whether the printer confirms its last line."""
         self._channel.settle()
-        done, now = self._protocol.lines_done, self._wiring.clock.now()
-        self._progress.standstills.answered(self._job.lines, done, now, self._protocol.line_errors)
+        self._progress.caught_up(self._wiring.clock.now())
         self._channel.command(b"M400")
         self._parts.ending.end_on_fault()  # of the last moves, or M400 was refused
         self._compared = self._parts.position.verify_end()

@@ -23,8 +23,7 @@ from printctl.machine.job import modal
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.job import Job
 from printctl.machine.job.modal import Modal
-from printctl.machine.job.motor_run_on import MotorRunOn
-from printctl.machine.job.planned_moves import planned_moves
+from printctl.machine.job.moves import MotorRunOn, planned_moves
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.states import LinkState, Status
