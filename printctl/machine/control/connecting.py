@@ -1,17 +1,49 @@
-"""First contact with a firmware: wait for the board to boot, reset line numbering."""
+"""First contact with a firmware: its protocol, its board's boot, the numbers of its lines."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
+from firmware_profiles import Printer
+from firmware_profiles.families import LinkSetup
+from firmware_profiles.families.link_protocol import LinkProtocol, Timing
 from printctl.machine.control.channel import Channel
 from printctl.machine.errors import HandshakeError
+from printctl.machine.families import link_facts
+from printctl.machine.job.care import Care
+from printctl.machine.job.modal import places
 
 BOOT_LISTEN_S: Final = 1.0
 BOOT_QUIET_S: Final = 0.5
 BOOT_LIMIT_S: Final = 10.0
 CONNECT_LIMIT_S: Final = 15.0
+
+
+def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> LinkProtocol:
+    """Return a printer's protocol on a wire of so much latency (`Transport`).
+
+    Its limits on silence and noise are those of ``care``.
+
+    Raises
+    ------
+    Refused
+        For a printer that takes no lines.
+    """
+    care = care or Care()
+    facts = link_facts(printer)
+    timing = Timing(quiet_s=quiet_s, noise_window=care.noise_window, noise_limit=care.noise_limit)
+    if care.silent_limit_s is not None:
+        seconds = care.silent_limit_s
+        if facts.remembers:
+            timing = replace(timing, silent_limit_s=seconds)
+        else:
+            timing = replace(timing, busy_limit_s=seconds)
+    setup = LinkSetup(
+        timing, printer.lines_in_flight, printer.receive_buffer_bytes, places, printer.withholds
+    )
+    return facts.make_protocol(setup)
 
 
 def connect(channel: Channel, on_step: Callable[[], None] | None = None) -> None:
@@ -20,7 +52,7 @@ def connect(channel: Channel, on_step: Callable[[], None] | None = None) -> None
     Raises
     ------
     HandshakeError
-        When nobody answers.
+        When no firmware answers.
     """
     wiring = channel.wiring
     if wiring.fresh and wiring.printer.resets_on_connect:
@@ -47,6 +79,4 @@ def _await_boot(channel: Channel) -> None:
     limit, count = clock.now() + BOOT_LIMIT_S, -1
     while heard.booted and count != heard.count and clock.now() < limit:
         count = heard.count
-        until = clock.now() + BOOT_QUIET_S
-        while clock.now() < until:
-            channel.pump(until)
+        channel.listen(BOOT_QUIET_S)

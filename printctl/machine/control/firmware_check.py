@@ -68,7 +68,7 @@ class FirmwareCheck:
     def _identify(self, says: str) -> None:
         for _ in range(RETRIES):
             self.firmware = parse_firmware(self._channel.ask(b"M115"))
-            self._channel.kill.learn(self.firmware)
+            self._channel.kill.learn(self.firmware.capabilities)
             if self.firmware.is_a(says):
                 return
         name = self.firmware.name or "nothing"

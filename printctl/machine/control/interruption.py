@@ -12,7 +12,7 @@ import math
 from typing import Final
 
 from printctl.machine.control.channel import PrinterReplies
-from printctl.machine.control.kill import Kill
+from printctl.machine.control.halting import Kill
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.requests import Request, RequestQueue
 from printctl.machine.control.wiring import Wiring

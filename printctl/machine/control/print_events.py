@@ -8,8 +8,8 @@ from typing import Any, Final, NoReturn
 
 from firmware_profiles.families import link_protocol as said
 from printctl.machine.control.channel import Channel, PrinterReplies
+from printctl.machine.control.halting import HALTED_BEFORE, Kill
 from printctl.machine.control.interruption import Interruption
-from printctl.machine.control.kill import HALTED_BEFORE, Kill
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.requests import Request, RequestQueue
 from printctl.machine.control.wiring import Wiring
@@ -264,7 +264,7 @@ class PrintEvents:
         raise PrintEnded(
             LinkState.KILLED,
             f"the firmware halted itself ({event.text}){because}; "
-            f"{self._kill.halting.told(run_on, stopped=False)}",
+            f"{self._kill.halting.words(run_on, stopped=False)}",
             known=False,
         )
 

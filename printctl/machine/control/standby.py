@@ -14,8 +14,8 @@ from printctl.machine.control.channel import Channel, PrinterReplies
 from printctl.machine.control.connecting import connect
 from printctl.machine.control.firmware_check import FirmwareCheck
 from printctl.machine.control.gauges import Gauge, Gauges
+from printctl.machine.control.halting import Kill
 from printctl.machine.control.interruption import Interruption
-from printctl.machine.control.kill import Kill
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.manual_motion import Mover, send
 from printctl.machine.control.print_events import PrintEvents
