@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Final
 
 from firmware_profiles.families import family_of
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.gating import settings_changed_by
-from printctl.machine.control.gauges import Gauges
+from printctl.machine.control.gauges import Gauge, check_at_rest
 from printctl.machine.control.position_check import RETRIES
 from printctl.machine.control.start_checks import agree_settings
 from printctl.machine.errors import HandshakeError
@@ -34,7 +35,7 @@ class FirmwareCheck:
         What M115 was answered with; empty before.
     """
 
-    def __init__(self, channel: Channel, gauges: Gauges) -> None:
+    def __init__(self, channel: Channel, gauges: Sequence[Gauge]) -> None:
         self._channel, self._gauges = channel, gauges
         self._wiring, self._logbook = channel.wiring, channel.logbook
         self._printer = channel.wiring.printer
@@ -62,7 +63,7 @@ class FirmwareCheck:
         for command in shut(self._printer):
             self._channel.ask(command)
         self.set_modes(journalled=False)
-        self._gauges.check_at_rest()
+        check_at_rest(self._channel, self._gauges)
         self._logbook.excuse("")  # a firmware without M113 says so; that is no fault of the job
 
     def _identify(self, says: str) -> None:

@@ -6,6 +6,7 @@ import contextlib
 
 from printctl.machine.control.channel import POLL_S
 from printctl.machine.control.connecting import connect
+from printctl.machine.control.gauges import next_due, read_high
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.print_parts import PrintParts
 from printctl.machine.control.requests import Request
@@ -164,10 +165,10 @@ class PrintLoop:
 
     def _measure(self, now: float) -> None:
         """Ask for what is watched and due; end the print where a reading is above its limit."""
-        if now < self._parts.gauges.next_due:
+        if now < next_due(self._parts.gauges):
             return
         self._channel.settle()
-        high = self._parts.gauges.too_high(now)
+        high = read_high(self._channel, self._parts.gauges, now)
         if high and not self._logbook.fault:
             self._logbook.alarm(high)
             self._parts.ending.retreat(LinkState.FAILED, high)
@@ -176,7 +177,7 @@ class PrintLoop:
         """Return command lines after which to look at what is due."""
         parts, done = self._parts, self._progress.done
         stop = parts.watch.next_stop(now, done, self._protocol.idle, len(self._job))
-        due_s = min(parts.gauges.next_due, parts.answers.next_due, parts.clients.next_due)
+        due_s = min(next_due(parts.gauges), parts.answers.next_due, parts.clients.next_due)
         if parts.slips.due or now >= due_s:
             return done
         return parts.slips.next_stop(stop)

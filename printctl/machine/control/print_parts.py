@@ -12,7 +12,7 @@ from printctl.machine.control.excursion import Excursion
 from printctl.machine.control.firmware_check import FirmwareCheck
 from printctl.machine.control.foreign_changes import ForeignCommands
 from printctl.machine.control.frame_check import FrameCheck
-from printctl.machine.control.gauges import Gauge, Gauges
+from printctl.machine.control.gauges import Gauge
 from printctl.machine.control.head_choice import HeadChoice
 from printctl.machine.control.heat_check import HeatCheck
 from printctl.machine.control.idle_motors import IdleMotors
@@ -98,7 +98,7 @@ class PrintParts:
     look_requests : LookRequests
     commands : ManualCommands
     watch : Watch
-    gauges : Gauges
+    gauges : list of Gauge
     answers : AnswerCount
     clients : OtherClients
     firmware : FirmwareCheck
@@ -120,7 +120,7 @@ class PrintParts:
     look_requests: LookRequests
     commands: ManualCommands
     watch: Watch
-    gauges: Gauges
+    gauges: list[Gauge]
     answers: AnswerCount
     clients: OtherClients
     firmware: FirmwareCheck
@@ -150,8 +150,8 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     requests = PrintRequests(wiring, logbook, queue, watch, change)
     look_requests = LookRequests(logbook, queue, book)
     heat, valve, frame = HeatCheck(channel), ValveSwitch(channel), FrameCheck(channel)
-    commands, gauges = ManualCommands(channel, queue, heat), Gauges(channel, watched)
-    firmware, heads = FirmwareCheck(channel, gauges), HeadChoice(channel)
+    commands = ManualCommands(channel, queue, heat)
+    firmware, heads = FirmwareCheck(channel, watched), HeadChoice(channel)
     position = PositionCheck(channel, valve, frame)
     meddling, excursion = ForeignCommands(channel, firmware, position, heat), Excursion()
     returning = Returning(channel, heads, position, excursion)
@@ -185,7 +185,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         look_requests=look_requests,
         commands=commands,
         watch=watch,
-        gauges=gauges,
+        gauges=watched,
         answers=AnswerCount(channel),
         clients=OtherClients(channel, position, heat),
         firmware=firmware,

@@ -13,7 +13,7 @@ from firmware_profiles.families import family_of
 from printctl.machine.control.channel import Channel, PrinterReplies
 from printctl.machine.control.connecting import connect
 from printctl.machine.control.firmware_check import FirmwareCheck
-from printctl.machine.control.gauges import Gauge, Gauges
+from printctl.machine.control.gauges import Gauge, read_high
 from printctl.machine.control.halting import Kill
 from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.logbook import Logbook
@@ -69,7 +69,7 @@ class Standby:
         as_print = PrintEvents(wiring, self._logbook, self._kill, queue, heard, nothing)
         self._events = StandbyEvents(self._logbook, self._halt, self._kill.asked, as_print)
         self._channel = Channel(wiring, self._logbook, self._kill, self._events, heard)
-        self._gauges = Gauges(self._channel, [Gauge(one) for one in wiring.printer.watch])
+        self._gauges = [Gauge(one) for one in wiring.printer.watch]
         self._firmware = FirmwareCheck(self._channel, self._gauges)
         self._tip = Tip(self._channel)
         self._motion = Mover(self._channel, self._tip, self._events, self._halt, pace, self._attend)
@@ -101,7 +101,7 @@ class Standby:
     @property
     def readings(self) -> tuple[str, ...]:
         """Last readings of what the profile has watched."""
-        return self._gauges.readings
+        return tuple(str(gauge) for gauge in self._gauges)
 
     @property
     def halt_asked(self) -> bool:
@@ -119,13 +119,13 @@ class Standby:
             As any print's beginning.
         """
         protocol = self._wiring.protocol
-        self._logbook.enter_unrecorded(LinkState.CONNECTING)
+        self._logbook.state = LinkState.CONNECTING
         connect(self._channel)
-        self._logbook.enter_unrecorded(LinkState.CHECKING)
+        self._logbook.state = LinkState.CHECKING
         self._firmware.check()
         self._channel.agree(protocol.renumber)
         protocol.load([], 0, 0)
-        self._logbook.enter_unrecorded(LinkState.PAUSED)
+        self._logbook.state = LinkState.PAUSED
         self._events.found()
         if link_facts(self._wiring.printer).m84_sets_timeout:
             # else the motors lose their power, and the place its meaning
@@ -189,7 +189,7 @@ class Standby:
         self._poll_due = now + POLL_S
         self.temperatures = parse_temperatures(self._channel.ask(b"M105")) or self.temperatures
         self.look()  # somebody may turn the knob on the machine
-        high = self._gauges.too_high(now)
+        high = read_high(self._channel, self._gauges, now)
         if high and high != self.trouble:
             self._logbook.alarm(high)
         self._events.set_trouble(high or self._logbook.take_fault())
