@@ -8,10 +8,10 @@ from typing import Final, NoReturn
 
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.excursion import Excursion
-from printctl.machine.control.firmware_check import FirmwareCheck
+from printctl.machine.control.firmware import FirmwareCheck
 from printctl.machine.control.head_choice import HeadChoice
 from printctl.machine.control.interruption import Interruption
-from printctl.machine.control.position_check import PositionCheck, Standstill
+from printctl.machine.control.place import PositionCheck, Standstill
 from printctl.machine.control.valve_switch import ValveSwitch
 from printctl.machine.families import link_facts
 from printctl.machine.job.modal import Modal

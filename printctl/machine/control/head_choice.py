@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from printctl.machine.control.channel import Channel
-from printctl.machine.control.position_check import RETRIES
+from printctl.machine.control.firmware import RETRIES
 from printctl.machine.job.heads import choose, confirms, keep_raised
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.records.states import LinkState, PrintEnded

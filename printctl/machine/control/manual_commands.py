@@ -7,7 +7,7 @@ from collections.abc import Callable
 from printctl.checks.gate import PrinterSituation, Refusal
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.gating import Manual, judge_typed
-from printctl.machine.control.heat_check import HeatCheck
+from printctl.machine.control.heat import HeatCheck
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.requests import RequestQueue
 

@@ -9,7 +9,7 @@ from firmware_profiles import Printer
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.head_choice import HeadChoice
 from printctl.machine.control.inserting import Inserting
-from printctl.machine.control.position_check import PositionCheck
+from printctl.machine.control.place import PositionCheck
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.modal import Modal
 

@@ -11,14 +11,14 @@ from typing import Final
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.ending import Ending
 from printctl.machine.control.excursion import Excursion
-from printctl.machine.control.foreign_changes import ForeignCommands
 from printctl.machine.control.gating import PausedTip
 from printctl.machine.control.head_choice import HeadChoice
 from printctl.machine.control.idle_motors import IdleMotors
 from printctl.machine.control.inserting import Inserting
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.manual_commands import ManualCommands
-from printctl.machine.control.position_check import PositionCheck
+from printctl.machine.control.others import ForeignCommands
+from printctl.machine.control.place import PositionCheck
 from printctl.machine.control.print_requests import PrintRequests
 from printctl.machine.control.requests import Request, RequestQueue
 from printctl.machine.control.returning import Returning
@@ -207,7 +207,7 @@ class Pauses:
         self.heads.take()
         self.returning.come_back(at, prime_mm)
         self.change.end()
-        self.position.note_plunger()
+        self.position.frame.note_plunger()
         self.inserting.book.end()
         self.inserting.refuse_rest()
         if by_person:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import contextlib
 
 from printctl.machine.control.channel import POLL_S
-from printctl.machine.control.connecting import connect
+from printctl.machine.control.connecting import RestWait, agree_start, connect
 from printctl.machine.control.gauges import next_due, read_high
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.print_parts import PrintParts
 from printctl.machine.control.requests import Request
-from printctl.machine.control.start_checks import RestWait, agree_start
 from printctl.machine.errors import HandshakeError, LinkError
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
@@ -81,10 +80,10 @@ class PrintLoop:
         connect(self._channel, rest.step)
         self._logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
         rest.wait()
-        self._parts.firmware.check()
+        self._parts.firmware.check(self._parts.gauges)
         self._agree_start(rest)
         self._parts.heat.begin()
-        self._parts.frame.begin()
+        self._parts.position.frame.begin()
         self._parts.pauses.motors.hold()
         number = self._channel.agree(self._protocol.renumber)
         if self._logbook.fault and not self._logbook.disk_full:
@@ -96,10 +95,7 @@ class PrintLoop:
         declared = None
         with contextlib.suppress(LinkError):  # a part alone is told: the printer is asked
             declared = declared_start(self._job)
-        rest.refuse_declared(declared)
-        start_mm = self._parts.watch.care.start_mm
-        if start_mm is not None:
-            agree_start(self._channel.ask, start_mm, declared)
+        agree_start(self._channel, rest.moved, declared, self._parts.watch.care.start_mm)
 
     # --- lines -----------------------------------------------------------------------------------
 

@@ -9,12 +9,10 @@ from typing import Final
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.ending import Ending
 from printctl.machine.control.excursion import Excursion
-from printctl.machine.control.firmware_check import FirmwareCheck
-from printctl.machine.control.foreign_changes import ForeignCommands
-from printctl.machine.control.frame_check import FrameCheck
+from printctl.machine.control.firmware import FirmwareCheck
 from printctl.machine.control.gauges import Gauge
 from printctl.machine.control.head_choice import HeadChoice
-from printctl.machine.control.heat_check import HeatCheck
+from printctl.machine.control.heat import HeatCheck
 from printctl.machine.control.idle_motors import IdleMotors
 from printctl.machine.control.inserting import Inserting
 from printctl.machine.control.interruption import Interruption
@@ -23,10 +21,10 @@ from printctl.machine.control.look_book import LookBook
 from printctl.machine.control.look_requests import LookRequests
 from printctl.machine.control.looks import Looks
 from printctl.machine.control.manual_commands import ManualCommands
-from printctl.machine.control.other_clients import OtherClients
+from printctl.machine.control.others import ForeignCommands, OtherClients
 from printctl.machine.control.parking import Parking
 from printctl.machine.control.pauses import Pauses
-from printctl.machine.control.position_check import PositionCheck
+from printctl.machine.control.place import PositionCheck, SlipWatch
 from printctl.machine.control.print_details import PrintDetails
 from printctl.machine.control.print_events import print_channel
 from printctl.machine.control.print_requests import PrintRequests
@@ -34,7 +32,6 @@ from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.requests import RequestQueue
 from printctl.machine.control.resumption import Resumption
 from printctl.machine.control.returning import Returning
-from printctl.machine.control.slips import SlipWatch
 from printctl.machine.control.syringe_change import SyringeChange
 from printctl.machine.control.syringe_changer import SyringeChanger
 from printctl.machine.control.valve_switch import ValveSwitch
@@ -124,7 +121,6 @@ class PrintParts:
     answers: AnswerCount
     clients: OtherClients
     firmware: FirmwareCheck
-    frame: FrameCheck
     position: PositionCheck
     meddling: ForeignCommands
     heat: HeatCheck
@@ -149,10 +145,10 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     channel, interruption = print_channel(wiring, logbook, queue)
     requests = PrintRequests(wiring, logbook, queue, watch, change)
     look_requests = LookRequests(logbook, queue, book)
-    heat, valve, frame = HeatCheck(channel), ValveSwitch(channel), FrameCheck(channel)
+    heat, valve = HeatCheck(channel), ValveSwitch(channel)
     commands = ManualCommands(channel, queue, heat)
-    firmware, heads = FirmwareCheck(channel, watched), HeadChoice(channel)
-    position = PositionCheck(channel, valve, frame)
+    firmware, heads = FirmwareCheck(channel), HeadChoice(channel)
+    position = PositionCheck(channel)
     meddling, excursion = ForeignCommands(channel, firmware, position, heat), Excursion()
     returning = Returning(channel, heads, position, excursion)
     ending = Ending(channel, firmware, heads, position, valve, excursion, interruption)
@@ -189,7 +185,6 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         answers=AnswerCount(channel),
         clients=OtherClients(channel, position, heat),
         firmware=firmware,
-        frame=frame,
         position=position,
         meddling=meddling,
         heat=heat,
@@ -201,7 +196,6 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         resumption=Resumption(
             channel,
             firmware,
-            frame,
             heat,
             meddling,
             heads,

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.excursion import Excursion
-from printctl.machine.control.firmware_check import FirmwareCheck
-from printctl.machine.control.foreign_changes import ForeignCommands
-from printctl.machine.control.frame_check import FrameCheck
+from printctl.machine.control.firmware import FirmwareCheck
 from printctl.machine.control.head_choice import HeadChoice
-from printctl.machine.control.heat_check import HeatCheck
+from printctl.machine.control.heat import HeatCheck
 from printctl.machine.control.looks import Looks
+from printctl.machine.control.others import ForeignCommands
 from printctl.machine.control.parking import Park, Parking
 from printctl.machine.control.pauses import Pauses
-from printctl.machine.control.position_check import PositionCheck
+from printctl.machine.control.place import PositionCheck
 from printctl.machine.control.print_requests import PrintRequests
 from printctl.machine.control.returning import Returning
 from printctl.machine.control.valve_switch import ValveSwitch
@@ -35,7 +34,6 @@ class Resumption:
     ----------
     channel : Channel
     firmware : FirmwareCheck
-    frame : FrameCheck
     heat : HeatCheck
     meddling : ForeignCommands
     heads : HeadChoice
@@ -52,7 +50,6 @@ class Resumption:
 
     channel: Channel
     firmware: FirmwareCheck
-    frame: FrameCheck
     heat: HeatCheck
     meddling: ForeignCommands
     heads: HeadChoice
@@ -88,7 +85,7 @@ class Resumption:
             self.heat.restore(history.heat["targets"], history.heat["line"])
         self.meddling.set_anew()
         if history.frame:
-            self.frame.restore(**history.frame)
+            self.position.frame.restore(**history.frame)
             self.position.refuse_renamed(waited=True)
         at = self.position.expected(history.left)
         if history.reload_at is not None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.excursion import Excursion
 from printctl.machine.control.head_choice import HeadChoice
-from printctl.machine.control.position_check import PositionCheck
+from printctl.machine.control.place import PositionCheck
 from printctl.machine.job.modal import Modal
 
 

@@ -12,9 +12,10 @@ from typing import Final
 from firmware_profiles.families import family_of
 from printctl.machine.control.channel import Channel, PrinterReplies
 from printctl.machine.control.connecting import connect
-from printctl.machine.control.firmware_check import FirmwareCheck
+from printctl.machine.control.firmware import Firmware, FirmwareCheck
 from printctl.machine.control.gauges import Gauge, read_high
 from printctl.machine.control.halting import Kill
+from printctl.machine.control.heat import Temperature, parse_temperatures
 from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.manual_motion import Mover, send
@@ -26,10 +27,8 @@ from printctl.machine.control.station_status import Place
 from printctl.machine.control.tip import Tip
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.families import link_facts
-from printctl.machine.job.firmware import Firmware
 from printctl.machine.job.job import Job
 from printctl.machine.job.retreat import heaters_off
-from printctl.machine.job.temperatures import Temperature, parse_temperatures
 from printctl.machine.records.states import LinkState
 
 POLL_S: Final = 1.0
@@ -70,7 +69,7 @@ class Standby:
         self._events = StandbyEvents(self._logbook, self._halt, self._kill.asked, as_print)
         self._channel = Channel(wiring, self._logbook, self._kill, self._events, heard)
         self._gauges = [Gauge(one) for one in wiring.printer.watch]
-        self._firmware = FirmwareCheck(self._channel, self._gauges)
+        self._firmware = FirmwareCheck(self._channel)
         self._tip = Tip(self._channel)
         self._motion = Mover(self._channel, self._tip, self._events, self._halt, pace, self._attend)
         self._poll_due = self._sign_due = 0.0
@@ -122,7 +121,7 @@ class Standby:
         self._logbook.state = LinkState.CONNECTING
         connect(self._channel)
         self._logbook.state = LinkState.CHECKING
-        self._firmware.check()
+        self._firmware.check(self._gauges)
         self._channel.agree(protocol.renumber)
         protocol.load([], 0, 0)
         self._logbook.state = LinkState.PAUSED

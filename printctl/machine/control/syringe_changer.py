@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.head_choice import HeadChoice
-from printctl.machine.control.position_check import PositionCheck
+from printctl.machine.control.place import PositionCheck
 from printctl.machine.control.syringe_change import SyringeChange
 from printctl.machine.control.watch import Watch
 from printctl.machine.job.care import NewSyringe
