@@ -72,22 +72,20 @@ class Channel:
 
     Attributes
     ----------
+    heard : PrinterReplies
+    handler : EventHandler
+        Set before anything is sent.
     on_step : callable or None
         Called in each step of a wait; may raise to end it.
     troubles : int
         Events so far beside answers: what came garbled, late or not at all.
     """
 
-    def __init__(
-        self,
-        wiring: Wiring,
-        logbook: Logbook,
-        kill: Kill,
-        handler: EventHandler,
-        heard: PrinterReplies,
-    ) -> None:
-        self.wiring, self.logbook, self.kill, self.heard = wiring, logbook, kill, heard
-        self._handler = handler
+    handler: EventHandler
+
+    def __init__(self, wiring: Wiring, logbook: Logbook, kill: Kill) -> None:
+        self.wiring, self.logbook, self.kill = wiring, logbook, kill
+        self.heard = PrinterReplies()
         self.on_step: Callable[[], None] | None = None
         self.troubles = 0
         self._awaited = -1
@@ -115,7 +113,7 @@ class Channel:
             self.handle(protocol.tick(now))
         if now >= self.logbook.next_note:
             self.logbook.note(now)
-        self._handler.step_made()
+        self.handler.step_made()
         if self.on_step is not None:
             self.on_step()
 
@@ -128,7 +126,7 @@ class Channel:
 
     def look_around(self) -> None:
         """Have what goes on beside the protocol noticed, where a loop reads by itself."""
-        self._handler.step_made()
+        self.handler.step_made()
 
     def settle(self) -> None:
         """Send no further job line; wait until what is in flight is taken."""
@@ -157,7 +155,7 @@ class Channel:
         Behind M400 the printer has to confirm that it is idle: an ok alone may be another line's.
         """
         protocol = self.wiring.protocol
-        self._handler.between_commands()
+        self.handler.between_commands()
         self._replies.clear()
         self._awaited = protocol.number + 1
         if journalled:
@@ -169,7 +167,7 @@ class Channel:
             self.agree(protocol.confirm)
             self._ask_board(journalled)
             self.logbook.progress.stands_still()
-        self._handler.between_commands()
+        self.handler.between_commands()
         return self._replies[0].lines
 
     def _ask_board(self, journalled: bool) -> None:
@@ -216,4 +214,4 @@ class Channel:
                     self._awaited = event.first + len(event.controls) - 1
                 elif isinstance(event, (said.FirmwareStarted, said.FirmwareReset)):
                     self.heard.booted = True
-                self._handler.handle(event)
+                self.handler.handle(event)

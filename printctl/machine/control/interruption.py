@@ -11,11 +11,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from printctl.machine.control.channel import PrinterReplies
-from printctl.machine.control.halting import Kill
-from printctl.machine.control.logbook import Logbook
+from printctl.machine.control.channel import Channel
 from printctl.machine.control.requests import Request, RequestQueue
-from printctl.machine.control.wiring import Wiring
 from printctl.machine.families import link_facts
 from printctl.machine.job.valve import shut
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded
@@ -50,28 +47,19 @@ class Interruption:
 
     Parameters
     ----------
-    wiring : Wiring
-    logbook : Logbook
+    channel : Channel
+        Its `Kill` knows whether the firmware has an emergency parser.
     queue : RequestQueue
-    kill : Kill
-        Knows whether the firmware has an emergency parser.
-    heard : PrinterReplies
     """
 
-    def __init__(
-        self,
-        wiring: Wiring,
-        logbook: Logbook,
-        queue: RequestQueue,
-        kill: Kill,
-        heard: PrinterReplies,
-    ) -> None:
-        self._wiring, self._logbook, self._queue, self._kill = wiring, logbook, queue, kill
+    def __init__(self, channel: Channel, queue: RequestQueue) -> None:
+        self._wiring, self._logbook, self._queue = channel.wiring, channel.logbook, queue
+        self._kill = channel.kill
         self._over = self._told = False
         self._cuts, self._again_s = 0, -math.inf
         self._silent_s = -math.inf
         self._asked_s: float | None = None
-        self._heard, self._heard_count, self._heard_s = heard, 0, math.inf
+        self._heard, self._heard_count, self._heard_s = channel.heard, 0, math.inf
 
     def disarm(self) -> None:
         """Let nothing cut what follows: the way out, or a print that is over."""

@@ -8,6 +8,7 @@ from typing import Final
 
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.ending import Ending
+from printctl.machine.control.events import print_channel
 from printctl.machine.control.excursion import Excursion
 from printctl.machine.control.firmware import FirmwareCheck
 from printctl.machine.control.gauges import Gauge
@@ -26,7 +27,6 @@ from printctl.machine.control.parking import Parking
 from printctl.machine.control.pauses import Pauses
 from printctl.machine.control.place import PositionCheck, SlipWatch
 from printctl.machine.control.print_details import PrintDetails
-from printctl.machine.control.print_events import print_channel
 from printctl.machine.control.print_requests import PrintRequests
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.requests import RequestQueue

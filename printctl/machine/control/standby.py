@@ -10,8 +10,9 @@ from collections.abc import Callable
 from typing import Final
 
 from firmware_profiles.families import family_of
-from printctl.machine.control.channel import Channel, PrinterReplies
+from printctl.machine.control.channel import Channel
 from printctl.machine.control.connecting import connect
+from printctl.machine.control.events import PrintEvents
 from printctl.machine.control.firmware import Firmware, FirmwareCheck
 from printctl.machine.control.gauges import Gauge, read_high
 from printctl.machine.control.halting import Kill
@@ -19,7 +20,6 @@ from printctl.machine.control.heat import Temperature, parse_temperatures
 from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.manual_motion import Mover, send
-from printctl.machine.control.print_events import PrintEvents
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.requests import RequestQueue
 from printctl.machine.control.standby_events import StandbyEvents
@@ -62,12 +62,11 @@ class Standby:
         self._logbook = Logbook(
             wiring, JobProgress(wiring, Job([], [], "", "no job")), unrecorded=_UNRECORDED
         )
-        self._kill, self._halt, heard = Kill(wiring, changed), threading.Event(), PrinterReplies()
-        queue = RequestQueue()
-        nothing = Interruption(wiring, self._logbook, queue, self._kill, heard)
-        as_print = PrintEvents(wiring, self._logbook, self._kill, queue, heard, nothing)
+        self._kill, self._halt, queue = Kill(wiring, changed), threading.Event(), RequestQueue()
+        self._channel = Channel(wiring, self._logbook, self._kill)
+        as_print = PrintEvents(self._channel, queue, Interruption(self._channel, queue))
         self._events = StandbyEvents(self._logbook, self._halt, self._kill.asked, as_print)
-        self._channel = Channel(wiring, self._logbook, self._kill, self._events, heard)
+        self._channel.handler = self._events
         self._gauges = [Gauge(one) for one in wiring.printer.watch]
         self._firmware = FirmwareCheck(self._channel)
         self._tip = Tip(self._channel)

@@ -14,8 +14,8 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.connecting import connect, protocol_for
+from printctl.machine.control.events import print_channel
 from printctl.machine.control.logbook import Logbook
-from printctl.machine.control.print_events import print_channel
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.requests import RequestQueue
 from printctl.machine.control.wiring import Wiring
