@@ -38,22 +38,12 @@ class EventHandler(Protocol):
 
 
 class PrinterReplies:
-    """Bytes received from a printer.
-
-    Attributes
-    ----------
-    count : int
-        Of bytes.
-    last : str
-        The last words, for a message.
-    booted : bool
-        Whether its firmware has said that it starts.
-    heard_s : float, s
-        When the last of them came; of a job's lines, too.
-    """
+    """Bytes received from a printer."""
 
     def __init__(self) -> None:
-        self.count, self.booted, self._last, self.heard_s = 0, False, b"", math.inf
+        self.count, self._last = 0, b""
+        self.booted = False  # its firmware has said that it starts
+        self.heard_s = math.inf  # when the last of them came; of a job's lines, too
 
     def add(self, data: bytes, now: float) -> None:
         """Count what came by ``now``, s."""
@@ -63,31 +53,20 @@ class PrinterReplies:
 
     @property
     def last(self) -> str:
-        """See the class."""
+        """The last words, for a message."""
         return b" ".join(self._last.split()).decode("ascii", "backslashreplace")
 
 
 class Channel:
-    """Communication with one printer.
+    """Communication with one printer."""
 
-    Attributes
-    ----------
-    heard : PrinterReplies
-    handler : EventHandler
-        Set before anything is sent.
-    on_step : callable or None
-        Called in each step of a wait; may raise to end it.
-    troubles : int
-        Events so far beside answers: what came garbled, late or not at all.
-    """
-
-    handler: EventHandler
+    handler: EventHandler  # set before anything is sent
 
     def __init__(self, wiring: Wiring, logbook: Logbook, kill: Kill) -> None:
         self.wiring, self.logbook, self.kill = wiring, logbook, kill
         self.heard = PrinterReplies()
-        self.on_step: Callable[[], None] | None = None
-        self.troubles = 0
+        self.on_step: Callable[[], None] | None = None  # in each step of a wait; may raise
+        self.troubles = 0  # events beside answers: what came garbled, late or not at all
         self._awaited = -1
         self._replies: list[said.CommandReplied] = []
         self._in_step: list[int] = []

@@ -36,12 +36,7 @@ Place = tuple[float, float, float]
 def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> LinkProtocol:
     """Return a printer's protocol on a wire of so much latency (`Transport`).
 
-    Its limits on silence and noise are those of ``care``.
-
-    Raises
-    ------
-    Refused
-        For a printer that takes no lines.
+    Its limits on silence and noise are those of ``care``. A printer that takes no lines is refused.
     """
     care = care or Care()
     family = family_of(printer)
@@ -61,13 +56,7 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
 
 
 def connect(channel: Channel, on_step: Callable[[], None] | None = None) -> None:
-    """Have the printer number its lines from 0; ``on_step`` is the channel's meanwhile.
-
-    Raises
-    ------
-    HandshakeError
-        When no firmware answers.
-    """
+    """Have the printer number its lines from 0; ``on_step`` is the channel's meanwhile."""
     wiring = channel.wiring
     if wiring.fresh and wiring.printer.resets_on_connect:
         _await_boot(channel)
@@ -99,10 +88,7 @@ def _await_boot(channel: Channel) -> None:
 class RestWait:
     """Wait until the machine stands still: a former job may have moves left, or go on.
 
-    Attributes
-    ----------
-    moved : str
-        What was seen of its moves, or how long it was busy; empty for nothing.
+    ``moved``: what was seen of its moves, or how long it was busy; empty for nothing.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -112,12 +98,7 @@ class RestWait:
         self.moved = ""
 
     def step(self) -> None:
-        """Say that a printer is busy, from the first step on; end where it takes too long.
-
-        Raises
-        ------
-        HandshakeError
-        """
+        """Say that a printer is busy, from the first step on; refuse one that is so too long."""
         now, heard = self._clock.now(), self._channel.heard
         self._since = now if self._since is None else self._since
         self._busy |= "busy:" in heard.last
@@ -127,13 +108,7 @@ class RestWait:
             self._refuse(now - self._since)
 
     def wait(self) -> None:
-        """Return once it stands.
-
-        Raises
-        ------
-        HandshakeError
-            Where it moves, or makes what it was sent before, for longer than `REST_LIMIT_S`.
-        """
+        """Return once it stands; refuse one that moves, or is busy, beyond `REST_LIMIT_S`."""
         began, before = self._clock.now(), self._place()
         while (place := self._next_place()) != before:
             pairs = zip(before.split(), place.split(), strict=False)
@@ -194,20 +169,9 @@ def agree_start(
 ) -> None:
     """Refuse a tip that stands elsewhere than checks, or the job, take it to stand.
 
-    Parameters
-    ----------
-    channel : Channel
-    moved : str
-        What was seen of the machine's moves before (`RestWait`).
-    declared : (x, y, z) or None, mm
-        Where the job's own first lines tell the firmware that the tip stands.
-    start_mm : (x, y, z) or None, mm
-        Where preflight began; None for no matter where.
-
-    Raises
-    ------
-    HandshakeError
-        With both places.
+    ``moved``: what was seen of the machine's moves before (`RestWait`); ``declared``: where the
+    job's own first lines tell the firmware that the tip stands; ``start_mm``: where preflight
+    began, None for no matter where.
     """
     if moved and declared is not None:
         raise HandshakeError(

@@ -34,21 +34,11 @@ _TARGET: Final = re.compile(rb":-?[0-9.]+ */([0-9.]+)")
 
 @dataclass(frozen=True)
 class Firmware:
-    """Reply to M115.
+    """Reply to M115."""
 
-    Attributes
-    ----------
-    name : str
-        Text of ``FIRMWARE_NAME``, which contains the family's, of forks too; empty when it didn't
-        come through.
-    capabilities : dict of str to bool
-    extruders : int
-        Heads that it was built for (``EXTRUDER_COUNT``); 0 where it doesn't say.
-    """
-
-    name: str = ""
+    name: str = ""  # FIRMWARE_NAME, which contains the family's, of forks too; empty for unread
     capabilities: dict[str, bool] = field(default_factory=dict)
-    extruders: int = 0
+    extruders: int = 0  # heads that it was built for (EXTRUDER_COUNT); 0 where it doesn't say
 
 
 def parse_firmware(replies: Sequence[bytes]) -> Firmware:
@@ -73,13 +63,7 @@ def mode_lines(printer: Printer) -> tuple[bytes, ...]:
 
 
 class FirmwareCheck:
-    """Compares one firmware with the profile, and keeps its settings from before the job.
-
-    Attributes
-    ----------
-    firmware : Firmware
-        What M115 was answered with; empty before.
-    """
+    """Compares one firmware with the profile, and keeps its settings from before the job."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel, self._logbook = channel, channel.logbook
@@ -90,10 +74,7 @@ class FirmwareCheck:
     def check(self, gauges: Sequence[Gauge]) -> None:
         """Ask the firmware what it is; set what the job counts on; read gauges at rest.
 
-        Raises
-        ------
-        HandshakeError
-            For a difference that would make distances, doses or heads wrong.
+        Raise `HandshakeError` for a difference that would make distances, doses or heads wrong.
         """
         self._identify()
         self.check_keepalive(journalled=False)
@@ -145,12 +126,7 @@ class FirmwareCheck:
         self._logbook.alarm("the firmware sends no busy messages (M113); a lost ok costs a minute")
 
     def check_steps(self, journalled: bool) -> None:
-        """Refuse a printer whose steps per mm aren't the profile's; note another parser.
-
-        Raises
-        ------
-        HandshakeError
-        """
+        """Refuse a printer whose steps per mm aren't the profile's; note another parser."""
         wrong = ""
         for _ in range(RETRIES):
             wrong = self._wrong_steps(self._channel.command(b"M92", journalled))
@@ -192,10 +168,7 @@ class FirmwareCheck:
     def agree_settings(self, journalled: bool) -> None:
         """Reset what the firmware has otherwise than checks count on; keep what a job may change.
 
-        Raises
-        ------
-        HandshakeError
-            For a difference that no command takes back, or that comes back.
+        Raise `HandshakeError` for a difference that no command takes back, or that comes back.
         """
         printer, logbook, before = self._printer, self._logbook, self._logbook.fault
         for command in blind_resets(printer):

@@ -54,29 +54,19 @@ Place = Mapping[str, float]
 
 @dataclass(frozen=True)
 class PlaceAnswer:
-    """One answer about a printer's place, mm, by axis letter; empty for what it doesn't tell.
+    """One answer about a printer's place, mm, by axis letter; empty for what it doesn't tell."""
 
-    Attributes
-    ----------
-    told : dict
-        The last command's place as the printer calls it; of Klipper's E what was pushed.
-    offset : dict
-        The place of the motors' steps less that; Klipper: by how much places are shifted.
-    motors : dict
-        Klipper: what the motors' steps make less the place that they stand for.
-    driven, ordered : dict of (float, float)
-        Where the motors' steps lead and where they should, as Klipper tells it; and of
-        RepRapFirmware, where each axis has its motor.
-    in_steps : bool
-        Whether the motors' places are told in whole steps, not in rounded mm.
-    """
-
+    # the last command's place as the printer calls it; of Klipper's E what was pushed
     told: Place = field(default_factory=dict)
+    # the place of the motors' steps less that; Klipper: by how much places are shifted
     offset: Place = field(default_factory=dict)
+    # Klipper: what the motors' steps make less the place that they stand for
     motors: Place = field(default_factory=dict)
+    # where the motors' steps lead and where they should: Klipper
     driven: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    # the same of RepRapFirmware, true where each axis has its motor
     ordered: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    in_steps: bool = False
+    in_steps: bool = False  # motors' places are told in whole steps, not in rounded mm
 
     def agrees(self, other: PlaceAnswer) -> bool:
         """Whether both tell the same place and offset."""
@@ -86,10 +76,7 @@ class PlaceAnswer:
 class FrameCheck:
     """Compares what a printer calls its place with the steps that it counts.
 
-    Attributes
-    ----------
-    begun : PlaceAnswer
-        Before the job's first line; after a restart ``told`` and ``offset`` of it.
+    ``begun`` is the answer before the job's first line; after a restart its place and offset.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -210,14 +197,8 @@ class FrameCheck:
     def compare_end(self, at: Modal) -> tuple[str, Place, bool]:
         """Compare place and motors' steps with the job's end, by one answer; the motors rest.
 
-        Returns
-        -------
-        wrong : str
-            What disagrees with ``at``, where the job ends; empty for nothing.
-        told : dict
-            The place that the printer tells, mm; empty where it tells none.
-        by_steps : bool
-            Whether it tells its motors' own steps, and they were compared.
+        Return what disagrees with ``at``, where the job ends; the place that the printer tells,
+        empty where it tells none; and whether its motors' own steps were compared.
         """
         wrong, compared, before, kind = "", False, self._channel.logbook.fault, b""
         told: Place = {}

@@ -24,23 +24,12 @@ MAX_UNREAD: Final = 3
 
 @dataclass
 class Gauge:
-    """One watched quantity: its last reading, and when it is next asked for.
-
-    Attributes
-    ----------
-    watched : WatchedGauge
-    value : float
-        Last reading; nan before the first.
-    due : float, s
-        When to ask again.
-    unread : int
-        Answers since the last reading that couldn't be read.
-    """
+    """One watched quantity: its last reading, and when it is next asked for."""
 
     watched: WatchedGauge
     value: float = math.nan
-    due: float = 0.0
-    unread: int = 0
+    due: float = 0.0  # s: when to ask again
+    unread: int = 0  # answers since the last reading that couldn't be read
 
     def __str__(self) -> str:
         watched = self.watched
@@ -86,12 +75,7 @@ def read_high(channel: Channel, gauges: Sequence[Gauge], now: float) -> str:
 
 
 def check_at_rest(channel: Channel, gauges: Sequence[Gauge]) -> None:
-    """Refuse to begin where something can't be read, or is at its limit already.
-
-    Raises
-    ------
-    HandshakeError
-    """
+    """Refuse to begin where something can't be read, or is at its limit already."""
     for gauge in gauges:
         for _ in range(MAX_UNREAD):
             if not math.isnan(read_gauge(channel, gauge, journalled=False)):

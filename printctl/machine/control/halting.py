@@ -45,24 +45,13 @@ HALTED_BEFORE: Final = "killed by the user; the firmware had halted itself befor
 
 @dataclass(frozen=True)
 class Halting:
-    """What is written to halt a firmware, and what its motors do.
+    """What is written to halt a firmware, and what its motors do."""
 
-    Attributes
-    ----------
-    first : tuple of (bytes, float)
-        Written before, and how long is waited behind each, s.
-    last : bytes
-        Written again and again until the printer has halted.
-    stops_at_once : bool
-        Whether the motors stand when the first has arrived.
-    runs_on_s : float, s
-        For how long they may go on where the firmware halts itself, or they don't stand, at the
-        machine's greatest speed.
-    """
-
-    first: tuple[tuple[bytes, float], ...]
-    last: bytes
-    stops_at_once: bool = False
+    first: tuple[tuple[bytes, float], ...]  # written before, and the wait behind each, s
+    last: bytes  # written again and again until the printer has halted
+    stops_at_once: bool = False  # the motors stand when the first has arrived
+    # how long motors that don't stand, or whose firmware halts itself, may go on, at the machine's
+    # greatest speed
     runs_on_s: float = 0.0
 
     def words(self, run_on: MotorRunOn | None, stopped: bool) -> str:
@@ -100,15 +89,9 @@ def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting
 class Kill:
     """Emergency halt of one printer.
 
-    ``awaiting`` is called once a halt was requested, by the thread that speaks to the printer,
-    before it waits for the printer's confirmation.
-
-    Attributes
-    ----------
-    asked : threading.Event
-        Set once a halt was requested; nothing else is sent from then on.
-    halted_itself : bool
-        Whether the firmware had halted itself before a halt was requested.
+    ``asked`` is set once a halt was requested: nothing else is sent from then on. ``awaiting`` is
+    called then, by the thread that speaks to the printer, before it waits for the printer's
+    confirmation. ``halted_itself``: the firmware had halted itself before a halt was requested.
     """
 
     def __init__(self, wiring: Wiring, awaiting: Callable[[], None] = lambda: None) -> None:
@@ -207,13 +190,9 @@ class Kill:
         )
 
     def await_halt(self, hear: Callable[[], None]) -> None:
-        """Wait for the printer to say that it has halted; send nothing more.
+        """Wait for the printer to say that it has halted; send nothing more; end the print.
 
         ``hear`` reads what the printer says, waiting for it, and handles it.
-
-        Raises
-        ------
-        PrintEnded
         """
         self._awaiting()
         clock = self._wiring.clock

@@ -23,20 +23,14 @@ _TARGET_CODES: Final = {"nozzle": "M104", "bed": "M140", "chamber": "M141"}
 
 @dataclass(frozen=True)
 class Temperature:
-    """One heater or sensor.
+    """One heater or sensor, °C.
 
-    Attributes
-    ----------
-    name : str
-        ``nozzle`` (the ink's), ``nozzle 1`` and so on of several heads, ``bed``, ``chamber``.
-    now_c : float, °C
-    target_c : float or None, °C
-        None where the firmware tells none; 0 is off.
+    ``name``: nozzle (the ink's), nozzle 1 and so on of several heads, bed, chamber.
     """
 
     name: str
     now_c: float
-    target_c: float | None = None
+    target_c: float | None = None  # None where the firmware tells none; 0 is off
 
 
 def parse_temperatures(replies: Sequence[bytes]) -> tuple[Temperature, ...]:
@@ -78,10 +72,7 @@ class HeatCheck:
     def begin(self) -> None:
         """Take the targets as they are before the job's first line.
 
-        Raises
-        ------
-        HandshakeError
-            For a heater that is hotter than anything in this print bears, or is set to be.
+        Raise `HandshakeError` for a heater that is, or is set, hotter than this print bears.
         """
         before = self._logbook.fault
         first = self._ask_targets(journalled=False)

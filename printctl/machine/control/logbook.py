@@ -42,29 +42,8 @@ class _Alarm:
 class Logbook:
     """State of one print, reported and written down; the only one that writes to the journal.
 
-    Parameters
-    ----------
-    wiring : Wiring
-    progress : JobProgress
-    details : callable
-        Adds to a status what other parts know.
-    next_due : callable
-        When something else is due, s: `note` is due then at the latest.
-    unrecorded : frozenset of str
-        Sorts of records that aren't written down.
-
-    Attributes
-    ----------
-    state : LinkState
-        Where the print stands.
-    next_note : float, s
-        When `note` is due.
-    resumed : bool
-        Whether the print was begun by a process that died.
-    complaints : int
-        How often the printer has complained.
-    disk_full : bool
-        Whether a record couldn't be written at once.
+    ``details`` adds to a status what other parts know; `note` is due at ``next_due``, s, at the
+    latest; records of the sorts in ``unrecorded`` aren't written down.
     """
 
     def __init__(
@@ -79,8 +58,10 @@ class Logbook:
         self._wiring, self._unrecorded = wiring, unrecorded
         self._details, self._next_due = details, next_due
         self.state, self._message = LinkState.CONNECTING, ""
-        self.next_note, self.resumed = 0.0, False
-        self.complaints, self.disk_full = 0, False
+        self.next_note = 0.0  # s: when `note` is due
+        self.resumed = False  # begun by a process that died
+        self.complaints = 0  # how often the printer has complained
+        self.disk_full = False  # a record couldn't be written at once
         self._noted = self._alarm_count = 0
         self._open: list[tuple[str, bool]] = []
         self._remarks: list[str] = []

@@ -37,22 +37,13 @@ WITHIN_MM: Final = 0.011
 class Standstill:
     """Where a printer stands whose motors were stopped.
 
-    Attributes
-    ----------
-    at : Modal
-        Of two heights the upper one, so that a way out is never lowered.
-    read : bool
-        Whether the printer's own word could be read; else it is the job's.
-    dropped : bool
-        Whether moves of the job weren't made.
-    place : Modal
-        What the printer told, where its motors were stopped.
+    ``at``: of two heights the upper one, so that a way out is never lowered.
     """
 
     at: Modal
-    read: bool
-    dropped: bool
-    place: Modal = field(default_factory=Modal)
+    read: bool  # the printer's own word could be read; else it is the job's
+    dropped: bool  # moves of the job weren't made
+    place: Modal = field(default_factory=Modal)  # as told, where the motors were stopped
 
     def words(self) -> str:
         """Return what to add to the message of the end."""
@@ -67,10 +58,7 @@ class Standstill:
 class PositionCheck:
     """Asks one printer where it is, and compares that with its job.
 
-    Attributes
-    ----------
-    frame : FrameCheck
-        Finds whether another program has renamed the place.
+    ``frame`` finds whether another program has renamed the place.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -128,13 +116,7 @@ class PositionCheck:
         return True
 
     def height(self) -> float:
-        """Return the needle's height, mm.
-
-        Raises
-        ------
-        PrintEnded
-            Where it can't be read.
-        """
+        """Return the needle's height, mm; end the print where it can't be read."""
         position = self._confirmed_position()
         if not position:
             self._channel.commands(shut_and_wait(self._printer))
@@ -211,14 +193,9 @@ class PositionCheck:
         return wrong.replace("the job says", "it was sent to") if position else ""
 
     def verify(self, at: Modal, mark: str = "", stands: bool = False) -> None:
-        """Compare the printer's position with the job's text; write both down.
+        """Compare position and job, write both down; end the print where they disagree.
 
         ``stands``: M400 was just answered, so that all that was taken is made.
-
-        Raises
-        ------
-        PrintEnded
-            Where they disagree.
         """
         wrong, position = self.compare(at)
         if not wrong and (self._progress.meddled or self.frame.doubtful()):
@@ -241,15 +218,8 @@ class PositionCheck:
     def verify_end(self) -> str:
         """Compare where the motors rest behind the last move with where the job ends.
 
-        Returns
-        -------
-        str
-            What to add to the message of the end where something can't be compared.
-
-        Raises
-        ------
-        PrintEnded
-            Where they disagree: the printer didn't make what it acknowledged.
+        Return what to add to the message of the end where something can't be compared; raise
+        `PrintEnded` where they disagree: the printer didn't make what it acknowledged.
         """
         progress, at = self._progress, self._progress.modal()
         progress.unverified = False
@@ -292,39 +262,23 @@ class PositionCheck:
     # --- what another program did to it ----------------------------------------------------------
 
     def refuse_astray(self) -> None:
-        """Compare place and name of the place with the job's; nothing stands still for it.
-
-        Raises
-        ------
-        PrintEnded
-            Where they disagree.
-        """
+        """End the print where place or its name aren't the job's; nothing stands still for it."""
         wrong, _ = self.compare(self._progress.modal())
         wrong = wrong or self.frame.renamed()
         if wrong:
             self.end_astray(f"{wrong} (another client of this printer wrote to it)")
 
     def refuse_renamed(self, *, waited: bool = False) -> None:
-        """Compare what the printer calls its place with its steps; see `FrameCheck.renamed`.
-
-        Raises
-        ------
-        PrintEnded
-            Where another program has renamed the place.
-        """
+        """End the print where another program has renamed the place (`FrameCheck.renamed`)."""
         wrong = self.frame.renamed(waited=waited)
         if wrong:
             self.end_astray(wrong)
 
     def refuse_pushed(self, left_e_mm: float | None) -> None:
-        """Compare the plunger's count with what it was left at, where another program wrote.
+        """End the print where another program wrote and the plunger's count isn't as it was left.
 
-        Whether that program moved the plunger or renamed its place is unknown.
-
-        Raises
-        ------
-        PrintEnded
-            Where they disagree: to go back to the job's count would move it by what is unknown.
+        Whether that program moved the plunger or renamed its place is unknown: to go back to the
+        job's count would move it by what is unknown.
         """
         if left_e_mm is None or not self._progress.meddled:
             return
@@ -333,13 +287,7 @@ class PositionCheck:
             self.end_astray(f"the plunger is told at E {e:.2f} mm and was left at {left_e_mm:.2f}")
 
     def end_astray(self, wrong: str) -> NoReturn:
-        """End a print whose printer isn't as its job counts on; its moves are dropped.
-
-        Raises
-        ------
-        PrintEnded
-            Always: position unknown.
-        """
+        """End a print whose printer isn't as its job counts on; its moves are dropped."""
         self._channel.commands(shut_and_wait(self._printer))
         others = self._progress.foreign_words()
         because = f" ({others})" if others else ""

@@ -28,38 +28,22 @@ _MAX_LINES_AHEAD: Final = 64
 
 
 class JobProgress:
-    """How far a job is; what counts as made is never more than is true.
-
-    Attributes
-    ----------
-    job : Job
-        With what was put in so far.
-    unverified : bool
-        Whether something that wasn't sent was answered, so that the position must be compared
-        before the job goes on.
-    foreign : int
-        Answers of the printer beyond those to the host's lines, on a wire without errors.
-    meddled : bool
-        Whether such came since the firmware's settings were last compared.
-    journalled : (int, int) or None
-        Job lines taken and made as the journal knows, until a printer that is found again has
-        proved to be the print's own; None from then on.
-    standstills : StandstillWatch
-    refused : int or None
-        Job lines before the one that the printer refused; None where it refused none.
-    about_command : bool
-        Whether a line was refused by words about a command, not by the printer's own fault.
-    """
+    """How far a job is; what counts as made is never more than is true."""
 
     def __init__(self, wiring: Wiring, job: Job) -> None:
-        self.job = job
+        self.job = job  # with what was put in so far
         self._wiring, self._protocol, self._printer = wiring, wiring.protocol, wiring.printer
         self._trail = ModalTrail(job.lines)
-        self.unverified, self.foreign, self.meddled = False, 0, False
+        # something that wasn't sent was answered: compare the position before the job goes on
+        self.unverified = False
+        self.foreign = 0  # answers beyond those to the host's lines, on a wire without errors
+        self.meddled = False  # such came since the firmware's settings were last compared
+        # job lines taken and made as the journal knows, until a printer that is found again has
+        # proved to be the print's own
         self.journalled: tuple[int, int] | None = None
         self.standstills = StandstillWatch(wiring.printer, job.lines)
-        self.refused: int | None = None
-        self.about_command = False
+        self.refused: int | None = None  # job lines before the one that the printer refused
+        self.about_command = False  # by words about a command, not by the printer's own fault
         self._answers = Answers(0, 0.0, 0, 0.0)
         self._ahead = moves_ahead(wiring.printer)
         self._sure = self._compared = 0
@@ -146,7 +130,7 @@ class JobProgress:
 
     def grow(self, job: Job) -> None:
         """Take the job with lines put in behind those that were taken; the printer stands still."""
-        self.job = job
+        self.job = job  # with what was put in so far
         self._trail.grow(job.lines)
         self.standstills.grow(job.lines)
 

@@ -80,30 +80,14 @@ def surely_moved(lines: Sequence[bytes], taken: int, queued: float, least: int =
 
 @dataclass(frozen=True)
 class PlannedMove:
-    """One straight move, or piece of an arc.
+    """One straight move, or piece of an arc."""
 
-    Attributes
-    ----------
-    line : int
-        Of the job, from 0.
-    length_mm : float
-        Path of the tip, or of the plunger where that moves alone.
-    events : float
-        Steps of the motor that makes the most of them.
-    top_mm_s : float
-        Speed along the path by feed rate, motors' limits, and an arc's radius.
-    acceleration_mm_s2 : float
-        Along the path.
-    way : (4,) tuple of float
-        Unit vector of its direction, X Y Z E.
-    """
-
-    line: int
-    length_mm: float
-    events: float
-    top_mm_s: float
-    acceleration_mm_s2: float
-    way: tuple[float, ...]
+    line: int  # of the job, from 0
+    length_mm: float  # path of the tip, or of the plunger where that moves alone
+    events: float  # steps of the motor that makes the most of them
+    top_mm_s: float  # along the path, by feed rate, motors' limits, and an arc's radius
+    acceleration_mm_s2: float  # along the path
+    way: tuple[float, ...]  # unit vector of its direction, X Y Z E
 
 
 def planned_moves(
@@ -212,26 +196,13 @@ class MotorRunOn(NamedTuple):
 
 @dataclass(frozen=True)
 class MoveTimeline:
-    """Motion of moves one behind the other, as straight pieces between knots.
+    """Motion of moves one behind the other, as straight pieces between knots."""
 
-    Attributes
-    ----------
-    time_s : list of float, s
-        Of each knot.
-    wait_s : list of float, s
-        Of the processor's own time that has passed at each: time less ``STEP_S`` an event.
-    path_mm : list of float, mm
-    starts : list of float, s
-        When each move begins, and when the last one ends.
-    held : int
-        Moves that a planner holds, the running one too.
-    """
-
-    time_s: list[float]
-    wait_s: list[float]
+    time_s: list[float]  # of each knot
+    wait_s: list[float]  # the processor's own time passed at each: less ``STEP_S`` an event
     path_mm: list[float]
-    starts: list[float]
-    held: int
+    starts: list[float]  # when each move begins, and when the last one ends, s
+    held: int  # moves that a planner holds, the running one too
 
     def ends_after(self, begin_s: float, wait_s: float) -> MotorRunOn:
         """Return how far motors run on from ``begin_s``."""

@@ -21,21 +21,11 @@ _ARCS: Final = (b"G2", b"G3")
 
 @dataclass(frozen=True)
 class StopPlace:
-    """Where in a job a printer stood.
+    """Where in a job a printer stood."""
 
-    Attributes
-    ----------
-    line : int
-        Command lines that were wholly made; the next is to be gone on with.
-    at : Modal or None
-        Where that line is to be gone on from; None for its own beginning.
-    certain : bool
-        Whether no other line fits; else ``line`` is the first that may have been under way.
-    """
-
-    line: int
-    at: Modal | None
-    certain: bool
+    line: int  # command lines that were wholly made; the next is to be gone on with
+    at: Modal | None  # where that line is to be gone on from; None for its own beginning
+    certain: bool  # no other line fits; else ``line`` is the first that may have been under way
 
 
 @dataclass(frozen=True)
