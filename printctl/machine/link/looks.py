@@ -18,7 +18,7 @@ from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.modal import Modal
 from printctl.machine.link.parking import Park, Parking
 from printctl.machine.link.pauses import PAUSE_SIGN_S, Pauses
-from printctl.machine.link.requests import Request
+from printctl.machine.link.requests import Request, ResumeRequest
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.watch import DueTask
 
@@ -217,7 +217,7 @@ def _still_paused(history: JournalledPrint, done: int) -> bool:
     return last["decision"] == LookDecision.PAUSE and int(last["done"]) == done
 
 
-def _asked(request: Request | None) -> _Ending | None:
+def _asked(request: Request | ResumeRequest | None) -> _Ending | None:
     """What somebody's request makes of a look; None for nothing.
 
     Raises
@@ -231,7 +231,8 @@ def _asked(request: Request | None) -> _Ending | None:
     if request is Request.RELOAD:
         why = "a change of syringe was asked for"
         return _Ending(LookDecision.PAUSE, why, "the user", again=True, changing=True)
-    if request is Request.RESUME:
+    if isinstance(request, ResumeRequest):
+        request.answer("")
         return _Ending(LookDecision.GO_ON, "the operator's word (resume)", "the user")
     return None
 

@@ -13,7 +13,7 @@ from printctl.machine.link.interruption import Interruption
 from printctl.machine.link.kill import HALTED_BEFORE, Kill
 from printctl.machine.link.logbook import Logbook
 from printctl.machine.link.motor_run_on import MotorRunOn
-from printctl.machine.link.requests import Request, RequestQueue
+from printctl.machine.link.requests import Request, RequestQueue, ResumeRequest
 from printctl.machine.link.states import EARLY, LinkState, PrintEnded
 from printctl.machine.link.wiring import Wiring
 from sim.gcode.reading import is_motion
@@ -31,7 +31,7 @@ _ACTIONS: Final = {
     "pause": Request.PAUSE,
     "paused": Request.PAUSE,
     "cancel": Request.STOP,
-    "resume": Request.RESUME,
+    "resume": ResumeRequest(),
 }
 """What a printer may ask its host for (``//action:pause``)."""
 _PROMPT: Final = "prompt_begin"

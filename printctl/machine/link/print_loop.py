@@ -13,7 +13,7 @@ from printctl.machine.link.job_start import declared_start
 from printctl.machine.link.journalled_print import JournalledPrint
 from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.print_parts import PrintParts
-from printctl.machine.link.requests import Request
+from printctl.machine.link.requests import Request, ResumeRequest
 from printctl.machine.link.start_checks import RestWait, agree_start
 from printctl.machine.link.states import LinkState, PrintEnded
 
@@ -195,8 +195,9 @@ class PrintLoop:
                 raise StopRequested
             if request is Request.PAUSE:
                 parts.pauses.pause(parts.queue.pause_words)
-            elif request is Request.RESUME:
+            elif isinstance(request, ResumeRequest):
                 parts.requests.want(None)  # a pause that is waited for no longer
+                request.answer("")
             elif request is Request.RELOAD:  # asked for in a pause that is over
                 parts.requests.want(MarkKind.RELOAD)
 

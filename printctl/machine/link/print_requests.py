@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
 
 from printctl.checks.gate import Phase
 from printctl.machine.link.care import NewSyringe
@@ -13,13 +12,11 @@ from printctl.machine.link.gating import Manual, allowed_command, judge_typed
 from printctl.machine.link.journal import Record
 from printctl.machine.link.logbook import Logbook
 from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.requests import Request, RequestQueue
+from printctl.machine.link.requests import Request, RequestQueue, ResumeRequest
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.syringe_change import CHANGE, SyringeChange
 from printctl.machine.link.watch import Watch
 from printctl.machine.link.wiring import Wiring
-
-_NOTHING_SAID: Final[tuple[NewSyringe | None, bool]] = None, False
 
 
 class PrintRequests:
@@ -45,7 +42,6 @@ class PrintRequests:
         self._wiring, self._logbook, self._progress = wiring, logbook, logbook.progress
         self._queue, self._watch, self._change = queue, watch, change
         self._reload_head: int | None = None
-        self._new_syringe = _NOTHING_SAID
 
     # --- for any thread --------------------------------------------------------------------------
 
@@ -108,6 +104,7 @@ class PrintRequests:
         change: NewSyringe | None = None,
         unchanged: bool = False,
         unobserved: bool = False,
+        answer: Callable[[str], None] = lambda why: None,
     ) -> None:
         """Ask to go on after a pause; takes back a pause that is still waited for.
 
@@ -119,6 +116,8 @@ class PrintRequests:
             The syringe wasn't changed after all.
         unobserved : bool
             A look that failed isn't made again.
+        answer : callable
+            See `ResumeRequest`.
 
         Raises
         ------
@@ -138,10 +137,9 @@ class PrintRequests:
                 "the print isn't paused yet: the needle is being lifted for the change; tell the "
                 "new syringe once `printctl status RUN` says paused"
             )
-        if paused:  # later, a second word would belong to the next change
-            self._new_syringe = change, unchanged
         self._watch.unobserved = unobserved
-        self._queue.add(Request.RESUME)
+        told = (change, unchanged) if paused else (None, False)  # else it's of the next change
+        self._queue.add(ResumeRequest(*told, answer))
 
     def alive(self) -> None:
         """Confirm that somebody is there: the dead-man's time begins anew."""
@@ -181,8 +179,3 @@ class PrintRequests:
         if wanted is not None:
             self._reload_head = wanted.get("head")
             self._watch.pause_after(MarkKind(wanted["after"]))
-
-    def take_new_syringe(self) -> tuple[NewSyringe | None, bool]:
-        """Return the new syringe once: the socket's thread may set another at any time."""
-        said, self._new_syringe = self._new_syringe, _NOTHING_SAID
-        return said

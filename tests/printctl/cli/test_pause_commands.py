@@ -30,6 +30,7 @@ from printctl.cli.running_print import (
 )
 from printctl.errors import PrintctlError, SafetyError, UsageError
 from printctl.machine.link import Care, LinkError, LinkState, PrintClient, PrintOutcome, start_print
+from printctl.machine.link.errors import Refused
 from registration.devices.camera_frame import read_frame, write_insert
 from registration.devices.lens import write_lens
 from registration.devices.lens.lens import write_model
@@ -81,6 +82,9 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
             resume(run)
         with pytest.raises(UsageError, match=r"bore of 7\.28 mm"):
             resume(run, syringe="hamilton_2_5ml")
+        with pytest.raises(Refused, match=r"not resumed: lines .* the syringe has -2\.00 mm left"):
+            resume(run, plunger_mm=60.0)
+        assert client.status.waits_for == "syringe"
         resume(run, plunger_mm=1.5)
         assert client.wait(300).state is LinkState.DONE
         sent = served.printer.numbered
