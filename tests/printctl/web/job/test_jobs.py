@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from firmware_profiles import Syringe, shipped_text
 from printctl.checks.preflight import Budget
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.aftercare import Ramp, Warming, ramped_c, viability
@@ -86,6 +87,19 @@ def test_profiles_outside_the_workspace_are_not_read(service):
     job = add(service)
     with pytest.raises(BadRequestError, match="outside the workspace"):
         service.preflight(job, JobSetUp(printer="/etc/passwd.yaml"))
+
+
+def test_profiles_of_the_workspace_go_by_their_names(service):
+    own = service.store.folder(Syringe) / "tiny.yaml"
+    own.parent.mkdir(parents=True)
+    own.write_text(shipped_text(Syringe, "hamilton_1ml"))
+    job, said = add(service), JobSetUp(start_mm=START, syringe="tiny")
+    assert service.preflight(job, said).sha256
+    assert service.keep_set_up(job, said).syringe == str(own)
+    ready = service.readiness(OPERATOR, job, said)
+    assert "job and set-up" not in {one.what for one in ready.refusals}
+    ready = service.readiness(OPERATOR, job, JobSetUp(syringe="none"))
+    assert any("there is no syringe profile 'none'" in one.remedy for one in ready.refusals)
 
 
 def test_the_record_keeps_every_change_with_who(service):
