@@ -24,11 +24,27 @@ from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, START, add
 
 
-@pytest.mark.parametrize("name", ["../up.gcode", "a b.gcode", ".gcode", "x/y.gcode", "job.exe"])
-def test_names_that_leave_the_folder_are_refused(service, name):
+@pytest.mark.parametrize("name", ["", "..", ".gcode", "job.exe", "x/.gcode"])
+def test_names_of_which_nothing_is_left_are_refused(service, name):
     with pytest.raises(BadRequestError):
         service.upload(name, io.BytesIO(b"G1 X1\n"))
     assert all_jobs(service.core.workspace) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"),
+    [
+        ("../up.gcode", "up.gcode"),
+        ("x/y.gcode", "y.gcode"),
+        ("a b.gcode", "a_b.gcode"),
+        ("Großes Gefäß (1).GCO", "Gro_es_Gefa_1_.gcode"),
+        ("a..b.gcode", "a.b.gcode"),
+        ("x" * 99 + ".g", "x" * 58 + ".gcode"),
+    ],
+)
+def test_an_upload_is_answered_with_the_name_it_is_kept_under(service, name, kept):
+    assert service.upload(name, io.BytesIO(b"G1 X1\n")).name == kept
+    assert [one.name for one in all_jobs(service.core.workspace)] == [kept]
 
 
 def test_a_name_that_cant_be_used_hides_no_other_job(service):
