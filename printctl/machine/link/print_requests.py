@@ -62,10 +62,12 @@ class PrintRequests:
             return
         job, done = self._progress.job, self._progress.done
         if job.marks.next(after, done) is None:
-            what = "safe reload point" if after is MarkKind.RELOAD else f"end of a {after}"
+            change = after is MarkKind.RELOAD
+            what = "safe reload point" if change else f"end of a {after}"
+            then = ", then `printctl reload RUN` makes room there" if change else ""
             raise Refused(
                 f"{job.name} marks no {what} after line {job.file_line(done)}; pause at once "
-                "(--now) instead"
+                f"instead (`printctl pause RUN`){then}"
             )
         self.want(after)
         self._queue.add(Request.LOOK)

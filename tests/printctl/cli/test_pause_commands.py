@@ -179,7 +179,7 @@ def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(prof
         assert served.held.wait(10)
         for words, why in (
             (("pause", "job.gcode", "--after", "vessel"), "marks no end of a vessel"),
-            (("reload", "job.gcode"), "marks no safe reload point"),
+            (("reload", "job.gcode"), ("marks no safe reload point", "then `printctl reload RUN`")),
             (("resume", "job.gcode", "--plunger-mm", "0"), "isn't paused for a change of syringe"),
         ):
             shell.refuses(why, *words, code=1)
