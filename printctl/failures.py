@@ -17,6 +17,7 @@ CODES: tuple[tuple[str, str, int], ...] = (
     ("printctl.machine.link.errors", "JournalError", 1),
     ("printctl.machine.link.errors", "HistoryError", 1),
     ("printctl.machine.link.errors", "Refused", 1),
+    ("printctl.machine.link.errors", "JobError", 3),
     ("printctl.machine.link.errors", "LinkError", 4),
     ("firmware_profiles", "ProfileError", 2),
     ("design.errors", "FlowInputError", 2),
