@@ -27,7 +27,7 @@ LOOK_S: Final = 1.0
 """Least interval of looks for other programs at the port."""
 MISSING_ANSWERS: Final = 2
 """From so many on, on a wire that garbles no line, another reader is suspected."""
-_ACTIONS: Final = {
+_ACTIONS: Final[dict[str, Request | ResumeRequest]] = {
     "pause": Request.PAUSE,
     "paused": Request.PAUSE,
     "cancel": Request.STOP,
