@@ -24,7 +24,7 @@ from printctl.machine.link.record import REHEARSAL
 from printctl.machine.link.states import ENDED
 from printctl.pipeline.lock import is_run_active
 from printctl.pipeline.run_options import TOOLPATH_NAMES, names_until
-from printctl.run_folder.artefacts import GCODE, HTML
+from printctl.run_folder.artefacts import GCODE, HTML, JSON
 from printctl.run_folder.manifest import MANIFEST
 from printctl.sources import python_command
 from printctl.web.design.recipes import Recipes
@@ -346,6 +346,8 @@ class Runs:
         made, folder = self.workspace.run(name), self.workspace.run(name + REHEARSAL)
         with self._lock:
             self._refuse(name, folder)
+            for report in (JSON, HTML):  # of the rehearsal before
+                (folder / report).unlink(missing_ok=True)
             if made.is_dir():  # what was designed isn't made again
                 # Links stay links, which the page doesn't follow out of the workspace.
                 shutil.copytree(made, folder, True, _of_prints, dirs_exist_ok=True)
