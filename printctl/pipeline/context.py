@@ -48,9 +48,9 @@ class RunContext:
     Of a run over a plate ``stand`` is the well in which the part stands, ``ink_changes`` what is
     varied there of the ink's profile, ``title`` goes before the stages' names on the screen, and
     ``siblings`` are the runs of other wells, whose stages are taken over where nothing differs.
-    With ``printed`` nothing is printed: the print that is done in the folder is taken. A rehearsal's
-    printer is ``rehearsal_speed`` times as fast as a real one, 0 for as fast as it can; None where
-    it is no rehearsal.
+    With ``printed`` nothing is printed: the print that is done in the folder is taken. The printer
+    of a rehearsal is ``rehearsal_speed`` times as fast as a real one, 0 for as fast as it can; None
+    where it is no rehearsal.
     """
 
     recipe: Recipe

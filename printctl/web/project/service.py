@@ -26,7 +26,8 @@ from printctl.run_folder.manifest import MANIFEST, Manifest
 from printctl.web.core import Core
 from printctl.web.design.recipe_text import with_values
 from printctl.web.design.recipes import CheckedRecipe
-from printctl.web.design.runs import RECIPE, RunProgress, Runs
+from printctl.web.design.runs import RECIPE, Runs
+from printctl.web.detached_runs import RunProgress
 from printctl.web.errors import ConflictError
 from printctl.web.project.sketch import SketchProcess
 from printctl.web.rest import API, REFUSALS, Body

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from starlette.testclient import TestClient
 
@@ -22,6 +23,7 @@ from printctl.web.core import Core
 from printctl.web.design.recipes import EXAMPLES
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
+from tests.printctl.web.serving import server_process
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
@@ -130,3 +132,28 @@ def test_a_stopped_rehearsal_leaves_no_process_and_no_verdict(
         assert project["rehearsal_broken"]
         state = client.get(f"{API}/runs/{folder.name}/progress").json()["print_state"]
         assert state in {"", *(str(one.value) for one in ENDED)} - {"done"}
+
+
+@pytest.mark.parametrize("moment", [begun, with_a_simulator])
+def test_the_stop_process_ends_a_rehearsal_while_the_server_hangs(
+    workspace: Workspace, moment: Callable[[Path], bool]
+) -> None:
+    folder = workspace.run(NAME + REHEARSAL)
+    with server_process(workspace.root) as server:
+        access = {"Authorization": f"Bearer {server.token}"}
+        with httpx.Client(headers=access, timeout=60) as client:
+            address = f"{server.url}{API}/projects/{NAME}/rehearse"
+            answer = client.post(address, json={"speed": SLOWLY})
+            assert answer.status_code == 200, answer.text
+            wait_for(lambda: moment(folder), 60)
+            server.halt()
+            try:
+                stopped = client.post(server.stop)
+                wait_for(lambda: not processes(folder), 60, lambda: processes(folder))
+            finally:
+                server.go_on()
+        assert [json.loads(line) for line in stopped.text.splitlines()] == [
+            {"sent": []},
+            {"outcome": []},
+            {"rehearsals_ended": 1},
+        ]
