@@ -15,9 +15,9 @@ from typing import Final, NoReturn
 from firmware_profiles.families.position_reply import parse_position, parse_shifted
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.frame_check import FrameCheck
-from printctl.machine.control.valve_switch import ValveSwitch
 from printctl.machine.families import link_facts
 from printctl.machine.job.modal import AXES, Modal, disagreement, modal_state
+from printctl.machine.job.valve import shut_and_wait
 from printctl.machine.records.states import LinkState, PrintEnded
 from sim.gcode.reading import is_motion, read_sent
 
@@ -64,14 +64,12 @@ class PositionCheck:
     Parameters
     ----------
     channel : Channel
-    valve : ValveSwitch
-        Shut where the position is wrong.
     frame : FrameCheck
         Looks whether another program has renamed the place.
     """
 
-    def __init__(self, channel: Channel, valve: ValveSwitch, frame: FrameCheck) -> None:
-        self._channel, self._valve, self._frame = channel, valve, frame
+    def __init__(self, channel: Channel, frame: FrameCheck) -> None:
+        self._channel, self._frame = channel, frame
         self._logbook, self._progress = channel.logbook, channel.logbook.progress
 
     def expected(self, left: Mapping[str, float] | None = None) -> Modal:
@@ -132,7 +130,7 @@ class PositionCheck:
         """
         position = self._said_twice()
         if not position:
-            self._valve.shut()
+            self._channel.commands(shut_and_wait(self._channel.wiring.printer))
             raise PrintEnded(
                 LinkState.POSITION_UNKNOWN,
                 "where the needle stands can't be read (M114), so it wasn't lowered; `printctl "
@@ -327,7 +325,7 @@ class PositionCheck:
         PrintEnded
             Always: position unknown.
         """
-        self._valve.shut()
+        self._channel.commands(shut_and_wait(self._channel.wiring.printer))
         others = self._progress.foreign_words()
         because = f" ({others})" if others else ""
         raise PrintEnded(
