@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 
-from firmware_profiles import Printer
-from printctl.machine.control.channel import Channel
 from printctl.machine.control.excursion import Excursion, SyringeChange
 from printctl.machine.control.firmware_check import FirmwareCheck
 from printctl.machine.control.foreign_changes import ForeignCommands
 from printctl.machine.control.frame_check import FrameCheck
 from printctl.machine.control.gauges import Gauge, Gauges, next_due
 from printctl.machine.control.heat_check import HeatCheck
-from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.look_book import LookBook
 from printctl.machine.control.other_clients import OtherClients
@@ -34,72 +31,52 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.records.states import LinkState, Status
 
 
-@dataclass
 class Print:
-    """One print; the modules of its modes are functions of it.
+    """Everything of one print; the modules of its modes are functions of it.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    job : Job
+    care : Care
 
     Attributes
     ----------
-    wiring : Wiring
     first_job : Job
-        As given at the start; `progress.job` grows by inserts.
-    watch : Watch
-    queue : RequestQueue
-    progress, logbook, channel
-        How far it is, what is written down, and the way to the printer.
-    gauges, frame, position, firmware, heat, foreign, clients, slips
+        As given at the start; `job` grows by inserts.
+    logbook, channel
+        Its state and journal, and the way to the printer.
+    frame, position, firmware, heat, foreign, clients, slips, gauges
         Checks; each owns what it has read.
-    interruption : Interruption
-    change : SyringeChange
-    book : LookBook
-    excursion : Excursion
     valve_shut : bool
         Whether the link shut the valve within a path, so that it is opened again.
-    answers_due : float, s
-    answers_troubles : int
-        When answers are counted next, and the channel's troubles then.
+    answers_due, answers_troubles : float, s; int
+        When answers are counted next, and the channel's troubles at the last count.
     """
 
-    wiring: Wiring
-    first_job: Job
-    watch: Watch
-    queue: RequestQueue
-    gauges: Gauges
-    change: SyringeChange
-    book: LookBook
-    channel: Channel
-    interruption: Interruption
-    frame: FrameCheck
-    position: PositionCheck
-    firmware: FirmwareCheck
-    heat: HeatCheck
-    foreign: ForeignCommands
-    clients: OtherClients
-    slips: SlipWatch
-    excursion: Excursion = field(default_factory=Excursion)
-    valve_shut: bool = False
-    answers_due: float = math.inf
-    answers_troubles: int = 0
-
-    @property
-    def logbook(self) -> Logbook:
-        """Its state and alarms, and its journal."""
-        return self.channel.logbook
-
-    @property
-    def progress(self) -> JobProgress:
-        """How far the job is."""
-        return self.channel.logbook.progress
+    def __init__(self, wiring: Wiring, job: Job, care: Care) -> None:
+        self.wiring, self.printer, self.first_job = wiring, wiring.printer, job
+        self.progress, self.queue = JobProgress(wiring, job), RequestQueue()
+        self.watch = Watch(job.marks, care, job.lines, job.positions)
+        self.change, self.excursion = SyringeChange(self.progress), Excursion()
+        self.book = LookBook()
+        gauges = [Gauge(one) for one in wiring.printer.watch]
+        self.logbook = Logbook(wiring, self.progress, self._with_details, lambda: next_due(gauges))
+        self.channel, self.interruption = print_channel(wiring, self.logbook, self.queue)
+        channel = self.channel
+        self.gauges, self.frame = Gauges(channel, gauges), FrameCheck(channel)
+        self.heat, self.firmware = HeatCheck(channel), FirmwareCheck(channel, self.gauges)
+        self.position = PositionCheck(channel, self.frame)
+        self.foreign = ForeignCommands(channel, self.firmware, self.position, self.heat)
+        self.clients = OtherClients(channel, self.position, self.heat)
+        self.slips = SlipWatch(channel, self.position)
+        self.valve_shut = False
+        self.answers_due, self.answers_troubles = math.inf, 0
 
     @property
     def job(self) -> Job:
         """The job as it has grown."""
-        return self.channel.logbook.progress.job
-
-    @property
-    def printer(self) -> Printer:
-        """Its profile."""
-        return self.wiring.printer
+        return self.progress.job
 
     @property
     def retreat(self) -> Retreat:
@@ -131,59 +108,26 @@ class Print:
         frame = frame_at(self.job, done, self.printer, self.watch.care.start_mm)
         return frame.shift_at(done - 1)
 
+    def _with_details(self, status: Status) -> Status:
+        """Return a status with readings, look, dead-man's time and what the print waits for."""
+        left = self.watch.care.deadman_s or None  # it stands still in a pause
+        if status.state is LinkState.PRINTING:
+            left = self.watch.deadman_left(self.wiring.clock.now())
+        return replace(
+            status,
+            readings=self.gauges.readings,
+            waits_for=self._awaited(status.state),
+            deadman_left_s=left,
+            look=self.book.status(),
+        )
 
-def new_print(wiring: Wiring, job: Job, care: Care) -> Print:
-    """Return a print that hasn't begun."""
-    progress, queue = JobProgress(wiring, job), RequestQueue()
-    watched = [Gauge(one) for one in wiring.printer.watch]
-    logbook = Logbook(
-        wiring, progress, lambda status: _with_details(run, status), lambda: next_due(watched)
-    )
-    channel, interruption = print_channel(wiring, logbook, queue)
-    frame, heat, gauges = FrameCheck(channel), HeatCheck(channel), Gauges(channel, watched)
-    position, firmware = PositionCheck(channel, frame), FirmwareCheck(channel, gauges)
-    run = Print(
-        wiring=wiring,
-        first_job=job,
-        watch=Watch(job.marks, care, job.lines, job.positions),
-        queue=queue,
-        gauges=gauges,
-        change=SyringeChange(progress),
-        book=LookBook(),
-        channel=channel,
-        interruption=interruption,
-        frame=frame,
-        position=position,
-        firmware=firmware,
-        heat=heat,
-        foreign=ForeignCommands(channel, firmware, position, heat),
-        clients=OtherClients(channel, position, heat),
-        slips=SlipWatch(channel, position),
-    )
-    return run
-
-
-def _with_details(run: Print, status: Status) -> Status:
-    """Return a status with readings, look, dead-man's time and what the print waits for."""
-    left = run.watch.care.deadman_s or None  # it stands still in a pause
-    if status.state is LinkState.PRINTING:
-        left = run.watch.deadman_left(run.wiring.clock.now())
-    return replace(
-        status,
-        readings=run.gauges.readings,
-        waits_for=_awaited(run, status.state),
-        deadman_left_s=left,
-        look=run.book.status(),
-    )
-
-
-def _awaited(run: Print, state: LinkState) -> str:
-    look, after = run.book.current, run.watch.after
-    if state is LinkState.LOOKING and look is not None:
-        return f"a decision on look {look.number}"
-    if run.change.going_on:
-        number = run.change.head
-        return "syringe" if number is None else f"syringe {number}"
-    if after is None:
-        return ""
-    return "reload" if after is MarkKind.RELOAD else f"pause after {after}"
+    def _awaited(self, state: LinkState) -> str:
+        look, after = self.book.current, self.watch.after
+        if state is LinkState.LOOKING and look is not None:
+            return f"a decision on look {look.number}"
+        if self.change.going_on:
+            number = self.change.head
+            return "syringe" if number is None else f"syringe {number}"
+        if after is None:
+            return ""
+        return "reload" if after is MarkKind.RELOAD else f"pause after {after}"

@@ -41,13 +41,7 @@ def end_on_fault(run: Print) -> None:
 
 
 def retreat(run: Print, state: LinkState, message: str) -> NoReturn:
-    """Relieve the plunger, lift the needle, switch off; nothing may be in flight.
-
-    Raises
-    ------
-    PrintEnded
-        Always, in ``state``.
-    """
+    """Relieve the plunger, lift the needle, switch off; with nothing in flight."""
     channel, logbook, progress = run.channel, run.logbook, run.progress
     run.interruption.disarm()
     channel.commands(shut(run.printer))
@@ -119,16 +113,14 @@ def _record_stood(run: Print, standstill: Standstill) -> None:
 
 
 def _way_out(run: Print, standstill: Standstill) -> list[bytes]:
-    """Commands that relieve the plunger and lift the needle from there.
-
-    M114 rounds E, so it is counted from what was read. What the job had drawn back already is
-    known only where none of its moves was dropped.
-    """
+    """Return the commands that relieve the plunger and lift the needle from there."""
     at, printer = standstill.at, run.printer
     if run.excursion.going_on:
         return run.excursion.way_out(at, run.retreat, printer)
+    # what the job had drawn back already is known only where none of its moves was dropped
     if not standstill.dropped:
         return run.retreat.leave(at, printer, run.progress.relieved_mm)
+    # M114 rounds E, so it is counted from what was read
     counted = [] if at.e is None or printer.pneumatic else [count_from(at.e)]
     return [*counted, *run.retreat.leave(at, printer)]
 

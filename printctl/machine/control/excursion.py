@@ -24,19 +24,10 @@ CHANGE: Final = (
 class Excursion:
     """Way between leaving the job's place and being back, for a stop in between.
 
-    Attributes
-    ----------
-    going_on : bool
-    left : Modal
-        The job's place.
-    relieved_mm : float, mm
-        How far the job itself had drawn the plunger back there.
-    top : float or None, mm
-        Greatest height that the needle comes to.
-    counted : bool
-        Whether the plunger's count means anything: not while its syringe is changed.
-    rests : bool
-        Whether needle and plunger are a person's: a stop leaves both where they are.
+    ``left`` is the job's place, ``relieved_mm`` how far the job itself had drawn the plunger back
+    there, ``top`` the greatest height that the needle comes to, mm. ``counted``: the plunger's
+    count means something, as no syringe is being changed. ``rests``: needle and plunger are a
+    person's, and a stop leaves both where they are.
     """
 
     going_on: bool = False
@@ -70,43 +61,29 @@ class Excursion:
         """
         if self.rests:
             return []
-        return self._relieve(now.e, retreat, printer) + self._lift(now.z, retreat, printer)
-
-    def _relieve(self, e: float | None, retreat: Retreat, printer: Printer) -> list[bytes]:
-        if e is None or self.left.e is None or printer.pneumatic or not self.counted:
-            return []
-        if e > self.left.e + M114_ROUNDING_MM:  # primed
-            return [count_from(e), retreat.relieve_to(retreat.relieved_e(e), printer)]
-        relieved = retreat.relieved_e(self.left.e, self.relieved_mm)
-        return [retreat.relieve_to(relieved, printer)] if e > relieved - M114_ROUNDING_MM else []
-
-    def _lift(self, z: float | None, retreat: Retreat, printer: Printer) -> list[bytes]:
-        left = self.left
+        left, e, way = self.left, now.e, list[bytes]()
+        if e is not None and left.e is not None and self.counted and not printer.pneumatic:
+            relieved = retreat.relieved_e(left.e, self.relieved_mm)
+            if e > left.e + M114_ROUNDING_MM:  # primed
+                way = [count_from(e), retreat.relieve_to(retreat.relieved_e(e), printer)]
+            elif e > relieved - M114_ROUNDING_MM:
+                way = [retreat.relieve_to(relieved, printer)]
         if left.z is None:
-            return []
-        if z is None:
-            return [] if self.top is None else retreat.rise(left, printer, self.top - left.z)
-        return retreat.rise(Modal(z=z), printer, left.z + retreat.lift_mm - z)
+            return way
+        if now.z is not None:
+            lift = left.z + retreat.lift_mm - now.z
+            return way + retreat.rise(Modal(z=now.z), printer, lift)
+        return way if self.top is None else way + retreat.rise(left, printer, self.top - left.z)
 
 
 @dataclass
 class SyringeChange:
     """Syringes of one print; read by any thread, written by the one that speaks to the printer.
 
-    Attributes
-    ----------
-    progress : JobProgress
-    going_on : bool
-    begun : int
-        Changes that were begun so far.
-    planned_head : int or None
-        Whose syringe is changed, where that is known.
-    filled : dict of (int or None) to Filling
-        What was put in in this print, by head; None for the only one.
-    wanted_head : int or None
-        Whose syringe a client wants changed; any thread may set it.
-    given : (NewSyringe or None, bool)
-        What a client says was put in, or that nothing was changed; any thread may set it.
+    ``begun`` counts changes; ``planned_head`` is whose syringe is changed, where that is known;
+    ``filled`` what was put in in this print, by head (None for the only one). Any thread may set
+    ``wanted_head``, whose syringe a client wants changed, and ``given``, what a client says was put
+    in, or that nothing was changed.
     """
 
     progress: JobProgress
@@ -127,15 +104,6 @@ class SyringeChange:
         """The head that is changed where that is another than the one in use; else None."""
         planned, used = self.planned_head, self.progress.head
         return planned if used is not None and planned != used else None
-
-    def begin(self) -> None:
-        """Record that the plunger's count is about to lose its meaning."""
-        self.going_on = True
-        self.begun += 1
-
-    def end(self) -> None:
-        """Record that the print goes on."""
-        self.going_on, self.planned_head = False, None
 
     def words(self, printer: Printer) -> str:
         """Return what a person is to do."""

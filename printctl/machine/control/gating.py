@@ -24,13 +24,7 @@ Ask = Callable[[bytes], tuple[bytes, ...]]
 
 
 def allowed_command(verdict: Verdict) -> AllowedLine:
-    """Return what was allowed.
-
-    Raises
-    ------
-    Refused
-        With the gate's reason.
-    """
+    """Return what was allowed; raise `Refused` with the gate's reason else."""
     if isinstance(verdict, Refusal):
         raise Refused(verdict.message)
     return verdict
@@ -40,14 +34,8 @@ def allowed_command(verdict: Verdict) -> AllowedLine:
 class PausedTip:
     """The tip in one pause, for the gate.
 
-    Attributes
-    ----------
-    limits : PrinterSituation
-        What the station knows, or the profile alone.
-    ask : callable
-        Sends a command and gives the printer's reply.
-    clear_mm : float or None
-        The first height read, mm: nothing stands above it.
+    ``limits``: what the station knows, or the profile alone; ``ask`` sends a command and returns
+    the reply; ``clear_mm``: the first height read, above which nothing stands.
     """
 
     limits: PrinterSituation

@@ -44,14 +44,14 @@ def refuse_rest(run: Print) -> None:
 def _insert(run: Print, request: LookRequest, at: Modal) -> dict[str, object]:
     """Judge an insert, write it down, and let the job grow by it.
 
-    Raises
-    ------
-    LinkError
-        Where it isn't taken; nothing has changed then.
+    Where it isn't taken (`LinkError`) nothing has changed.
     """
     logbook, progress, watch = run.logbook, run.progress, run.watch
     done, name = progress.done, f"the insert of look {request.look}"
-    place = _place(run, at, name)
+    if is_open(progress.job.lines, done, run.printer):
+        raise Refused(f"{name} isn't taken: the job has the valve open there")
+    bears = run.wiring.limits().plunger_mm_s
+    place = InsertPlace(at, run.reach, run.printer, bears, run.shift_mm())
     lines: tuple[bytes, ...] = ()
     if request.lines or request.flow is None:
         lines = judged_lines(request.lines, place, name)
@@ -77,10 +77,3 @@ def _insert(run: Print, request: LookRequest, at: Modal) -> dict[str, object]:
     run.wiring.protocol.grow(progress.job.lines)
     run.book.inserts[insert.look] = insert, request.lines
     return insert_answer(insert)
-
-
-def _place(run: Print, at: Modal, name: str) -> InsertPlace:
-    if is_open(run.job.lines, run.progress.done, run.printer):
-        raise Refused(f"{name} isn't taken: the job has the valve open there")
-    bears = run.wiring.limits().plunger_mm_s
-    return InsertPlace(at, run.reach, run.printer, bears, run.shift_mm())

@@ -44,17 +44,7 @@ class StopRequested(Exception):  # noqa: N818
 
 
 class Interruption:
-    """Looks for a stop while the link waits.
-
-    Parameters
-    ----------
-    wiring : Wiring
-    logbook : Logbook
-    queue : RequestQueue
-    kill : Kill
-        Knows whether the firmware has an emergency parser.
-    heard : PrinterReplies
-    """
+    """Acts on a stop request while the link waits; `Kill` knows about the emergency parser."""
 
     def __init__(
         self,
@@ -76,13 +66,7 @@ class Interruption:
         self._over = True
 
     def look(self) -> None:
-        """Act on a stop that was requested since the last look, with a line in flight.
-
-        Raises
-        ------
-        PrintEnded
-            Where the printer hasn't got the job's first line.
-        """
+        """Act on a stop with a line in flight; end a print before the job's first line at once."""
         if not self._requested:
             return
         if self._logbook.state in EARLY:
@@ -91,12 +75,7 @@ class Interruption:
             self._cut_in()
 
     def check(self) -> None:
-        """Go no further where a stop was requested and nothing is in flight.
-
-        Raises
-        ------
-        StopRequested
-        """
+        """Raise `StopRequested` where a stop was requested and nothing is in flight."""
         if self._requested and self._logbook.state not in EARLY and self._wiring.protocol.idle:
             raise StopRequested
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -30,12 +30,12 @@ class Look:
     ----------
     number : int
         From 1, in the print's order.
-    done : int
-        Command lines taken, earlier inserts among them.
     mark : str
         What ended there, in words.
     layer : int
         Of the mark of a layer that ended last; -1 where the job names none.
+    done : int
+        Command lines taken, earlier inserts among them.
     since : float
         Wall-clock time, s since 1970.
     limit_s : float, s
@@ -43,9 +43,9 @@ class Look:
     """
 
     number: int
-    done: int
     mark: str
     layer: int
+    done: int
     since: float
     limit_s: float
 
@@ -59,15 +59,10 @@ class LookRequest:
 
     Attributes
     ----------
-    look : int
     done, refused : callable
         Given the answer once it is in the journal, or the reason of a refusal.
-    why : str
-        For the journal.
     decision : LookDecision or None
-        None for an insert.
-    lines : tuple of str
-        To be inserted, one command each.
+        None for an insert of ``lines``, one command each.
     flow : float or None
         With an insert: what moves that write push from there on, over what the file says; None
         for as before.
@@ -90,21 +85,13 @@ class LookRequest:
 class LookBook:
     """Looks of one print: written by the thread that speaks to the printer, read by any.
 
-    Attributes
-    ----------
-    current : Look or None
-        The look that the print is held for, until it goes on; a pause that came of it, too.
-    decisions : dict
-        The journal's record of each decision, by look.
-    inserts : dict
-        Each insert and its lines as the client sent them, by look.
+    ``current``: the look that the print is held for, until it goes on; a pause that came of it,
+    too. By look: the journal's record of each decision; each insert, and its lines as sent.
     """
 
     current: Look | None = None
     decisions: dict[int, Mapping[str, Any]] = field(default_factory=dict)
     inserts: dict[int, tuple[Insert, tuple[str, ...]]] = field(default_factory=dict)
-
-    # --- for any thread --------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any] | None:
         """Return the current look for clients; None where the print isn't held for one."""
@@ -113,12 +100,7 @@ class LookBook:
             return None
         insert, decision = self.inserts.get(look.number), self.decisions.get(look.number)
         return {
-            "number": look.number,
-            "mark": look.mark,
-            "layer": look.layer,
-            "done": look.done,
-            "since": look.since,
-            "limit_s": look.limit_s,
+            **asdict(look),
             "inserted": 0 if insert is None else len(insert[0].lines),
             "insert_sha256": "" if insert is None else insert[0].sha256,
             "decision": "" if decision is None else str(decision["decision"]),
@@ -127,42 +109,21 @@ class LookBook:
     def repeated(self, request: LookRequest) -> Answer | None:
         """Return the answer to a repeated request; None for a new one.
 
-        Raises
-        ------
-        Refused
-            When it contradicts an earlier one, or is about no look that is going on.
+        `Refused` when it contradicts an earlier one, or is about no look that is going on.
         """
-        if request.decision is None:
-            return self._repeated_insert(request)
-        before, look = self.decisions.get(request.look), self.current
-        if before is None:
-            self._refuse_other(request.look)
-            return None
-        if before["decision"] == request.decision:
-            return decision_answer(before)
-        held = look is not None and look.number == request.look
-        how = "; `printctl resume RUN` goes on" if held else ""
-        raise Refused(
-            f"look {request.look} was decided before: {before['decision']} ({before['why']}), "
-            f"not {request.decision}{how}"
-        )
-
-    def _repeated_insert(self, request: LookRequest) -> Answer | None:
-        before = self.inserts.get(request.look)
-        if before is None:
-            self._refuse_other(request.look)
-            return None
-        insert, texts = before
-        same = request.lines == texts or _bare(request.lines) == _bare(_texts(insert))
-        if same and request.flow in (None, insert.flow):
-            return insert_answer(insert)
-        raise Refused(
-            f"look {request.look} has an insert of {len(insert.lines)} lines already, other ones: "
-            "a look has one; what is still missing is for the next look"
-        )
-
-    def _refuse_other(self, number: int) -> None:
-        look = self.current
+        number, look = request.look, self.current
+        insert, decision = self.inserts.get(number), self.decisions.get(number)
+        if request.decision is None and insert is not None:
+            return _repeated_insert(request, *insert)
+        if request.decision is not None and decision is not None:
+            if decision["decision"] == request.decision:
+                return decision_answer(decision)
+            held = look is not None and look.number == number
+            how = "; `printctl resume RUN` goes on" if held else ""
+            raise Refused(
+                f"look {number} was decided before: {decision['decision']} ({decision['why']}), "
+                f"not {request.decision}{how}"
+            )
         if look is None:
             raise Refused(
                 f"the print isn't held for look {number}, nor for any: wait until its status says "
@@ -170,8 +131,7 @@ class LookBook:
             )
         if look.number != number:
             raise Refused(f"the print is held for look {look.number}, not for look {number}")
-
-    # --- for the thread that speaks to the printer -----------------------------------------------
+        return None
 
     def restore(self, decisions: Iterable[Mapping[str, Any]], inserts: Iterable[Insert]) -> None:
         """Take the journal's records of a process that died."""
@@ -188,13 +148,23 @@ class LookBook:
         for insert, texts in list(self.inserts.values()):
             if insert.after == done:
                 self.inserts[number] = replace(insert, look=number), texts
-        self.current = Look(number, done, mark, layer, time.time(), limit_s)
+        self.current = Look(number, mark, layer, done, time.time(), limit_s)
         return self.current
 
     def failed_before(self, look: Look) -> bool:
         """Whether the look before this one, at the same place, failed as well."""
         record = self.decisions.get(look.number - 1, {})
         return bool(record.get("again")) and int(record["done"]) == look.done
+
+
+def _repeated_insert(request: LookRequest, insert: Insert, texts: tuple[str, ...]) -> Answer:
+    same = request.lines == texts or _bare(request.lines) == _bare(_texts(insert))
+    if same and request.flow in (None, insert.flow):
+        return insert_answer(insert)
+    raise Refused(
+        f"look {request.look} has an insert of {len(insert.lines)} lines already, other ones: "
+        "a look has one; what is still missing is for the next look"
+    )
 
 
 def insert_answer(insert: Insert) -> Answer:

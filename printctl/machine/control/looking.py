@@ -7,7 +7,7 @@ comes within ``look_limit_s`` it becomes a pause for the operator, with an alarm
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
@@ -58,6 +58,14 @@ class _Ending:
         return {"look": look.number, "done": look.done, **decision, **failed}
 
 
+_AGAIN: Final = _Ending(LookDecision.PAUSE, "a pause was asked for", "the user", again=True)
+_BY_REQUEST: Final = {
+    Request.PAUSE: _AGAIN,
+    Request.RELOAD: replace(_AGAIN, why="a change of syringe was asked for", changing=True),
+    Request.RESUME: _Ending(LookDecision.GO_ON, "the operator's word (resume)", "the user"),
+}
+
+
 def restore_looks(run: Print, history: JournalledPrint, done: int) -> None:
     """Take up what a process that died has written down of looks; ``done`` lines are taken."""
     watch, looked = run.watch, history.looked
@@ -90,12 +98,7 @@ def do_what_is_due(run: Print) -> None:
 
 
 def _look(run: Print) -> None:
-    """Leave the bath, wait for a decision, and do as it says.
-
-    Raises
-    ------
-    StopRequested
-    """
+    """Leave the bath, wait for a decision, and do as it says; raise `StopRequested` for a stop."""
     clock, watch, done = run.wiring.clock, run.watch, run.progress.done
     look = run.book.begin(done, *_place(run, done), watch.care.look_limit_s)
     run.logbook.record("look", look=look.number, done=done, mark=look.mark, layer=look.layer)
@@ -103,7 +106,7 @@ def _look(run: Print) -> None:
     at = leave(run, "look", park=park)
     watch.checked(clock.now(), done)
     if park is not None:
-        _go_to_park(run, at, park)
+        lead_needle(run, at, park, back=False)
     run.logbook.enter(LinkState.LOOKING, f"held for {look}: waiting for a decision")
     run.excursion.rests = True
     ending = _await_decision(run, at, look, clock.now() + look.limit_s)
@@ -132,7 +135,7 @@ def _leave_look(run: Print, at: Modal, park: Park | None, look: Look, ending: _E
         run.excursion.come_back(run.position.height())
     if park is not None:
         run.foreign.own_modes()
-        come_from_park(run, at, park)
+        lead_needle(run, at, park, back=True)
     if goes_on:
         come_back(run, at, by_person=ending.by != OBSERVER)
         return
@@ -161,21 +164,17 @@ def _place(run: Print, done: int) -> tuple[str, int]:
     return ", ".join(map(str, marks.here(done))) or usual, -1 if layer is None else layer.number
 
 
-# --- decisions -----------------------------------------------------------------------------------
-
-
 def _await_decision(run: Print, at: Modal, look: Look, until_s: float) -> _Ending:
-    """Wait for what ends a look; answer clients meanwhile.
-
-    Raises
-    ------
-    StopRequested
-    """
+    """Wait for what ends a look; answer clients meanwhile."""
     clock = run.wiring.clock
     while True:
         until = min(clock.now() + PAUSE_SIGN_S, until_s)
         wait_for_requests(run, until, run.wiring.printing_limits)
-        ending = _client_decision(run, at, look) or _requested_ending(run.queue.take())
+        ending = _client_decision(run, at, look)
+        request = None if ending else run.queue.take()
+        if request is Request.STOP:
+            raise StopRequested
+        ending = ending or (_BY_REQUEST.get(request) if request else None)
         if ending is not None:
             return ending
         if clock.now() >= until_s:
@@ -197,25 +196,6 @@ def _client_decision(run: Print, at: Modal, look: Look) -> _Ending | None:
     return ending
 
 
-def _requested_ending(request: Request | None) -> _Ending | None:
-    """Return how a request ends a look; None for not at all.
-
-    Raises
-    ------
-    StopRequested
-    """
-    if request is Request.STOP:
-        raise StopRequested
-    if request is Request.PAUSE:
-        return _Ending(LookDecision.PAUSE, "a pause was asked for", "the user", again=True)
-    if request is Request.RELOAD:
-        why = "a change of syringe was asked for"
-        return _Ending(LookDecision.PAUSE, why, "the user", again=True, changing=True)
-    if request is Request.RESUME:
-        return _Ending(LookDecision.GO_ON, "the operator's word (resume)", "the user")
-    return None
-
-
 def _decide(run: Print, look: Look, ending: _Ending) -> None:
     """Write a decision down, once; an alarm where a person must know of it."""
     if look.number in run.book.decisions:
@@ -228,16 +208,8 @@ def _decide(run: Print, look: Look, ending: _Ending) -> None:
         run.logbook.alarm(f"{look}: {ending.by} decided to {ending.decision}: {ending.why}")
 
 
-# --- parking place: up first, across above all that the job writes, then to the place's height ---
-
-
 def refuse_park(park: Park | None, printer: Printer) -> None:
-    """Refuse a parking place, mm, that the machine doesn't reach.
-
-    Raises
-    ------
-    Refused
-    """
+    """Refuse a parking place, mm, that the machine doesn't reach."""
     for axis, mm in zip("xyz", park or (), strict=False):
         span = getattr(printer, f"{axis}_mm")
         if not span.low <= mm <= span.high:
@@ -248,11 +220,7 @@ def refuse_park(park: Park | None, printer: Printer) -> None:
 
 
 def _park_place(run: Print, park: Park | None) -> Park | None:
-    """Return where ``park`` is as the job counts here; None for straight above.
-
-    None as well where it is unknown how the job counts, or where the needle would come down into
-    the part: an alarm says so.
-    """
+    """Return ``park`` as the job counts here; None, with an alarm, where that is no safe place."""
     if park is None:
         return None
     at, problem = run.progress.modal(), ""
@@ -270,17 +238,20 @@ def _park_place(run: Print, park: Park | None) -> Park | None:
     return park[0] + x, park[1] + y, park[2] + z
 
 
-def _go_to_park(run: Print, at: Modal, park: Park) -> None:
-    """Lead the needle, which was lifted above ``at``, to ``park``; each step is waited for."""
-    _move_up(run, _crossing_height(run, at, park))
-    _move_across(run, park[0], park[1])
-    _move_up(run, park[2])
+def lead_needle(run: Print, at: Modal, park: Park, *, back: bool) -> None:
+    """Lead the needle between above ``at`` and ``park``; each step is waited for.
 
-
-def come_from_park(run: Print, at: Modal, park: Park) -> None:
-    """Lead it back above ``at``, as high as it went across."""
-    _move_up(run, _crossing_height(run, at, park))
-    _move_across(run, at.x or 0.0, at.y or 0.0)
+    Up first, then across above all that the job writes, within the axis, then to the park's height.
+    """
+    speed, shift, z = run.printer.max_speed_mm_s, run.shift_mm()[2], at.z or 0.0
+    up, across = min(run.retreat.lift_mm_s, speed.z), min(ACROSS_MM_S, speed.x, speed.y)
+    wanted = max(z + run.retreat.lift_mm, run.reach.top_mm + shift + ABOVE_MM, park[2])
+    high = max(z, min(wanted, run.printer.z_mm.high + shift))
+    x, y = (at.x or 0.0, at.y or 0.0) if back else park[:2]
+    way = [(b"Z%.5f" % high, up), (b"X%.5f Y%.5f" % (x, y), across), (b"Z%.5f" % park[2], up)]
+    for place, mm_s in way[:2] if back else way:
+        run.channel.command(b"G1 %b F%.0f" % (place, mm_s * 60))
+        run.channel.command(b"M400")
 
 
 def is_parked(run: Print, at: Modal, park: Park) -> bool:
@@ -289,24 +260,3 @@ def is_parked(run: Print, at: Modal, park: Park) -> bool:
         return False
     wrong, _ = run.position.compare(Modal(x=park[0], y=park[1]))
     return (at.x, at.y) != park[:2] and not wrong
-
-
-def _crossing_height(run: Print, at: Modal, park: Park) -> float:
-    """Height of the way across, mm: above job and parking place, within the axis."""
-    shift, z = run.shift_mm()[2], at.z or 0.0
-    wanted = max(z + run.retreat.lift_mm, run.reach.top_mm + shift + ABOVE_MM, park[2])
-    return max(z, min(wanted, run.printer.z_mm.high + shift))
-
-
-def _move_up(run: Print, z_mm: float) -> None:
-    _move(run, b"Z%.5f" % z_mm, min(run.retreat.lift_mm_s, run.printer.max_speed_mm_s.z))
-
-
-def _move_across(run: Print, x_mm: float, y_mm: float) -> None:
-    speed = run.printer.max_speed_mm_s
-    _move(run, b"X%.5f Y%.5f" % (x_mm, y_mm), min(ACROSS_MM_S, speed.x, speed.y))
-
-
-def _move(run: Print, place: bytes, speed_mm_s: float) -> None:
-    run.channel.command(b"G1 %b F%.0f" % (place, speed_mm_s * 60))
-    run.channel.command(b"M400")

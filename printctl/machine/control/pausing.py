@@ -14,11 +14,10 @@ from printctl.machine.control.excursion import CHANGE, Excursion
 from printctl.machine.control.gating import PausedTip
 from printctl.machine.control.inserting import answer_clients, refuse_rest
 from printctl.machine.control.interruption import StopRequested
-from printctl.machine.control.requests import ManualCommand, Request
+from printctl.machine.control.requests import Request
 from printctl.machine.control.syringes import (
     begin_change,
     count_plunger,
-    find_change_again,
     replan,
     take_head,
 )
@@ -35,9 +34,6 @@ PAUSE_SIGN_S: Final = 20.0
 """Interval of the sign of life in a pause."""
 
 
-# --- between two lines ---------------------------------------------------------------------------
-
-
 def pause_where_due(run: Print) -> None:
     """Do what is due after the lines that were taken, but for looks; nothing is in flight."""
     watch, done, change = run.watch, run.progress.done, run.change
@@ -50,7 +46,11 @@ def pause_where_due(run: Print) -> None:
     elif due is DueTask.PAUSE:
         pause(run, f"paused at the {where}")
     elif due is DueTask.DEADMAN:
-        _end_or_pause_unconfirmed(run)
+        message = f"nobody confirmed for {watch.care.deadman_s / 60:g} min (dead-man)"
+        run.logbook.alarm(message)
+        if watch.care.deadman_stops:
+            retreat(run, LinkState.STOPPED, message)
+        pause(run, f"{message}; `printctl resume RUN` goes on")
     elif due is DueTask.CHECKPOINT:
         # stand still for it where nothing else can tell what was made
         stands = link_facts(run.printer).plans_by_time
@@ -60,23 +60,11 @@ def pause_where_due(run: Print) -> None:
         watch.checked(run.wiring.clock.now(), done)
 
 
-def _end_or_pause_unconfirmed(run: Print) -> None:
-    care = run.watch.care
-    message = f"nobody confirmed for {care.deadman_s / 60:g} min (dead-man)"
-    run.logbook.alarm(message)
-    if care.deadman_stops:
-        retreat(run, LinkState.STOPPED, message)
-    pause(run, f"{message}; `printctl resume RUN` goes on")
-
-
 def want_pause(run: Print, after: MarkKind | None) -> None:
     """Have the print held at the next mark of a kind, None for no longer; write it down."""
     run.watch.after = after
     head = {} if after is not MarkKind.RELOAD else {"head": run.change.wanted_head}
     run.logbook.record("wanted", after=after or "", **head)
-
-
-# --- leaving, waiting, coming back ---------------------------------------------------------------
 
 
 def pause(run: Print, message: str, changing: bool = False) -> None:
@@ -94,20 +82,8 @@ def leave(
 ) -> Modal:
     """Let the planner run empty, compare the place, relieve the plunger, lift the needle.
 
-    Parameters
-    ----------
-    run : Print
-    mark : str
-        What the print is held for, for the journal.
-    changing : bool
-        Whether the syringe is to be changed.
-    park : (x, y, z), mm, optional
-        Where the needle will be led from above the place.
-
-    Returns
-    -------
-    Modal
-        The job's place.
+    Returns the job's place. ``mark``: what the print is held for, for the journal; ``park``, mm:
+    where the needle will be led from above the place.
     """
     logbook, channel = run.logbook, run.channel
     logbook.enter(
@@ -138,13 +114,6 @@ def _top(run: Print, at: Modal, changing: bool) -> float | None:
     return max(at.z, min(at.z + lift, run.printer.z_mm.high))
 
 
-def await_syringe(run: Print, at: Modal, head: int | None = None) -> None:
-    """Go on waiting for a syringe: the host died while it was changed."""
-    run.excursion = Excursion(True, at, counted=False)
-    find_change_again(run, at, head)
-    wait_and_come_back(run, at, f"paused, found again: {run.change.words(run.printer)}")
-
-
 def wait_and_come_back(run: Print, at: Modal, message: str) -> None:
     """Wait for the word to go on; then count a new syringe, and come back to ``at``."""
     run.logbook.enter(LinkState.PAUSED, message)
@@ -167,7 +136,7 @@ def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = Fa
     run.position.refuse_renamed(waited=True)  # before the needle is lowered by that name
     take_head(run)
     lower(run, at, prime_mm)
-    run.change.end()
+    run.change.going_on, run.change.planned_head = False, None
     run.position.note_plunger()
     run.book.current = None
     refuse_rest(run)
@@ -181,11 +150,6 @@ def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> None:
     """Lower the needle to ``at``, push the plunger to its place, and compare both.
 
     Each step of the way down is waited for, so that a stop finds no further one ahead.
-
-    Raises
-    ------
-    PrintEnded
-        Where the place can't be read, or isn't the job's.
     """
     channel, height = run.channel, run.position.height()
     run.excursion.come_back(height)
@@ -240,9 +204,6 @@ def _why_not_resume(run: Print, at: Modal, new: NewSyringe | None, unchanged: bo
     return ""
 
 
-# --- parts of waiting ----------------------------------------------------------------------------
-
-
 def wait_for_requests(run: Print, until: float, known: Callable[[], PrinterSituation]) -> None:
     """Wait until ``until``, s, or a request; send manual commands; end on a fault."""
     clock = run.wiring.clock
@@ -264,37 +225,30 @@ def sign_of_life(run: Print) -> None:
 
 
 def send_manual(run: Print, known: Callable[[], PrinterSituation]) -> None:
-    """Send the waiting manual commands; ``known`` gives what the gate judges them by."""
-    while run.queue.commands:
-        _send_manual(run, run.queue.commands.popleft(), known)
+    """Send the waiting manual commands that the gate lets pass; a complaint ends no print.
 
-
-def _send_manual(run: Print, manual: ManualCommand, known: Callable[[], PrinterSituation]) -> None:
-    """Send a command, if the gate lets it pass as things stand.
-
-    The printer's complaint about it ends no print: nothing else was under way.
+    ``known`` returns what the gate judges a command by.
     """
-    if manual.refused is None:
-        manual.done(run.channel.command(manual.text.encode("ascii")))
-        return
-    verdict = judge(manual.text, LineOrigin.CONSOLE, known())
-    if isinstance(verdict, Refusal):
-        run.logbook.notice(verdict.message)
-        manual.refused(verdict.message)
-        return
-    before = run.logbook.fault
-    try:
-        lines = run.channel.command(verdict.text.encode("ascii"))
-    except StopRequested:
-        manual.refused("the print is being stopped")
-        raise
-    complaint = run.logbook.excuse(before)
-    if not complaint:
-        run.heat.set_by_hand(verdict)
-    manual.done((*lines, complaint.encode("ascii", "replace")) if complaint else lines)
-
-
-# --- valve ---------------------------------------------------------------------------------------
+    while run.queue.commands:
+        manual = run.queue.commands.popleft()
+        if manual.refused is None:
+            manual.done(run.channel.command(manual.text.encode("ascii")))
+            continue
+        verdict = judge(manual.text, LineOrigin.CONSOLE, known())
+        if isinstance(verdict, Refusal):
+            run.logbook.notice(verdict.message)
+            manual.refused(verdict.message)
+            continue
+        before = run.logbook.fault
+        try:
+            lines = run.channel.command(verdict.text.encode("ascii"))
+        except StopRequested:
+            manual.refused("the print is being stopped")
+            raise
+        complaint = run.logbook.excuse(before)
+        if not complaint:
+            run.heat.set_by_hand(verdict)
+        manual.done((*lines, complaint.encode("ascii", "replace")) if complaint else lines)
 
 
 def shut_valve(run: Print) -> None:

@@ -29,10 +29,7 @@ COUNT_ANSWERS_S: Final = 5.0
 def run_print(run: Print, history: JournalledPrint | None) -> None:
     """Print, from handshake to end; with a history go on from the printer's last line.
 
-    Raises
-    ------
-    PrintEnded
-        Always, but for a `LinkError`.
+    Raises `PrintEnded` always, but for a `LinkError`.
     """
     try:
         _begin(run, history)
@@ -46,9 +43,6 @@ def run_print(run: Print, history: JournalledPrint | None) -> None:
     look = f"; {others}: look at the part" if others else ""
     message = f"all {len(run.job)} lines done{compared}{look}{run.logbook.remarks}"
     raise PrintEnded(LinkState.DONE, message, known=not others)
-
-
-# --- beginning -----------------------------------------------------------------------------------
 
 
 def _begin(run: Print, history: JournalledPrint | None) -> None:
@@ -72,12 +66,7 @@ def _begin(run: Print, history: JournalledPrint | None) -> None:
 
 
 def _start(run: Print) -> None:
-    """Check and set up the printer before the job's first line.
-
-    Raises
-    ------
-    HandshakeError
-    """
+    """Check and set up the printer before the job's first line."""
     channel, logbook, protocol = run.channel, run.logbook, run.wiring.protocol
     rest = RestWait(channel)
     connect(channel, rest.step)
@@ -106,9 +95,6 @@ def _refuse_other_start(run: Print, rest: RestWait) -> None:
     start_mm = run.watch.care.start_mm
     if start_mm is not None:
         agree_start(run.channel.ask, start_mm, declared)
-
-
-# --- lines ---------------------------------------------------------------------------------------
 
 
 def _stream(run: Print) -> None:
@@ -211,9 +197,6 @@ def _count_answers(run: Print, now: float) -> None:
     run.answers_due = run.wiring.clock.now() + COUNT_ANSWERS_S
 
 
-# --- between two lines ---------------------------------------------------------------------------
-
-
 def _obey(run: Print) -> None:
     """Do what is requested, with no line in flight."""
     run.channel.settle()
@@ -229,9 +212,6 @@ def _obey(run: Print) -> None:
             want_pause(run, None)  # a pause that is waited for no longer
         elif request is Request.RELOAD:  # requested in a pause that is over
             want_pause(run, MarkKind.RELOAD)
-
-
-# --- finishing -----------------------------------------------------------------------------------
 
 
 def _end_compared(run: Print) -> str | None:

@@ -25,14 +25,8 @@ class Request(Enum):
 class ManualCommand:
     """Command between two lines of the job.
 
-    Attributes
-    ----------
-    text : str
-    done : callable
-        Given the printer's reply.
-    refused : callable or None
-        Given the reason why it wasn't sent; None for a command of the product's own, which isn't
-        judged.
+    ``done`` is given the printer's reply, ``refused`` the reason why it wasn't sent; a command of
+    the product's own has none, and isn't judged.
     """
 
     text: str
@@ -46,10 +40,6 @@ class RequestQueue:
 
     Attributes
     ----------
-    requests : deque of Request
-    commands : deque of ManualCommand
-    looks : deque of LookRequest
-        Inserts and decisions for the look that the print is held for.
     stopped_by : str
         Who requested the stop first.
     pause_words : str

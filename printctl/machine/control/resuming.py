@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from printctl.machine.control.context import Print
 from printctl.machine.control.excursion import Excursion
-from printctl.machine.control.looking import Park, come_from_park, is_parked, restore_looks
-from printctl.machine.control.pausing import await_syringe, lower, shut_valve
-from printctl.machine.control.syringes import take_head
+from printctl.machine.control.looking import Park, is_parked, lead_needle, restore_looks
+from printctl.machine.control.pausing import lower, shut_valve, wait_and_come_back
+from printctl.machine.control.syringes import find_change_again, take_head
 from printctl.machine.families import link_facts
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.modal import Modal
@@ -21,12 +21,9 @@ from printctl.machine.records.states import LinkState, PrintEnded
 def find_again(run: Print, history: JournalledPrint) -> None:
     """Ask the printer for its last line; come back to where the job was, if all agrees.
 
-    Raises
-    ------
-    PrintEnded
-        Where the printer can't tell, or its line or position isn't the job's.
+    Ends the print where the printer can't tell, or its line or position isn't the job's.
     """
-    channel, logbook, progress, watch = run.channel, run.logbook, run.progress, run.watch
+    logbook, progress, watch = run.logbook, run.progress, run.watch
     logbook.enter(LinkState.CHECKING, "asking the printer for the last line that it took")
     done, number = _last_line(run, history)
     restore_looks(run, history, done)
@@ -36,7 +33,7 @@ def find_again(run: Print, history: JournalledPrint) -> None:
         logbook.alarm(f"the valve stood open after line {done} while no host was there; look")
     run.firmware.check_keepalive(journalled=True)
     logbook.enter(LinkState.CHECKING, "waiting until the printer has made what it took")
-    channel.command(b"M400")
+    run.channel.command(b"M400")
     run.firmware.restore_settings(history.settings)
     if history.heat:
         run.heat.restore(history.heat["targets"], history.heat["line"])
@@ -58,7 +55,10 @@ def find_again(run: Print, history: JournalledPrint) -> None:
         _confirm_count(run, done)
     if changing:
         head = None if history.reload is None else history.reload.get("head")
-        await_syringe(run, at, head)
+        run.excursion = Excursion(True, at, counted=False)
+        find_change_again(run, at, head)
+        words = run.change.words(run.printer)
+        wait_and_come_back(run, at, f"paused, found again: {words}")
     elif done < len(progress.job):
         _rejoin(run, at, history.park, done)
         if history.in_ink:
@@ -100,7 +100,7 @@ def _rejoin(run: Print, at: Modal, park: Park | None, done: int) -> None:
     run.logbook.enter(LinkState.RESUMING, "returning to where the print was left")
     take_head(run)
     if park is not None and is_parked(run, at, park):
-        come_from_park(run, at, park)
+        lead_needle(run, at, park, back=True)
     run.position.verify(replace(at, z=None, e=None))  # a pause may have lifted and relieved
     _confirm_count(run, done)
     lower(run, at)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from printctl.checks.gate import LineOrigin, judge
-from printctl.machine.control.context import new_print
+from printctl.machine.control.context import Print
 from printctl.machine.control.ending import shut_valve_past_protocol
 from printctl.machine.control.excursion import CHANGE
 from printctl.machine.control.gating import allowed_command
@@ -31,21 +31,12 @@ __all__ = ["Streamer", "Wiring"]
 class Streamer:
     """Door to one print: a request is checked at once, then queued for the next gap of two lines.
 
-    Parameters
-    ----------
-    wiring : Wiring
-    job : Job
-        With the inserts of the journal, where a print is gone on with.
-    care : Care, optional
-
-    Attributes
-    ----------
-    print : Print
+    ``job`` has the inserts of the journal, where a print is gone on with.
     """
 
     def __init__(self, wiring: Wiring, job: Job, care: Care | None = None) -> None:
         self.wiring, self.protocol = wiring, wiring.protocol
-        self.print = new_print(wiring, job, care or Care())
+        self.print = Print(wiring, job, care or Care())
 
     def run(self, history: JournalledPrint | None = None) -> Status:
         """Print, from handshake to end.
@@ -109,13 +100,7 @@ class Streamer:
         self.print.queue.add(Request.STOP)
 
     def pause(self, after: MarkKind | None = None) -> None:
-        """Request a pause: now, or once a layer or vessel has ended.
-
-        Raises
-        ------
-        Refused
-            When the job has no such mark ahead.
-        """
+        """Request a pause: now, or at the next mark of a kind; `Refused` with none ahead."""
         run = self.print
         if after is None:
             run.queue.add(Request.PAUSE)
@@ -133,12 +118,8 @@ class Streamer:
     def reload(self, head: int | None = None) -> None:
         """Request a change of syringe: at the next reload point, or here when it is paused.
 
-        Of several heads that of ``head``, or of the one in use there.
-
-        Raises
-        ------
-        Refused
-            When the job has no reload point ahead, or the printer no such head.
+        Of several heads that of ``head``, or of the one in use there. `Refused` when the job has no
+        reload point ahead, or the printer no such head.
         """
         run = self.print
         count = len(run.printer.heads)
@@ -161,19 +142,8 @@ class Streamer:
     ) -> None:
         """Request to go on after a pause; takes back a pause that is still waited for.
 
-        Parameters
-        ----------
-        change : NewSyringe, optional
-            What was put in, in a pause for a change of syringe.
-        unchanged : bool
-            The syringe wasn't changed after all.
-        unobserved : bool
-            A look that failed isn't made again.
-
-        Raises
-        ------
-        Refused
-            When a new syringe is to be named, or is named where no change is going on.
+        In a pause for a change of syringe ``change`` is what was put in, or nothing was with
+        ``unchanged``; else it is `Refused`. With ``unobserved`` a failed look isn't made again.
         """
         run, state = self.print, self.print.logbook.state
         changing = run.change.going_on
@@ -197,11 +167,7 @@ class Streamer:
     def look(self, request: LookRequest) -> None:
         """Request an insert where the print is held for a look, or the look's end.
 
-        Raises
-        ------
-        Refused
-            For another look than the one that is going on, or where it contradicts what was
-            requested before.
+        `Refused` for another look, or where it contradicts what was requested before.
         """
         run = self.print
         if run.logbook.status.ended:
@@ -226,13 +192,7 @@ class Streamer:
         done: Callable[[tuple[bytes, ...]], None],
         refused: Callable[[str], None],
     ) -> None:
-        """Request a command that a person typed; the gate judges it once more when it is sent.
-
-        Raises
-        ------
-        Refused
-            When it passes in no state, or not while the print goes on.
-        """
+        """Request a command that a person typed; the gate judges it now and when it is sent."""
         if self.print.logbook.state is not LinkState.PAUSED:
             known = self.wiring.printing_limits()
             text = allowed_command(judge(text, LineOrigin.CONSOLE, known)).text

@@ -17,29 +17,20 @@ from printctl.machine.job.reloading import plan_reloads
 from printctl.machine.job.retreat import count_from
 from printctl.machine.records.states import LinkState, PrintEnded
 
-# --- heads ---------------------------------------------------------------------------------------
-
 
 def take_head(run: Print) -> None:
-    """Choose the head that the job has in use, and see that it is; the others are raised.
+    """Choose the job's head and raise the others: another program may have chosen another.
 
-    Before any move after a time in which somebody else may have chosen another. Nothing where the
-    printer has one head alone.
+    Nothing where the printer has one head alone.
     """
-    number, progress = run.progress.head, run.progress
+    number = run.progress.head
     if number is not None:
-        run.channel.commands(keep_raised(progress.job.lines, progress.done, run.printer))
+        run.channel.commands(keep_raised(run.job.lines, run.progress.done, run.printer))
         _choose_head(run, number)
 
 
 def _choose_head(run: Print, number: int) -> None:
-    """Have the firmware use a head, and confirm it.
-
-    Raises
-    ------
-    PrintEnded
-        When it doesn't.
-    """
+    """Have the firmware use a head; end the print where it doesn't confirm that."""
     printer = run.printer
     for _ in range(RETRIES):  # an answer may be garbled
         if confirms(run.channel.command(choose(printer, number)), printer, number):
@@ -52,15 +43,11 @@ def _choose_head(run: Print, number: int) -> None:
     )
 
 
-# --- begin of a change ---------------------------------------------------------------------------
-
-
 def begin_change(run: Print, at: Modal) -> None:
     """Write down that the plunger's count is about to lose its meaning, and make room."""
     run.excursion.counted = False
-    run.change.begin()
-    planned = run.change.planned_head
-    head = {} if planned is None else {"head": planned}
+    _begin(run, run.change.planned_head)
+    head = {} if run.change.planned_head is None else {"head": run.change.planned_head}
     run.logbook.record("reload", done=run.progress.done, e=at.e, **head)
     run.channel.commands(run.wiring.retreat.rise(at, run.printer, _room_mm(run)))
     _take_idle_head(run)
@@ -71,8 +58,7 @@ def find_change_again(run: Print, at: Modal, head: int | None) -> None:
 
     The plunger is left alone: what is in front of it is unknown.
     """
-    run.change.begin()
-    run.change.planned_head = head
+    _begin(run, head)
     z, room = run.position.compare(Modal())[1].get("Z"), _room_mm(run)
     for command in run.wiring.retreat.rise(at, run.printer, room):
         if z is None or at.z is None or z < at.z + room:
@@ -80,33 +66,26 @@ def find_change_again(run: Print, at: Modal, head: int | None) -> None:
     _take_idle_head(run)
 
 
-def _take_idle_head(run: Print) -> None:
-    """Have E move the plunger whose syringe is changed, where that isn't the one in use.
+def _begin(run: Print, head: int | None) -> None:
+    change = run.change
+    change.going_on, change.begun, change.planned_head = True, change.begun + 1, head
 
-    The needle stands high above the bath behind M400; a client that says at once that a syringe is
-    in has places compared that must stand still.
-    """
+
+def _take_idle_head(run: Print) -> None:
+    """Have E move the plunger whose syringe is changed, where that isn't the one in use."""
+    # the needle stands high above the bath behind it; a client that says at once that a syringe is
+    # in has places compared that must stand still
     run.channel.command(b"M400")
-    idle = run.change.idle_head
-    if idle is not None:
-        _choose_head(run, idle)
+    if run.change.idle_head is not None:
+        _choose_head(run, run.change.idle_head)
 
 
 def _room_mm(run: Print) -> float:
     return max(run.wiring.retreat.park_mm, run.wiring.retreat.lift_mm)
 
 
-# --- plan of further changes ---------------------------------------------------------------------
-
-
 def replan(run: Print, new: NewSyringe) -> None:
-    """Plan where a syringe must be changed again, after this one.
-
-    Raises
-    ------
-    LinkError
-        Where the job can't be made so.
-    """
+    """Plan where a syringe must be changed after this one; `LinkError` where that can't be."""
     head, watch, done = run.change.head, run.watch, run.progress.done
     capacity = new.capacity_mm or _filling(run, head).capacity_mm
     if not capacity or run.printer.pneumatic:  # no plunger tells what is used up
@@ -124,13 +103,7 @@ def replan(run: Print, new: NewSyringe) -> None:
 
 
 def replanned(run: Print, grown: Job) -> Plan:
-    """Return where a syringe must be changed once the job is ``grown`` by one more insert.
-
-    Raises
-    ------
-    Refused
-        Where the syringe in use doesn't last for it.
-    """
+    """Plan changes for the job ``grown`` by an insert; `Refused` where the ink doesn't last."""
     head = run.progress.head
     filling = Filling() if run.printer.pneumatic is not None else _filling(run, head)
     plan = run.watch.reload_at, run.watch.reload_heads
@@ -143,9 +116,6 @@ def _filling(run: Print, head: int | None) -> Filling:
     name, capacity = care.of_head(head)
     used = care.used_mm if head is None else 0.0
     return run.change.filled.get(head, Filling(0, used, capacity, name))
-
-
-# --- end of a change -----------------------------------------------------------------------------
 
 
 def count_plunger(run: Print, at: Modal, new: NewSyringe) -> None:
@@ -162,13 +132,6 @@ def count_plunger(run: Print, at: Modal, new: NewSyringe) -> None:
         return
     e = run.retreat.relieved_e(at.e or 0.0, run.progress.relieved_mm)
     command = count_from(e) if pneumatic is None else pneumatic.closes.encode("ascii")
-    _record(run, command, new)
-    run.channel.command(command)
-    if pneumatic is None:
-        run.position.verify(Modal(e=e))
-
-
-def _record(run: Print, command: bytes, new: NewSyringe) -> None:
     head, done = run.change.head, run.progress.done
     last = _filling(run, head)
     capacity, name = new.capacity_mm or last.capacity_mm, new.name or last.name
@@ -185,3 +148,6 @@ def _record(run: Print, command: bytes, new: NewSyringe) -> None:
         reload_at=run.watch.reload_at,
         reload_heads=run.watch.reload_heads,
     )
+    run.channel.command(command)
+    if pneumatic is None:
+        run.position.verify(Modal(e=e))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence, Set
 from enum import Enum, auto
 from typing import Final
 
@@ -15,8 +14,8 @@ from printctl.machine.job.marks import MarkKind, Marks
 
 _AHEAD: Final = 2
 """Most lines in flight: a mark nearer than that may be passed before it is looked at."""
-_ENDS: Final = (MarkKind.LAYER, MarkKind.VESSEL)
-_PAUSES: Final = (*_ENDS, MarkKind.RELOAD)
+_ENDS: Final = frozenset({MarkKind.LAYER, MarkKind.VESSEL})
+_PAUSES: Final = _ENDS | {MarkKind.RELOAD}
 """Where the needle has left the ink: a pause within a vessel is made only where it is asked for."""
 
 
@@ -31,17 +30,14 @@ class DueTask(Enum):
     CHECKPOINT = auto()
 
 
+_Task = tuple[DueTask, Set[MarkKind], tuple[int, ...]]
+
+
 class Watch:
     """Marks and times at which something is to be done.
 
-    Parameters
-    ----------
-    marks : Marks
-    care : Care
-    lines : sequence of bytes
-        The (grown) job's, needed where a look is due by what was written.
-    inserts : sequence of (after, count)
-        Which of them were put in.
+    ``lines`` of the (grown) job, and which of them are ``inserts``, are needed where a look is due
+    by what was written.
 
     Attributes
     ----------
@@ -91,80 +87,47 @@ class Watch:
             return None
         return max(0.0, self.confirmed + self.care.deadman_s - now)
 
-    # --- what is due -----------------------------------------------------------------------------
-
     def next_stop(self, now: float, done: int, idle: bool, total: int) -> int:
-        """Return the command lines after which to look at `due` again; ``total`` for nothing due.
+        """Return after which of ``total`` lines to look at `due` again; ``done`` are taken.
 
-        Parameters
-        ----------
-        now : float, s
-        done : int
-            Command lines taken.
-        idle : bool
-            Whether nothing is in flight.
-        total : int
-            Command lines of the job.
+        ``idle``: nothing is in flight.
         """
         first = done + (1 if idle else _AHEAD)
-        kinds: list[MarkKind] = [self.after] if self.after else []
-        kinds += self._look_kinds
-        if now >= self._look_due:
-            kinds += MarkKind
-        if self._overdue(now):
-            kinds += _PAUSES
-        if self._wants_checkpoint(now):
-            kinds += _ENDS
-        marks = [self.marks.next(kind, first) for kind in kinds]
-        stops = [mark.index for mark in marks if mark is not None]
-        written = self._places.next_due(first, self._looked_at, self.care)
-        stops += [] if written is None else [written]
-        stops += [self.insert_end] if self.insert_end >= first else []
-        place = bisect_left(self.reload_at, first)
-        stops += self.reload_at[place : place + 1]
-        if self._overdue(now) and not self._any_from(first):
-            stops.append(first)
-        return min([*stops, total])
+        stops = [total]
+        for _, kinds, lines in self._tasks(now, first):
+            marks = [self.marks.next(kind, first) for kind in kinds]
+            stops += [mark.index for mark in marks if mark is not None]
+            stops += [line for line in lines if line >= first]
+        return min(stops)
 
     def due(self, now: float, done: int) -> DueTask:
         """Return what is to be done now, with nothing in flight after ``done`` lines."""
-        kinds = {mark.kind for mark in self.marks.here(done)}
-        if self._wants_look(now, done, kinds):
+        if self.look_again or done == self.insert_end:
             return DueTask.LOOK
-        if done in self.reload_at or (self.after is MarkKind.RELOAD and self.after in kinds):
-            return DueTask.RELOAD
-        if self.after in kinds:
-            return DueTask.PAUSE
-        if self._overdue(now) and (kinds - {MarkKind.PART} or not self._any_from(done)):
-            return DueTask.DEADMAN
-        if self._wants_checkpoint(now) and done != self._checked and kinds & set(_ENDS):
-            return DueTask.CHECKPOINT
+        here = {mark.kind for mark in self.marks.here(done)}
+        did = {DueTask.LOOK: self._looked, DueTask.CHECKPOINT: self._checked}
+        for task, kinds, lines in self._tasks(now, done):
+            if (here & kinds or done in lines) and done != did.get(task):
+                return task
         return DueTask.NOTHING
 
-    def _wants_look(self, now: float, done: int, kinds: set[MarkKind]) -> bool:
-        """Whether a look is due after ``done`` lines, where marks of these kinds stand."""
-        if self.look_again or done == self.insert_end:
-            return True
-        if done == self._looked:
-            return False
-        by_mark = bool(self._look_kinds & kinds) or (bool(kinds) and now >= self._look_due)
-        return by_mark or self._places.next_due(done, self._looked_at, self.care) == done
-
-    @property
-    def _look_kinds(self) -> set[MarkKind]:
-        """Marks at each of which a look is due; looks after vessels are due within them, too."""
-        after = self.care.look_after
-        parts = {MarkKind.PART} if after is MarkKind.VESSEL else set()
-        return parts | {after} if after else set()
-
-    def _any_from(self, index: int) -> bool:
-        return any(self.marks.next(kind, index) is not None for kind in _PAUSES)
-
-    def _overdue(self, now: float) -> bool:
-        return self.deadman_left(now) == 0.0
-
-    def _wants_checkpoint(self, now: float) -> bool:
-        return self.care.checkpoint_s is not None and now >= self._checkpoint_due
+    def _tasks(self, now: float, first: int) -> Iterator[_Task]:
+        """Yield tasks in their order, with the marks and lines from ``first`` on for them."""
+        after, looks = self.care.look_after, set[MarkKind]()
+        if after:
+            looks = {after, MarkKind.PART} if after is MarkKind.VESSEL else {after}
+        if now >= self._look_due:
+            looks = set(MarkKind)
+        written = self._places.next_due(first, self._looked_at, self.care)
+        yield DueTask.LOOK, looks, (self.insert_end, *(() if written is None else (written,)))
+        paused = {self.after} if self.after else set[MarkKind]()
+        yield DueTask.RELOAD, paused & {MarkKind.RELOAD}, self.reload_at
+        yield DueTask.PAUSE, paused, ()
+        if self.deadman_left(now) == 0.0:
+            none_left = all(self.marks.next(kind, first) is None for kind in _PAUSES)
+            yield DueTask.DEADMAN, _PAUSES, (first,) if none_left else ()
+        if self.care.checkpoint_s is not None and now >= self._checkpoint_due:
+            yield DueTask.CHECKPOINT, _ENDS, ()
 
     def reload_head(self, done: int) -> int | None:
         """Whose syringe is to be changed after ``done`` lines, of several heads; None else."""
@@ -175,8 +138,6 @@ class Watch:
     def is_behind_insert(self, done: int) -> bool:
         """Whether a look after ``done`` lines is due, or was made, since an insert ends there."""
         return done in (self.insert_end, self._insert_looked)
-
-    # --- what was done ---------------------------------------------------------------------------
 
     def paused(self, done: int) -> None:
         """Record that the print is held after ``done`` lines, for whatever reason."""
