@@ -7,7 +7,6 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.machine.control.progress import JobProgress
-from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.filling import Filling
 from printctl.machine.job.modal import Modal
 from printctl.machine.job.retreat import Retreat, count_from
@@ -82,8 +81,7 @@ class SyringeChange:
 
     ``begun`` counts changes; ``planned_head`` is whose syringe is changed, where that is known;
     ``filled`` what was put in in this print, by head (None for the only one). Any thread may set
-    ``wanted_head``, whose syringe a client wants changed, and ``given``, what a client says was put
-    in, or that nothing was changed.
+    ``wanted_head``, whose syringe a client wants changed.
     """
 
     progress: JobProgress
@@ -92,7 +90,6 @@ class SyringeChange:
     planned_head: int | None = None
     filled: dict[int | None, Filling] = field(default_factory=dict)
     wanted_head: int | None = None
-    given: tuple[NewSyringe | None, bool] = (None, False)
 
     @property
     def head(self) -> int | None:

@@ -24,7 +24,7 @@ from printctl.machine.control.pausing import (
     wait_and_come_back,
     wait_for_requests,
 )
-from printctl.machine.control.requests import Request
+from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.syringes import begin_change
 from printctl.machine.control.watch import DueTask
 from printctl.machine.errors import LinkError, Refused
@@ -62,8 +62,8 @@ _AGAIN: Final = _Ending(LookDecision.PAUSE, "a pause was asked for", "the user",
 _BY_REQUEST: Final = {
     Request.PAUSE: _AGAIN,
     Request.RELOAD: replace(_AGAIN, why="a change of syringe was asked for", changing=True),
-    Request.RESUME: _Ending(LookDecision.GO_ON, "the operator's word (resume)", "the user"),
 }
+_RESUMED: Final = _Ending(LookDecision.GO_ON, "the operator's word (resume)", "the user")
 
 
 def restore_looks(run: Print, history: JournalledPrint, done: int) -> None:
@@ -174,6 +174,9 @@ def _await_decision(run: Print, at: Modal, look: Look, until_s: float) -> _Endin
         request = None if ending else run.queue.take()
         if request is Request.STOP:
             raise StopRequested
+        if isinstance(request, ResumeRequest):
+            request.answer("")
+            return _RESUMED
         ending = ending or (_BY_REQUEST.get(request) if request else None)
         if ending is not None:
             return ending

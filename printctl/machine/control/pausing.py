@@ -14,7 +14,7 @@ from printctl.machine.control.excursion import CHANGE, Excursion
 from printctl.machine.control.gating import PausedTip
 from printctl.machine.control.inserting import answer_clients, refuse_rest
 from printctl.machine.control.interruption import StopRequested
-from printctl.machine.control.requests import Request
+from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.syringes import (
     begin_change,
     count_plunger,
@@ -118,8 +118,10 @@ def wait_and_come_back(run: Print, at: Modal, message: str) -> None:
     """Wait for the word to go on; then count a new syringe, and come back to ``at``."""
     run.logbook.enter(LinkState.PAUSED, message)
     run.excursion.rests = True
-    new = _stay_paused(run, at)
+    resume = _stay_paused(run, at)
     run.logbook.enter(LinkState.RESUMING, "returning to where the print was left")
+    resume.answer("")
+    new = resume.change if run.change.going_on else None
     if new or (run.change.going_on and run.change.idle_head is not None):
         count_plunger(run, at, new or NewSyringe())
     come_back(run, at, run.retreat.prime_mm, by_person=True)
@@ -162,8 +164,8 @@ def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> None:
     run.excursion.going_on = False
 
 
-def _stay_paused(run: Print, at: Modal) -> NewSyringe | None:
-    """Wait for the word to go on; return the syringe that was put in, if one was."""
+def _stay_paused(run: Print, at: Modal) -> ResumeRequest:
+    """Wait for a request to go on that can be granted, and return it; refuse the others."""
     change, logbook = run.change, run.logbook
     clock, tip = run.wiring.clock, PausedTip(run.wiring.limits(), run.channel.command)
     while True:
@@ -178,27 +180,26 @@ def _stay_paused(run: Print, at: Modal) -> NewSyringe | None:
             change.planned_head = change.wanted_head
             begin_change(run, at)
             logbook.enter(LinkState.PAUSED, change.words(run.printer))
-        if request is Request.RESUME:
-            # once: the socket's thread may set another at any time
-            (new, unchanged), change.given = change.given, (None, False)
-            problem = _why_not_resume(run, at, new, unchanged)
+        if isinstance(request, ResumeRequest):
+            problem = _why_not_resume(run, at, request)
             if not problem:
-                return new if change.going_on else None
+                return request
             logbook.alarm(problem)
             logbook.enter(LinkState.PAUSED, problem)
+            request.answer(problem)
         sign_of_life(run)
 
 
-def _why_not_resume(run: Print, at: Modal, new: NewSyringe | None, unchanged: bool) -> str:
+def _why_not_resume(run: Print, at: Modal, request: ResumeRequest) -> str:
     """Return what keeps the needle from coming down; empty for nothing."""
-    if run.change.going_on and not (new or unchanged):
+    if run.change.going_on and not (request.change or request.unchanged):
         return f"not resumed: {CHANGE}"
     wrong, _ = run.position.compare(Modal(x=at.x, y=at.y))
     if wrong:
         return f"not resumed: {wrong}; bring the needle back above that place first"
-    if run.change.going_on and new:
+    if run.change.going_on and request.change:
         try:
-            replan(run, new)
+            replan(run, request.change)
         except LinkError as exc:
             return f"not resumed: {exc}"
     return ""
@@ -219,8 +220,8 @@ def sign_of_life(run: Print) -> None:
 
     Only moves and the command that sets that time begin it anew; M105 doesn't.
     """
-    timeout = family_of(run.printer).timeout
-    codes = (timeout.code.encode("ascii"),) if timeout else ()
+    code = family_of(run.printer).timeout_code
+    codes = (code.encode("ascii"),) if code else ()
     run.channel.command(last_of(run.job.lines, run.progress.done, codes) or b"M105")
 
 

@@ -12,7 +12,7 @@ from printctl.machine.control.ending import end_on_fault, retreat, stop
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.looking import do_what_is_due
 from printctl.machine.control.pausing import pause, reopen_valve, send_manual, want_pause
-from printctl.machine.control.requests import Request
+from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.resuming import find_again
 from printctl.machine.control.start_checks import RestWait, agree_start
 from printctl.machine.errors import HandshakeError, LinkError
@@ -208,8 +208,9 @@ def _obey(run: Print) -> None:
             raise StopRequested
         if request is Request.PAUSE:
             pause(run, run.queue.pause_words)
-        elif request is Request.RESUME:
+        elif isinstance(request, ResumeRequest):
             want_pause(run, None)  # a pause that is waited for no longer
+            request.answer("")
         elif request is Request.RELOAD:  # requested in a pause that is over
             want_pause(run, MarkKind.RELOAD)
 

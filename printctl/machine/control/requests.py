@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 
 from printctl.machine.control.look_book import LookRequest
+from printctl.machine.job.care import NewSyringe
 
 
 class Request(Enum):
@@ -15,10 +16,21 @@ class Request(Enum):
 
     STOP = auto()
     PAUSE = auto()
-    RESUME = auto()
     RELOAD = auto()
     LOOK = auto()
     """See what is due: a pause after a mark was requested."""
+
+
+@dataclass(frozen=True)
+class ResumeRequest:
+    """Request to go on; in a pause for a change of syringe with what was put in, if anything.
+
+    ``answer`` is given why the print doesn't go on; an empty text once it does.
+    """
+
+    change: NewSyringe | None = None
+    unchanged: bool = False
+    answer: Callable[[str], None] = lambda why: None
 
 
 @dataclass(frozen=True)
@@ -46,7 +58,7 @@ class RequestQueue:
         Why the awaited pause was requested, for its message.
     """
 
-    requests: deque[Request] = field(default_factory=deque)
+    requests: deque[Request | ResumeRequest] = field(default_factory=deque)
     commands: deque[ManualCommand] = field(default_factory=deque)
     looks: deque[LookRequest] = field(default_factory=deque)
     stopped_by: str = ""
@@ -57,7 +69,7 @@ class RequestQueue:
         """Whether anything is requested."""
         return bool(self.requests or self.commands or self.looks)
 
-    def add(self, request: Request, by: str = "the user", why: str = "") -> None:
+    def add(self, request: Request | ResumeRequest, by: str = "the user", why: str = "") -> None:
         """Add a request; ``why`` goes into a pause's message in place of who requested it."""
         if request is Request.PAUSE and request not in self.requests:
             self.pause_words = why or f"paused by {by}"
@@ -65,6 +77,6 @@ class RequestQueue:
             self.stopped_by = self.stopped_by or by
         self.requests.append(request)
 
-    def take(self) -> Request | None:
+    def take(self) -> Request | ResumeRequest | None:
         """Return the oldest request; None where there is none."""
         return self.requests.popleft() if self.requests else None

@@ -16,7 +16,7 @@ from printctl.machine.control.gating import allowed_command
 from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.pausing import want_pause
 from printctl.machine.control.printing import run_print
-from printctl.machine.control.requests import ManualCommand, Request
+from printctl.machine.control.requests import ManualCommand, Request, ResumeRequest
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import HandshakeError, LinkError, PortLost, Refused
 from printctl.machine.job.care import Care, NewSyringe
@@ -107,10 +107,12 @@ class Streamer:
             return
         job, done = run.job, run.progress.done
         if job.marks.next(after, done) is None:
-            what = "safe reload point" if after is MarkKind.RELOAD else f"end of a {after}"
+            change = after is MarkKind.RELOAD
+            what = "safe reload point" if change else f"end of a {after}"
+            then = ", then `printctl reload RUN` makes room there" if change else ""
             raise Refused(
                 f"{job.name} marks no {what} after line {job.file_line(done)}; pause at once "
-                "(--now) instead"
+                f"instead (`printctl pause RUN`){then}"
             )
         want_pause(run, after)
         run.queue.add(Request.LOOK)
@@ -139,11 +141,13 @@ class Streamer:
         change: NewSyringe | None = None,
         unchanged: bool = False,
         unobserved: bool = False,
+        answer: Callable[[str], None] = lambda why: None,
     ) -> None:
         """Request to go on after a pause; takes back a pause that is still waited for.
 
         In a pause for a change of syringe ``change`` is what was put in, or nothing was with
-        ``unchanged``; else it is `Refused`. With ``unobserved`` a failed look isn't made again.
+        ``unchanged``; else it is `Refused`. With ``unobserved`` a failed look isn't made again;
+        ``answer``: see `ResumeRequest`.
         """
         run, state = self.print, self.print.logbook.state
         changing = run.change.going_on
@@ -159,10 +163,10 @@ class Streamer:
                 "the print isn't paused yet: the needle is being lifted for the change; tell the "
                 "new syringe once `printctl status RUN` says paused"
             )
-        if state is LinkState.PAUSED:  # later, a second word would belong to the next change
-            run.change.given = change, unchanged
         run.watch.unobserved = unobserved
-        run.queue.add(Request.RESUME)
+        # where it isn't paused yet, a syringe would be of the next change
+        given = (change, unchanged) if state is LinkState.PAUSED else (None, False)
+        run.queue.add(ResumeRequest(*given, answer))
 
     def look(self, request: LookRequest) -> None:
         """Request an insert where the print is held for a look, or the look's end.

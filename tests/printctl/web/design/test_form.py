@@ -179,6 +179,7 @@ def test_names_that_lead_elsewhere_are_refused(recipes: Recipes, name: str) -> N
 
 def test_only_files_that_recipes_read_are_taken(recipes: Recipes) -> None:
     assert recipes.take_file("a/heart.stl", b"solid") == "heart.stl"
+    assert recipes.take_file("mein Herz.stl", b"solid") == "mein_Herz.stl"
     with pytest.raises(BadRequestError, match="recipes name files"):
         recipes.take_file("x.py", b"")
     with pytest.raises(ConflictError):
