@@ -21,16 +21,10 @@ class Wiring:
 
     Attributes
     ----------
-    transport : Transport
-    protocol : LinkProtocol
-    clock : Clock
-    journal : Journal
-    printer : Printer
-    retreat : Retreat
     fresh : bool
         Whether the port has just been opened, so that the board may be starting.
     on_status : callable
-        Told of every change of state and of progress every `NOTE_S`, in the streamer's thread.
+        Given every change of state, and progress every `NOTE_S`, in the streamer's thread.
     room : callable or None
         What a station knows of the room around the tip, and of heat.
     """
@@ -46,7 +40,7 @@ class Wiring:
     room: Callable[[], PrinterSituation] | None = None
 
     def printing_limits(self) -> PrinterSituation:
-        """Return the same for the time in which the job's lines go out, or a look is made."""
+        """Return `limits` for the time in which the job's lines go out, or a look is made."""
         return replace(self.limits(), phase=Phase.PRINTING)
 
     def limits(self) -> PrinterSituation:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from printctl.machine.control.look_book import LookDecision
+from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import Refused
 from printctl.machine.job.care import NewSyringe
@@ -120,22 +120,29 @@ class Server(SocketServer):
         self.streamer.typed(typed, done, partial(self._refuse, guest))
 
     def _do_insert(self, guest: ClientPlace, request: dict[str, Any]) -> None:
-        self.streamer.insert(
-            whole(request, "look"),
-            texts(request, "lines"),
-            text(request, "why", ""),
-            partial(self.post, guest),
-            partial(self._refuse, guest),
-            perhaps_number(request, "flow"),
-            flag(request, "again"),
+        self.streamer.look(
+            LookRequest(
+                whole(request, "look"),
+                partial(self.post, guest),
+                partial(self._refuse, guest),
+                text(request, "why", ""),
+                lines=tuple(texts(request, "lines")),
+                flow=perhaps_number(request, "flow"),
+                again=flag(request, "again"),
+            )
         )
 
     def _do_look_done(self, guest: ClientPlace, request: dict[str, Any]) -> None:
-        done, refused = partial(self.post, guest), partial(self._refuse, guest)
-        decision = one_of(request, "decision", LookDecision)
-        why = text(request, "why", "")
-        again = flag(request, "again")
-        self.streamer.look_done(whole(request, "look"), decision, why, done, refused, again)
+        self.streamer.look(
+            LookRequest(
+                whole(request, "look"),
+                partial(self.post, guest),
+                partial(self._refuse, guest),
+                text(request, "why", ""),
+                one_of(request, "decision", LookDecision),
+                again=flag(request, "again"),
+            )
+        )
 
     def _refuse(self, guest: ClientPlace, why: str) -> None:
         self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})

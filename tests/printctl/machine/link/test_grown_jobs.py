@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from printctl.cli.running_print import waiting_lines
-from printctl.machine.control.look_book import LookDecision
+from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.errors import Refused
 from printctl.machine.job.flow_check import check_factor, check_flow
 from printctl.machine.job.frame import frame_at
@@ -186,7 +186,7 @@ def test_only_the_look_that_goes_on_takes_one_insert(tmp_path):
     assert len(read_journal(tmp_path / "journal.log").inserts) == 1
     streamer = observer.streamer
     with pytest.raises(Refused, match="has ended"):
-        streamer.insert(1, good, "", print, print)
+        streamer.look(LookRequest(1, print, print, lines=tuple(good)))
 
 
 @pytest.mark.parametrize(
