@@ -6,20 +6,17 @@ import math
 from dataclasses import replace
 from functools import cached_property
 
+from printctl.machine.control.events import print_channel
 from printctl.machine.control.excursion import Excursion, SyringeChange
-from printctl.machine.control.firmware_check import FirmwareCheck
-from printctl.machine.control.foreign_changes import ForeignCommands
-from printctl.machine.control.frame_check import FrameCheck
-from printctl.machine.control.gauges import Gauge, Gauges, next_due
-from printctl.machine.control.heat_check import HeatCheck
+from printctl.machine.control.firmware import FirmwareCheck
+from printctl.machine.control.gauges import Gauge, next_due
+from printctl.machine.control.heat import HeatCheck
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.look_book import LookBook
-from printctl.machine.control.other_clients import OtherClients
-from printctl.machine.control.position_check import PositionCheck
-from printctl.machine.control.print_events import print_channel
+from printctl.machine.control.others import ForeignCommands, OtherClients
+from printctl.machine.control.place import PositionCheck, SlipWatch
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.requests import RequestQueue
-from printctl.machine.control.slips import SlipWatch
 from printctl.machine.control.watch import Watch
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.job.care import Care
@@ -46,7 +43,7 @@ class Print:
         As given at the start; `job` grows by inserts.
     logbook, channel
         Its state and journal, and the way to the printer.
-    frame, position, firmware, heat, foreign, clients, slips, gauges
+    position, firmware, heat, foreign, clients, slips
         Checks; each owns what it has read.
     valve_shut : bool
         Whether the link shut the valve within a path, so that it is opened again.
@@ -60,13 +57,14 @@ class Print:
         self.watch = Watch(job.marks, care, job.lines, job.positions)
         self.change, self.excursion = SyringeChange(self.progress), Excursion()
         self.book = LookBook()
-        gauges = [Gauge(one) for one in wiring.printer.watch]
-        self.logbook = Logbook(wiring, self.progress, self._with_details, lambda: next_due(gauges))
+        self.gauges = [Gauge(one) for one in wiring.printer.watch]
+        self.logbook = Logbook(
+            wiring, self.progress, self._with_details, lambda: next_due(self.gauges)
+        )
         self.channel, self.interruption = print_channel(wiring, self.logbook, self.queue)
         channel = self.channel
-        self.gauges, self.frame = Gauges(channel, gauges), FrameCheck(channel)
-        self.heat, self.firmware = HeatCheck(channel), FirmwareCheck(channel, self.gauges)
-        self.position = PositionCheck(channel, self.frame)
+        self.heat, self.firmware = HeatCheck(channel), FirmwareCheck(channel)
+        self.position = PositionCheck(channel)
         self.foreign = ForeignCommands(channel, self.firmware, self.position, self.heat)
         self.clients = OtherClients(channel, self.position, self.heat)
         self.slips = SlipWatch(channel, self.position)
@@ -115,7 +113,7 @@ class Print:
             left = self.watch.deadman_left(self.wiring.clock.now())
         return replace(
             status,
-            readings=self.gauges.readings,
+            readings=tuple(map(str, self.gauges)),
             waits_for=self._awaited(status.state),
             deadman_left_s=left,
             look=self.book.status(),

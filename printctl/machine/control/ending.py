@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Final, NoReturn
 
 from printctl.machine.control.context import Print
-from printctl.machine.control.position_check import Standstill
+from printctl.machine.control.place import Standstill
 from printctl.machine.errors import PortLost
 from printctl.machine.families import link_facts
 from printctl.machine.job.modal import Modal

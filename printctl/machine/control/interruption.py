@@ -11,11 +11,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from printctl.machine.control.channel import PrinterReplies
-from printctl.machine.control.kill import Kill
-from printctl.machine.control.logbook import Logbook
+from printctl.machine.control.channel import Channel
 from printctl.machine.control.requests import Request, RequestQueue
-from printctl.machine.control.wiring import Wiring
 from printctl.machine.families import link_facts
 from printctl.machine.job.valve import shut
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded
@@ -46,20 +43,14 @@ class StopRequested(Exception):  # noqa: N818
 class Interruption:
     """Acts on a stop request while the link waits; `Kill` knows about the emergency parser."""
 
-    def __init__(
-        self,
-        wiring: Wiring,
-        logbook: Logbook,
-        queue: RequestQueue,
-        kill: Kill,
-        heard: PrinterReplies,
-    ) -> None:
-        self._wiring, self._logbook, self._queue, self._kill = wiring, logbook, queue, kill
+    def __init__(self, channel: Channel, queue: RequestQueue) -> None:
+        self._wiring, self._logbook, self._queue = channel.wiring, channel.logbook, queue
+        self._kill = channel.kill
         self._over = self._reported = False
         self._cuts, self._again_s = 0, -math.inf
         self._silent_s = -math.inf
         self._requested_s: float | None = None
-        self._heard, self._heard_count, self._heard_s = heard, 0, math.inf
+        self._heard, self._heard_count, self._heard_s = channel.heard, 0, math.inf
 
     def disarm(self) -> None:
         """Let nothing cut what follows: the way out, or a print that is over."""

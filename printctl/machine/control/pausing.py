@@ -139,7 +139,7 @@ def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = Fa
     take_head(run)
     lower(run, at, prime_mm)
     run.change.going_on, run.change.planned_head = False, None
-    run.position.note_plunger()
+    run.position.frame.note_plunger()
     run.book.current = None
     refuse_rest(run)
     if by_person:

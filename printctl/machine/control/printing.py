@@ -6,15 +6,15 @@ import contextlib
 from typing import Final
 
 from printctl.machine.control.channel import POLL_S
-from printctl.machine.control.connecting import connect
+from printctl.machine.control.connecting import RestWait, agree_start, connect
 from printctl.machine.control.context import Print
 from printctl.machine.control.ending import end_on_fault, retreat, stop
+from printctl.machine.control.gauges import next_due, read_high
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.looking import do_what_is_due
 from printctl.machine.control.pausing import pause, reopen_valve, send_manual, want_pause
 from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.resuming import find_again
-from printctl.machine.control.start_checks import RestWait, agree_start
 from printctl.machine.errors import HandshakeError, LinkError
 from printctl.machine.families import link_facts
 from printctl.machine.job.marks import MarkKind
@@ -72,10 +72,10 @@ def _start(run: Print) -> None:
     connect(channel, rest.step)
     logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
     rest.wait()
-    run.firmware.check()
+    run.firmware.check(run.gauges)
     _refuse_other_start(run, rest)
     run.heat.begin()
-    run.frame.begin()
+    run.position.frame.begin()
     # Marlin cuts the motors' power two minutes into a dwell, or a wait for heat, of the job itself.
     # No firmware tells the time that was in force, so that it isn't set back: they stay powered
     if link_facts(run.printer).m84_sets_timeout:
@@ -91,10 +91,7 @@ def _refuse_other_start(run: Print, rest: RestWait) -> None:
     declared = None
     with contextlib.suppress(LinkError):  # only a part of the place is declared: ask the printer
         declared = declared_start(run.job)
-    rest.refuse_declared(declared)
-    start_mm = run.watch.care.start_mm
-    if start_mm is not None:
-        agree_start(run.channel.ask, start_mm, declared)
+    agree_start(run.channel, rest.moved, declared, run.watch.care.start_mm)
 
 
 def _stream(run: Print) -> None:
@@ -118,7 +115,7 @@ def _stream(run: Print) -> None:
     now = now_s()
     limit = protocol.limit = _next_stop(run, now)
     taken = protocol.lines_done
-    progress.standstills.answered(progress.job.lines, taken, now, protocol.line_errors)
+    progress.caught_up(now)
     if not progress.unverified:
         protocol.held = False
         protocol.go(now)
@@ -157,7 +154,7 @@ def _next_stop(run: Print, now: float) -> int:
     """Return the command lines after which to look at what is due."""
     done = run.progress.done
     limit = run.watch.next_stop(now, done, run.wiring.protocol.idle, len(run.job))
-    due_s = min(run.gauges.next_due, run.answers_due, run.clients.next_due)
+    due_s = min(next_due(run.gauges), run.answers_due, run.clients.next_due)
     if run.slips.due or now >= due_s:
         return done
     return run.slips.next_stop(limit)
@@ -171,10 +168,10 @@ def _verify(run: Print) -> None:
 
 def _check_gauges(run: Print, now: float) -> None:
     """Read the gauges that are due; end the print where a reading is above its limit."""
-    if now < run.gauges.next_due:
+    if now < next_due(run.gauges):
         return
     run.channel.settle()
-    high = run.gauges.too_high(now)
+    high = read_high(run.channel, run.gauges, now)
     if high and not run.logbook.fault:
         run.logbook.alarm(high)
         retreat(run, LinkState.FAILED, high)
@@ -233,10 +230,9 @@ def _end_compared(run: Print) -> str | None:
 
 def _finish(run: Print) -> str | None:
     """Wait for the last move; return words, or None where the last line isn't confirmed."""
-    channel, protocol, progress = run.channel, run.wiring.protocol, run.progress
+    channel, protocol = run.channel, run.wiring.protocol
     channel.settle()
-    done, now = protocol.lines_done, run.wiring.clock.now()
-    progress.standstills.answered(progress.job.lines, done, now, protocol.line_errors)
+    run.progress.caught_up(run.wiring.clock.now())
     channel.command(b"M400")
     end_on_fault(run)  # of the last moves, or M400 was refused
     compared = run.position.verify_end()

@@ -39,7 +39,7 @@ def find_again(run: Print, history: JournalledPrint) -> None:
         run.heat.restore(history.heat["targets"], history.heat["line"])
     run.foreign.set_anew()
     if history.frame:
-        run.frame.restore(**history.frame)
+        run.position.frame.restore(**history.frame)
         run.position.refuse_renamed(waited=True)
     at = run.position.expected(history.left)
     if history.reload_at is not None:

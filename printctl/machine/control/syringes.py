@@ -7,7 +7,7 @@ afterwards whether the plunger's count was set anew or not (`History`).
 from __future__ import annotations
 
 from printctl.machine.control.context import Print
-from printctl.machine.control.frame_check import RETRIES
+from printctl.machine.control.firmware import RETRIES
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.filling import Filling, Plan, grown_plan
 from printctl.machine.job.heads import choose, confirms, keep_raised

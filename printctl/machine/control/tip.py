@@ -7,7 +7,7 @@ from typing import Final
 
 from firmware_profiles.families.position_reply import parse_position
 from printctl.machine.control.channel import Channel
-from printctl.machine.control.position_check import RETRIES
+from printctl.machine.control.firmware import RETRIES
 from printctl.machine.control.station_status import Place
 from printctl.machine.errors import LinkError
 

@@ -21,8 +21,8 @@ from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
 from printctl.checks.gate import PrinterSituation
+from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.looking import refuse_park
-from printctl.machine.control.protocols import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import AlreadyPrinting, JournalError, LinkError, NoLink

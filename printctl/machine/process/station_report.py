@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Any, Final
 
 from printctl.checks.gate import Bounds, reach
+from printctl.machine.control.heat import parse_temperatures
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.station_status import Place, StationState, StationStatus
 from printctl.machine.errors import JournalError, LinkError
-from printctl.machine.job.temperatures import parse_temperatures
 from printctl.machine.process.link_owner import LinkOwner
 from printctl.machine.process.open_connection import Socket
 from printctl.machine.records.journal import Journal

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from printctl.machine.control.place import SOONEST_LINES
 from printctl.machine.control.printing import COUNT_ANSWERS_S
-from printctl.machine.control.slips import SOONEST_LINES
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock

@@ -13,13 +13,13 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import LineRefused
 from printctl.checks.gate import Bounds, NotAllowed, PrinterSituation, check_heat
 from printctl.checks.gate.firmware import differences
+from printctl.machine.control.heat import Temperature
 from printctl.machine.control.idle_commands import IdleCommands
 from printctl.machine.control.known_state import Knowledge, heat_limits
 from printctl.machine.control.mounted_profiles import read_mounted_profiles
 from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
 from printctl.machine.errors import AlreadyPrinting, HandshakeError, Refused
-from printctl.machine.job.temperatures import Temperature
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.process.station_client import attach, connect
 from printctl.machine.records.states import LinkState, PrintEnded
