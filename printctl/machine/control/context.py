@@ -13,7 +13,6 @@ from printctl.machine.control.gauges import Gauge, next_due
 from printctl.machine.control.heat import HeatCheck
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.look_book import LookBook
-from printctl.machine.control.others import ForeignCommands, OtherClients
 from printctl.machine.control.place import PositionCheck, SlipWatch
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.requests import RequestQueue
@@ -43,12 +42,14 @@ class Print:
         As given at the start; `job` grows by inserts.
     logbook, channel
         Its state and journal, and the way to the printer.
-    position, firmware, heat, foreign, clients, slips
+    position, firmware, heat, slips
         Checks; each owns what it has read.
     valve_shut : bool
         Whether the link shut the valve within a path, so that it is opened again.
     answers_due, answers_troubles : float, s; int
         When answers are counted next, and the channel's troubles at the last count.
+    clients_due : float, s
+        When other clients' changes are compared next (`others`).
     """
 
     def __init__(self, wiring: Wiring, job: Job, care: Care) -> None:
@@ -62,14 +63,12 @@ class Print:
             wiring, self.progress, self._with_details, lambda: next_due(self.gauges)
         )
         self.channel, self.interruption = print_channel(wiring, self.logbook, self.queue)
-        channel = self.channel
-        self.heat, self.firmware = HeatCheck(channel), FirmwareCheck(channel)
-        self.position = PositionCheck(channel)
-        self.foreign = ForeignCommands(channel, self.firmware, self.position, self.heat)
-        self.clients = OtherClients(channel, self.position, self.heat)
-        self.slips = SlipWatch(channel, self.position)
+        self.heat, self.firmware = HeatCheck(self.channel), FirmwareCheck(self.channel)
+        self.position = PositionCheck(self.channel)
+        self.slips = SlipWatch(self.channel, self.position)
         self.valve_shut = False
         self.answers_due, self.answers_troubles = math.inf, 0
+        self.clients_due = math.inf
 
     @property
     def job(self) -> Job:

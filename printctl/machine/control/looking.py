@@ -14,6 +14,7 @@ from firmware_profiles import Printer
 from printctl.machine.control.context import Print
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.look_book import Look, LookDecision, LookRequest, decision_answer
+from printctl.machine.control.others import own_modes
 from printctl.machine.control.pausing import (
     await_word,
     come_back,
@@ -144,7 +145,7 @@ def _leave_look(run: Print, at: Modal, park: Park | None, look: Look, ending: _E
         run.logbook.enter(LinkState.RESUMING if goes_on else LinkState.PAUSING, words)
         run.excursion.come_back(run.position.height())
     if park is not None:
-        run.foreign.own_modes()
+        own_modes(run)
         lead_needle(run, at, park, back=True)
     if goes_on:
         come_back(run, at, by_person=ending.by != OBSERVER)

@@ -16,6 +16,7 @@ from printctl.machine.control.gating import PausedTip
 from printctl.machine.control.inserting import answer_clients, refuse_rest
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.look_book import LookRequest
+from printctl.machine.control.others import own_modes, take_back
 from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.syringes import (
     begin_change,
@@ -98,7 +99,7 @@ def leave(
     at = run.position.expected()
     run.position.verify(at, mark=mark, stands=True)
     logbook.record("left", place=at.place(), **({} if park is None else {"park": park}))
-    run.foreign.own_modes()
+    own_modes(run)
     relieved = run.progress.relieved_mm
     run.excursion = Excursion(True, at, relieved, _top(run, at, changing))
     channel.commands(run.retreat.leave(at, run.printer, relieved))
@@ -135,8 +136,8 @@ def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = Fa
     ``by_person``: it was a person's word, so that somebody is there (dead-man's time).
     """
     run.position.refuse_pushed(run.excursion.plunger_e(run.retreat))
-    run.foreign.take_back()
-    run.foreign.own_modes()
+    take_back(run)
+    own_modes(run)
     run.position.refuse_renamed(waited=True)  # before the needle is lowered by that name
     take_head(run)
     lower(run, at, prime_mm)

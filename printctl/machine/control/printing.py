@@ -12,6 +12,7 @@ from printctl.machine.control.ending import end_on_fault, retreat
 from printctl.machine.control.gauges import next_due, read_high
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.looking import do_what_is_due
+from printctl.machine.control.others import begin_polling, compare_clients, poll_clients, take_back
 from printctl.machine.control.pausing import pause, reopen_valve, send_manual, want_pause
 from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.resuming import find_again
@@ -59,7 +60,7 @@ def _begin(run: Print, history: JournalledPrint | None) -> None:
     now = run.wiring.clock.now
     run.watch.begin(now())
     run.answers_due, run.answers_troubles = now() + COUNT_ANSWERS_S, run.channel.troubles
-    run.clients.begin(now())
+    begin_polling(run, now())
     logbook.enter(LinkState.PRINTING, f"printing {run.job.name}")
     reopen_valve(run)
     if history is not None:
@@ -103,7 +104,7 @@ def _stream(run: Print) -> None:
     killed, heard = channel.kill.asked.is_set, channel.heard
     _check_gauges(run, now_s())
     _count_answers(run, now_s())
-    run.clients.look(now_s())
+    poll_clients(run, now_s())
     end_on_fault(run)
     if progress.foreign and progress.unverified:
         _verify(run)  # before a slip is looked for: that waits for moves that lead astray
@@ -151,7 +152,7 @@ def _next_stop(run: Print, now: float) -> int:
     """Return the command lines after which to look at what is due."""
     done = run.progress.done
     limit = run.watch.next_stop(now, done, run.wiring.protocol.idle, len(run.job))
-    due_s = min(next_due(run.gauges), run.answers_due, run.clients.next_due)
+    due_s = min(next_due(run.gauges), run.answers_due, run.clients_due)
     if run.slips.due or now >= due_s:
         return done
     return run.slips.next_stop(limit)
@@ -160,7 +161,7 @@ def _next_stop(run: Print, now: float) -> int:
 def _verify(run: Print) -> None:
     """Compare positions between two lines; take back what another program has set."""
     run.position.verify_in_passing()
-    run.foreign.take_back()
+    take_back(run)
 
 
 def _check_gauges(run: Print, now: float) -> None:
@@ -219,7 +220,7 @@ def _end_compared(run: Print) -> str | None:
     channel.command(b"M400")
     end_on_fault(run)  # of the last moves, or M400 was refused
     compared = run.position.verify_end()
-    run.clients.compare()
+    compare_clients(run)
     run.heat.take_back()
     number = protocol.number
     confirmed = channel.agree(protocol.ask) == number
@@ -230,6 +231,6 @@ def _end_compared(run: Print) -> str | None:
         return None
     run.interruption.disarm()  # it is done, and nothing moves any more
     run.firmware.undo_settings()
-    run.logbook.excuse("")  # a setting that isn't taken back spoils no part
+    run.logbook.excuse()  # a setting that isn't taken back spoils no part
     end_on_fault(run)
     return compared

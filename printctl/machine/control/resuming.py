@@ -8,6 +8,7 @@ from dataclasses import replace
 from printctl.machine.control.context import Print
 from printctl.machine.control.excursion import Excursion
 from printctl.machine.control.looking import Park, is_parked, lead_needle, restore_looks
+from printctl.machine.control.others import set_anew
 from printctl.machine.control.pausing import lower, shut_valve, wait_and_come_back
 from printctl.machine.control.syringes import find_change_again, take_head
 from printctl.machine.families import link_facts
@@ -37,7 +38,7 @@ def find_again(run: Print, history: JournalledPrint) -> None:
     run.firmware.restore_settings(history.settings)
     if history.heat:
         run.heat.restore(history.heat["targets"], history.heat["line"])
-    run.foreign.set_anew()
+    set_anew(run)
     if history.frame:
         run.position.frame.restore(**history.frame)
         run.position.refuse_renamed(waited=True)

@@ -27,7 +27,7 @@ from printctl.doctor import extras, permission_findings, udev_rule
 from printctl.machine.ports.port_list import PortInfo
 from printctl.progress_file import ProgressFile
 from printctl.system_errors import explain
-from printctl.web.design.runs import read_progress
+from printctl.web.detached_runs import read_progress
 from tests.printctl.cli.shell import Shell
 
 LOADED = """

@@ -16,7 +16,8 @@ from printctl.recipe.load import STARTER
 from printctl.recipe.schema import fields_of
 from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
 from printctl.web.design.recipes import EXAMPLES, RESERVED, Recipes
-from printctl.web.design.runs import RunProgress, Runs
+from printctl.web.design.runs import Runs
+from printctl.web.detached_runs import RunProgress
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import Workspace
 from tests.waiting import wait_for
