@@ -42,7 +42,7 @@ class Print:
         As given at the start; `job` grows by inserts.
     logbook, channel
         Its state and journal, and the way to the printer.
-    position, firmware, heat, slips, gauges
+    position, firmware, heat, slips
         Checks; each owns what it has read.
     valve_shut : bool
         Whether the link shut the valve within a path, so that it is opened again.
@@ -112,7 +112,7 @@ class Print:
             left = self.watch.deadman_left(self.wiring.clock.now())
         return replace(
             status,
-            readings=tuple(str(gauge) for gauge in self.gauges),
+            readings=tuple(map(str, self.gauges)),
             waits_for=self._awaited(status.state),
             deadman_left_s=left,
             look=self.book.status(),

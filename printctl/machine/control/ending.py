@@ -27,12 +27,6 @@ _BED: Final = re.compile(rb"\bB\d*: ?-?\d")
 _OWN: Final = "the fault is the printer's own; look at the part"
 
 
-def stop(run: Print) -> NoReturn:
-    """End the print as requested, wherever the link has the needle; raises `PrintEnded`."""
-    who = run.queue.stopped_by
-    retreat(run, LinkState.STOPPED, f"stopped by {who}{run.excursion.words()}")
-
-
 def end_on_fault(run: Print) -> None:
     """End the print where printer or journal complained of something."""
     if run.logbook.fault:

@@ -12,18 +12,16 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.machine.control.context import Print
-from printctl.machine.control.inserting import answer_clients
 from printctl.machine.control.interruption import StopRequested
-from printctl.machine.control.look_book import Look, LookDecision, decision_answer
+from printctl.machine.control.look_book import Look, LookDecision, LookRequest, decision_answer
 from printctl.machine.control.others import own_modes
 from printctl.machine.control.pausing import (
-    PAUSE_SIGN_S,
+    await_word,
     come_back,
     leave,
     pause_where_due,
     sign_of_life,
     wait_and_come_back,
-    wait_for_requests,
 )
 from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.syringes import begin_change
@@ -101,7 +99,13 @@ def do_what_is_due(run: Print) -> None:
 def _look(run: Print) -> None:
     """Leave the bath, wait for a decision, and do as it says; raise `StopRequested` for a stop."""
     clock, watch, done = run.wiring.clock, run.watch, run.progress.done
-    look = run.book.begin(done, *_place(run, done), watch.care.look_limit_s)
+    usual = "end of a line within a layer"
+    if watch.is_behind_insert(done):
+        usual = "end of what was inserted"
+    here = ", ".join(map(str, run.job.marks.here(done))) or usual
+    layer = run.job.marks.last(MarkKind.LAYER, done)
+    number = -1 if layer is None else layer.number
+    look = run.book.begin(done, here, number, watch.care.look_limit_s)
     run.logbook.record("look", look=look.number, done=done, mark=look.mark, layer=look.layer)
     park = _park_place(run, watch.care.look_park_mm)
     at = leave(run, "look", park=park)
@@ -129,8 +133,14 @@ def _is_made_again(run: Print, look: Look, ending: _Ending) -> bool:
 
 def _leave_look(run: Print, at: Modal, park: Park | None, look: Look, ending: _Ending) -> None:
     """Come back above the job's place; go on, or stay for the operator."""
-    goes_on = ending.decision is LookDecision.GO_ON
-    words = "returning to where the print was left" if goes_on else _pause_words(run, look, ending)
+    goes_on, words = ending.decision is LookDecision.GO_ON, "returning to where the print was left"
+    if not goes_on:
+        then = "goes on as it is" if ending.by == OBSERVER else "goes on"
+        if _is_made_again(run, look, ending):
+            then = "makes this look again (with --unobserved it goes on without)"
+        elif ending.again:
+            then = "goes on without this look"
+        words = f"paused at {look}: {ending.why}; `printctl resume RUN` {then}"
     if goes_on or park is not None:
         run.logbook.enter(LinkState.RESUMING if goes_on else LinkState.PAUSING, words)
         run.excursion.come_back(run.position.height())
@@ -147,57 +157,24 @@ def _leave_look(run: Print, at: Modal, park: Park | None, look: Look, ending: _E
     wait_and_come_back(run, at, words)
 
 
-def _pause_words(run: Print, look: Look, ending: _Ending) -> str:
-    """Return the operator's message for a pause that came of a look."""
-    then = "goes on as it is" if ending.by == OBSERVER else "goes on"
-    if _is_made_again(run, look, ending):
-        then = "makes this look again (with --unobserved it goes on without)"
-    elif ending.again:
-        then = "goes on without this look"
-    return f"paused at {look}: {ending.why}; `printctl resume RUN` {then}"
-
-
-def _place(run: Print, done: int) -> tuple[str, int]:
-    """Return what ended there, in words, and the layer that ended last."""
-    marks, behind_insert = run.job.marks, run.watch.is_behind_insert(done)
-    usual = "end of what was inserted" if behind_insert else "end of a line within a layer"
-    layer = marks.last(MarkKind.LAYER, done)
-    return ", ".join(map(str, marks.here(done))) or usual, -1 if layer is None else layer.number
-
-
 def _await_decision(run: Print, at: Modal, look: Look, until_s: float) -> _Ending:
-    """Wait for what ends a look; answer clients meanwhile."""
-    clock = run.wiring.clock
-    while True:
-        until = min(clock.now() + PAUSE_SIGN_S, until_s)
-        wait_for_requests(run, until, run.wiring.printing_limits)
-        ending = _client_decision(run, at, look)
-        request = None if ending else run.queue.take()
-        if request is Request.STOP:
-            raise StopRequested
-        if isinstance(request, ResumeRequest):
-            request.answer("")
-            return _RESUMED
-        ending = ending or (_BY_REQUEST.get(request) if request else None)
-        if ending is not None:
+    """Wait for what ends a look; write a client's decision down before it is confirmed."""
+    while (word := await_word(run, at, run.wiring.printing_limits, until_s)) is not None:
+        if isinstance(word, LookRequest) and word.decision is not None:
+            failed = word.again and word.decision is LookDecision.PAUSE
+            ending = _Ending(word.decision, word.why, OBSERVER, again=failed)
+            _decide(run, look, ending)
+            word.done(decision_answer(ending.record(look)))
             return ending
-        if clock.now() >= until_s:
-            limit = run.watch.care.look_limit_s
-            why = f"nobody decided within {limit:g} s (look_limit_s): the observer hangs or is gone"
-            return _Ending(LookDecision.PAUSE, why, "the link", again=True)
+        if isinstance(word, ResumeRequest):
+            word.answer("")
+            return _RESUMED
+        if word in _BY_REQUEST:
+            return _BY_REQUEST[word]
         sign_of_life(run)
-
-
-def _client_decision(run: Print, at: Modal, look: Look) -> _Ending | None:
-    """Answer clients; return their decision, written down before it is confirmed."""
-    request = answer_clients(run, at)
-    if request is None or request.decision is None:
-        return None
-    failed = request.again and request.decision is LookDecision.PAUSE
-    ending = _Ending(request.decision, request.why, OBSERVER, again=failed)
-    _decide(run, look, ending)
-    request.done(decision_answer(ending.record(look)))
-    return ending
+    limit = run.watch.care.look_limit_s
+    why = f"nobody decided within {limit:g} s (look_limit_s): the observer hangs or is gone"
+    return _Ending(LookDecision.PAUSE, why, "the link", again=True)
 
 
 def _decide(run: Print, look: Look, ending: _Ending) -> None:

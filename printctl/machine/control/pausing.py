@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
@@ -14,6 +15,7 @@ from printctl.machine.control.excursion import CHANGE, Excursion
 from printctl.machine.control.gating import PausedTip
 from printctl.machine.control.inserting import answer_clients, refuse_rest
 from printctl.machine.control.interruption import StopRequested
+from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.others import own_modes, take_back
 from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.syringes import (
@@ -167,27 +169,22 @@ def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> None:
 
 def _stay_paused(run: Print, at: Modal) -> ResumeRequest:
     """Wait for a request to go on that can be granted, and return it; refuse the others."""
-    change, logbook = run.change, run.logbook
-    clock, tip = run.wiring.clock, PausedTip(run.wiring.limits(), run.channel.command)
+    change, tip = run.change, PausedTip(run.wiring.limits(), run.channel.command)
     while True:
-        wait_for_requests(run, clock.now() + PAUSE_SIGN_S, tip.known)
-        decision = answer_clients(run, at)
-        if decision is not None:  # of a look that became a pause without anybody's decision
-            decision.refused("the print is paused; `printctl resume RUN` goes on")
-        request = run.queue.take()
-        if request is Request.STOP:
-            raise StopRequested
-        if request is Request.RELOAD and not change.going_on:
+        word = await_word(run, at, tip.known)
+        if isinstance(word, LookRequest):  # of a look that became a pause without any decision
+            word.refused("the print is paused; `printctl resume RUN` goes on")
+        elif word is Request.RELOAD and not change.going_on:
             change.planned_head = change.wanted_head
             begin_change(run, at)
-            logbook.enter(LinkState.PAUSED, change.words(run.printer))
-        if isinstance(request, ResumeRequest):
-            problem = _why_not_resume(run, at, request)
+            run.logbook.enter(LinkState.PAUSED, change.words(run.printer))
+        elif isinstance(word, ResumeRequest):
+            problem = _why_not_resume(run, at, word)
             if not problem:
-                return request
-            logbook.alarm(problem)
-            logbook.enter(LinkState.PAUSED, problem)
-            request.answer(problem)
+                return word
+            run.logbook.alarm(problem)
+            run.logbook.enter(LinkState.PAUSED, problem)
+            word.answer(problem)
         sign_of_life(run)
 
 
@@ -206,14 +203,27 @@ def _why_not_resume(run: Print, at: Modal, request: ResumeRequest) -> str:
     return ""
 
 
-def wait_for_requests(run: Print, until: float, known: Callable[[], PrinterSituation]) -> None:
-    """Wait until ``until``, s, or a request; send manual commands; end on a fault."""
-    clock = run.wiring.clock
-    while clock.now() < until and not run.queue.waiting:
-        run.channel.pump(until)
+def await_word(
+    run: Print, at: Modal, known: Callable[[], PrinterSituation], until: float = math.inf
+) -> LookRequest | ResumeRequest | Request | None:
+    """Wait for a decision or a request while held at ``at``; None at ``until``, s.
+
+    Inserts are taken meanwhile, manual commands sent; a stop raises `StopRequested`.
+    """
+    clock, queue = run.wiring.clock, run.queue
+    while True:
+        limit = min(clock.now() + PAUSE_SIGN_S, until)
+        while clock.now() < limit and not queue.waiting:
+            run.channel.pump(limit)
+            end_on_fault(run)
+        send_manual(run, known)
         end_on_fault(run)
-    send_manual(run, known)
-    end_on_fault(run)
+        word = answer_clients(run, at) or queue.take()
+        if word is Request.STOP:
+            raise StopRequested
+        if word is not None or clock.now() >= until:
+            return word
+        sign_of_life(run)
 
 
 def sign_of_life(run: Print) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 from printctl.machine.control.channel import POLL_S
 from printctl.machine.control.connecting import RestWait, agree_start, connect
 from printctl.machine.control.context import Print
-from printctl.machine.control.ending import end_on_fault, retreat, stop
+from printctl.machine.control.ending import end_on_fault, retreat
 from printctl.machine.control.gauges import next_due, read_high
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.looking import do_what_is_due
@@ -39,7 +39,8 @@ def run_print(run: Print, history: JournalledPrint | None) -> None:
             _obey(run)
             do_what_is_due(run)
     except StopRequested:
-        stop(run)
+        words = f"stopped by {run.queue.stopped_by}{run.excursion.words()}"
+        retreat(run, LinkState.STOPPED, words)
     others = run.progress.foreign_words()
     look = f"; {others}: look at the part" if others else ""
     message = f"all {len(run.job)} lines done{compared}{look}{run.logbook.remarks}"
@@ -74,7 +75,11 @@ def _start(run: Print) -> None:
     logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
     rest.wait()
     run.firmware.check(run.gauges)
-    _refuse_other_start(run, rest)
+    declared = None
+    with contextlib.suppress(LinkError):  # only a part of the place is declared: ask the printer
+        declared = declared_start(run.job)
+    # a tip that stands elsewhere than preflight, or the job, takes it to stand
+    agree_start(channel, rest.moved, declared, run.watch.care.start_mm)
     run.heat.begin()
     run.position.frame.begin()
     # Marlin cuts the motors' power two minutes into a dwell, or a wait for heat, of the job itself.
@@ -85,14 +90,6 @@ def _start(run: Print) -> None:
     if logbook.fault and not logbook.disk_full:
         raise HandshakeError(f"{logbook.fault}; no line of the job was sent")
     protocol.load(run.job.lines, 0, number)
-
-
-def _refuse_other_start(run: Print, rest: RestWait) -> None:
-    """Refuse a tip that stands elsewhere than preflight, or the job, takes it to stand."""
-    declared = None
-    with contextlib.suppress(LinkError):  # only a part of the place is declared: ask the printer
-        declared = declared_start(run.job)
-    agree_start(run.channel, rest.moved, declared, run.watch.care.start_mm)
 
 
 def _stream(run: Print) -> None:
@@ -215,23 +212,9 @@ def _obey(run: Print) -> None:
 
 def _end_compared(run: Print) -> str | None:
     """Return words on how the end was compared once every move is made; None to go on."""
+    channel, protocol = run.channel, run.wiring.protocol
     if run.progress.done < len(run.job):
         return None
-    compared = _finish(run)
-    end_on_fault(run)
-    # a stop while the last moves were made: the way out needs the job's settings
-    _obey(run)
-    if compared is not None:
-        run.interruption.disarm()  # it is done, and nothing moves any more
-        run.firmware.undo_settings()
-        run.logbook.excuse()  # a setting that isn't taken back spoils no part
-        end_on_fault(run)
-    return compared
-
-
-def _finish(run: Print) -> str | None:
-    """Wait for the last move; return words, or None where the last line isn't confirmed."""
-    channel, protocol = run.channel, run.wiring.protocol
     channel.settle()
     run.progress.caught_up(run.wiring.clock.now())
     channel.command(b"M400")
@@ -240,4 +223,14 @@ def _finish(run: Print) -> str | None:
     compare_clients(run)
     run.heat.take_back()
     number = protocol.number
-    return compared if channel.agree(protocol.ask) == number else None
+    confirmed = channel.agree(protocol.ask) == number
+    end_on_fault(run)
+    # a stop while the last moves were made: the way out needs the job's settings
+    _obey(run)
+    if not confirmed:
+        return None
+    run.interruption.disarm()  # it is done, and nothing moves any more
+    run.firmware.undo_settings()
+    run.logbook.excuse()  # a setting that isn't taken back spoils no part
+    end_on_fault(run)
+    return compared

@@ -39,17 +39,9 @@ class Streamer:
         self.print = Print(wiring, job, care or Care())
 
     def run(self, history: JournalledPrint | None = None) -> Status:
-        """Print, from handshake to end.
+        """Print, from handshake to end; return the last status. No fault of the printer raises.
 
-        Parameters
-        ----------
-        history : JournalledPrint, optional
-            Journal of the same job, whose link process died: go on from the printer's last line.
-
-        Returns
-        -------
-        Status
-            The last one; nothing that a printer or a cable does raises.
+        With a history, of the same job whose process died, go on from the printer's last line.
         """
         run = self.print
         try:
@@ -79,7 +71,7 @@ class Streamer:
         """Write down what a person must see, found outside of the print itself."""
         self.print.logbook.alarm(text)
 
-    # --- for any thread --------------------------------------------------------------------------
+    # --- for any thread
 
     @property
     def job(self) -> Job:
