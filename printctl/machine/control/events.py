@@ -38,9 +38,14 @@ _WHAT_NEXT: Final = "`printctl status` says what next"
 
 
 class PrintEvents:
-    """Handles the events of one print."""
+    """Handles the events of one print; a mode of other handlers overrides these.
 
-    def __init__(self, channel: Channel, requests: RequestQueue, stop: Interruption) -> None:
+    ``stop`` cuts waits short; None where nothing is to.
+    """
+
+    def __init__(
+        self, channel: Channel, requests: RequestQueue, stop: Interruption | None = None
+    ) -> None:
         self._channel, self._requests, self._stop = channel, requests, stop
         self._wiring, self._kill, self._logbook = channel.wiring, channel.kill, channel.logbook
         self._progress = channel.logbook.progress
@@ -78,11 +83,13 @@ class PrintEvents:
 
     def between_commands(self) -> None:
         """Go no further where a stop was requested."""
-        self._stop.check()
+        if self._stop is not None:
+            self._stop.check()
 
     def step_made(self) -> None:
         """Act on a stop that was requested meanwhile; notice another reader of the port."""
-        self._stop.look()
+        if self._stop is not None:
+            self._stop.look()
         transport, protocol = self._wiring.transport, self._wiring.protocol
         if transport.stolen > self._stolen:
             self._stolen = transport.stolen
