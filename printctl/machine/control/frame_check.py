@@ -84,6 +84,10 @@ class FrameCheck:
         self._progress, self._printer = channel.logbook.progress, channel.wiring.printer
         facts = link_facts(self._printer)
         self._question, self._axes_question = facts.place_question, facts.axes_question
+        self._per_mm = {axis.upper(): steps for axis, steps in self._printer.steps_per_mm}
+        # Marlin adds a shorter move to the one after it: behind the last one it is never made
+        aside = 1 if self._question else self._printer.min_steps_per_segment
+        self._limits = {axis: _WITHIN_MM + aside / steps for axis, steps in self._per_mm.items()}
         self.begun, self._unshifted = PlaceAnswer(), False
         self._plunger: tuple[int, float] | None = None
         self._declared: tuple[int, Place] = 0, {}
@@ -126,21 +130,19 @@ class FrameCheck:
             self._plunger = (self._progress.done, offset["E"]) if offset else None
 
     def _ask(self, *, journalled: bool = True) -> PlaceAnswer:
-        per_mm = dict(self._printer.steps_per_mm)
         if self._question and not self._unshifted:
             replies = self._channel.command(self._question, journalled)
             motors = {
-                axis: steps / per_mm[axis.lower()] - mm
+                axis: steps / self._per_mm[axis] - mm
                 for axis, (steps, mm) in parse_motors(replies).items()
             }
             return PlaceAnswer(*parse_shifted(replies), motors, parse_driven(replies))
         replies = self._channel.command(b"M114", journalled)
-        steps = {axis: per_mm[axis.lower()] for axis in _AXES}
-        ordered = parse_machine(replies, steps) if self._axes_question else {}
+        ordered = parse_machine(replies, self._per_mm) if self._axes_question else {}
         place, in_steps = parse_position(replies), not tells_counts_in_mm(replies)
         if not set(_AXES) <= set(place):
             return PlaceAnswer(ordered=ordered, in_steps=in_steps)
-        counts = parse_counts(replies, steps)
+        counts = parse_counts(replies, self._per_mm)
         offset = {axis: mm - place[axis] for axis, mm in counts.items()}
         return PlaceAnswer(place, offset, ordered=ordered, in_steps=in_steps)
 
@@ -160,7 +162,7 @@ class FrameCheck:
             answer = self._ask()
             if not answer.offset:
                 continue
-            wrong = self._aside(answer, self._limits())
+            wrong = self._aside(answer, self._limits)
             if not wrong or self._question:  # a wire without noise
                 break
         return wrong
@@ -171,7 +173,7 @@ class FrameCheck:
             return False
         answer = self._ask()
         there = bool(answer.offset) and not (
-            disagreement(at, dict(answer.place)) or self._aside(answer, self._limits())
+            disagreement(at, dict(answer.place)) or self._aside(answer, self._limits)
         )
         return there and self._ask().agrees(answer)
 
@@ -182,7 +184,7 @@ class FrameCheck:
         answer = self._ask()
         if not answer.offset:
             return False
-        expected, limits = self._expected(self.begun.offset), self._limits()
+        expected, limits = self._expected(self.begun.offset), self._limits
         under_way = self._progress.places_under_way()
         for axis in _AXES:
             motor = answer.offset[axis] + answer.place[axis] - expected[axis]
@@ -202,7 +204,7 @@ class FrameCheck:
         """
         wrong, compared, before, kind = "", False, self._channel.logbook.fault, b""
         place: Place = {}
-        limits: Place = self._limits()
+        limits: Place = self._limits
         if self._axes_question:
             kind = b"".join(self._channel.command(self._axes_question))
         # an answer without the word is a Cartesian's, unless configured otherwise
@@ -231,10 +233,10 @@ class FrameCheck:
 
         The job's last move tells: one long enough is made, with all that was left before it.
         """
-        usual, lines, done = self._limits(), self._progress.job.lines, self._progress.done
+        usual, lines, done = self._limits, self._progress.job.lines, self._progress.done
+        per_mm = self._per_mm
         if self._question or not answer.in_steps:
             return usual
-        per_mm = {axis.upper(): steps for axis, steps in self._printer.steps_per_mm}
         for k in range(done - 1, max(done - _LAST_MOVES, 0) - 1, -1):
             if code_of(lines[k]) not in (b"G0", b"G1"):
                 if is_motion(lines[k]):
@@ -255,7 +257,7 @@ class FrameCheck:
         """Return which axes' steps, in the axes' order, lead elsewhere than the job, or ''.
 
         Right is what follows from the steps at the job's begin, and steps of the place that is
-        told (RepRapFirmware counts them anew at G92).
+        reported (RepRapFirmware counts them anew at G92).
         """
         begun, ordered = self.begun, answer.ordered
         before = {axis: made - begun.place[axis] for axis, (made, _) in begun.ordered.items()}
@@ -271,14 +273,6 @@ class FrameCheck:
 
     def _homed(self) -> bool:
         return any(code_of(line) in HOMING for line in self._progress.taken)
-
-    def _limits(self) -> dict[str, float]:
-        """Return by how much steps may be aside, mm, by axis."""
-        # Marlin adds a shorter move to the one after it: behind the last one it is never made
-        steps = 1 if self._question else self._printer.min_steps_per_segment
-        return {
-            axis.upper(): _WITHIN_MM + steps / per_mm for axis, per_mm in self._printer.steps_per_mm
-        }
 
     def _renamings(self) -> list[Renaming]:
         """Return the job's, read once for as long as no lines are put in."""
@@ -331,13 +325,13 @@ class FrameCheck:
                 shift += (self.begun.place["E"] if before is None else before) - e
         self._plunger = done, shift
         aside = shift - answer.offset["E"]
-        if abs(aside) <= self._limits()["E"]:
+        if abs(aside) <= self._limits["E"]:
             return ""
         return f"the plunger is called {aside:+.2f} mm otherwise than by the job"
 
     def _declared_difference(self, answer: PlaceAnswer) -> str:
         """Return which axes' places were declared anew, but by the job; or ''."""
-        lines, done, limits = self._progress.job.lines, self._progress.done, self._limits()
+        lines, done, limits = self._progress.job.lines, self._progress.done, self._limits
         since, before = self._declared
         ours = any(declared_axes(line) and code_of(line) != b"G92" for line in lines[since:done])
         self._declared = done, answer.motors if ours or not before else before
@@ -351,7 +345,7 @@ class FrameCheck:
 
 
 def _exact(at: Modal, answer: PlaceAnswer) -> PlaceAnswer:
-    """Return an answer whose offset is from the job's place, not rounded to decimals as told."""
+    """Return an answer whose offset is from the job's place, not rounded to decimals as reported."""
     place = {axis: getattr(at, axis.lower()) for axis in answer.offset}
     offset = {
         axis: mm if place[axis] is None else mm + answer.place[axis] - place[axis]
