@@ -345,7 +345,7 @@ class FrameCheck:
 
 
 def _exact(at: Modal, answer: PlaceAnswer) -> PlaceAnswer:
-    """Return an answer whose offset is from the job's place, not rounded to decimals as reported."""
+    """Return an answer with its offset from the job's place, which isn't rounded as reported."""
     place = {axis: getattr(at, axis.lower()) for axis in answer.offset}
     offset = {
         axis: mm if place[axis] is None else mm + answer.place[axis] - place[axis]
