@@ -32,15 +32,11 @@ def allowed_command(verdict: Verdict) -> AllowedLine:
 
 @dataclass
 class PausedTip:
-    """The tip in one pause, for the gate.
+    """The tip in one pause, for the gate."""
 
-    ``limits``: what the station knows, or the profile alone; ``ask`` sends a command and returns
-    the reply; ``clear_mm``: the first height read, above which nothing stands.
-    """
-
-    limits: PrinterSituation
-    ask: Ask
-    clear_mm: float | None = None
+    limits: PrinterSituation  # what the station knows, or the profile alone
+    ask: Ask  # sends a command and returns the reply
+    clear_mm: float | None = None  # the first height read, above which nothing stands
 
     def known(self) -> PrinterSituation:
         """Return the situation now; the printer is asked where it stands."""
