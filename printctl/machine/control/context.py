@@ -31,7 +31,8 @@ class Print:
     """Everything of one print; the modules of its modes are functions of it."""
 
     def __init__(self, wiring: Wiring, job: Job, care: Care) -> None:
-        self.wiring, self.printer, self.first_job = wiring, wiring.printer, job  # without inserts to come
+        self.wiring, self.printer = wiring, wiring.printer
+        self.first_job = job  # `job` grows by inserts
         self.progress, self.queue = JobProgress(wiring, job), RequestQueue()
         self.watch = Watch(job.marks, care, job.lines, job.positions)
         self.change, self.excursion = SyringeChange(self.progress), Excursion()
