@@ -27,6 +27,7 @@ class Excursion:
     left: Modal = field(default_factory=Modal)  # the job's place
     relieved_mm: float = 0.0  # how far the job itself had drawn the plunger back there
     top: float | None = None  # mm: greatest height that the needle comes to
+    clear_mm: float | None = None  # first height read in the pause, above which nothing stands
     counted: bool = True  # the plunger's count means something: no syringe is being changed
     rests: bool = False  # needle and plunger are a person's: a stop leaves both where they are
 
