@@ -229,7 +229,7 @@ def compare(settings: Settings, profile: Printer) -> list[Row]:
 def corrected_profile(profile: Printer, rows: list[Row], port: str, day: str) -> dict[str, Any]:
     """Return the profile with the printer's own values, as a mapping to write as YAML.
 
-    What the printer told is no starting value any more, whether it differed or not.
+    What the printer reported is no starting value any more, whether it differed or not.
 
     Raises
     ------
@@ -256,7 +256,7 @@ def corrected_profile(profile: Printer, rows: list[Row], port: str, day: str) ->
 
 
 def _still_starting(profile: Printer, reported: set[str]) -> list[str]:
-    """Return starting values that the printer hasn't told, whole or in part."""
+    """Return starting values that the printer hasn't reported, whole or in part."""
     left = []
     for name in profile.starting_values:
         value = getattr(profile, name.partition(".")[0])

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
-from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families import link_protocol as wire
 from printctl.machine.control.halting import Kill
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.wiring import Wiring
@@ -24,7 +24,7 @@ _LAST_BYTES: Final = 80
 class EventHandler(Protocol):
     """What becomes of a printer's events; `Replied` and `Synchronised` are the channel's own."""
 
-    def handle(self, event: said.Event) -> None:
+    def handle(self, event: wire.Event) -> None:
         """Handle an event; raise `PrintEnded` or `LinkError` where it ends all."""
         ...
 
@@ -68,7 +68,7 @@ class Channel:
         self.on_step: Callable[[], None] | None = None  # in each step of a wait; may raise
         self.troubles = 0  # events beside answers: what came garbled, late or not at all
         self._awaited = -1
-        self._replies: list[said.CommandReplied] = []
+        self._replies: list[wire.CommandReplied] = []
         self._in_step: list[int] = []
 
     # --- one step --------------------------------------------------------------------------------
@@ -178,19 +178,19 @@ class Channel:
 
     # --- events ----------------------------------------------------------------------------------
 
-    def handle(self, events: Sequence[said.Event]) -> None:
+    def handle(self, events: Sequence[wire.Event]) -> None:
         """Take what is the channel's own; hand on the rest."""
         for event in events:
-            if isinstance(event, said.CommandReplied):
+            if isinstance(event, wire.CommandReplied):
                 if event.number == self._awaited:  # another's is of a command that was sent again
                     self._replies.append(event)
-            elif isinstance(event, said.Synchronised):
+            elif isinstance(event, wire.Synchronised):
                 self._in_step.append(event.number)
             else:
-                self.troubles += not isinstance(event, said.TokenSent)
-                if isinstance(event, said.LinesResent) and event.controls:
+                self.troubles += not isinstance(event, wire.TokenSent)
+                if isinstance(event, wire.LinesResent) and event.controls:
                     # the newest is the one whose reply is waited for
                     self._awaited = event.first + len(event.controls) - 1
-                elif isinstance(event, (said.FirmwareStarted, said.FirmwareReset)):
+                elif isinstance(event, (wire.FirmwareStarted, wire.FirmwareReset)):
                     self.heard.booted = True
                 self.handler.handle(event)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any, Final, NoReturn
 
-from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families import link_protocol as wire
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.halting import HALTED_BEFORE, Kill
 from printctl.machine.control.interruption import Interruption
@@ -38,9 +38,14 @@ _WHAT_NEXT: Final = "`printctl status` says what next"
 
 
 class PrintEvents:
-    """Handles the events of one print."""
+    """Handles the events of one print; a mode of other handlers overrides these.
 
-    def __init__(self, channel: Channel, requests: RequestQueue, stop: Interruption) -> None:
+    ``stop`` cuts waits short; None where nothing is to.
+    """
+
+    def __init__(
+        self, channel: Channel, requests: RequestQueue, stop: Interruption | None = None
+    ) -> None:
         self._channel, self._requests, self._stop = channel, requests, stop
         self._wiring, self._kill, self._logbook = channel.wiring, channel.kill, channel.logbook
         self._progress = channel.logbook.progress
@@ -48,41 +53,43 @@ class PrintEvents:
         self._missing, self._next_look_s = 0, -math.inf
         self._number, self._number_s = -1, math.inf
         self._handlers: dict[type, Callable[[Any], None]] = {
-            said.Fault: self._on_fault,
-            said.Notice: self._on_notice,
-            said.Remark: lambda event: self._logbook.remark(event.text, event.known),
-            said.LinesResent: self._on_went_back,
-            said.StrayOk: self._on_stray,
-            said.TokenSent: self._on_token_sent,
-            said.Waiting: self._on_waiting,
-            said.Action: self._on_action,
-            said.WaitingForPerson: self._on_person_awaited,
-            said.Noisy: self._on_noisy,
-            said.LineRefused: self._on_line_refused,
-            said.Halting: self._on_halting,
-            said.FirmwareHalted: self._on_halted,
-            said.FirmwareStarted: self._on_booted,
-            said.FirmwareReset: self._on_reset,
-            said.Renumbered: self._on_renumbered,
-            said.LostSynchronisation: self._on_out_of_step,
-            said.NoReply: self._on_silent,
+            wire.Fault: self._on_fault,
+            wire.Notice: self._on_notice,
+            wire.Remark: lambda event: self._logbook.remark(event.text, event.known),
+            wire.LinesResent: self._on_went_back,
+            wire.StrayOk: self._on_stray,
+            wire.TokenSent: self._on_token_sent,
+            wire.Waiting: self._on_waiting,
+            wire.Action: self._on_action,
+            wire.WaitingForPerson: self._on_person_awaited,
+            wire.Noisy: self._on_noisy,
+            wire.LineRefused: self._on_line_refused,
+            wire.Halting: self._on_halting,
+            wire.FirmwareHalted: self._on_halted,
+            wire.FirmwareStarted: self._on_booted,
+            wire.FirmwareReset: self._on_reset,
+            wire.Renumbered: self._on_renumbered,
+            wire.LostSynchronisation: self._on_out_of_step,
+            wire.NoReply: self._on_silent,
         }
 
-    def handle(self, event: said.Event) -> None:
+    def handle(self, event: wire.Event) -> None:
         """See `EventHandler`."""
-        if not self._kill.asked.is_set() and not isinstance(event, said.TokenSent):
-            if isinstance(event, said.Notice) and self._logbook.begun:
+        if not self._kill.asked.is_set() and not isinstance(event, wire.TokenSent):
+            if isinstance(event, wire.Notice) and self._logbook.begun:
                 self._missing += 1
             self._look_for_programs()
         self._handlers[type(event)](event)
 
     def between_commands(self) -> None:
         """Go no further where a stop was requested."""
-        self._stop.check()
+        if self._stop is not None:
+            self._stop.check()
 
     def step_made(self) -> None:
         """Act on a stop that was requested meanwhile; notice another reader of the port."""
-        self._stop.look()
+        if self._stop is not None:
+            self._stop.look()
         transport, protocol = self._wiring.transport, self._wiring.protocol
         if transport.stolen > self._stolen:
             self._stolen = transport.stolen
@@ -136,10 +143,10 @@ class PrintEvents:
 
     # --- for the journal -------------------------------------------------------------------------
 
-    def _on_notice(self, event: said.Notice) -> None:
+    def _on_notice(self, event: wire.Notice) -> None:
         self._logbook.notice(event.text)
 
-    def _on_went_back(self, event: said.LinesResent) -> None:
+    def _on_went_back(self, event: wire.LinesResent) -> None:
         self._logbook.alarm(
             f"lines {event.first} to {event.last} weren't taken after all; sent again"
         )
@@ -147,17 +154,17 @@ class PrintEvents:
         if self._logbook.begun:  # else lines are numbered anew before the job
             self._logbook.record_back(event.first - 1, event.controls)
 
-    def _on_token_sent(self, event: said.TokenSent) -> None:
+    def _on_token_sent(self, event: wire.TokenSent) -> None:
         if self._logbook.begun:
             self._logbook.record_control(event.number, event.command)
 
-    def _on_waiting(self, event: said.Waiting) -> None:
+    def _on_waiting(self, event: wire.Waiting) -> None:
         self._logbook.alarm(
             f"no usable answer for {event.seconds:.0f} s after {self._progress.words()}; asked "
             f"on, the print ends after {event.limit:.0f} s (--silent-limit)"
         )
 
-    def _on_stray(self, event: said.StrayOk) -> None:
+    def _on_stray(self, event: wire.StrayOk) -> None:
         if self._kill.asked.is_set():  # its own M410 is answered by an ok, too
             return
         self._progress.unverified = True
@@ -172,7 +179,7 @@ class PrintEvents:
         )
         self._pause_once(self._progress.foreign_words())
 
-    def _on_renumbered(self, event: said.Renumbered) -> None:
+    def _on_renumbered(self, event: wire.Renumbered) -> None:
         self._progress.unverified = True
         self._progress.count_foreign(1)
         text = (
@@ -189,7 +196,7 @@ class PrintEvents:
         job = self._progress.job
         return f"line {job.file_line(line)} of {job.name}"
 
-    def _on_fault(self, event: said.Fault) -> None:
+    def _on_fault(self, event: wire.Fault) -> None:
         where, says = self._line(event.line), f"the printer says {event.text!r}"
         if event.refused and self._progress.refuse(event.line, event.about_command):
             text = f"the printer refused {where}: {event.text!r}"
@@ -200,7 +207,7 @@ class PrintEvents:
         self._logbook.complain(text, event.about_command)
         self._logbook.alarm(text)
 
-    def _on_action(self, event: said.Action) -> None:
+    def _on_action(self, event: wire.Action) -> None:
         if event.name in _ACTIONS:
             self._logbook.alarm(f"the printer asks for {event.name!r}")
             self._requests.add(_ACTIONS[event.name], by=f"the printer (//action:{event.name})")
@@ -208,26 +215,26 @@ class PrintEvents:
             text = event.name.removeprefix(_PROMPT).strip()
             self._logbook.alarm(f"the printer asks at its own screen: {text!r}")
 
-    def _on_person_awaited(self, event: said.WaitingForPerson) -> None:
+    def _on_person_awaited(self, event: wire.WaitingForPerson) -> None:
         self._logbook.alarm(
             "the printer waits for somebody to press its own button (paused for user): press it or "
             "stop the print"
         )
 
-    def _on_noisy(self, event: said.Noisy) -> None:
+    def _on_noisy(self, event: wire.Noisy) -> None:
         why = f"{event.errors} line errors in {event.lines} lines"
         self._logbook.alarm(f"{why}; pausing: check cable and earthing")
         self._requests.add(Request.PAUSE, why=f"{why}; check cable and earthing")
 
     # --- what ends it ----------------------------------------------------------------------------
 
-    def _on_halting(self, event: said.Halting) -> None:
+    def _on_halting(self, event: wire.Halting) -> None:
         if self._kill.asked.is_set():  # it is known why
-            self._on_halted(said.FirmwareHalted(event.text))
+            self._on_halted(wire.FirmwareHalted(event.text))
         self._kill.halted()
         self._logbook.alarm(f"the firmware halted itself ({event.text}); it is asked why")
 
-    def _on_halted(self, event: said.FirmwareHalted) -> None:
+    def _on_halted(self, event: wire.FirmwareHalted) -> None:
         itself, killed = self._kill.halted_itself, self._kill.asked.is_set()
         self._kill.halted()
         run_on = None  # unknown where other moves than the job's may be under way
@@ -243,12 +250,12 @@ class PrintEvents:
             message = f"the firmware halted itself ({event.text}){because}; {ran_on}"
         raise PrintEnded(LinkState.KILLED, message, known=False)
 
-    def _on_booted(self, event: said.FirmwareStarted) -> None:
+    def _on_booted(self, event: wire.FirmwareStarted) -> None:
         if self._kill.asked.is_set():
             raise PrintEnded(LinkState.KILLED, "killed by the user, by the reset line", known=False)
 
-    def _on_reset(self, event: said.FirmwareReset) -> None:
-        self._on_booted(said.FirmwareStarted())
+    def _on_reset(self, event: wire.FirmwareReset) -> None:
+        self._on_booted(wire.FirmwareStarted())
         if not self._logbook.begun:
             raise HandshakeError(
                 f"the printer at {self._wiring.transport.name} was reset during the handshake; "
@@ -257,7 +264,7 @@ class PrintEvents:
         message = f"the printer was reset after {self._progress.words()}; {_WHAT_NEXT}"
         raise PrintEnded(LinkState.POSITION_UNKNOWN, message, known=False)
 
-    def _on_out_of_step(self, event: said.LostSynchronisation) -> None:
+    def _on_out_of_step(self, event: wire.LostSynchronisation) -> None:
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
             f"the printer's last line is {event.last}, the host's {event.expected}; another "
@@ -265,7 +272,7 @@ class PrintEvents:
             known=False,
         )
 
-    def _on_silent(self, event: said.NoReply) -> None:
+    def _on_silent(self, event: wire.NoReply) -> None:
         if self._logbook.state not in EARLY:
             silent = f"the printer gave no usable answer for {event.seconds:.0f} s after "
             words = self._progress.words()
@@ -287,7 +294,7 @@ class PrintEvents:
             f"and its firmware (profile: {printer.firmware})"
         )
 
-    def _on_line_refused(self, event: said.LineRefused) -> None:
+    def _on_line_refused(self, event: wire.LineRefused) -> None:
         where = self._line(event.line) if event.line else "a command"
         why = (
             f"the printer didn't take {event.command!r} ({where}, sent as N{event.number}) in "

@@ -57,7 +57,7 @@ class PlaceAnswer:
     """One answer about a printer's place, mm, by axis letter; empty for what it doesn't tell."""
 
     # the last command's place as the printer calls it; of Klipper's E what was pushed
-    told: Place = field(default_factory=dict)
+    place: Place = field(default_factory=dict)
     # the place of the motors' steps less that; Klipper: by how much places are shifted
     offset: Place = field(default_factory=dict)
     # Klipper: what the motors' steps make less the place that they stand for
@@ -70,7 +70,7 @@ class PlaceAnswer:
 
     def agrees(self, other: PlaceAnswer) -> bool:
         """Whether both tell the same place and offset."""
-        return (self.told, self.offset) == (other.told, other.offset)
+        return (self.place, self.offset) == (other.place, other.offset)
 
 
 class FrameCheck:
@@ -84,6 +84,10 @@ class FrameCheck:
         self._progress, self._printer = channel.logbook.progress, channel.wiring.printer
         facts = link_facts(self._printer)
         self._question, self._axes_question = facts.place_question, facts.axes_question
+        self._per_mm = {axis.upper(): steps for axis, steps in self._printer.steps_per_mm}
+        # Marlin adds a shorter move to the one after it: behind the last one it is never made
+        aside = 1 if self._question else self._printer.min_steps_per_segment
+        self._limits = {axis: _WITHIN_MM + aside / steps for axis, steps in self._per_mm.items()}
         self.begun, self._unshifted = PlaceAnswer(), False
         self._plunger: tuple[int, float] | None = None
         self._declared: tuple[int, Place] = 0, {}
@@ -99,7 +103,7 @@ class FrameCheck:
         if begun is not None:
             self.begun, self._unshifted = begun, not begun.offset
             self._declared = 0, begun.motors
-            logbook.record("frame", told=begun.told, offset=begun.offset)
+            logbook.record("frame", told=begun.place, offset=begun.offset)
 
     def _ask_twice(self) -> PlaceAnswer | None:
         before: PlaceAnswer | None = None
@@ -126,23 +130,21 @@ class FrameCheck:
             self._plunger = (self._progress.done, offset["E"]) if offset else None
 
     def _ask(self, *, journalled: bool = True) -> PlaceAnswer:
-        per_mm = dict(self._printer.steps_per_mm)
         if self._question and not self._unshifted:
             replies = self._channel.command(self._question, journalled)
             motors = {
-                axis: steps / per_mm[axis.lower()] - mm
+                axis: steps / self._per_mm[axis] - mm
                 for axis, (steps, mm) in parse_motors(replies).items()
             }
             return PlaceAnswer(*parse_shifted(replies), motors, parse_driven(replies))
         replies = self._channel.command(b"M114", journalled)
-        steps = {axis: per_mm[axis.lower()] for axis in _AXES}
-        ordered = parse_machine(replies, steps) if self._axes_question else {}
-        told, in_steps = parse_position(replies), not tells_counts_in_mm(replies)
-        if not set(_AXES) <= set(told):
+        ordered = parse_machine(replies, self._per_mm) if self._axes_question else {}
+        place, in_steps = parse_position(replies), not tells_counts_in_mm(replies)
+        if not set(_AXES) <= set(place):
             return PlaceAnswer(ordered=ordered, in_steps=in_steps)
-        counts = parse_counts(replies, steps)
-        offset = {axis: mm - told[axis] for axis, mm in counts.items()}
-        return PlaceAnswer(told, offset, ordered=ordered, in_steps=in_steps)
+        counts = parse_counts(replies, self._per_mm)
+        offset = {axis: mm - place[axis] for axis, mm in counts.items()}
+        return PlaceAnswer(place, offset, ordered=ordered, in_steps=in_steps)
 
     # --- while it prints -------------------------------------------------------------------------
 
@@ -160,7 +162,7 @@ class FrameCheck:
             answer = self._ask()
             if not answer.offset:
                 continue
-            wrong = self._aside(answer, self._limits())
+            wrong = self._aside(answer, self._limits)
             if not wrong or self._question:  # a wire without noise
                 break
         return wrong
@@ -171,7 +173,7 @@ class FrameCheck:
             return False
         answer = self._ask()
         there = bool(answer.offset) and not (
-            disagreement(at, dict(answer.told)) or self._aside(answer, self._limits())
+            disagreement(at, dict(answer.place)) or self._aside(answer, self._limits)
         )
         return there and self._ask().agrees(answer)
 
@@ -182,10 +184,10 @@ class FrameCheck:
         answer = self._ask()
         if not answer.offset:
             return False
-        expected, limits = self._expected(self.begun.offset), self._limits()
+        expected, limits = self._expected(self.begun.offset), self._limits
         under_way = self._progress.places_under_way()
         for axis in _AXES:
-            motor = answer.offset[axis] + answer.told[axis] - expected[axis]
+            motor = answer.offset[axis] + answer.place[axis] - expected[axis]
             along = [place[axis.lower()] for place in under_way if axis.lower() in place]
             within = limits[axis]
             if along and not min(along) - within <= motor <= max(along) + within:
@@ -201,40 +203,40 @@ class FrameCheck:
         empty where it tells none; and whether its motors' own steps were compared.
         """
         wrong, compared, before, kind = "", False, self._channel.logbook.fault, b""
-        told: Place = {}
-        limits: Place = self._limits()
+        place: Place = {}
+        limits: Place = self._limits
         if self._axes_question:
             kind = b"".join(self._channel.command(self._axes_question))
         # an answer without the word is a Cartesian's, unless configured otherwise
         by_order = bool(self._axes_question) and b"inematics" not in kind
         for _ in range(RETRIES):
             answer = self._ask()
-            if not answer.told:
+            if not answer.place:
                 continue
-            told, compared = answer.told, self._applies() and bool(answer.offset)
-            wrong, limits = disagreement(at, dict(told)), self._limits_at_end(answer)
+            place, compared = answer.place, self._applies() and bool(answer.offset)
+            wrong, limits = disagreement(at, dict(place)), self._limits_at_end(answer)
             if not wrong and compared:
                 wrong = self._aside(_exact(at, answer), limits)
             driven = answer.driven or (answer.ordered if b"Cartesian" in kind else {})
             if driven:
-                wrong, compared = wrong or _undriven(told, driven, limits), True
+                wrong, compared = wrong or _undriven(place, driven, limits), True
             elif by_order and self.begun.ordered and answer.ordered and not self._homed():
                 wrong, compared = wrong or self._unmoved(answer, limits), True
             if not wrong:
                 break
         self._channel.logbook.excuse(before)  # a question that this build doesn't know
         words = ", ".join(f"{axis} {limits[axis]:.3f}" for axis in _AXES)
-        return wrong and f"{wrong} (steps compared to {words} mm)", told, compared
+        return wrong and f"{wrong} (steps compared to {words} mm)", place, compared
 
     def _limits_at_end(self, answer: PlaceAnswer) -> Place:
         """Return by how much steps may be aside at the end, mm.
 
         The job's last move tells: one long enough is made, with all that was left before it.
         """
-        usual, lines, done = self._limits(), self._progress.job.lines, self._progress.done
+        usual, lines, done = self._limits, self._progress.job.lines, self._progress.done
+        per_mm = self._per_mm
         if self._question or not answer.in_steps:
             return usual
-        per_mm = {axis.upper(): steps for axis, steps in self._printer.steps_per_mm}
         for k in range(done - 1, max(done - _LAST_MOVES, 0) - 1, -1):
             if code_of(lines[k]) not in (b"G0", b"G1"):
                 if is_motion(lines[k]):
@@ -255,14 +257,14 @@ class FrameCheck:
         """Return which axes' steps, in the axes' order, lead elsewhere than the job, or ''.
 
         Right is what follows from the steps at the job's begin, and steps of the place that is
-        told (RepRapFirmware counts them anew at G92).
+        reported (RepRapFirmware counts them anew at G92).
         """
         begun, ordered = self.begun, answer.ordered
-        before = {axis: made - begun.told[axis] for axis, (made, _) in begun.ordered.items()}
-        now = {axis: made - answer.told[axis] for axis, (made, _) in ordered.items()}
+        before = {axis: made - begun.place[axis] for axis, (made, _) in begun.ordered.items()}
+        now = {axis: made - answer.place[axis] for axis, (made, _) in ordered.items()}
         stand = all(begun.ordered[axis][0] == ordered[axis][0] for axis in ordered)
         wrong = self._difference(self._expected(before), replace(answer, offset=now), limits)
-        return wrong if stand or _undriven(answer.told, ordered, limits) else ""
+        return wrong if stand or _undriven(answer.place, ordered, limits) else ""
 
     # --- by how much names differ ----------------------------------------------------------------
 
@@ -271,14 +273,6 @@ class FrameCheck:
 
     def _homed(self) -> bool:
         return any(code_of(line) in HOMING for line in self._progress.taken)
-
-    def _limits(self) -> dict[str, float]:
-        """Return by how much steps may be aside, mm, by axis."""
-        # Marlin adds a shorter move to the one after it: behind the last one it is never made
-        steps = 1 if self._question else self._printer.min_steps_per_segment
-        return {
-            axis.upper(): _WITHIN_MM + steps / per_mm for axis, per_mm in self._printer.steps_per_mm
-        }
 
     def _renamings(self) -> list[Renaming]:
         """Return the job's, read once for as long as no lines are put in."""
@@ -298,7 +292,7 @@ class FrameCheck:
             for axis, mm in one.moved.items():
                 offset[axis] -= mm
             for axis, mm in one.declared.items():
-                offset[axis] -= mm - self.begun.told[axis]
+                offset[axis] -= mm - self.begun.place[axis]
         return offset
 
     def _aside(self, answer: PlaceAnswer, limits: Place) -> str:
@@ -314,7 +308,7 @@ class FrameCheck:
         steps = "" if self._question else " ({:.2f} mm, where its motor's steps make {:.2f} mm)"
         return ", ".join(
             f"{axis} is called {mm:+.2f} mm otherwise than by the job"
-            + steps.format(answer.told[axis], answer.told[axis] - mm)
+            + steps.format(answer.place[axis], answer.place[axis] - mm)
             for axis, mm in aside.items()
             if abs(mm) > limits[axis]
         )
@@ -328,16 +322,16 @@ class FrameCheck:
             e = read_sent(lines[k]).number("E") if code_of(lines[k]) == b"G92" else None
             if e is not None:
                 before = modal_state(lines, k).e
-                shift += (self.begun.told["E"] if before is None else before) - e
+                shift += (self.begun.place["E"] if before is None else before) - e
         self._plunger = done, shift
         aside = shift - answer.offset["E"]
-        if abs(aside) <= self._limits()["E"]:
+        if abs(aside) <= self._limits["E"]:
             return ""
         return f"the plunger is called {aside:+.2f} mm otherwise than by the job"
 
     def _declared_difference(self, answer: PlaceAnswer) -> str:
         """Return which axes' places were declared anew, but by the job; or ''."""
-        lines, done, limits = self._progress.job.lines, self._progress.done, self._limits()
+        lines, done, limits = self._progress.job.lines, self._progress.done, self._limits
         since, before = self._declared
         ours = any(declared_axes(line) and code_of(line) != b"G92" for line in lines[since:done])
         self._declared = done, answer.motors if ours or not before else before
@@ -351,20 +345,20 @@ class FrameCheck:
 
 
 def _exact(at: Modal, answer: PlaceAnswer) -> PlaceAnswer:
-    """Return an answer whose offset is from the job's place, not rounded to decimals as told."""
+    """Return an answer whose offset is from the job's place, not rounded to decimals as reported."""
     place = {axis: getattr(at, axis.lower()) for axis in answer.offset}
     offset = {
-        axis: mm if place[axis] is None else mm + answer.told[axis] - place[axis]
+        axis: mm if place[axis] is None else mm + answer.place[axis] - place[axis]
         for axis, mm in answer.offset.items()
     }
     return replace(answer, offset=offset)
 
 
-def _undriven(told: Place, driven: Mapping[str, tuple[float, float]], limits: Place) -> str:
-    """Return which axes' motors stand elsewhere than the place that is told, or ''."""
+def _undriven(place: Place, driven: Mapping[str, tuple[float, float]], limits: Place) -> str:
+    """Return which axes' motors stand elsewhere than the reported place, or ''."""
     return ", ".join(
-        f"{axis} is told at {told[axis]:.2f} mm, and its motors' steps make "
-        f"{told[axis] + made - meant:.2f} mm"
+        f"{axis} is told at {place[axis]:.2f} mm, and its motors' steps make "
+        f"{place[axis] + made - meant:.2f} mm"
         for axis, (made, meant) in driven.items()
         if abs(made - meant) > limits[axis]
     )

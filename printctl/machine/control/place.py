@@ -43,7 +43,7 @@ class Standstill:
     at: Modal
     read: bool  # the printer's own word could be read; else it is the job's
     dropped: bool  # moves of the job weren't made
-    place: Modal = field(default_factory=Modal)  # as told, where the motors were stopped
+    place: Modal = field(default_factory=Modal)  # as reported, where the motors were stopped
 
     def words(self) -> str:
         """Return what to add to the message of the end."""
@@ -158,7 +158,7 @@ class PositionCheck:
         return bool(set("XYZ") & last.keys()) and self.frame.stands_at(self._progress.modal())
 
     def _confirmed_position(self) -> dict[str, float]:
-        """Return the position told twice running, as no checksum guards it; else empty."""
+        """Return the position reported twice running, as no checksum guards it; else empty."""
         position: dict[str, float] = {}
         for _ in range(RETRIES):
             before, position = position, parse_position(self._channel.command(b"M114"))
@@ -312,7 +312,7 @@ class PositionCheck:
     def _drop_moves(self) -> str:
         """Have moves that lead astray dropped; return what to add to the message.
 
-        Past the protocol, as the last thing that is said: a stop that was requested meanwhile
+        Past the protocol, as the last bytes that are sent: a stop that was requested meanwhile
         mustn't make a way out from an unknown place.
         """
         quickstop = link_facts(self._printer).quickstop

@@ -12,16 +12,13 @@ from typing import Final
 from firmware_profiles.families import family_of
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.connecting import connect
-from printctl.machine.control.events import PrintEvents
 from printctl.machine.control.firmware import Firmware, FirmwareCheck
 from printctl.machine.control.gauges import Gauge, read_high
 from printctl.machine.control.halting import Kill
 from printctl.machine.control.heat import Temperature, parse_temperatures
-from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.manual_motion import Mover, send
 from printctl.machine.control.progress import JobProgress
-from printctl.machine.control.requests import RequestQueue
 from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import Place
 from printctl.machine.control.tip import Tip
@@ -62,11 +59,9 @@ class Standby:
         self._logbook = Logbook(
             wiring, JobProgress(wiring, Job([], [], "", "no job")), unrecorded=_UNRECORDED
         )
-        self._kill, self._halt, queue = Kill(wiring, changed), threading.Event(), RequestQueue()
+        self._kill, self._halt = Kill(wiring, changed), threading.Event()
         self._channel = Channel(wiring, self._logbook, self._kill)
-        as_print = PrintEvents(self._channel, queue, Interruption(self._channel, queue))
-        self._events = StandbyEvents(self._logbook, self._halt, self._kill.asked, as_print)
-        self._channel.handler = self._events
+        self._channel.handler = self._events = StandbyEvents(self._channel, self._halt)
         self._gauges = [Gauge(one) for one in wiring.printer.watch]
         self._firmware = FirmwareCheck(self._channel)
         self._tip = Tip(self._channel)
@@ -124,7 +119,7 @@ class Standby:
         self._channel.agree(protocol.renumber)
         protocol.load([], 0, 0)
         self._logbook.state = LinkState.PAUSED
-        self._events.found()
+        self._events.found = True
         if link_facts(self._wiring.printer).m84_sets_timeout:
             # else the motors lose their power, and the place its meaning
             self._channel.command(b"M84 S0")
@@ -190,7 +185,7 @@ class Standby:
         high = read_high(self._channel, self._gauges, now)
         if high and high != self.trouble:
             self._logbook.alarm(high)
-        self._events.set_trouble(high or self._logbook.take_fault())
+        self._events.trouble = high or self._logbook.take_fault()
         self._changed()
 
     def _sign_of_life(self) -> None:

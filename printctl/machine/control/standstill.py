@@ -306,7 +306,7 @@ class StandstillWatch:
         return (1.0 + MODEL_ERROR) * sum(self._plan_s[first - begin : end - begin])
 
     def _make_plan(self, first: int, end: int) -> None:
-        """Plan lines to be asked about: what each takes, s."""
+        """Plan lines: the time of each, s."""
         lines = self._lines
         begin, end = max(first - 2, 0), min(end + 2, len(lines))
         moves = planned_moves(lines, begin, end, modal_state(lines, begin), self._printer)

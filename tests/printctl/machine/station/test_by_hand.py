@@ -21,6 +21,7 @@ from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
 from printctl.machine.errors import AlreadyPrinting, HandshakeError, Refused
 from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.port_list import PortPrograms
 from printctl.machine.process.station_client import attach, connect
 from printctl.machine.records.states import LinkState, PrintEnded
 from sim.devices.families.marlin.printer import MarlinPrinter
@@ -137,8 +138,11 @@ def test_heater_is_set_and_told(at_rest):
 
 
 def test_line_that_is_never_taken_ends_the_standby():
-    events = StandbyEvents(MagicMock(), threading.Event(), threading.Event(), MagicMock())
-    events.found()
+    channel = MagicMock()
+    channel.wiring.clock.now.return_value = 0.0
+    channel.wiring.transport.programs.return_value = PortPrograms()
+    events = StandbyEvents(channel, threading.Event())
+    events.found = True
     with pytest.raises(PrintEnded, match=r"didn't take 'M114' in 100 tries.*restart it") as ended:
         events.handle(LineRefused(7, 100, "M114", 0, "Error:checksum mismatch"))
     assert (ended.value.state, ended.value.known) == (LinkState.FAILED, False)
