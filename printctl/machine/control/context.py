@@ -28,32 +28,11 @@ from printctl.machine.records.states import LinkState, Status
 
 
 class Print:
-    """Everything of one print; the modules of its modes are functions of it.
-
-    Parameters
-    ----------
-    wiring : Wiring
-    job : Job
-    care : Care
-
-    Attributes
-    ----------
-    first_job : Job
-        As given at the start; `job` grows by inserts.
-    logbook, channel
-        Its state and journal, and the way to the printer.
-    position, firmware, heat, slips
-        Checks; each owns what it has read.
-    valve_shut : bool
-        Whether the link shut the valve within a path, so that it is opened again.
-    answers_due, answers_troubles : float, s; int
-        When answers are counted next, and the channel's troubles at the last count.
-    clients_due : float, s
-        When other clients' changes are compared next (`others`).
-    """
+    """Everything of one print; the modules of its modes are functions of it."""
 
     def __init__(self, wiring: Wiring, job: Job, care: Care) -> None:
-        self.wiring, self.printer, self.first_job = wiring, wiring.printer, job
+        self.wiring, self.printer = wiring, wiring.printer
+        self.first_job = job  # `job` grows by inserts
         self.progress, self.queue = JobProgress(wiring, job), RequestQueue()
         self.watch = Watch(job.marks, care, job.lines, job.positions)
         self.change, self.excursion = SyringeChange(self.progress), Excursion()
@@ -66,9 +45,10 @@ class Print:
         self.heat, self.firmware = HeatCheck(self.channel), FirmwareCheck(self.channel)
         self.position = PositionCheck(self.channel)
         self.slips = SlipWatch(self.channel, self.position)
-        self.valve_shut = False
+        self.valve_shut = False  # by the link, within a path: it is opened again
+        self.clients_due = math.inf  # s: when other clients' changes are polled
+        # s: when answers are counted; the channel's troubles at the last count
         self.answers_due, self.answers_troubles = math.inf, 0
-        self.clients_due = math.inf
 
     @property
     def job(self) -> Job:

@@ -21,20 +21,15 @@ CHANGE: Final = (
 
 @dataclass
 class Excursion:
-    """Way between leaving the job's place and being back, for a stop in between.
-
-    ``left`` is the job's place, ``relieved_mm`` how far the job itself had drawn the plunger back
-    there, ``top`` the greatest height that the needle comes to, mm. ``counted``: the plunger's
-    count means something, as no syringe is being changed. ``rests``: needle and plunger are a
-    person's, and a stop leaves both where they are.
-    """
+    """Way between leaving the job's place and being back, for a stop in between."""
 
     going_on: bool = False
-    left: Modal = field(default_factory=Modal)
-    relieved_mm: float = 0.0
-    top: float | None = None
-    counted: bool = True
-    rests: bool = False
+    left: Modal = field(default_factory=Modal)  # the job's place
+    relieved_mm: float = 0.0  # how far the job itself had drawn the plunger back there
+    top: float | None = None  # mm: greatest height that the needle comes to
+    clear_mm: float | None = None  # first height read in the pause, above which nothing stands
+    counted: bool = True  # the plunger's count means something: no syringe is being changed
+    rests: bool = False  # needle and plunger are a person's: a stop leaves both where they are
 
     def come_back(self, top: float) -> None:
         """Record that the needle comes down from ``top``, mm, the plunger counted again."""
@@ -77,19 +72,15 @@ class Excursion:
 
 @dataclass
 class SyringeChange:
-    """Syringes of one print; read by any thread, written by the one that speaks to the printer.
-
-    ``begun`` counts changes; ``planned_head`` is whose syringe is changed, where that is known;
-    ``filled`` what was put in in this print, by head (None for the only one). Any thread may set
-    ``wanted_head``, whose syringe a client wants changed.
-    """
+    """Syringes of one print; read by any thread, written by the one that speaks to the printer."""
 
     progress: JobProgress
     going_on: bool = False
-    begun: int = 0
-    planned_head: int | None = None
+    begun: int = 0  # changes so far
+    planned_head: int | None = None  # whose syringe is changed, where that is known
+    # what was put in in this print, by head; None for the only one
     filled: dict[int | None, Filling] = field(default_factory=dict)
-    wanted_head: int | None = None
+    wanted_head: int | None = None  # whose syringe a client wants changed; any thread may set it
 
     @property
     def head(self) -> int | None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from firmware_profiles import Printer
-from firmware_profiles.families.position_reply import parse_position
 from printctl.checks.gate import (
     AllowedLine,
     Bounds,
@@ -20,8 +19,6 @@ from printctl.machine.errors import Refused
 from sim.errors import LineError
 from sim.gcode.reading import BLANK, GcodeLine, read_line
 
-Ask = Callable[[bytes], tuple[bytes, ...]]
-
 
 def allowed_command(verdict: Verdict) -> AllowedLine:
     """Return what was allowed; raise `Refused` with the gate's reason else."""
@@ -30,38 +27,24 @@ def allowed_command(verdict: Verdict) -> AllowedLine:
     return verdict
 
 
-@dataclass
-class PausedTip:
-    """The tip in one pause, for the gate.
+def paused_situation(
+    limits: PrinterSituation, at: Mapping[str, float], clear_mm: float | None
+) -> PrinterSituation:
+    """Return what the gate judges by in a pause.
 
-    ``limits``: what the station knows, or the profile alone; ``ask`` sends a command and returns
-    the reply; ``clear_mm``: the first height read, above which nothing stands.
+    ``at``: where the printer says that it stands; ``clear_mm``: the height above which nothing is.
     """
-
-    limits: PrinterSituation
-    ask: Ask
-    clear_mm: float | None = None
-
-    def known(self) -> PrinterSituation:
-        """Return the situation now; the printer is asked where it stands."""
-        at = parse_position(self.ask(b"M114"))
-        if not {"X", "Y", "Z"} <= set(at):
-            return replace(self.limits, phase=Phase.PAUSED, position=None)
-        self.clear_mm = at["Z"] if self.clear_mm is None else self.clear_mm
-        bounds = self.limits.bounds
-        if bounds.trusted and bounds.needle_above_dish:
-            bounds = replace(bounds, part_in_dish=True)  # what stands there holds a print
-        else:  # what is unnamed may be anything
-            bounds = Bounds(
-                bounds.printer, trusted=True, needle=bounds.needle, clear_mm=self.clear_mm
-            )
-        return replace(
-            self.limits,
-            bounds=bounds,
-            phase=Phase.PAUSED,
-            position=(at["X"], at["Y"], at["Z"]),
-            plunger_mm=at.get("E"),
-        )
+    if not {"X", "Y", "Z"} <= set(at):
+        return replace(limits, phase=Phase.PAUSED, position=None)
+    bounds = limits.bounds
+    if bounds.trusted and bounds.needle_above_dish:
+        bounds = replace(bounds, part_in_dish=True)  # what stands there holds a print
+    else:  # what is unnamed may be anything
+        bounds = Bounds(bounds.printer, trusted=True, needle=bounds.needle, clear_mm=clear_mm)
+    place = at["X"], at["Y"], at["Z"]
+    return replace(
+        limits, bounds=bounds, phase=Phase.PAUSED, position=place, plunger_mm=at.get("E")
+    )
 
 
 def settings_changed_by(lines: Sequence[bytes], printer: Printer) -> tuple[str, ...]:

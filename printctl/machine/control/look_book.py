@@ -24,30 +24,14 @@ class LookDecision(StrEnum):
 
 @dataclass(frozen=True)
 class Look:
-    """A look that is going on, or from which the print is still held.
+    """A look that is going on, or from which the print is still held."""
 
-    Attributes
-    ----------
-    number : int
-        From 1, in the print's order.
-    mark : str
-        What ended there, in words.
-    layer : int
-        Of the mark of a layer that ended last; -1 where the job names none.
-    done : int
-        Command lines taken, earlier inserts among them.
-    since : float
-        Wall-clock time, s since 1970.
-    limit_s : float, s
-        From then on, after which it becomes a pause.
-    """
-
-    number: int
-    mark: str
-    layer: int
-    done: int
-    since: float
-    limit_s: float
+    number: int  # from 1, in the print's order
+    mark: str  # what ended there, in words
+    layer: int  # the last one whose end is marked; -1 where the job names none
+    done: int  # command lines taken, earlier inserts among them
+    since: float  # wall-clock time, s since 1970
+    limit_s: float  # from then on, after which it becomes a pause
 
     def __str__(self) -> str:
         return f"look {self.number} at the {self.mark}"
@@ -57,40 +41,30 @@ class Look:
 class LookRequest:
     """A client's insert or decision; answered by the thread that speaks to the printer.
 
-    Attributes
-    ----------
-    done, refused : callable
-        Given the answer once it is in the journal, or the reason of a refusal.
-    decision : LookDecision or None
-        None for an insert of ``lines``, one command each.
-    flow : float or None
-        With an insert: what moves that write push from there on, over what the file says; None
-        for as before.
-    again : bool
-        With a pause: the look failed, and is made again when the print goes on. With an insert:
-        another look is made once its lines are written.
+    ``flow``: what moves that write push from there on, over what the file says; None for as before.
+    ``again`` with a pause: the look failed, and is made again when the print goes on; with an
+    insert: another look is made once its lines are written.
     """
 
     look: int
-    done: Callable[[Answer], None]
-    refused: Callable[[str], None]
+    done: Callable[[Answer], None]  # given the answer once it is in the journal
+    refused: Callable[[str], None]  # given the reason
     why: str = ""
-    decision: LookDecision | None = None
-    lines: tuple[str, ...] = ()
+    decision: LookDecision | None = None  # None for an insert
+    lines: tuple[str, ...] = ()  # of an insert, one command each
     flow: float | None = None
     again: bool = False
 
 
 @dataclass
 class LookBook:
-    """Looks of one print: written by the thread that speaks to the printer, read by any.
+    """Looks of one print: written by the thread that speaks to the printer, read by any."""
 
-    ``current``: the look that the print is held for, until it goes on; a pause that came of it,
-    too. By look: the journal's record of each decision; each insert, and its lines as sent.
-    """
-
+    # that the print is held for, until it goes on: a pause that came of it, too
     current: Look | None = None
+    # the journal's record of each decision, by look
     decisions: dict[int, Mapping[str, Any]] = field(default_factory=dict)
+    # each insert, and its lines as they were sent, by look
     inserts: dict[int, tuple[Insert, tuple[str, ...]]] = field(default_factory=dict)
 
     def status(self) -> dict[str, Any] | None:
@@ -169,14 +143,9 @@ def _repeated_insert(request: LookRequest, insert: Insert, texts: tuple[str, ...
 
 def insert_answer(insert: Insert) -> Answer:
     """Return a client's answer for an insert that is in the journal."""
-    return {
-        "event": "inserted",
-        "look": insert.look,
-        "after": insert.after,
-        "count": len(insert.lines),
-        "sha256": insert.sha256,
-        "flow": insert.flow,
-    }
+    size = {"after": insert.after, "count": len(insert.lines)}
+    what = {"sha256": insert.sha256, "flow": insert.flow}
+    return {"event": "inserted", "look": insert.look, **size, **what}
 
 
 def decision_answer(record: Mapping[str, Any]) -> Answer:

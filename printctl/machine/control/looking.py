@@ -7,13 +7,20 @@ comes within ``look_limit_s`` it becomes a pause for the operator, with an alarm
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
 from printctl.machine.control.context import Print
 from printctl.machine.control.interruption import StopRequested
-from printctl.machine.control.look_book import Look, LookDecision, LookRequest, decision_answer
+from printctl.machine.control.look_book import (
+    Answer,
+    Look,
+    LookDecision,
+    LookRequest,
+    decision_answer,
+)
 from printctl.machine.control.others import own_modes
 from printctl.machine.control.pausing import (
     await_word,
@@ -42,19 +49,17 @@ Park = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class _Ending:
-    """End of a look: decision, reason, whose; whether a syringe is changed, or the look failed."""
+    """End of a look: decision, reason, whose; whether a syringe is changed, or the look failed.
+
+    A client is given its answer by ``confirm`` once the decision is in the journal.
+    """
 
     decision: LookDecision
     why: str
     by: str
     changing: bool = False
     again: bool = False
-
-    def record(self, look: Look) -> dict[str, object]:
-        """Return it as the journal has it."""
-        decision = {"decision": str(self.decision), "why": self.why, "by": self.by}
-        failed = {"again": True} if self.again else {}
-        return {"look": look.number, "done": look.done, **decision, **failed}
+    confirm: Callable[[Answer], None] = lambda answer: None
 
 
 _AGAIN: Final = _Ending(LookDecision.PAUSE, "a pause was asked for", "the user", again=True)
@@ -114,8 +119,7 @@ def _look(run: Print) -> None:
         lead_needle(run, at, park, back=False)
     run.logbook.enter(LinkState.LOOKING, f"held for {look}: waiting for a decision")
     run.excursion.rests = True
-    ending = _await_decision(run, at, look, clock.now() + look.limit_s)
-    _decide(run, look, ending)
+    ending = _decide(run, at, look)
     if ending.decision is LookDecision.STOP:
         run.queue.add(Request.STOP, by=ending.by)
         raise StopRequested
@@ -157,36 +161,35 @@ def _leave_look(run: Print, at: Modal, park: Park | None, look: Look, ending: _E
     wait_and_come_back(run, at, words)
 
 
-def _await_decision(run: Print, at: Modal, look: Look, until_s: float) -> _Ending:
-    """Wait for what ends a look; write a client's decision down before it is confirmed."""
-    while (word := await_word(run, at, run.wiring.printing_limits, until_s)) is not None:
+def _decide(run: Print, at: Modal, look: Look) -> _Ending:
+    """Wait for a decision and write it down; an alarm where a person must know of it."""
+    ending = _await_decision(run, at, look.limit_s)
+    decision = {"decision": str(ending.decision), "why": ending.why, "by": ending.by}
+    failed = {"again": True} if ending.again else {}
+    record = {"look": look.number, "done": look.done, **decision, **failed}
+    run.logbook.record("looked", **record)
+    run.book.decisions[look.number] = record
+    run.watch.looked(run.wiring.clock.now(), look.done)
+    if ending.decision is not LookDecision.GO_ON and ending.by != "the user":
+        run.logbook.alarm(f"{look}: {ending.by} decided to {ending.decision}: {ending.why}")
+    ending.confirm(decision_answer(record))
+    return ending
+
+
+def _await_decision(run: Print, at: Modal, limit_s: float) -> _Ending:
+    until_s = run.wiring.clock.now() + limit_s
+    while (word := await_word(run, at, until_s)) is not None:
         if isinstance(word, LookRequest) and word.decision is not None:
             failed = word.again and word.decision is LookDecision.PAUSE
-            ending = _Ending(word.decision, word.why, OBSERVER, again=failed)
-            _decide(run, look, ending)
-            word.done(decision_answer(ending.record(look)))
-            return ending
+            return _Ending(word.decision, word.why, OBSERVER, again=failed, confirm=word.done)
         if isinstance(word, ResumeRequest):
             word.answer("")
             return _RESUMED
         if word in _BY_REQUEST:
             return _BY_REQUEST[word]
         sign_of_life(run)
-    limit = run.watch.care.look_limit_s
-    why = f"nobody decided within {limit:g} s (look_limit_s): the observer hangs or is gone"
+    why = f"nobody decided within {limit_s:g} s (look_limit_s): the observer hangs or is gone"
     return _Ending(LookDecision.PAUSE, why, "the link", again=True)
-
-
-def _decide(run: Print, look: Look, ending: _Ending) -> None:
-    """Write a decision down, once; an alarm where a person must know of it."""
-    if look.number in run.book.decisions:
-        return
-    record = ending.record(look)
-    run.logbook.record("looked", **record)
-    run.book.decisions[look.number] = record
-    run.watch.looked(run.wiring.clock.now(), look.done)
-    if ending.decision is not LookDecision.GO_ON and ending.by != "the user":
-        run.logbook.alarm(f"{look}: {ending.by} decided to {ending.decision}: {ending.why}")
 
 
 def refuse_park(park: Park | None, printer: Printer) -> None:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
 from firmware_profiles.families import family_of
+from firmware_profiles.families.position_reply import parse_position
 from printctl.checks.gate import LineOrigin, PrinterSituation, Refusal, judge
 from printctl.machine.control.context import Print
 from printctl.machine.control.ending import end_on_fault, retreat
 from printctl.machine.control.excursion import CHANGE, Excursion
-from printctl.machine.control.gating import PausedTip
+from printctl.machine.control.gating import paused_situation
 from printctl.machine.control.inserting import answer_clients, refuse_rest
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.look_book import LookRequest
@@ -169,9 +169,9 @@ def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> None:
 
 def _stay_paused(run: Print, at: Modal) -> ResumeRequest:
     """Wait for a request to go on that can be granted, and return it; refuse the others."""
-    change, tip = run.change, PausedTip(run.wiring.limits(), run.channel.command)
+    change = run.change
     while True:
-        word = await_word(run, at, tip.known)
+        word = await_word(run, at)
         if isinstance(word, LookRequest):  # of a look that became a pause without any decision
             word.refused("the print is paused; `printctl resume RUN` goes on")
         elif word is Request.RELOAD and not change.going_on:
@@ -204,7 +204,7 @@ def _why_not_resume(run: Print, at: Modal, request: ResumeRequest) -> str:
 
 
 def await_word(
-    run: Print, at: Modal, known: Callable[[], PrinterSituation], until: float = math.inf
+    run: Print, at: Modal, until: float = math.inf
 ) -> LookRequest | ResumeRequest | Request | None:
     """Wait for a decision or a request while held at ``at``; None at ``until``, s.
 
@@ -216,7 +216,7 @@ def await_word(
         while clock.now() < limit and not queue.waiting:
             run.channel.pump(limit)
             end_on_fault(run)
-        send_manual(run, known)
+        send_manual(run)
         end_on_fault(run)
         word = answer_clients(run, at) or queue.take()
         if word is Request.STOP:
@@ -236,17 +236,14 @@ def sign_of_life(run: Print) -> None:
     run.channel.command(last_of(run.job.lines, run.progress.done, codes) or b"M105")
 
 
-def send_manual(run: Print, known: Callable[[], PrinterSituation]) -> None:
-    """Send the waiting manual commands that the gate lets pass; a complaint ends no print.
-
-    ``known`` returns what the gate judges a command by.
-    """
+def send_manual(run: Print) -> None:
+    """Send the waiting manual commands that the gate lets pass; a complaint ends no print."""
     while run.queue.commands:
         manual = run.queue.commands.popleft()
         if manual.refused is None:
             manual.done(run.channel.command(manual.text.encode("ascii")))
             continue
-        verdict = judge(manual.text, LineOrigin.CONSOLE, known())
+        verdict = judge(manual.text, LineOrigin.CONSOLE, _situation(run))
         if isinstance(verdict, Refusal):
             run.logbook.notice(verdict.message)
             manual.refused(verdict.message)
@@ -261,6 +258,16 @@ def send_manual(run: Print, known: Callable[[], PrinterSituation]) -> None:
         if not complaint:
             run.heat.set_by_hand(verdict)
         manual.done((*lines, complaint.encode("ascii", "replace")) if complaint else lines)
+
+
+def _situation(run: Print) -> PrinterSituation:
+    """Return what the gate judges by; in a pause the printer is asked where it stands."""
+    if run.logbook.state is not LinkState.PAUSED:
+        return run.wiring.printing_limits()
+    at, excursion = parse_position(run.channel.command(b"M114")), run.excursion
+    if excursion.clear_mm is None and {"X", "Y", "Z"} <= set(at):
+        excursion.clear_mm = at["Z"]
+    return paused_situation(run.wiring.limits(), at, excursion.clear_mm)
 
 
 def shut_valve(run: Print) -> None:

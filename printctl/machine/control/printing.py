@@ -197,7 +197,7 @@ def _obey(run: Print) -> None:
     run.channel.settle()
     if run.progress.foreign and run.progress.unverified:
         _verify(run)  # before a pause: that waits for moves that lead astray
-    send_manual(run, run.wiring.printing_limits)
+    send_manual(run)
     while (request := run.queue.take()) is not None:
         if request is Request.STOP:
             raise StopRequested

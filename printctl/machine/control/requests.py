@@ -17,52 +17,36 @@ class Request(Enum):
     STOP = auto()
     PAUSE = auto()
     RELOAD = auto()
-    LOOK = auto()
-    """See what is due: a pause after a mark was requested."""
+    LOOK = auto()  # see what is due: a pause after a mark was requested
 
 
 @dataclass(frozen=True)
 class ResumeRequest:
-    """Request to go on; in a pause for a change of syringe with what was put in, if anything.
-
-    ``answer`` is given why the print doesn't go on; an empty text once it does.
-    """
+    """Request to go on; in a pause for a change of syringe with what was put in, if anything."""
 
     change: NewSyringe | None = None
     unchanged: bool = False
-    answer: Callable[[str], None] = lambda why: None
+    answer: Callable[[str], None] = lambda why: None  # given why not; empty once the print goes on
 
 
 @dataclass(frozen=True)
 class ManualCommand:
-    """Command between two lines of the job.
-
-    ``done`` is given the printer's reply, ``refused`` the reason why it wasn't sent; a command of
-    the product's own has none, and isn't judged.
-    """
+    """Command between two lines of the job; one of the product's own isn't judged."""
 
     text: str
-    done: Callable[[tuple[bytes, ...]], None]
-    refused: Callable[[str], None] | None = None
+    done: Callable[[tuple[bytes, ...]], None]  # given the printer's reply
+    refused: Callable[[str], None] | None = None  # given the reason; None for the product's own
 
 
 @dataclass
 class RequestQueue:
-    """Queue filled by any thread, emptied between two lines by the one that speaks to the printer.
-
-    Attributes
-    ----------
-    stopped_by : str
-        Who requested the stop first.
-    pause_words : str
-        Why the awaited pause was requested, for its message.
-    """
+    """Queue filled by any thread, emptied by the one that speaks to the printer."""
 
     requests: deque[Request | ResumeRequest] = field(default_factory=deque)
     commands: deque[ManualCommand] = field(default_factory=deque)
     looks: deque[LookRequest] = field(default_factory=deque)
-    stopped_by: str = ""
-    pause_words: str = ""
+    stopped_by: str = ""  # who requested the stop first
+    pause_words: str = ""  # why the awaited pause was requested, for its message
 
     @property
     def waiting(self) -> bool:

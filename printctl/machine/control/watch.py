@@ -38,21 +38,6 @@ class Watch:
 
     ``lines`` of the (grown) job, and which of them are ``inserts``, are needed where a look is due
     by what was written.
-
-    Attributes
-    ----------
-    after : MarkKind or None
-        What the user wants ended before the next pause.
-    confirmed : float, s
-        When somebody was last heard of; any thread may set it.
-    reload_at, reload_heads : tuple of int
-        As in `Care`.
-    unobserved : bool
-        Whether the print goes on without an observer; any thread may set it.
-    look_again : bool
-        Whether to make the look here that wasn't decided, or that failed.
-    insert_end : int
-        Lines after which an insert ends that wants a look; -1 for none.
     """
 
     def __init__(
@@ -63,11 +48,13 @@ class Watch:
         inserts: Sequence[Position] = (),
     ) -> None:
         self.marks, self.care = marks, care
-        self.after: MarkKind | None = None
-        self.confirmed = self._checkpoint_due = 0.0
+        self.after: MarkKind | None = None  # what the user wants ended before the next pause
+        self.confirmed = 0.0  # s: when somebody was last heard of; any thread may set it
         self.reload_at, self.reload_heads = care.reload_at, care.reload_heads
-        self.look_again = self.unobserved = False
-        self.insert_end = self._insert_looked = -1
+        self.unobserved = False  # the print goes on without an observer; any thread may set it
+        self.look_again = False  # make the look here that wasn't decided, or that failed
+        self.insert_end = -1  # lines after which an insert ends that wants a look
+        self._insert_looked, self._checkpoint_due = -1, 0.0
         self._checked = self._looked = -1
         self._look_due, self._looked_at = math.inf, Written()
         self._places = LookPlaces([], [], [])

@@ -107,7 +107,7 @@ class PrintClient:
         unchanged: bool = False,
         unobserved: bool = False,
     ) -> None:
-        """Go on after a pause; `PrintRequests.resume` says what may be told.
+        """Go on after a pause; `Streamer.resume` says what may be told.
 
         Returns once the print goes on, or has ended.
 
