@@ -22,9 +22,11 @@ from typing import Any, Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import Family, family_of
+from printctl.machine.control.channel import Channel
 from printctl.machine.control.connecting import connect, protocol_for
-from printctl.machine.control.events import print_channel
+from printctl.machine.control.events import PrintEvents
 from printctl.machine.control.firmware import parse_firmware
+from printctl.machine.control.halting import Kill
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.requests import RequestQueue
@@ -118,7 +120,8 @@ def query_transport(wiring: Wiring) -> Settings:
     """
     family = family_of(wiring.printer)
     logbook = Logbook(wiring, JobProgress(wiring, Job([], [], "", "questions")))
-    channel, _ = print_channel(wiring, logbook, RequestQueue())
+    channel = Channel(wiring, logbook, Kill(wiring))
+    channel.handler = PrintEvents(channel, RequestQueue())
     answers: dict[bytes, Sequence[bytes]] = {}
     try:
         connect(channel)

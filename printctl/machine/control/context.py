@@ -6,11 +6,14 @@ import math
 from dataclasses import replace
 from functools import cached_property
 
-from printctl.machine.control.events import print_channel
+from printctl.machine.control.channel import Channel
+from printctl.machine.control.events import PrintEvents
 from printctl.machine.control.excursion import Excursion, SyringeChange
 from printctl.machine.control.firmware import FirmwareCheck
 from printctl.machine.control.gauges import Gauge, next_due
+from printctl.machine.control.halting import Kill
 from printctl.machine.control.heat import HeatCheck
+from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.look_book import LookBook
 from printctl.machine.control.place import PositionCheck, SlipWatch
@@ -41,7 +44,9 @@ class Print:
         self.logbook = Logbook(
             wiring, self.progress, self._with_details, lambda: next_due(self.gauges)
         )
-        self.channel, self.interruption = print_channel(wiring, self.logbook, self.queue)
+        self.channel = Channel(wiring, self.logbook, Kill(wiring))
+        self.interruption = Interruption(self.channel, self.queue)
+        self.channel.handler = PrintEvents(self.channel, self.queue, self.interruption)
         self.heat, self.firmware = HeatCheck(self.channel), FirmwareCheck(self.channel)
         self.position = PositionCheck(self.channel)
         self.slips = SlipWatch(self.channel, self.position)

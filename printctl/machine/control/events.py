@@ -8,11 +8,9 @@ from typing import Any, Final, NoReturn
 
 from firmware_profiles.families import link_protocol as wire
 from printctl.machine.control.channel import Channel
-from printctl.machine.control.halting import HALTED_BEFORE, Kill
+from printctl.machine.control.halting import HALTED_BEFORE
 from printctl.machine.control.interruption import Interruption
-from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.requests import Request, RequestQueue, ResumeRequest
-from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import HandshakeError
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded
 from sim.gcode.reading import is_motion
@@ -324,13 +322,3 @@ class PrintEvents:
                     "printer's power, then lift the needle straight up by hand"
                 )
         raise PrintEnded(LinkState.FAILED, message, known=False)
-
-
-def print_channel(
-    wiring: Wiring, logbook: Logbook, requests: RequestQueue
-) -> tuple[Channel, Interruption]:
-    """Return a channel whose events are a print's, and what stops it in mid-wait."""
-    channel = Channel(wiring, logbook, Kill(wiring))
-    stop = Interruption(channel, requests)
-    channel.handler = PrintEvents(channel, requests, stop)
-    return channel, stop
