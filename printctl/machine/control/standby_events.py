@@ -27,8 +27,10 @@ class StandbyEvents:
 
     Attributes
     ----------
+    found : bool
+        Whether the printer was found and checked.
     trouble : str
-        What was read above its limit last, or what the printer complained of unasked.
+        What is wrong now: read above its limit last, or what the printer complained of by itself.
     """
 
     def __init__(
@@ -40,8 +42,10 @@ class StandbyEvents:
     ) -> None:
         self._logbook, self._halt, self._killed = logbook, halt, killed
         self._otherwise = otherwise
-        self._found = False
+        self.found = False
         self.trouble = ""
+        self.step_made = otherwise.step_made
+        self.between_commands = otherwise.between_commands
         self._always: dict[type, Callable[[Any], None]] = {
             said.Fault: self._on_fault,
             said.LinesResent: self._on_went_back,
@@ -57,28 +61,12 @@ class StandbyEvents:
             said.LineRefused: self._on_line_refused,
         }
 
-    def found(self) -> None:
-        """Take notice that the printer was found and checked."""
-        self._found = True
-
-    def set_trouble(self, text: str) -> None:
-        """Tell what is wrong now; empty for nothing."""
-        self.trouble = text
-
     def handle(self, event: said.Event) -> None:
         """See `EventHandler`."""
         own = self._always.get(type(event))
-        if own is None and self._found:
+        if own is None and self.found:
             own = self._once_found.get(type(event))
         (own or self._otherwise.handle)(event)
-
-    def step_made(self) -> None:
-        """See `EventHandler`."""
-        self._otherwise.step_made()
-
-    def between_commands(self) -> None:
-        """See `EventHandler`."""
-        self._otherwise.between_commands()
 
     # --- always ----------------------------------------------------------------------------------
 
@@ -97,17 +85,15 @@ class StandbyEvents:
             self._halt.set()
 
     def _on_noisy(self, event: said.Noisy) -> None:
-        self.set_trouble(
+        self.trouble = (
             f"{event.errors} line errors in {event.lines} lines: check cable and earthing"
         )
         self._logbook.alarm(self.trouble)
 
     def _on_out_of_step(self, event: said.LostSynchronisation) -> None:
-        raise PrintEnded(
-            LinkState.POSITION_UNKNOWN,
+        raise _lost_place(
             f"the printer's last line is {event.last}, ours {event.expected}: another program may "
-            "have spoken to it; see that nothing else is connected, then reconnect",
-            known=False,
+            "have spoken to it; see that nothing else is connected, then reconnect"
         )
 
     # --- once it is found ------------------------------------------------------------------------
@@ -117,23 +103,19 @@ class StandbyEvents:
         self._on_reset(said.FirmwareReset())
 
     def _on_reset(self, event: said.FirmwareReset) -> None:
-        raise PrintEnded(
-            LinkState.POSITION_UNKNOWN,
+        raise _lost_place(
             "the printer was reset: its position and its heaters' targets are gone; see what it "
-            "stands in, then reconnect",
-            known=False,
+            "stands in, then reconnect"
         )
 
     def _on_stray(self, event: said.StrayOk) -> None:
         if not event.foreign or self._killed.is_set():
             self._otherwise.handle(event)
             return
-        raise PrintEnded(
-            LinkState.POSITION_UNKNOWN,
+        raise _lost_place(
             f"the printer gave {event.foreign} more answers than lines: another program or noise "
             "wrote to it, and may have moved or renamed its place; see that nothing else "
-            "is connected and where the tip stands, then reconnect",
-            known=False,
+            "is connected and where the tip stands, then reconnect"
         )
 
     def _on_silent(self, event: said.NoReply) -> None:
@@ -152,3 +134,7 @@ class StandbyEvents:
             "cable, earthing and firmware, restart it, then reconnect",
             known=False,
         )
+
+
+def _lost_place(message: str) -> PrintEnded:
+    return PrintEnded(LinkState.POSITION_UNKNOWN, message, known=False)

@@ -14,14 +14,14 @@ from firmware_profiles.families.link_protocol import LineRefused
 from printctl.checks.gate import Bounds, NotAllowed, PrinterSituation, check_heat
 from printctl.checks.gate.firmware import differences
 from printctl.machine.control.idle_commands import IdleCommands
-from printctl.machine.control.known_state import Knowledge, heat_limits
-from printctl.machine.control.mounted_profiles import read_mounted_profiles
+from printctl.machine.control.known_state import Knowledge, heat_limits, read_mounted_profiles
 from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
 from printctl.machine.errors import AlreadyPrinting, HandshakeError, Refused
 from printctl.machine.job.temperatures import Temperature
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.process.station_client import attach, connect
+from printctl.machine.process.client import attach_station
+from printctl.machine.process.starting import connect
 from printctl.machine.records.states import LinkState, PrintEnded
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.motion.hardware import Board
@@ -138,7 +138,7 @@ def test_heater_is_set_and_told(at_rest):
 
 def test_line_that_is_never_taken_ends_the_standby():
     events = StandbyEvents(MagicMock(), threading.Event(), threading.Event(), MagicMock())
-    events.found()
+    events.found = True
     with pytest.raises(PrintEnded, match=r"didn't take 'M114' in 100 tries.*restart it") as ended:
         events.handle(LineRefused(7, 100, "M114", 0, "Error:checksum mismatch"))
     assert (ended.value.state, ended.value.known) == (LinkState.FAILED, False)
@@ -147,7 +147,7 @@ def test_line_that_is_never_taken_ends_the_standby():
 def test_every_listener_hears_and_a_dead_one_doesnt_matter(at_rest):
     dead = at_rest.events()
     next(dead)
-    other = attach(at_rest.folder)
+    other = attach_station(at_rest.folder)
     heard: list[StationStatus] = []
     listening = threading.Event()
 
@@ -168,7 +168,7 @@ def test_every_listener_hears_and_a_dead_one_doesnt_matter(at_rest):
 
 
 def test_second_station_in_the_folder_is_refused(at_rest, monkeypatch):
-    monkeypatch.setattr("printctl.machine.process.find_link._ENDING_S", 0.1)
+    monkeypatch.setattr("printctl.machine.process.contact._ENDING_S", 0.1)
     with pytest.raises(AlreadyPrinting, match="at 0 times real time, not 30; attach"):
         connect("generic_marlin", "simulated", at_rest.folder, sim_speed=30)
 
@@ -316,7 +316,7 @@ def homed(board: Board) -> tuple[dict[str, Any], Standing]:
     """Home X and Y of a printer by hand; return the answer, and it."""
     standing = Standing(MarlinPrinter(PRINTER_LEVELLING, START, board))
     hands = IdleCommands(standing, Knowledge(PRINTER_LEVELLING))  # type: ignore[arg-type]
-    return hands.requests["home"]({"axes": "xy"}), standing
+    return hands.home(["x", "y"]), standing
 
 
 def test_levelling_that_homing_by_hand_switches_on_is_off_again():
