@@ -292,12 +292,25 @@ class PrintClient(Client):
     ) -> None:
         """Go on after a pause; `PrintRequests.resume` says what may be given.
 
+        Returns once the print goes on, or has ended.
+
         Raises
         ------
         Refused
+            When it stays paused, with the reason.
+        LinkError
+            When it hasn't gone on within 60 s.
         """
         new = asdict(change) if change else None
-        self.request("resume", PATIENCE_S, change=new, unchanged=unchanged, unobserved=unobserved)
+        try:
+            self.request(
+                "resume", PATIENCE_S, change=new, unchanged=unchanged, unobserved=unobserved
+            )
+        except NoLink as exc:
+            raise LinkError(
+                f"the print in {self.folder} hasn't said within {PATIENCE_S:g} s whether it goes "
+                "on; `printctl status RUN` tells"
+            ) from exc
 
     def alive(self) -> None:
         """Confirm that somebody is there: the dead-man's time begins anew."""

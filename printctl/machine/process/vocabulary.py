@@ -4,7 +4,8 @@ A request's values are read once, here; what they mean for the printer is checke
 While a print goes on ``command`` goes to it, between two lines; else to the standing printer.
 
 ``resume``: with ``change``, the fields of `NewSyringe`, or ``unchanged``; with ``unobserved`` a
-look that failed isn't made again. While a print is looking (``look`` of its status says which):
+look that failed isn't made again; it is answered by ``{"event": "resumed"}`` once the print goes
+on, or refused. While a print is looking (``look`` of its status says which):
 ``insert`` is answered by ``{"event": "inserted", "look", "after", "count", "sha256", "flow"}`` once
 it is in the journal, ``look_done`` by ``{"event": "looked", "look", "decision", "why"}``. Sending
 one of them again gives the same answer.
@@ -120,8 +121,15 @@ def _reload(streamer: Streamer, asked: Asked) -> None:
 
 def _resume(streamer: Streamer, asked: Asked) -> None:
     change, given = asked.values["change"], asked.values
-    syringe = NewSyringe(**change) if change else None
-    streamer.resume(syringe, given["unchanged"], given["unobserved"])
+    new = NewSyringe(**change) if change else None
+
+    def answer(why: str) -> None:
+        if why:
+            asked.refuse(why)
+        else:
+            asked.reply({"event": "resumed"})
+
+    streamer.resume(new, given["unchanged"], given["unobserved"], answer)
 
 
 def _command(streamer: Streamer, asked: Asked) -> None:
@@ -205,6 +213,7 @@ WORDS: Final[dict[str, Word]] = {
             "unobserved": Value(_flag, False),
         },
         _resume,
+        answers=True,
     ),
     "alive": Word(on_print=lambda streamer, asked: streamer.alive()),
     "insert": Word(
