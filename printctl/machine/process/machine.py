@@ -297,12 +297,14 @@ class Machine:
         """Tell that a request was granted."""
         self.answer(request, self._granted(request.do, answer or {}))
 
-    def fall_silent(self, state: StationState) -> list[Request]:
-        """Pass to a state in which the printer can't be spoken to; return requests that waited."""
+    def fall_silent(self, state: StationState, message: str, error: str) -> list[Request]:
+        """Pass to a mode in which the printer can't be spoken to; return requests that waited."""
+        self.known.lose_position()
+        status = replace(self._status, state=state, message=message, error=error, position_mm=None)
         with self._lock:  # what is asked for from here on is of the next connection
             waiting, self._alone = list(self._requests), False
             self._requests.clear()
-            self._status = replace(self._status, state=state)
+            self._status = self._with_known(replace(status, temperatures=()))
         if self.standby is not None:
             self.standby.end()
         self.streamer = None
@@ -360,7 +362,7 @@ class Machine:
 
     def tell_live(self) -> None:
         """Tell what is known now."""
-        standby, known, status = self.standby, self.known, self._status
+        standby, status = self.standby, self._status
         if standby is not None and status.open and status.state is not StationState.PRINTING:
             status = replace(
                 status,
@@ -369,8 +371,12 @@ class Machine:
                 temperatures=standby.temperatures,
                 readings=standby.readings,
             )
-        low, high = self._reach(status.position_mm)
-        self._status = replace(
+        self._status = self._with_known(status)
+        self.publish()
+
+    def _with_known(self, status: StationStatus) -> StationStatus:
+        known, (low, high) = self.known, self._reach(status.position_mm)
+        return replace(
             status,
             position_trusted=known.trusted,
             homed=known.homed,
@@ -381,7 +387,6 @@ class Machine:
             soft_high_mm=high,
             mounted=known.mounted,
         )
-        self.publish()
 
     def _reach(self, at: Place | None) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return the soft limits from here; reckoned anew when something has changed."""

@@ -265,11 +265,10 @@ def go_down(machine: Machine, state: StationState, message: str, error: str = ""
         machine.plug.close()
     if machine.standby is not None and machine.standby.position is not None:
         machine.plug.start_mm = machine.standby.position
-    waiting = machine.fall_silent(state)
-    machine.known.lose_position()
-    machine.write_down("state", state=state.value, message=message)
     remedy = "" if "reconnect" in message else "; see to the printer, then reconnect"
-    machine.enter(state, message + remedy, error=error, position_mm=None, temperatures=())
+    waiting = machine.fall_silent(state, message + remedy, error)
+    machine.write_down("state", state=state.value, message=message)
+    machine.tell_live()
     for request in waiting:
         request.reply(refusal(LinkError(message)))
 

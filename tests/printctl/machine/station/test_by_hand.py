@@ -92,6 +92,18 @@ def test_homing_needs_the_needle_off(at_rest):
     assert status.mounted.needle == ""
 
 
+def test_console_homes_only_once_it_is_known_whether_a_needle_is_on():
+    known = Knowledge(PRINTER_LEVELLING)
+    standing = Standing(MarlinPrinter(PRINTER_LEVELLING, START, Board()))
+    hands = IdleCommands(standing, known)  # type: ignore[arg-type]
+    with pytest.raises(Refused, match=r"isn't known whether a needle is mounted.*Home"):
+        hands.command("G28 X")
+    assert standing.sent == []
+    known.mount({"needle": ""})
+    hands.command("G28 X")
+    assert standing.sent[0] == "G28 X"
+
+
 def test_floor_is_touched_off_and_then_held(at_rest):
     at_rest.mount(needle="25g", dish="petri_60mm", dish_centre_mm=(100, 100))
     at_rest.set_position(z=4)

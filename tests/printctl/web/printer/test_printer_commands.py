@@ -348,7 +348,7 @@ class Dead:
 
 def test_a_dead_station_keeps_no_core_busy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its last word was read thousands of times a second, from a journal that grew."""
-    elsewhere = following.attach  # servers of other tests may still follow theirs
+    elsewhere = following.attach_station  # servers of other tests may still follow theirs
     monkeypatch.setattr(
         following,
         "attach_station",
