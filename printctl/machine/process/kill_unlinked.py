@@ -17,8 +17,8 @@ from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import JournalError, LinkError, PortError
 from printctl.machine.ports.clock import RealClock
 from printctl.machine.ports.transport import open_port
-from printctl.machine.process.find_link import read_outcome
-from printctl.machine.process.process import hold_folder
+from printctl.machine.process.contact import hold_folder
+from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.states import LinkState, PrintEnded, Status

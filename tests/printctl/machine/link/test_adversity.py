@@ -21,7 +21,7 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.serial_port import SerialTransport
-from printctl.machine.process.resuming import resumable
+from printctl.machine.process.outcome import resumable
 from printctl.machine.records.journal import Journal, encode, read_records
 from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL

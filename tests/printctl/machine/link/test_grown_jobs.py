@@ -26,7 +26,7 @@ from printctl.machine.prints.actions import possible_actions
 from printctl.machine.prints.inserted_ink import filling_in_file, inserted_ink
 from printctl.machine.prints.progress import Filling
 from printctl.machine.prints.recovering import plan_recovery
-from printctl.machine.process.find_link import read_outcome
+from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.journalled_print import JournalledPrint, read_journal
 from printctl.machine.records.record import JOURNAL, LinkRecord

@@ -21,8 +21,7 @@ from printctl.machine.prints.journal_facts import JournalledFacts
 from printctl.machine.prints.recovering import plan_recovery
 from printctl.machine.prints.recovery_begin import NoCheckpoint
 from printctl.machine.prints.state import assemble_state
-from printctl.machine.process.find_link import read_outcome
-from printctl.machine.process.resuming import resumable
+from printctl.machine.process.outcome import read_outcome, resumable
 from printctl.machine.records.history_entry import entry_of
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.journalled_print import read_journal

@@ -28,7 +28,8 @@ from printctl.machine.job.modal import Modal, ModalTrail, disagreement, modal_st
 from printctl.machine.job.retreat import Retreat, heaters_off
 from printctl.machine.job.start import declared_start
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.process.find import Order, find_or_start
+from printctl.machine.process.orders import Order
+from printctl.machine.process.starting import find_or_start
 from printctl.pipeline.stages import printing
 from printctl.recipe.making import FileScan, SimulatedScan
 from sim.gcode.dry_run.run import dry_run

@@ -1,18 +1,23 @@
-"""Start a process that outlives its parent, or put the running one into the background."""
+"""Processes that outlive their parent: start one and wait for it, or become one."""
 
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import printctl
-from printctl.machine.errors import LinkError
+from printctl.machine.errors import LinkError, NoLink
+from printctl.machine.process.contact import has_ended
 from printctl.sources import python_command
 
 START_LIMIT_S: Final = 60.0
+Found = TypeVar("Found")
 
 
 def spawn(command: list[str]) -> int:
@@ -45,6 +50,31 @@ def spawn(command: list[str]) -> int:
     return int(started.stdout)
 
 
+def await_process(
+    pid: int, name: str, look: Callable[[], Found | None], log: Path, limit_s: float
+) -> Found:
+    """Return what ``look`` finds of a process that was spawned.
+
+    Raises
+    ------
+    LinkError
+        As ``look`` does, or with the process's last words where it has ended.
+    NoLink
+        When nothing was found within ``limit_s``.
+    """
+    limit = time.monotonic() + limit_s
+    while time.monotonic() < limit:
+        over = has_ended(pid)
+        found = look()
+        if found is not None:
+            return found
+        if over:
+            lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+            raise LinkError(f"the {name} ended at once: {lines[-1] if lines else 'no word'}")
+        time.sleep(0.02)
+    raise NoLink(f"the {name} didn't come up within {limit_s:g} s; see {log}")
+
+
 def detach(log: Path, module: str) -> None:
     """Go on as a process of its own session, which nobody waits for; print its number.
 
@@ -66,3 +96,10 @@ def detach(log: Path, module: str) -> None:
     null, out = os.open(os.devnull, os.O_RDWR), os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     for source, target in ((null, 0), (out, 1), (out, 2)):
         os.dup2(source, target)
+
+
+def ignore_signals() -> None:
+    """Leave Ctrl-C and hang-ups to the client."""
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)

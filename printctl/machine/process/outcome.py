@@ -1,28 +1,23 @@
-"""Find a print's process by its folder: connect to it if alive, else read the print's outcome."""
+"""Read how a print whose process has gone ended, and whether it can be gone on with."""
 
 from __future__ import annotations
 
 import contextlib
-import os
-import socket
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
-from printctl.machine.errors import JournalError, LinkError
+from printctl.machine.errors import JournalError, LinkError, Refused
 from printctl.machine.families import link_facts
 from printctl.machine.job.job import Job
 from printctl.machine.job.moves import moves_ahead, surely_moved
-from printctl.machine.ports.locking import lock
 from printctl.machine.records.journalled_print import JournalledPrint, read_journal
 from printctl.machine.records.printed_job import load_printed_job
-from printctl.machine.records.record import JOURNAL, LOCK, LinkRecord, load_record
+from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
 from printctl.machine.records.states import LinkState, Status
 
-_ANSWER_LIMIT_S: Final = 5.0
-_ENDING_S: Final = 2.0
 _HELD_AS: Final = {LinkState.PAUSED: "paused", LinkState.LOOKING: "held for a look"}
 
 
@@ -123,65 +118,59 @@ def _made(job: Job, history: JournalledPrint, printer: Printer) -> int:
     return sure if dropped else history.done
 
 
-def stays_alive(folder: Path, held: str = LOCK) -> bool:
-    """Whether a link process is at work; one that is just ending is given the time to."""
-    limit = time.monotonic() + _ENDING_S
-    while alive(folder, held):
-        if time.monotonic() > limit:
-            return True
-        time.sleep(0.02)
-    return False
+def resumable(folder: Path, sha256: str) -> JournalledPrint:
+    """Read the journal of a print that was interrupted.
+
+    Interrupted is a print whose link process died, whose port went away, or whose printer fell
+    silent. The printer itself is asked later.
+
+    Parameters
+    ----------
+    folder : Path
+    sha256 : str
+        Of the job file that is to be gone on with.
+
+    Raises
+    ------
+    Refused
+        When the print has ended in another way, was being ended, was never begun, or was of
+        another file, or when records are missing in its journal.
+    JournalError
+        When there is no journal.
+    """
+    history = read_journal(folder / JOURNAL)
+    end = history.end
+    if end is not None and (end["position_known"] or history.state is not LinkState.FAILED):
+        raise Refused(
+            f"the print in {folder} has ended ({history.state.value}: {history.message}); it "
+            f"can't be gone on with: {_remedy(history)}"
+        )
+    if history.stopping:
+        raise Refused(
+            f"the print in {folder} was being ended ({history.message}): its heaters may be off "
+            "and its needle up; print it anew"
+        )
+    if history.cut_short:
+        raise Refused(
+            f"the disk was full, and how the print in {folder} went on isn't in its journal: its "
+            "needle may be up and its heaters off; look at the part and use `printctl recover`"
+        )
+    if history.gaps:
+        raise Refused(
+            f"the journal in {folder} is damaged in {history.gaps} places, so that its lines can't "
+            "be counted; see `printctl recover`, and to the disk"
+        )
+    if not history.begun:
+        raise Refused(f"no line of the job was sent in {folder}; print it anew")
+    if history.job.get("sha256") != sha256:
+        raise Refused(
+            f"the print in {folder} was of another file ({history.job.get('name')}, hash "
+            "differs); give that file, or print anew in another folder"
+        )
+    return history
 
 
-def alive(folder: Path, held: str = LOCK) -> bool:
-    """Whether a link process holds the folder's lock, which is the file ``held``."""
-    try:
-        with (folder / held).open("a+b") as handle:
-            lock(handle, shared=True)
-    except FileNotFoundError:  # no folder, so nobody works in it
-        return False
-    except OSError:
-        return True
-    return False
-
-
-def connect(record: LinkRecord) -> socket.socket | None:
-    """Connect to a link process; None when nobody listens there any more."""
-    return None if record.status else open_address(record.address)
-
-
-def open_address(address: str) -> socket.socket | None:
-    """Connect to an address given by `command_socket.listen`; None when it is dead."""
-    kind, _, rest = address.partition(":")
-    if not kind:
-        return None
-    if kind == "tcp":
-        host, _, port = rest.rpartition(":")
-        try:
-            return _endless(socket.create_connection((host, int(port)), _ANSWER_LIMIT_S))
-        except OSError:
-            return None
-    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    connection.settimeout(_ANSWER_LIMIT_S)
-    try:
-        connection.connect(rest)
-    except OSError:
-        connection.close()
-        return None
-    return _endless(connection)
-
-
-def _endless(connection: socket.socket) -> socket.socket:
-    connection.settimeout(None)
-    return connection
-
-
-def has_ended(pid: int) -> bool:
-    """Whether a process has ended, as far as that can be told."""
-    if os.name != "posix":
-        return False
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    return False
+def _remedy(history: JournalledPrint) -> str:
+    """What is left to do with a print that has ended."""
+    whole = history.state is LinkState.DONE
+    return "print it anew" if whole else "`printctl recover` writes its rest, or print it anew"

@@ -1,12 +1,14 @@
-"""Read print orders sent to the station's socket, and check that each may begin."""
+"""Orders to print a job, as JSON between processes, and checks whether one may begin."""
 
 from __future__ import annotations
 
+import hashlib
 import math
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_profiles import Printer, ProfileError, load
+from firmware_profiles import Printer
 from printctl.machine.control.station_status import Place
 from printctl.machine.errors import Refused
 from printctl.machine.families import link_facts
@@ -15,40 +17,74 @@ from printctl.machine.job.job import Job
 from printctl.machine.job.modal import last_of
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.start import declared_start
-from printctl.machine.process.open_connection import Socket
-from printctl.machine.process.process import Order as LinkOrder
 from sim.gcode.reading import code_of
 
 ASIDE_MM: Final = 0.05
 """Most between the place where the tip stands and the one that the job declares."""
 
 
-def read_order(request: dict[str, Any], socket: Socket) -> LinkOrder:
-    """Read what `printctl.machine.process.station_client` made.
+@dataclass(frozen=True)
+class Order:
+    """What is to be printed where.
 
-    Raises
-    ------
-    Refused
-        For another printer than the one that is connected.
+    Attributes
+    ----------
+    job : Path
+        G-code file.
+    printer : str
+        Profile, by name or path.
+    port : str
+        As the user named it.
+    folder : Path
+        For journal and record.
+    retreat : Retreat
+        How the needle leaves the bath.
+    care : Care
+        How the print is watched over.
+    baud : int, "auto" or None
+        In place of the profile's.
+    resume : bool
+        Whether to go on with an interrupted print of the same file.
+    once : bool
+        Whether a print of the same file that is done in the folder counts as this one; of a
+        simulated printer only where the record of its motion is whole.
     """
-    try:
-        asked = load(Printer, str(request["printer"]))
-    except ProfileError as exc:
-        raise Refused(str(exc)) from exc
-    if asked != socket.printer:
-        raise Refused(
-            f"the job is for {asked.name} ({request['printer']}), connected is "
-            f"{socket.printer.name} ({socket.profile}); connect with the "
-            "profile that the job was made for"
+
+    job: Path
+    printer: str
+    port: str
+    folder: Path
+    retreat: Retreat = field(default_factory=Retreat)
+    resume: bool = False
+    once: bool = False
+    care: Care = field(default_factory=Care)
+    baud: int | str | None = None
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the job file."""
+        return hashlib.sha256(self.job.read_bytes()).hexdigest()
+
+    def to_json(self) -> dict[str, Any]:
+        """As a JSON object, for a process with another working folder."""
+        return {
+            **asdict(self),
+            "job": str(self.job.resolve()),
+            "folder": str(self.folder.resolve()),
+            "care": self.care.to_dict(),
+        }
+
+    @staticmethod
+    def from_json(data: dict[str, Any]) -> Order:
+        """Read `to_json`."""
+        order = Order(**data)
+        return replace(
+            order,
+            job=Path(data["job"]),
+            folder=Path(data["folder"]),
+            retreat=Retreat(**data["retreat"]),
+            care=Care.from_dict(data["care"]),
         )
-    return LinkOrder(
-        job=Path(request["job"]),
-        profile=str(request["printer"]),
-        port=socket.port,
-        folder=Path(request["folder"]),
-        retreat=Retreat(**request["retreat"]),
-        care=Care.from_dict(request["care"]),
-    )
 
 
 def check_homing(job: Job, needle: str) -> None:
@@ -68,28 +104,27 @@ def check_homing(job: Job, needle: str) -> None:
 
 
 def homing_line(job: Job) -> int:
-    """Line of the file that homes the machine; 0 for none."""
+    """Return the line of the file that homes the machine; 0 for none."""
     lines = zip(job.lines, job.file_lines, strict=True)
     return next((number for line, number in lines if code_of(line) == b"G28"), 0)
 
 
 def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:
-    """Refuse a job that declares the tip to be where it isn't; give the place that it declares.
+    """Refuse a job that declares the tip to be where it isn't; return the place it declares.
 
     Raises
     ------
-    LinkError
+    Refused
     """
     declared = declared_start(job)
     if declared is None or at is None or not trusted:
         return declared
     away = math.dist(declared, at)
     if away > ASIDE_MM:
-        places = (
+        begins, stands = (
             " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", place, strict=True))
             for place in (declared, at)
         )
-        begins, stands = places
         raise Refused(
             f"{job.name} begins with the tip at {begins}, it stands at {stands}, {away:.2f} mm "
             f"away (at most {ASIDE_MM:g}): the part would be written as far beside its place. Move "
