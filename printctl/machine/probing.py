@@ -126,8 +126,10 @@ def query_transport(wiring: Wiring) -> Settings:
     try:
         connect(channel)
         for question in family.setting_questions:
-            replies = (channel.ask(question) for _ in range(_TRIES))
-            answers[question] = next(filter(None, replies), ())
+            for _ in range(_TRIES):
+                answers[question] = channel.ask(question)
+                if answers[question]:
+                    break
     except PrintEnded as ended:
         raise LinkError(f"the printer couldn't be asked: {ended.message}") from ended
     return read_settings(family, answers)

@@ -200,13 +200,11 @@ class FirmwareCheck:
 
     def _settings_now(self, journalled: bool) -> dict[str, list[str]]:
         """Return the answers to the questions that are asked before a start."""
-        return {
-            question: [
-                line.decode("ascii", "replace")
-                for line in self._channel.command(question.encode("ascii"), journalled)
-            ]
-            for question in questions(self._printer)
-        }
+        answers: dict[str, list[str]] = {}
+        for question in questions(self._printer):
+            lines = self._channel.command(question.encode("ascii"), journalled)
+            answers[question] = [line.decode("ascii", "replace") for line in lines]
+        return answers
 
     def restore_settings(self, settings: dict[str, str]) -> None:
         """Take the settings as they were before the job, from its journal."""
