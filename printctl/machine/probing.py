@@ -30,6 +30,8 @@ from printctl.machine.control.halting import Kill
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.requests import RequestQueue
+from printctl.machine.control.shell import drive
+from printctl.machine.control.steps import Steps
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import LinkError
 from printctl.machine.families import refuse_unsent
@@ -122,17 +124,23 @@ def query_transport(wiring: Wiring) -> Settings:
     logbook = Logbook(wiring, JobProgress(wiring, Job([], [], "", "questions")))
     channel = Channel(wiring, logbook, Kill(wiring))
     channel.handler = PrintEvents(channel, RequestQueue())
-    answers: dict[bytes, Sequence[bytes]] = {}
     try:
-        connect(channel)
-        for question in family.setting_questions:
-            for _ in range(_TRIES):
-                answers[question] = channel.ask(question)
-                if answers[question]:
-                    break
+        answers = drive(_answers(channel), wiring)
     except PrintEnded as ended:
         raise LinkError(f"the printer couldn't be asked: {ended.message}") from ended
     return read_settings(family, answers)
+
+
+def _answers(channel: Channel) -> Steps[dict[bytes, Sequence[bytes]]]:
+    """Ask what a family's settings are asked by."""
+    yield from connect(channel)
+    answers: dict[bytes, Sequence[bytes]] = {}
+    for question in family_of(channel.wiring.printer).setting_questions:
+        for _ in range(_TRIES):
+            answers[question] = yield from channel.ask(question)
+            if answers[question]:
+                break
+    return answers
 
 
 # --- reading the answers -------------------------------------------------------------------------

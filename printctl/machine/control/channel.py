@@ -1,7 +1,8 @@
 """Communication channel to one printer: send commands, match replies, pass on its events.
 
-Everything here runs in one thread, the one that owns the port. Other threads leave requests
-(`printctl.machine.control.requests`), or halt the firmware (`printctl.machine.control.halting`).
+Everything that waits here is steps (`printctl.machine.control.steps`), driven by one thread, the
+one that owns the port. Other threads leave requests (`printctl.machine.control.requests`), or halt
+the firmware (`printctl.machine.control.halting`).
 """
 
 from __future__ import annotations
@@ -13,11 +14,10 @@ from typing import Final, Protocol
 from firmware_profiles.families import link_protocol as wire
 from printctl.machine.control.halting import Kill
 from printctl.machine.control.logbook import Logbook
+from printctl.machine.control.steps import Steps, Urgent, Wait, carried_out
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.families import link_facts
 
-POLL_S: Final = 0.04
-"""Longest wait for the printer before requests are looked at."""
 _LAST_BYTES: Final = 80
 
 
@@ -71,20 +71,20 @@ class Channel:
         self._replies: list[wire.CommandReplied] = []
         self._in_step: list[int] = []
 
+    @property
+    def now(self) -> float:
+        """Time of the last event, s."""
+        return self.wiring.exchange.now_s
+
     # --- one step --------------------------------------------------------------------------------
 
-    def pump(self, until: float | None = None) -> None:
-        """Write what is due, hear what comes, for at most `POLL_S`."""
-        wiring, protocol = self.wiring, self.wiring.protocol
+    def pump(self, until: float = math.inf) -> Steps[None]:
+        """Have written what is due, and hear what comes next."""
+        protocol = self.wiring.protocol
         if self.kill.asked.is_set():
-            self.await_halt()
-        output = protocol.take_output()
-        if output:
-            wiring.transport.write(output)
-        now = wiring.clock.now()
-        due = protocol.deadline if until is None else min(protocol.deadline, until)
-        data = wiring.transport.read(min(POLL_S, max(0.0, due - now)))
-        now = wiring.clock.now()
+            yield from self.await_halt()
+        self._write()
+        now, data = yield Wait(min(protocol.deadline, until))
         if data:
             self.heard.add(data, now)
             self.handle(protocol.feed(data, now))
@@ -96,39 +96,42 @@ class Channel:
         if self.on_step is not None:
             self.on_step()
 
-    def listen(self, seconds: float) -> None:
+    def _write(self) -> None:
+        """Have written what the protocol has ready."""
+        output = self.wiring.protocol.take_output()
+        if output:
+            self.wiring.exchange.effects.append(output)
+
+    def send_at_once(self, data: bytes) -> Steps[None]:
+        """Send past the protocol, before all that hasn't left yet; `PortLost` where that fails."""
+        self.wiring.exchange.effects.append(Urgent(data))
+        yield from carried_out(self.wiring.exchange)
+
+    def listen(self, seconds: float) -> Steps[None]:
         """Hear the printer for so long."""
-        clock = self.wiring.clock
-        until = clock.now() + seconds
-        while clock.now() < until:
-            self.pump(until)
+        until = self.now + seconds
+        while self.now < until:
+            yield from self.pump(until)
 
     def look_around(self) -> None:
         """Have what goes on beside the protocol noticed, where a loop reads by itself."""
         self.handler.step_made()
 
-    def settle(self) -> None:
+    def settle(self) -> Steps[None]:
         """Send no further job line; wait until what is in flight is taken."""
         protocol = self.wiring.protocol
         protocol.held = True
         while not protocol.idle:
-            self.pump()
+            yield from self.pump()
 
-    def await_halt(self) -> None:
-        """Wait for the printer to say that it was halted, by another thread."""
-        self.kill.await_halt(self._hear)
-
-    def _hear(self) -> None:
-        if self.kill.halted_itself and (question := self.wiring.protocol.take_output()):
-            self.wiring.transport.write(question)  # why: nothing else is left
-        data = self.wiring.transport.read(POLL_S)
-        if data:
-            self.kill.heard()
-            self.handle(self.wiring.protocol.feed(data, self.wiring.clock.now()))
+    def await_halt(self) -> Steps[None]:
+        """Wait for the printer to say that it was halted, by another thread; end the print."""
+        protocol = self.wiring.protocol
+        yield from self.kill.await_halt(lambda data, now: self.handle(protocol.feed(data, now)))
 
     # --- commands and agreements -----------------------------------------------------------------
 
-    def command(self, text: bytes, journalled: bool = True) -> tuple[bytes, ...]:
+    def command(self, text: bytes, journalled: bool = True) -> Steps[tuple[bytes, ...]]:
         """Send a control command with nothing in flight; return the printer's reply.
 
         Behind M400 the printer has to confirm that it is idle: an ok alone may be another line's.
@@ -139,41 +142,41 @@ class Channel:
         self._awaited = protocol.number + 1
         if journalled:
             self.logbook.record_control(self._awaited, text)
-        protocol.submit(text, self.wiring.clock.now())
+        protocol.submit(text, self.now)
         while not self._replies:
-            self.pump()
+            yield from self.pump()
         if text == b"M400":
-            self.agree(protocol.confirm)
-            self._ask_board(journalled)
+            yield from self.agree(protocol.confirm)
+            yield from self._ask_board(journalled)
             self.logbook.progress.stands_still()
         self.handler.between_commands()
         return self._replies[0].lines
 
-    def _ask_board(self, journalled: bool) -> None:
+    def _ask_board(self, journalled: bool) -> Steps[None]:
         """Have the board itself say that it has come to rest, where M400 doesn't reach it."""
         question = link_facts(self.wiring.printer).rest_question
         if question:
             before, replies = self.logbook.fault, list(self._replies)
-            self.command(question, journalled)
+            yield from self.command(question, journalled)
             self._replies[:] = replies
             if question.decode() in self.logbook.fault:  # a build without endstops doesn't know it
                 self.logbook.excuse(before)
 
-    def commands(self, texts: Sequence[bytes]) -> None:
+    def commands(self, texts: Sequence[bytes]) -> Steps[None]:
         """Send several, one after the other."""
         for text in texts:
-            self.command(text)
+            yield from self.command(text)
 
-    def ask(self, text: bytes) -> tuple[bytes, ...]:
+    def ask(self, text: bytes) -> Steps[tuple[bytes, ...]]:
         """Send a command that isn't journalled; return the printer's reply."""
-        return self.command(text, journalled=False)
+        return (yield from self.command(text, journalled=False))
 
-    def agree(self, begin: Callable[[float], None]) -> int:
+    def agree(self, begin: Callable[[float], None]) -> Steps[int]:
         """Renumber or ask (``begin``); return the printer's last line."""
         self._in_step.clear()
-        begin(self.wiring.clock.now())
+        begin(self.now)
         while not self._in_step:
-            self.pump()
+            yield from self.pump()
         return self._in_step[0]
 
     # --- events ----------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from firmware_profiles.families import LinkSetup, family_of
 from firmware_profiles.families.link_protocol import LinkProtocol, Timing
 from firmware_profiles.families.position_reply import parse_position
 from printctl.machine.control.channel import Channel
+from printctl.machine.control.steps import Steps
 from printctl.machine.errors import HandshakeError
 from printctl.machine.families import link_facts, unsent
 from printctl.machine.job.care import Care
@@ -55,34 +56,34 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
     return family.make_protocol(setup)
 
 
-def connect(channel: Channel, on_step: Callable[[], None] | None = None) -> None:
+def connect(channel: Channel, on_step: Callable[[], None] | None = None) -> Steps[None]:
     """Have the printer number its lines from 0; ``on_step`` is the channel's meanwhile."""
     wiring = channel.wiring
     if wiring.fresh and wiring.printer.resets_on_connect:
-        _await_boot(channel)
-    limit = wiring.clock.now() + CONNECT_LIMIT_S
+        yield from _await_boot(channel)
+    limit = channel.now + CONNECT_LIMIT_S
     channel.on_step = on_step
     while True:
         try:
-            channel.agree(wiring.protocol.renumber)
+            yield from channel.agree(wiring.protocol.renumber)
         except HandshakeError:  # some boards sit in their boot loader for long
-            if wiring.clock.now() > limit:
+            if channel.now > limit:
                 raise
         else:
             channel.on_step = None
             return
 
 
-def _await_boot(channel: Channel) -> None:
+def _await_boot(channel: Channel) -> Steps[None]:
     """Give a board that resets when the port opens the time to say so, and to wake up."""
-    clock, heard = channel.wiring.clock, channel.heard
-    listen_until = clock.now() + BOOT_LISTEN_S
-    while clock.now() < listen_until and not heard.booted:
-        channel.pump(listen_until)
-    limit, count = clock.now() + BOOT_LIMIT_S, -1
-    while heard.booted and count != heard.count and clock.now() < limit:
+    heard = channel.heard
+    listen_until = channel.now + BOOT_LISTEN_S
+    while channel.now < listen_until and not heard.booted:
+        yield from channel.pump(listen_until)
+    limit, count = channel.now + BOOT_LIMIT_S, -1
+    while heard.booted and count != heard.count and channel.now < limit:
         count = heard.count
-        channel.listen(BOOT_QUIET_S)
+        yield from channel.listen(BOOT_QUIET_S)
 
 
 class RestWait:
@@ -92,14 +93,14 @@ class RestWait:
     """
 
     def __init__(self, channel: Channel) -> None:
-        self._channel, self._clock = channel, channel.wiring.clock
+        self._channel = channel
         self._since: float | None = None
         self._reported = self._busy = False
         self.moved = ""
 
     def step(self) -> None:
         """Say that a printer is busy, from the first step on; refuse one that is so too long."""
-        now, heard = self._clock.now(), self._channel.heard
+        now, heard = self._channel.now, self._channel.heard
         self._since = now if self._since is None else self._since
         self._busy |= "busy:" in heard.last
         if heard.count and now - self._since > 2.0 * _BUSY_S:
@@ -107,43 +108,43 @@ class RestWait:
         if heard.count and now - self._since > REST_LIMIT_S and self._says_busy:
             self._refuse(now - self._since)
 
-    def wait(self) -> None:
+    def wait(self) -> Steps[None]:
         """Return once it stands; refuse one that moves, or is busy, beyond `REST_LIMIT_S`."""
-        began, before = self._clock.now(), self._place()
-        while (place := self._next_place()) != before:
+        began, before = self._channel.now, (yield from self._place())
+        while (place := (yield from self._next_place())) != before:
             pairs = zip(before.split(), place.split(), strict=False)
             changed = ", ".join(f"{a} became {b}" for a, b in pairs if a != b)
             self.moved, before = changed or f"{before!r} became {place!r}", place
             self._report()
-            if self._clock.now() - began > REST_LIMIT_S:
-                self._refuse(self._clock.now() - began)
+            if self._channel.now - began > REST_LIMIT_S:
+                self._refuse(self._channel.now - began)
 
-    def _next_place(self) -> str:
+    def _next_place(self) -> Steps[str]:
         """Return the place a while after the machine has made what it was sent."""
-        channel, clock = self._channel, self._clock
-        began, troubles = clock.now(), channel.troubles
+        channel = self._channel
+        began, troubles = channel.now, channel.troubles
         self._since, self._busy, channel.on_step = began, False, self.step
-        channel.ask(b"M400")
+        yield from channel.ask(b"M400")
         channel.on_step = None
-        busy_s = clock.now() - began
+        busy_s = channel.now - began
         if self._says_busy and busy_s > _BUSY_S and channel.troubles == troubles:
             self.moved = self.moved or f"it made for {busy_s:.1f} s what it was sent before"
-        channel.listen(_PLACE_INTERVAL_S)
-        return self._place()
+        yield from channel.listen(_PLACE_INTERVAL_S)
+        return (yield from self._place())
 
     @property
     def _says_busy(self) -> bool:
         """Whether it is the machine that is slow; of one that says so, not the line's answers."""
         return self._busy or not link_facts(self._channel.wiring.printer).keepalive
 
-    def _place(self) -> str:
+    def _place(self) -> Steps[str]:
         """Return all that the firmware says of its place, its motors' steps too.
 
         Twice alike, if it stands: no checksum guards an answer.
         """
         question, place = link_facts(self._channel.wiring.printer).place_question or b"M114", ""
         for _ in range(_TRIES):
-            before, replies = place, self._channel.ask(question)
+            before, replies = place, (yield from self._channel.ask(question))
             place = " ".join(one.decode("ascii", "replace") for one in replies if b"X:" in one)
             if place == before:
                 break
@@ -166,7 +167,7 @@ class RestWait:
 
 def agree_start(
     channel: Channel, moved: str, declared: Place | None, start_mm: Place | None
-) -> None:
+) -> Steps[None]:
     """Refuse a tip that stands elsewhere than checks, or the job, take it to stand.
 
     ``moved``: what was seen of the machine's moves before (`RestWait`); ``declared``: where the
@@ -186,7 +187,7 @@ def agree_start(
         _refuse_apart(start_mm, declared, "the job's first lines say that it stands at")
         return
     for _ in range(_TRIES):
-        at = parse_position(channel.ask(b"M114"))
+        at = parse_position((yield from channel.ask(b"M114")))
         if {"X", "Y", "Z"} <= set(at):
             break
     else:

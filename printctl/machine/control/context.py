@@ -94,7 +94,7 @@ class Print:
         """Return a status with readings, look, dead-man's time and what the print waits for."""
         left = self.watch.care.deadman_s or None  # it stands still in a pause
         if status.state is LinkState.PRINTING:
-            left = self.watch.deadman_left(self.wiring.clock.now())
+            left = self.watch.deadman_left(self.channel.now)
         return replace(
             status,
             readings=tuple(map(str, self.gauges)),

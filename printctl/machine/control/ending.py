@@ -9,6 +9,7 @@ from typing import Final, NoReturn
 
 from printctl.machine.control.context import Print
 from printctl.machine.control.place import Standstill
+from printctl.machine.control.steps import Steps
 from printctl.machine.errors import PortLost
 from printctl.machine.families import link_facts
 from printctl.machine.job.modal import Modal
@@ -27,41 +28,41 @@ _BED: Final = re.compile(rb"\bB\d*: ?-?\d")
 _OWN: Final = "the fault is the printer's own; look at the part"
 
 
-def end_on_fault(run: Print) -> None:
+def end_on_fault(run: Print) -> Steps[None]:
     """End the print where printer or journal complained of something."""
     if run.logbook.fault:
-        run.channel.settle()
-        retreat(run, LinkState.FAILED, run.logbook.fault)
+        yield from run.channel.settle()
+        yield from retreat(run, LinkState.FAILED, run.logbook.fault)
 
 
-def retreat(run: Print, state: LinkState, message: str) -> NoReturn:
+def retreat(run: Print, state: LinkState, message: str) -> Steps[NoReturn]:
     """Relieve the plunger, lift the needle, switch off; with nothing in flight."""
     channel, logbook, progress = run.channel, run.logbook, run.progress
     run.interruption.disarm()
-    channel.commands(shut(run.printer))
+    yield from channel.commands(shut(run.printer))
     logbook.enter(LinkState.STOPPING, message)
     logbook.take_fault()
     complaints, refused = logbook.complaints, progress.refused
-    standstill = _stop_motors(run)
+    standstill = yield from _stop_motors(run)
     progress.leaves()
     carried_out = progress.refused != refused
     if carried_out:
         whose = _OTHERS if progress.about_command else _OWN
         message += f", but the line was carried out: {whose}"
     message += standstill.words()
-    channel.commands(shut_and_wait(run.printer))
+    yield from channel.commands(shut_and_wait(run.printer))
     if link_facts(run.printer).place_question or progress.meddled:
-        run.firmware.set_modes(journalled=True)  # others may have left them otherwise
+        yield from run.firmware.set_modes(journalled=True)  # others may have left them otherwise
     way = _way_out(run, standstill)
-    channel.commands(way)
-    complaints += _heaters_off(run)
-    channel.command(b"M400")
+    yield from channel.commands(way)
+    complaints += yield from _heaters_off(run)
+    yield from channel.command(b"M400")
     # one that has complained may ignore moves and say ok to them
-    missed = run.position.missed_height(way) if logbook.complaints else ""
+    missed = (yield from run.position.missed_height(way)) if logbook.complaints else ""
     known = standstill.read and logbook.complaints == complaints and not missed
     if known and (state is LinkState.STOPPED or logbook.disk_full or carried_out):
         _record_stood(run, standstill)
-    run.firmware.undo_settings()
+    yield from run.firmware.undo_settings()
     fault = logbook.fault
     if fault:
         message += f"; the way out wasn't made as meant: {fault}"
@@ -72,21 +73,21 @@ def retreat(run: Print, state: LinkState, message: str) -> NoReturn:
     raise PrintEnded(state, message, known)
 
 
-def _stop_motors(run: Print) -> Standstill:
+def _stop_motors(run: Print) -> Steps[Standstill]:
     """Have the firmware drop the moves that it holds, where it can."""
     quickstop, progress = link_facts(run.printer).quickstop, run.progress
     if run.excursion.going_on:
         if quickstop:
-            run.channel.command(quickstop)
-        return run.position.standing_away()
+            yield from run.channel.command(quickstop)
+        return (yield from run.position.standing_away())
     if not quickstop:
-        return Standstill(run.position.actual(), read=True, dropped=False)
-    if progress.all_made() and run.position.made():
+        return Standstill((yield from run.position.actual()), read=True, dropped=False)
+    if progress.all_made() and (yield from run.position.made()):
         progress.stands_still()
-        return run.position.standstill()
+        return (yield from run.position.standstill())
     progress.moves_dropped()
-    run.channel.command(quickstop)
-    return run.position.standstill()
+    yield from run.channel.command(quickstop)
+    return (yield from run.position.standstill())
 
 
 def _record_stood(run: Print, standstill: Standstill) -> None:
@@ -119,22 +120,22 @@ def _way_out(run: Print, standstill: Standstill) -> list[bytes]:
     return [*counted, *run.retreat.leave(at, printer)]
 
 
-def _heaters_off(run: Print) -> int:
+def _heaters_off(run: Print) -> Steps[int]:
     """Switch heaters off; return how many refusals came of heaters that it doesn't have."""
     logbook = run.logbook
     before, count = logbook.fault, logbook.complaints
     off = heaters_off(run.printer)
     if _BED_OFF in off:
-        reply = b" ".join(run.channel.command(b"M105"))
+        reply = b" ".join((yield from run.channel.command(b"M105")))
         if _NOZZLE.search(reply) and not _BED.search(reply):
             off.remove(_BED_OFF)  # it would be refused
-    run.channel.commands(off)
+    yield from run.channel.commands(off)
     if not logbook.excuse(before) or logbook.fault:
         return 0
     return logbook.complaints - count
 
 
-def shut_valve_past_protocol(run: Print, ended: PrintEnded) -> None:
+def shut_valve_past_protocol(run: Print, ended: PrintEnded) -> Steps[None]:
     """Shut the valve where the protocol can't go on but the wire is there.
 
     Without number and checksum, twice: the last thing that is sent, whatever the printer makes of
@@ -147,4 +148,4 @@ def shut_valve_past_protocol(run: Print, ended: PrintEnded) -> None:
     for command in shut(run.printer):
         run.logbook.notice("the valve is told to shut, past the protocol")
         with contextlib.suppress(PortLost):
-            run.wiring.transport.write_urgent(b"\n%b\n%b\n" % (command, command))
+            yield from run.channel.send_at_once(b"\n%b\n%b\n" % (command, command))

@@ -98,7 +98,7 @@ class PrintEvents:
             self._logbook.alarm(text, kind="stolen")
             self._look_for_programs()
             self._pause_once(text)
-        now = self._wiring.clock.now()
+        now = self._channel.now
         if protocol.idle or protocol.number != self._number:
             self._number, self._number_s = protocol.number, now
         elif now - self._number_s > UNANSWERED_S:  # once a line
@@ -107,7 +107,7 @@ class PrintEvents:
 
     def _look_for_programs(self, pause: bool = True) -> None:
         """Name what else has the port open, once something odd was seen."""
-        transport, now = self._wiring.transport, self._wiring.clock.now()
+        transport, now = self._wiring.transport, self._channel.now
         if now < self._next_look_s:
             return
         self._next_look_s = now + LOOK_INTERVAL_S
@@ -237,7 +237,7 @@ class PrintEvents:
         self._kill.halted()
         run_on = None  # unknown where other moves than the job's may be under way
         if self._logbook.state is LinkState.PRINTING and not (itself and killed):
-            run_on = self._progress.run_on(self._wiring.clock.now())
+            run_on = self._progress.run_on(self._channel.now)
         if itself and killed:
             message = f"{HALTED_BEFORE} ({event.text})"
         elif killed:

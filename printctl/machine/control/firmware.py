@@ -14,6 +14,7 @@ from printctl.checks.gate.firmware import differences as setting_differences
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.gating import settings_changed_by
 from printctl.machine.control.gauges import Gauge, check_at_rest
+from printctl.machine.control.steps import Steps
 from printctl.machine.errors import HandshakeError
 from printctl.machine.families import link_facts
 from printctl.machine.job.valve import shut
@@ -71,29 +72,29 @@ class FirmwareCheck:
         self._settings: dict[str, str] = {}
         self.firmware = Firmware()
 
-    def check(self, gauges: Sequence[Gauge]) -> None:
+    def check(self, gauges: Sequence[Gauge]) -> Steps[None]:
         """Ask the firmware what it is; set what the job counts on; read gauges at rest.
 
         Raise `HandshakeError` for a difference that would make distances, doses or heads wrong.
         """
-        self._identify()
-        self.check_keepalive(journalled=False)
+        yield from self._identify()
+        yield from self.check_keepalive(journalled=False)
         if link_facts(self._printer).tells_steps:
-            self.check_steps(journalled=False)
+            yield from self.check_steps(journalled=False)
         else:
             self._logbook.notice("this firmware doesn't tell its steps per mm (M92)")
-        self.agree_settings(journalled=False)
+        yield from self.agree_settings(journalled=False)
         # an earlier job may have left these otherwise
         for command in shut(self._printer):
-            self._channel.ask(command)
-        self.set_modes(journalled=False)
-        check_at_rest(self._channel, gauges)
+            yield from self._channel.ask(command)
+        yield from self.set_modes(journalled=False)
+        yield from check_at_rest(self._channel, gauges)
         self._logbook.excuse()  # a firmware without M113 says so; that is no fault of the job
 
-    def _identify(self) -> None:
+    def _identify(self) -> Steps[None]:
         printer = self._printer
         for _ in range(RETRIES):
-            self.firmware = parse_firmware(self._channel.ask(b"M115"))
+            self.firmware = parse_firmware((yield from self._channel.ask(b"M115")))
             self._channel.kill.learn(self.firmware.capabilities)
             if link_facts(printer).reported_name in self.firmware.name.lower():
                 break
@@ -111,25 +112,25 @@ class FirmwareCheck:
                 f"EXTRUDERS {wanted}, or choose the profile of this printer"
             )
 
-    def check_keepalive(self, journalled: bool) -> None:
+    def check_keepalive(self, journalled: bool) -> Steps[None]:
         """Have the firmware say every second that it is busy, and see that it will."""
         protocol = self._channel.wiring.protocol
         if not link_facts(self._printer).keepalive:
             protocol.keepalive = False
             return
         for _ in range(RETRIES):
-            self._channel.command(b"M113 S1", journalled)
-            answer = self._channel.command(b"M113", journalled)
+            yield from self._channel.command(b"M113 S1", journalled)
+            answer = yield from self._channel.command(b"M113", journalled)
             if any(b"M113 S1" in text for text in answer):
                 return
         protocol.keepalive = False
         self._logbook.alarm("the firmware sends no busy messages (M113); a lost ok costs a minute")
 
-    def check_steps(self, journalled: bool) -> None:
+    def check_steps(self, journalled: bool) -> Steps[None]:
         """Refuse a printer whose steps per mm aren't the profile's; note another parser."""
         wrong = ""
         for _ in range(RETRIES):
-            wrong = self._wrong_steps(self._channel.command(b"M92", journalled))
+            wrong = self._wrong_steps((yield from self._channel.command(b"M92", journalled)))
             if not wrong:
                 break
         profiled = self._printer.emergency_parser
@@ -158,22 +159,22 @@ class FirmwareCheck:
                         )
         return ""
 
-    def set_modes(self, journalled: bool) -> None:
+    def set_modes(self, journalled: bool) -> Steps[None]:
         """Set what a job takes for granted: mm, absolute places, an absolute plunger."""
         for mode in mode_lines(self._printer):
-            self._channel.command(mode, journalled)
+            yield from self._channel.command(mode, journalled)
 
     # --- settings that a job may change ----------------------------------------------------------
 
-    def agree_settings(self, journalled: bool) -> None:
+    def agree_settings(self, journalled: bool) -> Steps[None]:
         """Reset what the firmware has otherwise than checks count on; keep what a job may change.
 
         Raise `HandshakeError` for a difference that no command takes back, or that comes back.
         """
         printer, logbook, before = self._printer, self._logbook, self._logbook.fault
         for command in blind_resets(printer):
-            self._channel.command(command.encode("ascii"), journalled)
-        answers = self._settings_now(journalled)
+            yield from self._channel.command(command.encode("ascii"), journalled)
+        answers = yield from self._settings_now(journalled)
         for _ in range(_TRIES):  # a garbled answer differs, too
             every = setting_differences(answers, printer)
             refused = [one for one in every if not one.tolerated]
@@ -182,8 +183,8 @@ class FirmwareCheck:
             for one in refused:
                 if one.reset:
                     logbook.alarm(f"{one.what}; reset by {one.reset}")
-                    self._channel.command(one.reset.encode("ascii"), journalled)
-            answers = self._settings_now(journalled)
+                    yield from self._channel.command(one.reset.encode("ascii"), journalled)
+            answers = yield from self._settings_now(journalled)
         else:
             moved = "" if logbook.begun else ", and nothing was moved"
             words = "; ".join(
@@ -198,11 +199,11 @@ class FirmwareCheck:
         logbook.record("settings", told=settings)
         self._settings = self._settings or settings
 
-    def _settings_now(self, journalled: bool) -> dict[str, list[str]]:
+    def _settings_now(self, journalled: bool) -> Steps[dict[str, list[str]]]:
         """Return the answers to the questions that are asked before a start."""
         answers: dict[str, list[str]] = {}
         for question in questions(self._printer):
-            lines = self._channel.command(question.encode("ascii"), journalled)
+            lines = yield from self._channel.command(question.encode("ascii"), journalled)
             answers[question] = [line.decode("ascii", "replace") for line in lines]
         return answers
 
@@ -210,7 +211,7 @@ class FirmwareCheck:
         """Take the settings as they were before the job, from its journal."""
         self._settings = settings
 
-    def undo_settings(self) -> None:
+    def undo_settings(self) -> Steps[None]:
         """Set the firmware's settings as they were before the job, where it has changed them.
 
         Where it had no switch-off of its own, the job's stays while a heater is on: nothing else
@@ -218,20 +219,20 @@ class FirmwareCheck:
         """
         for code in settings_changed_by(self._logbook.progress.taken, self._printer):
             before = self._settings.get(code, "")
-            if before and self._ends_switch_off(before) and self._heats():
+            if before and self._ends_switch_off(before) and (yield from self._heats()):
                 self._logbook.alarm(
                     f"a heater is on, so the firmware's own switch-off stays as the job set it "
                     f"({code}); {before} takes it back"
                 )
             elif before:
-                self._channel.command(before.encode("ascii"))
+                yield from self._channel.command(before.encode("ascii"))
 
     def _ends_switch_off(self, command: str) -> bool:
         """Whether with this command the firmware would never switch off by itself."""
         family = family_of(self._printer)
         return bool(family.timeout_code) and command == family.timeout_command("0")
 
-    def _heats(self) -> bool:
+    def _heats(self) -> Steps[bool]:
         """Whether a heater, whatever its letter, has a target."""
-        answer = self._channel.command(b"M105")
+        answer = yield from self._channel.command(b"M105")
         return any(float(target) for text in answer for target in _TARGET.findall(text))

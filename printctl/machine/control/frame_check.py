@@ -28,6 +28,7 @@ from firmware_profiles.families.position_reply import (
 )
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.firmware import RETRIES
+from printctl.machine.control.steps import Steps
 from printctl.machine.families import link_facts
 from printctl.machine.job.frame import Renaming, renamings
 from printctl.machine.job.modal import (
@@ -95,20 +96,20 @@ class FrameCheck:
 
     # --- the job's begin -------------------------------------------------------------------------
 
-    def begin(self) -> None:
+    def begin(self) -> Steps[None]:
         """Note both before the job's first line, with the motors standing."""
         logbook = self._channel.logbook
-        fault, begun = logbook.fault, self._ask_twice()
+        fault, begun = logbook.fault, (yield from self._ask_twice())
         logbook.excuse(fault)  # a question that this build doesn't know
         if begun is not None:
             self.begun, self._unshifted = begun, not begun.offset
             self._declared = 0, begun.motors
             logbook.record("frame", told=begun.place, offset=begun.offset)
 
-    def _ask_twice(self) -> PlaceAnswer | None:
+    def _ask_twice(self) -> Steps[PlaceAnswer | None]:
         before: PlaceAnswer | None = None
         for _ in range(RETRIES):
-            now = self._ask(journalled=False)
+            now = yield from self._ask(journalled=False)
             if before is not None and now.agrees(before):
                 return now
             before = now
@@ -123,21 +124,21 @@ class FrameCheck:
         """Whether the printer answers by how much places are shifted, without standing still."""
         return bool(self._question and self.begun.offset)
 
-    def note_plunger(self) -> None:
+    def note_plunger(self) -> Steps[None]:
         """Take the plunger's shift as it is: the link has counted it anew (pause, new syringe)."""
         if self.tells_shifts:
-            offset = self._ask().offset
+            offset = (yield from self._ask()).offset
             self._plunger = (self._progress.done, offset["E"]) if offset else None
 
-    def _ask(self, *, journalled: bool = True) -> PlaceAnswer:
+    def _ask(self, *, journalled: bool = True) -> Steps[PlaceAnswer]:
         if self._question and not self._unshifted:
-            replies = self._channel.command(self._question, journalled)
+            replies = yield from self._channel.command(self._question, journalled)
             motors = {
                 axis: steps / self._per_mm[axis] - mm
                 for axis, (steps, mm) in parse_motors(replies).items()
             }
             return PlaceAnswer(*parse_shifted(replies), motors, parse_driven(replies))
-        replies = self._channel.command(b"M114", journalled)
+        replies = yield from self._channel.command(b"M114", journalled)
         ordered = parse_machine(replies, self._per_mm) if self._axes_question else {}
         place, in_steps = parse_position(replies), not tells_counts_in_mm(replies)
         if not set(_AXES) <= set(place):
@@ -148,7 +149,7 @@ class FrameCheck:
 
     # --- while it prints -------------------------------------------------------------------------
 
-    def renamed(self, *, waited: bool = False) -> str:
+    def renamed(self, *, waited: bool = False) -> Steps[str]:
         """Return which axes are called otherwise than by the job, or ''; waits for the motors.
 
         ``waited``: M400 was just answered.
@@ -156,10 +157,10 @@ class FrameCheck:
         if not self._applies():
             return ""
         if not waited and not self._question:
-            self._channel.command(b"M400")
+            yield from self._channel.command(b"M400")
         wrong = ""
         for _ in range(RETRIES):  # a reply may be garbled
-            answer = self._ask()
+            answer = yield from self._ask()
             if not answer.offset:
                 continue
             wrong = self._aside(answer, self._limits)
@@ -167,21 +168,21 @@ class FrameCheck:
                 break
         return wrong
 
-    def stands_at(self, at: Modal) -> bool:
+    def stands_at(self, at: Modal) -> Steps[bool]:
         """Whether two answers alike tell that the motors' steps have come to ``at``; no waiting."""
         if not self._applies() or self._question:
             return False
-        answer = self._ask()
+        answer = yield from self._ask()
         there = bool(answer.offset) and not (
             disagreement(at, dict(answer.place)) or self._aside(answer, self._limits)
         )
-        return there and self._ask().agrees(answer)
+        return there and (yield from self._ask()).agrees(answer)
 
-    def doubtful(self) -> bool:
+    def doubtful(self) -> Steps[bool]:
         """Whether the motors are where the moves that they may be making don't lead; no waiting."""
         if not self._applies() or self._question:
             return bool(self._question)
-        answer = self._ask()
+        answer = yield from self._ask()
         if not answer.offset:
             return False
         expected, limits = self._expected(self.begun.offset), self._limits
@@ -196,7 +197,7 @@ class FrameCheck:
 
     # --- the job's end ---------------------------------------------------------------------------
 
-    def compare_end(self, at: Modal) -> tuple[str, Place, bool]:
+    def compare_end(self, at: Modal) -> Steps[tuple[str, Place, bool]]:
         """Compare place and motors' steps with the job's end, by one answer; the motors rest.
 
         Return what disagrees with ``at``, where the job ends; the place that the printer tells,
@@ -206,11 +207,11 @@ class FrameCheck:
         place: Place = {}
         limits: Place = self._limits
         if self._axes_question:
-            kind = b"".join(self._channel.command(self._axes_question))
+            kind = b"".join((yield from self._channel.command(self._axes_question)))
         # an answer without the word is a Cartesian's, unless configured otherwise
         by_order = bool(self._axes_question) and b"inematics" not in kind
         for _ in range(RETRIES):
-            answer = self._ask()
+            answer = yield from self._ask()
             if not answer.place:
                 continue
             place, compared = answer.place, self._applies() and bool(answer.offset)

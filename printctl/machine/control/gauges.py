@@ -16,6 +16,7 @@ from typing import Final
 
 from firmware_profiles import WatchedGauge
 from printctl.machine.control.channel import Channel
+from printctl.machine.control.steps import Steps
 from printctl.machine.errors import HandshakeError
 
 MAX_UNREAD: Final = 3
@@ -48,11 +49,11 @@ def next_due(gauges: Sequence[Gauge]) -> float:
     return min((gauge.due for gauge in gauges), default=math.inf)
 
 
-def read_gauge(channel: Channel, gauge: Gauge, journalled: bool = True) -> float:
+def read_gauge(channel: Channel, gauge: Gauge, journalled: bool = True) -> Steps[float]:
     """Ask for a gauge's value; nan where the answer can't be read."""
     watched, logbook = gauge.watched, channel.logbook
-    replies = channel.command(watched.query.encode("ascii"), journalled)
-    gauge.due = channel.wiring.clock.now() + watched.every_s
+    replies = yield from channel.command(watched.query.encode("ascii"), journalled)
+    gauge.due = channel.now + watched.every_s
     matches = (re.search(watched.regex, text.decode("latin-1")) for text in replies)
     values = (_number(match[1]) for match in matches if match and match[1])
     value = next((value for value in values if not math.isnan(value)), math.nan)
@@ -66,19 +67,21 @@ def read_gauge(channel: Channel, gauge: Gauge, journalled: bool = True) -> float
     return value
 
 
-def read_high(channel: Channel, gauges: Sequence[Gauge], now: float) -> str:
+def read_high(channel: Channel, gauges: Sequence[Gauge], now: float) -> Steps[str]:
     """Ask for what is due; say which reading is above its limit, twice; empty for none."""
     for gauge in gauges:
-        if now >= gauge.due and _is_above(channel, gauge) and _is_above(channel, gauge):
+        if now < gauge.due or not (yield from _is_above(channel, gauge)):
+            continue
+        if (yield from _is_above(channel, gauge)):
             return f"{gauge.compared} (printer: watch)"
     return ""
 
 
-def check_at_rest(channel: Channel, gauges: Sequence[Gauge]) -> None:
+def check_at_rest(channel: Channel, gauges: Sequence[Gauge]) -> Steps[None]:
     """Refuse to begin where something can't be read, or is at its limit already."""
     for gauge in gauges:
         for _ in range(MAX_UNREAD):
-            if not math.isnan(read_gauge(channel, gauge, journalled=False)):
+            if not math.isnan((yield from read_gauge(channel, gauge, journalled=False))):
                 break
         else:
             raise HandshakeError(
@@ -92,11 +95,11 @@ def check_at_rest(channel: Channel, gauges: Sequence[Gauge]) -> None:
             )
 
 
-def _is_above(channel: Channel, gauge: Gauge) -> bool:
+def _is_above(channel: Channel, gauge: Gauge) -> Steps[bool]:
     """Ask once. What was above and can't be read then counts as above."""
     high = gauge.watched.high
     before = gauge.value > high
-    value = read_gauge(channel, gauge)
+    value = yield from read_gauge(channel, gauge)
     return before if math.isnan(value) else value > high
 
 

@@ -23,9 +23,10 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NoReturn
 
 from firmware_profiles import Printer
+from printctl.machine.control.steps import Steps, Wait
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import PortLost
 from printctl.machine.families import link_facts
@@ -173,7 +174,7 @@ class Kill:
 
         What it said before may still be on the wire for `WIRE_S`.
         """
-        late = self._wiring.clock.now() - self._left > WIRE_S
+        late = self._wiring.exchange.now_s - self._left > WIRE_S
         self._alive |= late and not self._sent
 
     def words(self, run_on: MotorRunOn | None) -> str:
@@ -183,27 +184,33 @@ class Kill:
             f"{what} left the host after {(at - asked) * 1e3:.1f} ms" for what, at in left.items()
         ]
         sent = ", ".join(each) or "nothing left the host"
-        printer_s = self._wiring.clock.now() - max(left.values(), default=asked)
+        printer_s = self._wiring.exchange.now_s - max(left.values(), default=asked)
         return (
             f"killed by the user; {sent}, the printer said {printer_s * 1e3:.0f} ms "
             f"later that it has halted; {self.halting.words(run_on, self._alive)}"
         )
 
-    def await_halt(self, hear: Callable[[], None]) -> None:
+    def await_halt(self, hear: Callable[[bytes, float], None]) -> Steps[NoReturn]:
         """Wait for the printer to say that it has halted; send nothing more; end the print.
 
-        ``hear`` reads what the printer says, waiting for it, and handles it.
+        ``hear`` handles what the printer says, and when.
         """
         self._awaiting()
-        clock = self._wiring.clock
-        limit = clock.now() + KILL_WAIT_S
-        while clock.now() < limit or not self._sent:
+        exchange = self._wiring.exchange
+        exchange.effects.clear()
+        limit = exchange.now_s + KILL_WAIT_S
+        while exchange.now_s < limit or not self._sent:
             if not self._sent:
-                limit = clock.now() + KILL_WAIT_S
+                limit = exchange.now_s + KILL_WAIT_S
+            if self.halted_itself and (question := self._wiring.protocol.take_output()):
+                exchange.effects.append(question)  # why: nothing else is left
             try:
-                hear()
+                now, data = yield Wait(math.inf)
             except PortLost:
                 break
+            if data:
+                self.heard()
+                hear(data, now)
         # halted without a reason
         why = HALTED_BEFORE if self._halted.is_set() else f"killed by the user; {UNCONFIRMED}"
         raise PrintEnded(LinkState.KILLED, why, known=False)

@@ -9,6 +9,7 @@ from typing import Final
 
 from printctl.checks.gate import AllowedLine, LineOrigin, PrinterSituation, judge
 from printctl.machine.control.channel import Channel
+from printctl.machine.control.steps import Steps
 from printctl.machine.errors import HandshakeError
 
 WARM_ROOM_C: Final = 35.0
@@ -69,26 +70,26 @@ class HeatCheck:
         self._targets: dict[str, float] = {}
         self._read = 0
 
-    def begin(self) -> None:
+    def begin(self) -> Steps[None]:
         """Take the targets as they are before the job's first line.
 
         Raise `HandshakeError` for a heater that is, or is set, hotter than this print bears.
         """
         before = self._logbook.fault
-        first = self._ask_targets(journalled=False)
+        first = yield from self._ask_targets(journalled=False)
         on = {heater: celsius for heater, celsius in first.items() if celsius > 0}
         off = {heater: celsius for heater, celsius in first.items() if celsius == 0}
-        self._targets = off | self._confirmed(on, journalled=False)
-        self._refuse_heat()
+        self._targets = off | (yield from self._confirmed(on, journalled=False))
+        yield from self._refuse_heat()
         self._logbook.excuse(before)  # a firmware without heaters may not know the question
         self._record()
 
-    def _refuse_heat(self) -> None:
+    def _refuse_heat(self) -> Steps[None]:
         """Refuse what a second reading confirms; what the job itself heats to is preflight's."""
         hottest: dict[str, str] = {}
         own = self._job_targets(self._logbook.progress.job.lines)
         for _ in range(2):
-            readings = parse_temperatures(self._channel.ask(b"M105"))
+            readings = parse_temperatures((yield from self._channel.ask(b"M105")))
             seen: dict[str, str] = {}
             for one in readings:
                 limit = self._channel.wiring.limits().hottest(one.name)
@@ -117,17 +118,18 @@ class HeatCheck:
             self._targets[allowed.heater] = allowed.celsius
             self._record()
 
-    def take_back(self) -> None:
+    def take_back(self) -> Steps[None]:
         """Set anew what others have raised; report it, and heaters that went off."""
         if not self._targets:
             return
         self._read_job()
+        targets = yield from self._ask_targets(journalled=True)
         others = {
             heater: celsius
-            for heater, celsius in self._ask_targets(journalled=True).items()
+            for heater, celsius in targets.items()
             if abs(celsius - self._targets.get(heater, celsius)) > WITHIN_C
         }
-        for heater, celsius in self._confirmed(others, journalled=True).items():
+        for heater, celsius in (yield from self._confirmed(others, journalled=True)).items():
             wanted = self._targets[heater]
             self._targets[heater] = min(celsius, wanted)
             words = f"the {heater} is set to {celsius:g} °C, and this print had set {wanted:g} °C: "
@@ -136,18 +138,18 @@ class HeatCheck:
                 continue
             command = target_command(heater, wanted)
             self._logbook.alarm(f"{words}another program did it; taken back ({command})")
-            self._channel.command(command.encode("ascii"))
+            yield from self._channel.command(command.encode("ascii"))
 
-    def _ask_targets(self, journalled: bool) -> dict[str, float]:
+    def _ask_targets(self, journalled: bool) -> Steps[dict[str, float]]:
         """Return targets by heater, °C; empty where the firmware tells none."""
-        readings = parse_temperatures(self._channel.command(b"M105", journalled))
+        readings = parse_temperatures((yield from self._channel.command(b"M105", journalled)))
         targets = {one.name: one.target_c for one in readings if one.target_c is not None}
         several = len(self._channel.wiring.printer.heads) > 1
         return {k: v for k, v in targets.items() if not (several and k.startswith("nozzle"))}
 
-    def _confirmed(self, targets: Mapping[str, float], journalled: bool) -> dict[str, float]:
+    def _confirmed(self, targets: Mapping[str, float], journalled: bool) -> Steps[dict[str, float]]:
         """Return those that a second answer agrees on: no checksum guards the first."""
-        again = self._ask_targets(journalled) if targets else {}
+        again = (yield from self._ask_targets(journalled)) if targets else {}
         return {
             heater: celsius for heater, celsius in targets.items() if again.get(heater) == celsius
         }

@@ -30,6 +30,7 @@ from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.manual_motion import push, travel
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.station_status import Place
+from printctl.machine.control.steps import Steps
 from printctl.machine.errors import LinkError, Refused
 
 AXES: Final = "xyz"
@@ -51,7 +52,7 @@ class IdleCommands:
 
     def __init__(self, standby: Standby, known: Knowledge) -> None:
         self.standby, self.known = standby, known
-        self.requests: Mapping[str, Callable[..., Answer]] = {
+        self.requests: Mapping[str, Callable[..., Answer | Steps[Answer]]] = {
             "jog": self.jog,
             "move_to": self.move_to,
             "home": self.home,
@@ -62,13 +63,24 @@ class IdleCommands:
             "set_position": self.set_position,
         }
 
+    def grant(self, do: str, values: Mapping[str, Any]) -> Answer:
+        """Do what is requested; return what is answered.
+
+        Raises
+        ------
+        PrintEnded, LinkError
+            `Refused` before anything moves; or as the printer's troubles are.
+        """
+        granted = self.requests[do](**values)
+        return granted if isinstance(granted, dict) else self.standby.drive(granted)
+
     # --- motion --------------------------------------------------------------------------------
 
-    def jog(self, by: dict[str, float], speed_mm_s: float | None = None) -> Answer:
+    def jog(self, by: dict[str, float], speed_mm_s: float | None = None) -> Steps[Answer]:
         """Move by so many mm along axes."""
         _only_axes(by)
         x, y, z = (mm + by.get(axis, 0.0) for axis, mm in zip(AXES, self._at(), strict=True))
-        return self._go((x, y, z), speed_mm_s)
+        return (yield from self._go((x, y, z), speed_mm_s))
 
     def move_to(
         self,
@@ -76,7 +88,7 @@ class IdleCommands:
         y: float | None = None,
         z: float | None = None,
         speed_mm_s: float | None = None,
-    ) -> Answer:
+    ) -> Steps[Answer]:
         """Move in a straight line to a place; an axis that isn't given stays."""
         if not self.known.trusted:
             raise Refused(
@@ -84,9 +96,9 @@ class IdleCommands:
                 "without needle, or tell where the tip is (set_position); small steps (jog) are "
                 "free"
             )
-        return self._go(self._with(x, y, z), speed_mm_s)
+        return (yield from self._go(self._with(x, y, z), speed_mm_s))
 
-    def _go(self, target: Place, speed: float | None) -> Answer:
+    def _go(self, target: Place, speed: float | None) -> Steps[Answer]:
         at, bounds = self._at(), self.known.bounds
         if math.dist(at, target) < _TINY:
             return {}
@@ -96,23 +108,23 @@ class IdleCommands:
             check_step(self._known, at, target, mm_s)
         except NotAllowed as exc:
             raise Refused(str(exc)) from exc
-        whole = travel(self.standby, target, mm_s)
+        whole = yield from travel(self.standby, target, mm_s)
         return {"message": "" if whole else "the move was ended before its goal"}
 
-    def home(self, axes: Sequence[str], needle_off: bool = False) -> Answer:
+    def home(self, axes: Sequence[str], needle_off: bool = False) -> Steps[Answer]:
         """Home axes, and switch off what that switches on in the firmware."""
         _only_axes(axes)
         try:
             check_homing(replace(self._known, needle_off=needle_off))
         except NotAllowed as exc:
             raise Refused(str(exc)) from exc
-        self.standby.do("G28 " + " ".join(axis.upper() for axis in axes), "M400")
-        message = self._level_off()
-        self.standby.look()
+        yield from self.standby.do("G28 " + " ".join(axis.upper() for axis in axes), "M400")
+        message = yield from self._level_off()
+        yield from self.standby.look()
         self.known.home(set(axes))
         return {"message": message}
 
-    def _level_off(self) -> str:
+    def _level_off(self) -> Steps[str]:
         """Switch bed levelling off that G28 has switched on; return what was done, or ''.
 
         A Marlin that was built with ENABLE_LEVELING_AFTER_G28 does so, and a start is then refused.
@@ -121,12 +133,12 @@ class IdleCommands:
         printer = self._known.printer
         if LISTED not in questions(printer):
             return ""
-        if not levelling_is_on(self.standby.do(LISTED), printer):
+        if not levelling_is_on((yield from self.standby.do(LISTED)), printer):
             return ""
-        self.standby.do("M420 S0")
+        yield from self.standby.do("M420 S0")
         return "homing switched bed levelling on; it was switched off again (M420 S0)"
 
-    def plunger(self, ul: float, ul_s: float | None = None) -> Answer:
+    def plunger(self, ul: float, ul_s: float | None = None) -> Steps[Answer]:
         """Push (above 0) or draw back so many µL."""
         per_mm, most, why = self._push_limits()
         speed = most if ul_s is None else ul_s
@@ -137,7 +149,7 @@ class IdleCommands:
             raise Refused(f"nothing is pushed while: {self.standby.trouble}; draw back instead")
         before, asked = self.standby.plunger, ul / per_mm
         try:
-            moved = push(self.standby, asked, speed / per_mm) if asked else 0.0
+            moved = (yield from push(self.standby, asked, speed / per_mm)) if asked else 0.0
         finally:
             self._count_plunger(before)
         whole = abs(moved) >= abs(asked) - _TINY
@@ -194,25 +206,25 @@ class IdleCommands:
 
     # --- heat and console ----------------------------------------------------------------------
 
-    def heat(self, name: str, celsius: float) -> Answer:
+    def heat(self, name: str, celsius: float) -> Steps[Answer]:
         """Set a heater's target."""
         try:
             check_heat(self._known, name, celsius)
         except NotAllowed as exc:
             raise Refused(str(exc)) from exc
-        self.standby.do(target_command(name, celsius))
+        yield from self.standby.do(target_command(name, celsius))
         self.standby.ask_soon()
         return {}
 
-    def command(self, text: str) -> Answer:
+    def command(self, text: str) -> Steps[Answer]:
         """Send a line of the console; one that moves or heats goes the way of that request."""
         line = allowed_command(judge(text, LineOrigin.CONSOLE, self._known))
         if line.act is LineAction.SEND:
-            lines = self.standby.do(line.text)
-            self.standby.look()
+            lines = yield from self.standby.do(line.text)
+            yield from self.standby.look()
             return {"lines": lines}
         if line.act is LineAction.MOVE and line.target is not None:
-            answer = self._go(line.target, line.speed_mm_s)
+            answer = yield from self._go(line.target, line.speed_mm_s)
         elif line.act is LineAction.HOME:
             if not self.known.needle_known:
                 raise Refused(
@@ -220,9 +232,9 @@ class IdleCommands:
                     "whether a needle is mounted: home by Home (page Printer, `printctl station "
                     "home`), which asks, or say first what is mounted (mount; '' for no needle)"
                 )
-            answer = self.home(line.axes)
+            answer = yield from self.home(line.axes)
         else:
-            answer = self.heat(line.heater, line.celsius)
+            answer = yield from self.heat(line.heater, line.celsius)
         return {"lines": [answer["message"]] if answer.get("message") else []}
 
     @property
@@ -246,7 +258,7 @@ class IdleCommands:
 
     def set_position(
         self, x: float | None = None, y: float | None = None, z: float | None = None
-    ) -> Answer:
+    ) -> Steps[Answer]:
         """Tell the firmware where the tip is; nothing moves."""
         printer = self.known.printer
         given = {axis: mm for axis, mm in zip(AXES, (x, y, z), strict=True) if mm is not None}
@@ -259,10 +271,10 @@ class IdleCommands:
                     f"{axis.upper()} {mm:g} mm is outside {span.low:g} to {span.high:g} mm "
                     f"({axis}_mm of {printer.name}); no tip stands there"
                 )
-        self.declare(self._with(x, y, z), set(given))
+        yield from self.declare(self._with(x, y, z), set(given))
         return {}
 
-    def declare(self, place: Place, axes: set[str]) -> None:
+    def declare(self, place: Place, axes: set[str]) -> Steps[None]:
         """Tell the firmware where the tip is; axes that aren't given stay as they count.
 
         Raises
@@ -270,9 +282,9 @@ class IdleCommands:
         LinkError
         """
         at = self._at()
-        self.standby.do(self._declaration(place, axes))
+        yield from self.standby.do(self._declaration(place, axes))
         self.known.count_anew(at, place, axes)
-        self.standby.look()
+        yield from self.standby.look()
 
     def _declaration(self, place: Place, given: set[str]) -> str:
         declares = family_of(self.known.printer).dialect(self.known.printer).declares

@@ -13,6 +13,7 @@ from typing import Final
 
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.requests import Request, RequestQueue
+from printctl.machine.control.steps import Urgent
 from printctl.machine.families import link_facts
 from printctl.machine.job.valve import shut
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded
@@ -76,7 +77,7 @@ class Interruption:
 
     def _cut_in(self) -> None:
         protocol, progress = self._wiring.protocol, self._logbook.progress
-        link, now = link_facts(self._wiring.printer), self._wiring.clock.now()
+        link, now = link_facts(self._wiring.printer), self._wiring.exchange.now_s
         if not link.quickstop:
             self._report(WAITS)
             return
@@ -107,7 +108,7 @@ class Interruption:
             if not protocol.idle:
                 self._report(FIRST)
             return
-        self._wiring.transport.write(protocol.take_output())
+        self._wiring.exchange.effects.append(protocol.take_output())
         self._cuts, self._again_s = self._cuts + 1, now + AGAIN_S
         self._heard_s = min(self._heard_s, now)
         progress.moves_dropped()
@@ -131,6 +132,6 @@ class Interruption:
         message = f"stopped by {who} before the printer was found again"
         quickstop = link_facts(self._wiring.printer).quickstop
         if quickstop:
-            self._wiring.transport.write_urgent(b"\n%b\n" % quickstop)
+            self._wiring.exchange.effects.append(Urgent(b"\n%b\n" % quickstop))
             message += f"; its motors were told to stop ({quickstop.decode()})"
         raise PrintEnded(LinkState.FAILED, message, known=False)

@@ -121,7 +121,7 @@ class Logbook:
 
     def enter(self, state: LinkState, message: str) -> None:
         """Pass to a state; write it down and tell the clients."""
-        now, standstills = self._wiring.clock.now(), self.progress.standstills
+        now, standstills = self._wiring.exchange.now_s, self.progress.standstills
         self.note(now)
         if state is LinkState.PRINTING:
             standstills.begin(self._wiring.protocol.lines_done, now)

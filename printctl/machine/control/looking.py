@@ -31,6 +31,7 @@ from printctl.machine.control.pausing import (
     wait_and_come_back,
 )
 from printctl.machine.control.requests import Request, ResumeRequest
+from printctl.machine.control.steps import Steps
 from printctl.machine.control.syringes import begin_change
 from printctl.machine.control.watch import DueTask
 from printctl.machine.errors import LinkError, Refused
@@ -75,7 +76,7 @@ def restore_looks(run: Print, history: JournalledPrint, done: int) -> None:
     watch, looked = run.watch, history.looked
     run.book.restore(looked, history.inserts)
     if looked:
-        watch.looked(run.wiring.clock.now(), int(looked[-1]["done"]))
+        watch.looked(run.channel.now, int(looked[-1]["done"]))
     for one in history.inserts:
         end = one.after + len(one.lines)
         if one.again and done <= end and all(int(each["done"]) != end for each in looked):
@@ -92,18 +93,18 @@ def restore_looks(run: Print, history: JournalledPrint, done: int) -> None:
         watch.look_again = True
 
 
-def do_what_is_due(run: Print) -> None:
+def do_what_is_due(run: Print) -> Steps[None]:
     """Do what is due after the lines that were taken, looks first; nothing is in flight."""
     progress = run.progress
-    while run.watch.due(run.wiring.clock.now(), progress.done) is DueTask.LOOK:
-        _look(run)
+    while run.watch.due(run.channel.now, progress.done) is DueTask.LOOK:
+        yield from _look(run)
     if progress.done < len(progress.job):
-        pause_where_due(run)
+        yield from pause_where_due(run)
 
 
-def _look(run: Print) -> None:
+def _look(run: Print) -> Steps[None]:
     """Leave the bath, wait for a decision, and do as it says; raise `StopRequested` for a stop."""
-    clock, watch, done = run.wiring.clock, run.watch, run.progress.done
+    watch, done = run.watch, run.progress.done
     usual = "end of a line within a layer"
     if watch.is_behind_insert(done):
         usual = "end of what was inserted"
@@ -113,18 +114,18 @@ def _look(run: Print) -> None:
     look = run.book.begin(done, here, number, watch.care.look_limit_s)
     run.logbook.record("look", look=look.number, done=done, mark=look.mark, layer=look.layer)
     park = _park_place(run, watch.care.look_park_mm)
-    at = leave(run, "look", park=park)
-    watch.checked(clock.now(), done)
+    at = yield from leave(run, "look", park=park)
+    watch.checked(run.channel.now, done)
     if park is not None:
-        lead_needle(run, at, park, back=False)
+        yield from lead_needle(run, at, park, back=False)
     run.logbook.enter(LinkState.LOOKING, f"held for {look}: waiting for a decision")
     run.excursion.rests = True
-    ending = _decide(run, at, look)
+    ending = yield from _decide(run, at, look)
     if ending.decision is LookDecision.STOP:
         run.queue.add(Request.STOP, by=ending.by)
         raise StopRequested
     changes = run.change.begun
-    _leave_look(run, at, park, look, ending)
+    yield from _leave_look(run, at, park, look, ending)
     changed = run.change.begun > changes and look.number not in run.book.inserts
     if (changed or _is_made_again(run, look, ending)) and not watch.unobserved:
         watch.look_again = True
@@ -135,7 +136,9 @@ def _is_made_again(run: Print, look: Look, ending: _Ending) -> bool:
     return ending.again and not run.book.failed_before(look)
 
 
-def _leave_look(run: Print, at: Modal, park: Park | None, look: Look, ending: _Ending) -> None:
+def _leave_look(
+    run: Print, at: Modal, park: Park | None, look: Look, ending: _Ending
+) -> Steps[None]:
     """Come back above the job's place; go on, or stay for the operator."""
     goes_on, words = ending.decision is LookDecision.GO_ON, "returning to where the print was left"
     if not goes_on:
@@ -147,38 +150,38 @@ def _leave_look(run: Print, at: Modal, park: Park | None, look: Look, ending: _E
         words = f"paused at {look}: {ending.why}; `printctl resume RUN` {then}"
     if goes_on or park is not None:
         run.logbook.enter(LinkState.RESUMING if goes_on else LinkState.PAUSING, words)
-        run.excursion.come_back(run.position.height())
+        run.excursion.come_back((yield from run.position.height()))
     if park is not None:
-        own_modes(run)
-        lead_needle(run, at, park, back=True)
+        yield from own_modes(run)
+        yield from lead_needle(run, at, park, back=True)
     if goes_on:
-        come_back(run, at, by_person=ending.by != OBSERVER)
+        yield from come_back(run, at, by_person=ending.by != OBSERVER)
         return
     if ending.changing:
         run.change.planned_head = run.change.wanted_head
-        begin_change(run, at)
+        yield from begin_change(run, at)
         words = run.change.words(run.printer)
-    wait_and_come_back(run, at, words)
+    yield from wait_and_come_back(run, at, words)
 
 
-def _decide(run: Print, at: Modal, look: Look) -> _Ending:
+def _decide(run: Print, at: Modal, look: Look) -> Steps[_Ending]:
     """Wait for a decision and write it down; an alarm where a person must know of it."""
-    ending = _await_decision(run, at, look.limit_s)
+    ending = yield from _await_decision(run, at, look.limit_s)
     decision = {"decision": str(ending.decision), "why": ending.why, "by": ending.by}
     failed = {"again": True} if ending.again else {}
     record = {"look": look.number, "done": look.done, **decision, **failed}
     run.logbook.record("looked", **record)
     run.book.decisions[look.number] = record
-    run.watch.looked(run.wiring.clock.now(), look.done)
+    run.watch.looked(run.channel.now, look.done)
     if ending.decision is not LookDecision.GO_ON and ending.by != "the user":
         run.logbook.alarm(f"{look}: {ending.by} decided to {ending.decision}: {ending.why}")
     ending.confirm(decision_answer(record))
     return ending
 
 
-def _await_decision(run: Print, at: Modal, limit_s: float) -> _Ending:
-    until_s = run.wiring.clock.now() + limit_s
-    while (word := await_word(run, at, until_s)) is not None:
+def _await_decision(run: Print, at: Modal, limit_s: float) -> Steps[_Ending]:
+    until_s = run.channel.now + limit_s
+    while (word := (yield from await_word(run, at, until_s))) is not None:
         if isinstance(word, LookRequest) and word.decision is not None:
             failed = word.again and word.decision is LookDecision.PAUSE
             return _Ending(word.decision, word.why, OBSERVER, again=failed, confirm=word.done)
@@ -187,7 +190,7 @@ def _await_decision(run: Print, at: Modal, limit_s: float) -> _Ending:
             return _RESUMED
         if word in _BY_REQUEST:
             return _BY_REQUEST[word]
-        sign_of_life(run)
+        yield from sign_of_life(run)
     why = f"nobody decided within {limit_s:g} s (look_limit_s): the observer hangs or is gone"
     return _Ending(LookDecision.PAUSE, why, "the link", again=True)
 
@@ -222,7 +225,7 @@ def _park_place(run: Print, park: Park | None) -> Park | None:
     return park[0] + x, park[1] + y, park[2] + z
 
 
-def lead_needle(run: Print, at: Modal, park: Park, *, back: bool) -> None:
+def lead_needle(run: Print, at: Modal, park: Park, *, back: bool) -> Steps[None]:
     """Lead the needle between above ``at`` and ``park``; each step is waited for.
 
     Up first, then across above all that the job writes, within the axis, then to the park's height.
@@ -234,13 +237,13 @@ def lead_needle(run: Print, at: Modal, park: Park, *, back: bool) -> None:
     x, y = (at.x or 0.0, at.y or 0.0) if back else park[:2]
     way = [(b"Z%.5f" % high, up), (b"X%.5f Y%.5f" % (x, y), across), (b"Z%.5f" % park[2], up)]
     for place, mm_s in way[:2] if back else way:
-        run.channel.command(b"G1 %b F%.0f" % (place, mm_s * 60))
-        run.channel.command(b"M400")
+        yield from run.channel.command(b"G1 %b F%.0f" % (place, mm_s * 60))
+        yield from run.channel.command(b"M400")
 
 
-def is_parked(run: Print, at: Modal, park: Park) -> bool:
+def is_parked(run: Print, at: Modal, park: Park) -> Steps[bool]:
     """Whether the printer says that it stands at the parking place, and not above ``at``."""
     if at.x is None or at.y is None or at.z is None:
         return False
-    wrong, _ = run.position.compare(Modal(x=park[0], y=park[1]))
+    wrong, _ = yield from run.position.compare(Modal(x=park[0], y=park[1]))
     return (at.x, at.y) != park[:2] and not wrong

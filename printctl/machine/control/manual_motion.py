@@ -8,6 +8,7 @@ from typing import Final
 
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.station_status import Place
+from printctl.machine.control.steps import Steps
 from printctl.machine.errors import LinkError
 
 PIECE_S: Final = 0.15
@@ -16,7 +17,7 @@ AHEAD_S: Final = 0.5
 """So much of a move the printer is given ahead; it is what still runs after it was ended."""
 
 
-def travel(standby: Standby, target: Place, speed_mm_s: float) -> bool:
+def travel(standby: Standby, target: Place, speed_mm_s: float) -> Steps[bool]:
     """Move the tip in a straight line and wait; return whether it went all the way.
 
     Else it was ended (`Standby.halt_motion`).
@@ -37,12 +38,12 @@ def travel(standby: Standby, target: Place, speed_mm_s: float) -> bool:
         words = [f"{letter}{value:.4f}" for letter, value, a, b in there if a != b]
         return " ".join(["G1", *words, f"F{speed_mm_s * 60:.3f}"])
 
-    done = _piecewise(standby, piece, _pieces(standby, seconds, by_mm), seconds)
-    standby.expect(_between(start, target, done))
+    done = yield from _piecewise(standby, piece, _pieces(standby, seconds, by_mm), seconds)
+    yield from standby.expect(_between(start, target, done))
     return done == 1.0
 
 
-def push(standby: Standby, mm: float, speed_mm_s: float) -> float:
+def push(standby: Standby, mm: float, speed_mm_s: float) -> Steps[float]:
     """Move the plunger by ``mm`` and wait; return how far it was sent.
 
     Raises
@@ -54,7 +55,7 @@ def push(standby: Standby, mm: float, speed_mm_s: float) -> float:
     if begin is None:
         raise LinkError("the printer doesn't tell where the plunger is (M114); reconnect")
     if standby.dialect.cold_extrusion:
-        standby.do(standby.dialect.cold_extrusion)
+        yield from standby.do(standby.dialect.cold_extrusion)
     seconds = abs(mm) / speed_mm_s
 
     def piece(part: float) -> str:
@@ -62,10 +63,10 @@ def push(standby: Standby, mm: float, speed_mm_s: float) -> float:
 
     try:
         count = _pieces(standby, seconds, {"e": mm})
-        done = _piecewise(standby, piece, count, seconds, watched=mm > 0)
+        done = yield from _piecewise(standby, piece, count, seconds, watched=mm > 0)
         standby.plunger = begin + mm * done
     finally:
-        standby.look()
+        yield from standby.look()
     return mm * done
 
 
@@ -75,19 +76,19 @@ def _piecewise(
     count: int,
     seconds: float,
     watched: bool = False,
-) -> float:
+) -> Steps[float]:
     """Send a move in pieces, a little ahead of the printer; return how much of it was sent.
 
     One that is ``watched`` ends where a force or pressure is above its limit.
     """
-    begun, sent = standby.channel.wiring.clock.now(), 0
+    begun, sent = standby.channel.now, 0
     try:
         while sent < count and not (standby.halt.is_set() or (watched and standby.trouble)):
             sent += 1
-            standby.do(piece(sent / count))
-            _keep_pace(standby, begun, seconds * sent / count)
+            yield from standby.do(piece(sent / count))
+            yield from _keep_pace(standby, begun, seconds * sent / count)
     finally:
-        standby.channel.command(b"M400")
+        yield from standby.channel.command(b"M400")
     standby.raise_fault("the move")
     return sent / count
 
@@ -100,14 +101,14 @@ def _pieces(standby: Standby, seconds: float, by_mm: dict[str, float]) -> int:
     return max(1, min(math.ceil(seconds / PIECE_S), int(steps // fewest)))
 
 
-def _keep_pace(standby: Standby, begun: float, seconds: float) -> None:
+def _keep_pace(standby: Standby, begun: float, seconds: float) -> Steps[None]:
     """Wait until only `AHEAD_S` of what was sent are ahead; ask meanwhile what is due."""
-    clock = standby.channel.wiring.clock
+    channel = standby.channel
     due = begun + (seconds / standby.pace if standby.pace else 0.0) - AHEAD_S
-    standby.attend()
-    while clock.now() < due and not standby.halt.is_set():
-        standby.channel.pump(min(due, clock.now() + 0.05))
-        standby.attend()
+    yield from standby.attend()
+    while channel.now < due and not standby.halt.is_set():
+        yield from channel.pump(min(due, channel.now + 0.05))
+        yield from standby.attend()
 
 
 def _between(start: Sequence[float], end: Sequence[float], part: float) -> Place:

@@ -13,6 +13,7 @@ from typing import Final
 
 from printctl.checks.gate.firmware import blind_resets
 from printctl.machine.control.context import Print
+from printctl.machine.control.steps import Steps
 from printctl.machine.errors import HandshakeError
 from printctl.machine.families import link_facts
 
@@ -21,36 +22,36 @@ EVERY_S: Final = 1.0
 _SPEED: Final = "M220"
 
 
-def take_back(run: Print) -> None:
+def take_back(run: Print) -> Steps[None]:
     """Set anew what others may have set, where lines weren't ours; end where that can't be."""
     if not run.progress.meddled:
         return
     run.progress.meddled = False
     try:
-        set_anew(run)
+        yield from set_anew(run)
     except HandshakeError as exc:
-        run.position.end_astray(str(exc))
+        yield from run.position.end_astray(str(exc))
 
 
-def own_modes(run: Print) -> None:
+def own_modes(run: Print) -> Steps[None]:
     """Set modes before moves of the link's own, where another client's leave no trace."""
     if link_facts(run.printer).place_question:
-        run.firmware.set_modes(journalled=True)
+        yield from run.firmware.set_modes(journalled=True)
 
 
-def set_anew(run: Print) -> None:
+def set_anew(run: Print) -> Steps[None]:
     """Set modes, factors, limits, heaters and feed rate as the job has them; none in flight.
 
     Raise `HandshakeError` for what no command takes back.
     """
-    run.firmware.set_modes(journalled=True)
+    yield from run.firmware.set_modes(journalled=True)
     if link_facts(run.printer).tells_steps:
-        run.firmware.check_steps(journalled=True)
-    run.firmware.agree_settings(journalled=True)
-    run.heat.take_back()
+        yield from run.firmware.check_steps(journalled=True)
+    yield from run.firmware.agree_settings(journalled=True)
+    yield from run.heat.take_back()
     feed = run.progress.modal().f
     if feed is not None:
-        run.channel.command(b"G1 F%b" % f"{feed:g}".encode())
+        yield from run.channel.command(b"G1 F%b" % f"{feed:g}".encode())
 
 
 def begin_polling(run: Print, now: float) -> None:
@@ -59,22 +60,22 @@ def begin_polling(run: Print, now: float) -> None:
         run.clients_due = now + EVERY_S
 
 
-def poll_clients(run: Print, now: float) -> None:
+def poll_clients(run: Print, now: float) -> Steps[None]:
     """Compare other clients' changes where that is due."""
     if now >= run.clients_due:
-        run.channel.settle()
-        compare_clients(run)
-        run.clients_due = run.wiring.clock.now() + EVERY_S
+        yield from run.channel.settle()
+        yield from compare_clients(run)
+        run.clients_due = run.channel.now + EVERY_S
 
 
-def compare_clients(run: Print) -> None:
+def compare_clients(run: Print) -> Steps[None]:
     """Compare now, with nothing in flight.
 
     End the print where the next lines would lead elsewhere, or push otherwise, than the job says.
     """
     if not link_facts(run.printer).place_question:
         return
-    run.position.refuse_astray()
-    run.heat.take_back()
+    yield from run.position.refuse_astray()
+    yield from run.heat.take_back()
     resets = blind_resets(run.printer)
-    run.channel.commands([one.encode() for one in resets if one.startswith(_SPEED)])
+    yield from run.channel.commands([one.encode() for one in resets if one.startswith(_SPEED)])

@@ -18,6 +18,7 @@ from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.others import own_modes, take_back
 from printctl.machine.control.requests import Request, ResumeRequest
+from printctl.machine.control.steps import Steps
 from printctl.machine.control.syringes import (
     begin_change,
     count_plunger,
@@ -37,30 +38,30 @@ PAUSE_SIGN_S: Final = 20.0
 """Interval of the sign of life in a pause."""
 
 
-def pause_where_due(run: Print) -> None:
+def pause_where_due(run: Print) -> Steps[None]:
     """Do what is due after the lines that were taken, but for looks; nothing is in flight."""
     watch, done, change = run.watch, run.progress.done, run.change
-    due = watch.due(run.wiring.clock.now(), done)
+    due = watch.due(run.channel.now, done)
     where = ", ".join(str(mark) for mark in run.job.marks.here(done)) or f"line {done}"
     if due is DueTask.RELOAD:
         planned = done in watch.reload_at
         change.planned_head = watch.reload_head(done) if planned else change.wanted_head
-        pause(run, f"paused at the {where}: {change.words(run.printer)}", changing=True)
+        yield from pause(run, f"paused at the {where}: {change.words(run.printer)}", changing=True)
     elif due is DueTask.PAUSE:
-        pause(run, f"paused at the {where}")
+        yield from pause(run, f"paused at the {where}")
     elif due is DueTask.DEADMAN:
         message = f"nobody confirmed for {watch.care.deadman_s / 60:g} min (dead-man)"
         run.logbook.alarm(message)
         if watch.care.deadman_stops:
-            retreat(run, LinkState.STOPPED, message)
-        pause(run, f"{message}; `printctl resume RUN` goes on")
+            yield from retreat(run, LinkState.STOPPED, message)
+        yield from pause(run, f"{message}; `printctl resume RUN` goes on")
     elif due is DueTask.CHECKPOINT:
         # stand still for it where nothing else can tell what was made
         stands = link_facts(run.printer).plans_by_time
         if stands:
-            run.channel.command(b"M400")
-        run.position.verify(run.progress.modal(), mark=where, stands=stands)
-        watch.checked(run.wiring.clock.now(), done)
+            yield from run.channel.command(b"M400")
+        yield from run.position.verify(run.progress.modal(), mark=where, stands=stands)
+        watch.checked(run.channel.now, done)
 
 
 def want_pause(run: Print, after: MarkKind | None) -> None:
@@ -70,11 +71,11 @@ def want_pause(run: Print, after: MarkKind | None) -> None:
     run.logbook.record("wanted", after=after or "", **head)
 
 
-def pause(run: Print, message: str, changing: bool = False) -> None:
+def pause(run: Print, message: str, changing: bool = False) -> Steps[None]:
     """Leave the bath, wait for the word to go on, and come back."""
     run.watch.paused(run.progress.done)
-    at = leave(run, "pause", changing)
-    wait_and_come_back(run, at, message)
+    at = yield from leave(run, "pause", changing)
+    yield from wait_and_come_back(run, at, message)
 
 
 def leave(
@@ -82,7 +83,7 @@ def leave(
     mark: str,
     changing: bool = False,
     park: tuple[float, float, float] | None = None,
-) -> Modal:
+) -> Steps[Modal]:
     """Let the planner run empty, compare the place, relieve the plunger, lift the needle.
 
     Returns the job's place. ``mark``: what the print is held for, for the journal; ``park``, mm:
@@ -94,18 +95,18 @@ def leave(
         "the moves that the printer holds are made; then the plunger is relieved, the needle "
         "lifted",
     )
-    channel.command(b"M400")
-    shut_valve(run)  # what was taken is written; nothing more
-    at = run.position.expected()
-    run.position.verify(at, mark=mark, stands=True)
+    yield from channel.command(b"M400")
+    yield from shut_valve(run)  # what was taken is written; nothing more
+    at = yield from run.position.expected()
+    yield from run.position.verify(at, mark=mark, stands=True)
     logbook.record("left", place=at.place(), **({} if park is None else {"park": park}))
-    own_modes(run)
+    yield from own_modes(run)
     relieved = run.progress.relieved_mm
     run.excursion = Excursion(True, at, relieved, _top(run, at, changing))
-    channel.commands(run.retreat.leave(at, run.printer, relieved))
+    yield from channel.commands(run.retreat.leave(at, run.printer, relieved))
     if changing:
-        begin_change(run, at)
-    channel.command(b"M400")
+        yield from begin_change(run, at)
+    yield from channel.command(b"M400")
     return at
 
 
@@ -117,82 +118,82 @@ def _top(run: Print, at: Modal, changing: bool) -> float | None:
     return max(at.z, min(at.z + lift, run.printer.z_mm.high))
 
 
-def wait_and_come_back(run: Print, at: Modal, message: str) -> None:
+def wait_and_come_back(run: Print, at: Modal, message: str) -> Steps[None]:
     """Wait for the word to go on; then count a new syringe, and come back to ``at``."""
     run.logbook.enter(LinkState.PAUSED, message)
     run.excursion.rests = True
-    resume = _stay_paused(run, at)
+    resume = yield from _stay_paused(run, at)
     run.logbook.enter(LinkState.RESUMING, "returning to where the print was left")
     resume.answer("")
     new = resume.change if run.change.going_on else None
     if new or (run.change.going_on and run.change.idle_head is not None):
-        count_plunger(run, at, new or NewSyringe())
-    come_back(run, at, run.retreat.prime_mm, by_person=True)
+        yield from count_plunger(run, at, new or NewSyringe())
+    yield from come_back(run, at, run.retreat.prime_mm, by_person=True)
 
 
-def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = False) -> None:
+def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = False) -> Steps[None]:
     """Take back what others have set, lower the needle to ``at``, and go on printing.
 
     ``by_person``: it was a person's word, so that somebody is there (dead-man's time).
     """
-    run.position.refuse_pushed(run.excursion.plunger_e(run.retreat))
-    take_back(run)
-    own_modes(run)
-    run.position.refuse_renamed(waited=True)  # before the needle is lowered by that name
-    take_head(run)
-    lower(run, at, prime_mm)
+    yield from run.position.refuse_pushed(run.excursion.plunger_e(run.retreat))
+    yield from take_back(run)
+    yield from own_modes(run)
+    yield from run.position.refuse_renamed(waited=True)  # before the needle is lowered by that name
+    yield from take_head(run)
+    yield from lower(run, at, prime_mm)
     run.change.going_on, run.change.planned_head = False, None
-    run.position.frame.note_plunger()
+    yield from run.position.frame.note_plunger()
     run.book.current = None
     refuse_rest(run)
     if by_person:
-        run.watch.confirmed = run.wiring.clock.now()
+        run.watch.confirmed = run.channel.now
     run.logbook.enter(LinkState.PRINTING, "printing")
-    reopen_valve(run)
+    yield from reopen_valve(run)
 
 
-def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> None:
+def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> Steps[None]:
     """Lower the needle to ``at``, push the plunger to its place, and compare both.
 
     Each step of the way down is waited for, so that a stop finds no further one ahead.
     """
-    channel, height = run.channel, run.position.height()
+    channel, height = run.channel, (yield from run.position.height())
     run.excursion.come_back(height)
     for move in run.retreat.lower(at, run.printer, height):
-        channel.command(move)
-        channel.command(b"M400")
-    channel.commands(run.retreat.rejoin(replace(at, z=None), run.printer, prime_mm))
-    channel.command(b"M400")
-    run.position.verify(at)
+        yield from channel.command(move)
+        yield from channel.command(b"M400")
+    yield from channel.commands(run.retreat.rejoin(replace(at, z=None), run.printer, prime_mm))
+    yield from channel.command(b"M400")
+    yield from run.position.verify(at)
     run.excursion.going_on = False
 
 
-def _stay_paused(run: Print, at: Modal) -> ResumeRequest:
+def _stay_paused(run: Print, at: Modal) -> Steps[ResumeRequest]:
     """Wait for a request to go on that can be granted, and return it; refuse the others."""
     change = run.change
     while True:
-        word = await_word(run, at)
+        word = yield from await_word(run, at)
         if isinstance(word, LookRequest):  # of a look that became a pause without any decision
             word.refused("the print is paused; `printctl resume RUN` goes on")
         elif word is Request.RELOAD and not change.going_on:
             change.planned_head = change.wanted_head
-            begin_change(run, at)
+            yield from begin_change(run, at)
             run.logbook.enter(LinkState.PAUSED, change.words(run.printer))
         elif isinstance(word, ResumeRequest):
-            problem = _why_not_resume(run, at, word)
+            problem = yield from _why_not_resume(run, at, word)
             if not problem:
                 return word
             run.logbook.alarm(problem)
             run.logbook.enter(LinkState.PAUSED, problem)
             word.answer(problem)
-        sign_of_life(run)
+        yield from sign_of_life(run)
 
 
-def _why_not_resume(run: Print, at: Modal, request: ResumeRequest) -> str:
+def _why_not_resume(run: Print, at: Modal, request: ResumeRequest) -> Steps[str]:
     """Return what keeps the needle from coming down; empty for nothing."""
     if run.change.going_on and not (request.change or request.unchanged):
         return f"not resumed: {CHANGE}"
-    wrong, _ = run.position.compare(Modal(x=at.x, y=at.y))
+    wrong, _ = yield from run.position.compare(Modal(x=at.x, y=at.y))
     if wrong:
         return f"not resumed: {wrong}; bring the needle back above that place first"
     if run.change.going_on and request.change:
@@ -205,52 +206,52 @@ def _why_not_resume(run: Print, at: Modal, request: ResumeRequest) -> str:
 
 def await_word(
     run: Print, at: Modal, until: float = math.inf
-) -> LookRequest | ResumeRequest | Request | None:
+) -> Steps[LookRequest | ResumeRequest | Request | None]:
     """Wait for a decision or a request while held at ``at``; None at ``until``, s.
 
     Inserts are taken meanwhile, manual commands sent; a stop raises `StopRequested`.
     """
-    clock, queue = run.wiring.clock, run.queue
+    channel, queue = run.channel, run.queue
     while True:
-        limit = min(clock.now() + PAUSE_SIGN_S, until)
-        while clock.now() < limit and not queue.waiting:
-            run.channel.pump(limit)
-            end_on_fault(run)
-        send_manual(run)
-        end_on_fault(run)
+        limit = min(channel.now + PAUSE_SIGN_S, until)
+        while channel.now < limit and not queue.waiting:
+            yield from channel.pump(limit)
+            yield from end_on_fault(run)
+        yield from send_manual(run)
+        yield from end_on_fault(run)
         word = answer_clients(run, at) or queue.take()
         if word is Request.STOP:
             raise StopRequested
-        if word is not None or clock.now() >= until:
+        if word is not None or channel.now >= until:
             return word
-        sign_of_life(run)
+        yield from sign_of_life(run)
 
 
-def sign_of_life(run: Print) -> None:
+def sign_of_life(run: Print) -> Steps[None]:
     """Show that the printer is there, and begin its own switch-off time anew.
 
     Only moves and the command that sets that time begin it anew; M105 doesn't.
     """
     code = family_of(run.printer).timeout_code
     codes = (code.encode("ascii"),) if code else ()
-    run.channel.command(last_of(run.job.lines, run.progress.done, codes) or b"M105")
+    yield from run.channel.command(last_of(run.job.lines, run.progress.done, codes) or b"M105")
 
 
-def send_manual(run: Print) -> None:
+def send_manual(run: Print) -> Steps[None]:
     """Send the waiting manual commands that the gate lets pass; a complaint ends no print."""
     while run.queue.commands:
         manual = run.queue.commands.popleft()
         if manual.refused is None:
-            manual.done(run.channel.command(manual.text.encode("ascii")))
+            manual.done((yield from run.channel.command(manual.text.encode("ascii"))))
             continue
-        verdict = judge(manual.text, LineOrigin.CONSOLE, _situation(run))
+        verdict = judge(manual.text, LineOrigin.CONSOLE, (yield from _situation(run)))
         if isinstance(verdict, Refusal):
             run.logbook.notice(verdict.message)
             manual.refused(verdict.message)
             continue
         before = run.logbook.fault
         try:
-            lines = run.channel.command(verdict.text.encode("ascii"))
+            lines = yield from run.channel.command(verdict.text.encode("ascii"))
         except StopRequested:
             manual.refused("the print is being stopped")
             raise
@@ -260,25 +261,25 @@ def send_manual(run: Print) -> None:
         manual.done((*lines, complaint.encode("ascii", "replace")) if complaint else lines)
 
 
-def _situation(run: Print) -> PrinterSituation:
+def _situation(run: Print) -> Steps[PrinterSituation]:
     """Return what the gate judges by; in a pause the printer is asked where it stands."""
     if run.logbook.state is not LinkState.PAUSED:
         return run.wiring.printing_limits()
-    at, excursion = parse_position(run.channel.command(b"M114")), run.excursion
+    at, excursion = parse_position((yield from run.channel.command(b"M114"))), run.excursion
     if excursion.clear_mm is None and {"X", "Y", "Z"} <= set(at):
         excursion.clear_mm = at["Z"]
     return paused_situation(run.wiring.limits(), at, excursion.clear_mm)
 
 
-def shut_valve(run: Print) -> None:
+def shut_valve(run: Print) -> Steps[None]:
     """Shut a pneumatic head's valve: before the needle is lifted, and before questions."""
     for command in shut_and_wait(run.printer):
-        run.channel.command(command)
+        yield from run.channel.command(command)
         run.valve_shut = True
 
 
-def reopen_valve(run: Print) -> None:
+def reopen_valve(run: Print) -> Steps[None]:
     """Open it again where the link had shut it within a path, with the tip back in place."""
     if run.valve_shut:
-        run.channel.commands(reopen(run.job.lines, run.progress.done, run.printer))
+        yield from run.channel.commands(reopen(run.job.lines, run.progress.done, run.printer))
     run.valve_shut = False

@@ -16,6 +16,7 @@ from firmware_profiles.families.position_reply import parse_position, parse_shif
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.firmware import RETRIES
 from printctl.machine.control.frame_check import FrameCheck
+from printctl.machine.control.steps import Steps
 from printctl.machine.families import link_facts
 from printctl.machine.job.modal import (
     AXES,
@@ -68,7 +69,7 @@ class PositionCheck:
 
     # --- where it is -----------------------------------------------------------------------------
 
-    def expected(self, left: Mapping[str, float] | None = None) -> Modal:
+    def expected(self, left: Mapping[str, float] | None = None) -> Steps[Modal]:
         """Return where the job's text says the printer is.
 
         What it doesn't say is taken from the place that the needle left for a pause, where there
@@ -77,7 +78,7 @@ class PositionCheck:
         at = self._progress.modal().filled(left or {})
         asks_e = at.e is None and not self._printer.pneumatic
         if at.z is None or asks_e:
-            position = parse_position(self._channel.command(b"M114"))
+            position = parse_position((yield from self._channel.command(b"M114")))
             at = replace(
                 at,
                 z=position.get("Z") if at.z is None else at.z,
@@ -85,13 +86,13 @@ class PositionCheck:
             )
         return at
 
-    def actual(self) -> Modal:
+    def actual(self) -> Steps[Modal]:
         """Return where the printer says it is, if that isn't the job's place.
 
         A way out begins there. The needle is never lowered: of two heights the upper one holds.
         """
-        at = self.expected()
-        wrong, position = self.compare(at)
+        at = yield from self.expected()
+        wrong, position = yield from self.compare(at)
         if not wrong or not position:
             return at
         if self._was_carried_out(position):
@@ -115,11 +116,11 @@ class PositionCheck:
         )
         return True
 
-    def height(self) -> float:
+    def height(self) -> Steps[float]:
         """Return the needle's height, mm; end the print where it can't be read."""
-        position = self._confirmed_position()
+        position = yield from self._confirmed_position()
         if not position:
-            self._channel.commands(shut_and_wait(self._printer))
+            yield from self._channel.commands(shut_and_wait(self._printer))
             raise PrintEnded(
                 LinkState.POSITION_UNKNOWN,
                 "where the needle stands can't be read (M114), so it wasn't lowered; `printctl "
@@ -128,16 +129,16 @@ class PositionCheck:
             )
         return position["Z"]
 
-    def standing_away(self) -> Standstill:
+    def standing_away(self) -> Steps[Standstill]:
         """Return where the printer says it stands, whatever the job's text says."""
-        position = self._confirmed_position()
+        position = yield from self._confirmed_position()
         words = {axis.lower(): value for axis, value in position.items() if axis in AXES}
         return Standstill(Modal(**words), read=bool(position), dropped=False)
 
-    def standstill(self) -> Standstill:
+    def standstill(self) -> Steps[Standstill]:
         """Return where the printer stands after it dropped moves."""
         at, heights = self._progress.modal(), self._progress.heights()
-        position = self._confirmed_position()
+        position = yield from self._confirmed_position()
         if not position:
             return Standstill(replace(at, z=max(heights, default=None)), read=False, dropped=True)
         z = position["Z"]
@@ -148,27 +149,29 @@ class PositionCheck:
         dropped = bool(disagreement(at, position))
         return Standstill(there, read=True, dropped=dropped, place=Modal(x=x, y=y, z=z, e=e))
 
-    def made(self) -> bool:
+    def made(self) -> Steps[bool]:
         """Whether the motors stand where the job's last line leads: nothing is left to be dropped.
 
         M114 doesn't count the plunger's steps: not behind a line that moves it alone.
         """
         moves = (line for line in reversed(self._progress.taken) if is_motion(line))
         last = read_sent(next(moves, b"")).words
-        return bool(set("XYZ") & last.keys()) and self.frame.stands_at(self._progress.modal())
+        if not set("XYZ") & last.keys():
+            return False
+        return (yield from self.frame.stands_at(self._progress.modal()))
 
-    def _confirmed_position(self) -> dict[str, float]:
+    def _confirmed_position(self) -> Steps[dict[str, float]]:
         """Return the position reported twice running, as no checksum guards it; else empty."""
         position: dict[str, float] = {}
         for _ in range(RETRIES):
-            before, position = position, parse_position(self._channel.command(b"M114"))
+            before, position = position, parse_position((yield from self._channel.command(b"M114")))
             if set("XYZ") <= set(position) and position == before:
                 return position
         return {}
 
     # --- whether that is right -------------------------------------------------------------------
 
-    def compare(self, at: Modal) -> tuple[str, dict[str, float]]:
+    def compare(self, at: Modal) -> Steps[tuple[str, dict[str, float]]]:
         """Ask for the position; return what disagrees with ``at`` (empty for nothing), and it.
 
         Of E of a printer that tells shifts (Klipper) it is what was pushed.
@@ -178,44 +181,46 @@ class PositionCheck:
         for _ in range(RETRIES):  # a reply may be garbled, where a line can't be
             if self.frame.tells_shifts:
                 question = link_facts(self._printer).place_question
-                last = parse_shifted(self._channel.command(question))[0]
+                replies = yield from self._channel.command(question)
+                last = parse_shifted(replies)[0]
             else:
-                last = parse_position(self._channel.command(b"M114"))
+                replies = yield from self._channel.command(b"M114")
+                last = parse_position(replies)
             position = last or position
             wrong = disagreement(at, position) if position else wrong
             if position and not wrong:
                 break
         return wrong, position
 
-    def missed_height(self, way: Sequence[bytes]) -> str:
+    def missed_height(self, way: Sequence[bytes]) -> Steps[str]:
         """Return how far from its end a way out ended, which was acknowledged; '' for nothing."""
-        wrong, position = self.compare(Modal(z=modal_state(way, len(way)).z))
+        wrong, position = yield from self.compare(Modal(z=modal_state(way, len(way)).z))
         return wrong.replace("the job says", "it was sent to") if position else ""
 
-    def verify(self, at: Modal, mark: str = "", stands: bool = False) -> None:
+    def verify(self, at: Modal, mark: str = "", stands: bool = False) -> Steps[None]:
         """Compare position and job, write both down; end the print where they disagree.
 
         ``stands``: M400 was just answered, so that all that was taken is made.
         """
-        wrong, position = self.compare(at)
-        if not wrong and (self._progress.meddled or self.frame.doubtful()):
-            wrong = self.frame.renamed()
+        wrong, position = yield from self.compare(at)
+        if not wrong and (self._progress.meddled or (yield from self.frame.doubtful())):
+            wrong = yield from self.frame.renamed()
         done = self._progress.done
         values: dict[str, str | bool] = {"mark": mark} if mark else {}
         values |= {"stands": True} if stands else {}
         self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)
         if wrong:
-            self.end_astray(wrong)
+            yield from self.end_astray(wrong)
         if stands:
             self._progress.compared()
 
-    def verify_in_passing(self) -> None:
+    def verify_in_passing(self) -> Steps[None]:
         """Compare positions between two lines; the planner isn't drained for it."""
-        self._channel.settle()
+        yield from self._channel.settle()
         self._progress.unverified = False
-        self.verify(self._progress.modal())
+        yield from self.verify(self._progress.modal())
 
-    def verify_end(self) -> str:
+    def verify_end(self) -> Steps[str]:
         """Compare where the motors rest behind the last move with where the job ends.
 
         Return what to add to the message of the end where something can't be compared; raise
@@ -223,7 +228,7 @@ class PositionCheck:
         """
         progress, at = self._progress, self._progress.modal()
         progress.unverified = False
-        wrong, position, by_steps = self.frame.compare_end(at)
+        wrong, position, by_steps = yield from self.frame.compare_end(at)
         if not position:
             words = "; the end's place isn't compared: the printer tells none (M114)"
         elif not set(position) & set(at.place_axes()):
@@ -261,20 +266,20 @@ class PositionCheck:
 
     # --- what another program did to it ----------------------------------------------------------
 
-    def refuse_astray(self) -> None:
+    def refuse_astray(self) -> Steps[None]:
         """End the print where place or its name aren't the job's; nothing stands still for it."""
-        wrong, _ = self.compare(self._progress.modal())
-        wrong = wrong or self.frame.renamed()
+        wrong, _ = yield from self.compare(self._progress.modal())
+        wrong = wrong or (yield from self.frame.renamed())
         if wrong:
-            self.end_astray(f"{wrong} (another client of this printer wrote to it)")
+            yield from self.end_astray(f"{wrong} (another client of this printer wrote to it)")
 
-    def refuse_renamed(self, *, waited: bool = False) -> None:
+    def refuse_renamed(self, *, waited: bool = False) -> Steps[None]:
         """End the print where another program has renamed the place (`FrameCheck.renamed`)."""
-        wrong = self.frame.renamed(waited=waited)
+        wrong = yield from self.frame.renamed(waited=waited)
         if wrong:
-            self.end_astray(wrong)
+            yield from self.end_astray(wrong)
 
-    def refuse_pushed(self, left_e_mm: float | None) -> None:
+    def refuse_pushed(self, left_e_mm: float | None) -> Steps[None]:
         """End the print where another program wrote and the plunger's count isn't as it was left.
 
         Whether that program moved the plunger or renamed its place is unknown: to go back to the
@@ -282,18 +287,21 @@ class PositionCheck:
         """
         if left_e_mm is None or not self._progress.meddled:
             return
-        e = self._confirmed_position().get("E", left_e_mm)
+        position = yield from self._confirmed_position()
+        e = position.get("E", left_e_mm)
         if abs(e - left_e_mm) > WITHIN_MM:
-            self.end_astray(f"the plunger is told at E {e:.2f} mm and was left at {left_e_mm:.2f}")
+            at = f"at E {e:.2f} mm and was left at {left_e_mm:.2f}"
+            yield from self.end_astray(f"the plunger is told {at}")
 
-    def end_astray(self, wrong: str) -> NoReturn:
+    def end_astray(self, wrong: str) -> Steps[NoReturn]:
         """End a print whose printer isn't as its job counts on; its moves are dropped."""
-        self._channel.commands(shut_and_wait(self._printer))
+        yield from self._channel.commands(shut_and_wait(self._printer))
         others = self._progress.foreign_words()
         because = f" ({others})" if others else ""
+        dropped = yield from self._drop_moves()
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
-            f"after line {self._progress.done}: {wrong}{because}{self._drop_moves()}"
+            f"after line {self._progress.done}: {wrong}{because}{dropped}"
             f"{self._not_lifted()}; `printctl status` says what next",
             known=False,
         )
@@ -309,7 +317,7 @@ class PositionCheck:
             "by hand or by Z alone, before X or Y moves"
         )
 
-    def _drop_moves(self) -> str:
+    def _drop_moves(self) -> Steps[str]:
         """Have moves that lead astray dropped; return what to add to the message.
 
         Past the protocol, as the last bytes that are sent: a stop that was requested meanwhile
@@ -318,7 +326,7 @@ class PositionCheck:
         quickstop = link_facts(self._printer).quickstop
         if not quickstop:
             return ""
-        self._channel.wiring.transport.write_urgent(b"\n%b\n" % quickstop)
+        yield from self._channel.send_at_once(b"\n%b\n" % quickstop)
         self._progress.moves_dropped()
         return f"; its motors were told to stop ({quickstop.decode()})"
 
@@ -362,23 +370,23 @@ class SlipWatch:
             return stop
         return min(stop, max(self._checked + self._every, done + 1))
 
-    def look(self) -> None:
+    def look(self) -> Steps[None]:
         """Compare the position; where the next lines put it right, again after them.
 
         A word that was garbled past the checksum and given again since did its harm; the print
         goes on, with an alarm. One that would stay wrong (a Z within a layer) ends it at once.
         """
-        self._channel.settle()
+        yield from self._channel.settle()
         done = self._checked = self._progress.done
         at, lines = self._progress.modal(), self._progress.job.lines
-        wrong, position = ("", {}) if self._slip else self._position.compare(at)
+        wrong, position = ("", {}) if self._slip else (yield from self._position.compare(at))
         soon = set(axes_placed(lines[done : done + AGAIN_LINES]))
         if wrong and position and soon.issuperset(mismatched_axes(at, position)):
-            self._position.refuse_renamed()
+            yield from self._position.refuse_renamed()
             self._slip = f"after line {done}: {wrong}"
             self._every, self._noisy_until = AGAIN_LINES, done + NOISY_LINES
             return
-        self._position.verify(at)
+        yield from self._position.verify(at)
         self._every = min(2 * self._every, CHECK_LINES)
         if self._slip:
             self._channel.logbook.alarm(

@@ -158,7 +158,7 @@ class JobProgress:
 
     def leaves(self) -> None:
         """Record that the machine stands, or that what comes leads the needle away."""
-        now, protocol = self._wiring.clock.now(), self._protocol
+        now, protocol = self._wiring.exchange.now_s, self._protocol
         self.standstills.rest(protocol.lines_done, now, protocol.line_errors)
 
     def compared(self) -> None:
@@ -194,15 +194,15 @@ class JobProgress:
 
     def overdue(self) -> bool:
         """Whether the line in flight would be answered by now, by plan."""
-        return self.standstills.overdue(self._wiring.clock.now())
+        return self.standstills.overdue(self._wiring.exchange.now_s)
 
     def all_made(self) -> bool:
         """Whether all that was sent has ended by plan, though nothing says so."""
-        return self.standstills.all_made(self._wiring.clock.now())
+        return self.standstills.all_made(self._wiring.exchange.now_s)
 
     def standing_words(self) -> str:
         """Return for how long and where the motors stand by plan; empty where it doesn't tell."""
-        one = self.standstills.standing(self._wiring.clock.now())
+        one = self.standstills.standing(self._wiring.exchange.now_s)
         return f"by plan its motors have stood {self.standstill_words(one)}" if one else ""
 
     def standstill_words(self, one: Standstill) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from typing import Final
+from typing import Final, TypeVar
 
 from firmware_profiles.families import family_of
 from firmware_profiles.families.position_reply import parse_position
@@ -20,14 +20,18 @@ from printctl.machine.control.halting import Kill
 from printctl.machine.control.heat import Temperature, parse_temperatures
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.progress import JobProgress
+from printctl.machine.control.shell import drive
 from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import Place
+from printctl.machine.control.steps import Steps
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import LinkError
 from printctl.machine.families import link_facts
 from printctl.machine.job.job import Job
 from printctl.machine.job.retreat import heaters_off
 from printctl.machine.records.states import LinkState
+
+T = TypeVar("T")
 
 POLL_S: Final = 1.0
 """Interval of temperatures."""
@@ -104,7 +108,7 @@ class Standby:
 
     # --- begin and end ---------------------------------------------------------------------------
 
-    def begin(self) -> None:
+    def begin(self) -> Steps[None]:
         """Find the printer, check it, and see where it stands.
 
         Raises
@@ -114,34 +118,35 @@ class Standby:
         """
         protocol = self._wiring.protocol
         self._logbook.state = LinkState.CONNECTING
-        connect(self.channel)
+        yield from connect(self.channel)
         self._logbook.state = LinkState.CHECKING
-        self._firmware.check(self._gauges)
-        self.channel.agree(protocol.renumber)
+        yield from self._firmware.check(self._gauges)
+        yield from self.channel.agree(protocol.renumber)
         protocol.load([], 0, 0)
         self._logbook.state = LinkState.PAUSED
         self._events.found = True
         if link_facts(self._wiring.printer).m84_sets_timeout:
             # else the motors lose their power, and the place its meaning
-            self.channel.command(b"M84 S0")
-        self._sign_of_life()
-        self._poll()
+            yield from self.channel.command(b"M84 S0")
+        yield from self._sign_of_life()
+        yield from self._poll()
 
     def end(self) -> None:
         """Take no further part: what another thread asks of this one is over."""
         self._kill.end()
 
-    def let_go(self) -> list[str]:
+    def let_go(self) -> Steps[list[str]]:
         """Leave the printer to itself, heaters off; return the names of those that stay on.
 
         The motors stay powered, so that nothing sinks. The firmware's own switch-off time is taken
         back, but not where something stays on: then it must strike.
         """
-        self.do(*(command.decode("ascii") for command in heaters_off(self._wiring.printer)))
-        self._poll()
+        off = heaters_off(self._wiring.printer)
+        yield from self.do(*(command.decode("ascii") for command in off))
+        yield from self._poll()
         on = [one.name for one in self.temperatures if one.target_c]
         if not on and self.dialect.idle_timeout and self.dialect.zero_is_off:
-            self.do(self.dialect.idle_timeout.format(seconds="0"))
+            yield from self.do(self.dialect.idle_timeout.format(seconds="0"))
         return on
 
     # --- for any thread --------------------------------------------------------------------------
@@ -158,48 +163,56 @@ class Standby:
         """Take back `halt_motion`, before a move is asked for."""
         self.halt.clear()
 
+    # --- for the thread that speaks to the printer -----------------------------------------------
+
+    def drive(self, steps: Steps[T]) -> T:
+        """Carry out steps of this standby, or on it; return what they return."""
+        return drive(steps, self._wiring)
+
     # --- waiting ---------------------------------------------------------------------------------
 
-    def rest(self, seconds: float) -> None:
+    def rest(self, seconds: float) -> Steps[None]:
         """Hear the printer for so long, and ask it what is due."""
-        self.channel.pump(self._wiring.clock.now() + seconds)
-        self.attend()
+        yield from self.channel.pump(self.channel.now + seconds)
+        yield from self.attend()
 
     def ask_soon(self) -> None:
         """Have temperatures asked for at the next opportunity."""
         self._poll_due = 0.0
 
-    def attend(self) -> None:
+    def attend(self) -> Steps[None]:
         """Ask the printer what is due; raise PrintEnded where it was halted."""
-        now = self._wiring.clock.now()
+        now = self.channel.now
         if self._kill.asked.is_set():
-            self.channel.await_halt()
+            yield from self.channel.await_halt()
         if now >= self._sign_due:
-            self._sign_of_life()
+            yield from self._sign_of_life()
         if now >= self._poll_due:
-            self._poll()
+            yield from self._poll()
 
-    def _poll(self) -> None:
-        now = self._wiring.clock.now()
+    def _poll(self) -> Steps[None]:
+        now = self.channel.now
         self._poll_due = now + POLL_S
-        self.temperatures = parse_temperatures(self.channel.ask(b"M105")) or self.temperatures
-        self.look()  # somebody may turn the knob on the machine
-        high = read_high(self.channel, self._gauges, now)
+        replies = yield from self.channel.ask(b"M105")
+        self.temperatures = parse_temperatures(replies) or self.temperatures
+        yield from self.look()  # somebody may turn the knob on the machine
+        high = yield from read_high(self.channel, self._gauges, now)
         if high and high != self.trouble:
             self._logbook.alarm(high)
         self._events.trouble = high or self._logbook.take_fault()
         self._changed()
 
-    def _sign_of_life(self) -> None:
+    def _sign_of_life(self) -> Steps[None]:
         printer = self._wiring.printer
-        self._sign_due = self._wiring.clock.now() + SIGN_S
+        self._sign_due = self.channel.now + SIGN_S
         if self.dialect.idle_timeout and printer.idle_timeout_s > 0:
             seconds = f"{printer.idle_timeout_s:.0f}"
-            self.channel.ask(self.dialect.idle_timeout.format(seconds=seconds).encode("ascii"))
+            command = self.dialect.idle_timeout.format(seconds=seconds)
+            yield from self.channel.ask(command.encode("ascii"))
 
     # --- doing -----------------------------------------------------------------------------------
 
-    def do(self, *commands: str) -> list[str]:
+    def do(self, *commands: str) -> Steps[list[str]]:
         """Send commands one after the other; return what the printer says to all of them.
 
         Raises
@@ -209,7 +222,7 @@ class Standby:
         """
         heard: list[str] = []
         for command in commands:
-            for line in self.channel.command(command.encode("ascii")):
+            for line in (yield from self.channel.command(command.encode("ascii"))):
                 heard.append(line.decode("ascii", "backslashreplace"))
             self.raise_fault(command)
         return heard
@@ -222,10 +235,10 @@ class Standby:
 
     # --- where the tip stands --------------------------------------------------------------------
 
-    def look(self) -> None:
+    def look(self) -> Steps[None]:
         """Ask where the printer is; keep what M114's two decimals leave out of a known place."""
         for _ in range(RETRIES):
-            at = parse_position(self.channel.ask(b"M114"))
+            at = parse_position((yield from self.channel.ask(b"M114")))
             if not {"X", "Y", "Z"} <= set(at):
                 continue
             place, e = (at["X"], at["Y"], at["Z"]), at.get("E")
@@ -237,7 +250,7 @@ class Standby:
             return
         self.position = self.plunger = None
 
-    def expect(self, place: Place) -> None:
+    def expect(self, place: Place) -> Steps[None]:
         """See that the printer went where it was sent; go on counting from there exactly.
 
         Raises
@@ -246,7 +259,7 @@ class Standby:
             When it went elsewhere.
         """
         self.position = place
-        self.look()
+        yield from self.look()
         at = self.position
         if at is None or math.dist(at, place) > 2 * _WITHIN_MM:
             raise LinkError(

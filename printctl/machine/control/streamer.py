@@ -17,6 +17,8 @@ from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.pausing import want_pause
 from printctl.machine.control.printing import run_print
 from printctl.machine.control.requests import ManualCommand, Request, ResumeRequest
+from printctl.machine.control.shell import drive
+from printctl.machine.control.steps import Steps, carried_out
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import HandshakeError, LinkError, PortLost, Refused
 from printctl.machine.job.care import Care, NewSyringe
@@ -43,18 +45,30 @@ class Streamer:
 
         With a history, of the same job whose process died, go on from the printer's last line.
         """
+        status = drive(self.steps(history), self.wiring)
+        self.print.channel.kill.end()
+        self.wiring.on_status(status)
+        return status
+
+    def steps(self, history: JournalledPrint | None = None) -> Steps[Status]:
+        """Print as `run` does, by steps."""
         run = self.print
         try:
             try:
-                run_print(run, history)
+                yield from self._to_the_end(history)
             except LinkError as exc:
                 raise self._ended_by(exc) from exc
         except PrintEnded as ended:
-            shut_valve_past_protocol(run, ended)
-            status = run.logbook.end(ended)
-        run.channel.kill.end()
-        self.wiring.on_status(status)
-        return status
+            yield from shut_valve_past_protocol(run, ended)
+            return run.logbook.end(ended)
+        raise AssertionError("run_print always raises")
+
+    def _to_the_end(self, history: JournalledPrint | None) -> Steps[None]:
+        try:
+            yield from run_print(self.print, history)
+        except PrintEnded:
+            yield from carried_out(self.wiring.exchange)  # before the end is written down
+            raise
 
     def _ended_by(self, exc: LinkError) -> PrintEnded:
         name, logbook = type(exc).__name__, self.print.logbook

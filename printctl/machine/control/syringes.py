@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from printctl.machine.control.context import Print
 from printctl.machine.control.firmware import RETRIES
+from printctl.machine.control.steps import Steps
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.filling import Filling, Plan, grown_plan
 from printctl.machine.job.heads import choose, confirms, keep_raised
@@ -18,22 +19,22 @@ from printctl.machine.job.retreat import count_from
 from printctl.machine.records.states import LinkState, PrintEnded
 
 
-def take_head(run: Print) -> None:
+def take_head(run: Print) -> Steps[None]:
     """Choose the job's head and raise the others: another program may have chosen another.
 
     Nothing where the printer has one head alone.
     """
     number = run.progress.head
     if number is not None:
-        run.channel.commands(keep_raised(run.job.lines, run.progress.done, run.printer))
-        _choose_head(run, number)
+        yield from run.channel.commands(keep_raised(run.job.lines, run.progress.done, run.printer))
+        yield from _choose_head(run, number)
 
 
-def _choose_head(run: Print, number: int) -> None:
+def _choose_head(run: Print, number: int) -> Steps[None]:
     """Have the firmware use a head; end the print where it doesn't confirm that."""
     printer = run.printer
     for _ in range(RETRIES):  # an answer may be garbled
-        if confirms(run.channel.command(choose(printer, number)), printer, number):
+        if confirms((yield from run.channel.command(choose(printer, number))), printer, number):
             return
     raise PrintEnded(
         LinkState.POSITION_UNKNOWN,
@@ -43,27 +44,27 @@ def _choose_head(run: Print, number: int) -> None:
     )
 
 
-def begin_change(run: Print, at: Modal) -> None:
+def begin_change(run: Print, at: Modal) -> Steps[None]:
     """Write down that the plunger's count is about to lose its meaning, and make room."""
     run.excursion.counted = False
     _begin(run, run.change.planned_head)
     head = {} if run.change.planned_head is None else {"head": run.change.planned_head}
     run.logbook.record("reload", done=run.progress.done, e=at.e, **head)
-    run.channel.commands(run.wiring.retreat.rise(at, run.printer, _room_mm(run)))
-    _take_idle_head(run)
+    yield from run.channel.commands(run.wiring.retreat.rise(at, run.printer, _room_mm(run)))
+    yield from _take_idle_head(run)
 
 
-def find_change_again(run: Print, at: Modal, head: int | None) -> None:
+def find_change_again(run: Print, at: Modal, head: int | None) -> Steps[None]:
     """Make room once more: the host died while a syringe was changed.
 
     The plunger is left alone: what is in front of it is unknown.
     """
     _begin(run, head)
-    z, room = run.position.compare(Modal())[1].get("Z"), _room_mm(run)
+    z, room = (yield from run.position.compare(Modal()))[1].get("Z"), _room_mm(run)
     for command in run.wiring.retreat.rise(at, run.printer, room):
         if z is None or at.z is None or z < at.z + room:
-            run.channel.command(command)
-    _take_idle_head(run)
+            yield from run.channel.command(command)
+    yield from _take_idle_head(run)
 
 
 def _begin(run: Print, head: int | None) -> None:
@@ -71,13 +72,13 @@ def _begin(run: Print, head: int | None) -> None:
     change.going_on, change.begun, change.planned_head = True, change.begun + 1, head
 
 
-def _take_idle_head(run: Print) -> None:
+def _take_idle_head(run: Print) -> Steps[None]:
     """Have E move the plunger whose syringe is changed, where that isn't the one in use."""
     # the needle stands high above the bath behind it; a client that says at once that a syringe is
     # in has places compared that must stand still
-    run.channel.command(b"M400")
+    yield from run.channel.command(b"M400")
     if run.change.idle_head is not None:
-        _choose_head(run, run.change.idle_head)
+        yield from _choose_head(run, run.change.idle_head)
 
 
 def _room_mm(run: Print) -> float:
@@ -118,7 +119,7 @@ def _filling(run: Print, head: int | None) -> Filling:
     return run.change.filled.get(head, Filling(0, used, capacity, name))
 
 
-def count_plunger(run: Print, at: Modal, new: NewSyringe) -> None:
+def count_plunger(run: Print, at: Modal, new: NewSyringe) -> Steps[None]:
     """Call the new plunger's place what the job goes on from, relieved like the old one.
 
     A pneumatic head has none to count; its valve is shut once more, so that a host that dies
@@ -126,7 +127,7 @@ def count_plunger(run: Print, at: Modal, new: NewSyringe) -> None:
     was changed than the one's in use, that one's count is set again: it is the printer's only
     one, and the other head's plunger moved it. The other's own is set by the job's change.
     """
-    take_head(run)
+    yield from take_head(run)
     pneumatic = run.printer.pneumatic
     if at.e is None and pneumatic is None:
         return
@@ -148,6 +149,6 @@ def count_plunger(run: Print, at: Modal, new: NewSyringe) -> None:
         reload_at=run.watch.reload_at,
         reload_heads=run.watch.reload_heads,
     )
-    run.channel.command(command)
+    yield from run.channel.command(command)
     if pneumatic is None:
-        run.position.verify(Modal(e=e))
+        yield from run.position.verify(Modal(e=e))

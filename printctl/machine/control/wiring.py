@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from firmware_profiles import Printer
 from firmware_profiles.families.link_protocol import LinkProtocol
 from printctl.checks.gate import Bounds, Phase, PrinterSituation
+from printctl.machine.control.steps import Exchange
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import Clock
 from printctl.machine.ports.transport import Transport
@@ -25,6 +26,7 @@ class Wiring:
     journal: Journal
     printer: Printer
     retreat: Retreat = field(default_factory=Retreat)
+    exchange: Exchange = field(default_factory=Exchange)  # between steps and their shell
     fresh: bool = True  # the port has just been opened, so that the board may be starting
     # given every change of state, and progress every `NOTE_S`, in the streamer's thread
     on_status: Callable[[Status], None] = lambda status: None

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families import link_protocol as said
-from printctl.machine.control.channel import POLL_S
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.halting import UNCONFIRMED, Kill
+from printctl.machine.control.shell import drive
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import JournalError, LinkError, PortError
 from printctl.machine.ports.clock import RealClock
@@ -77,11 +77,8 @@ def _halt(wiring: Wiring) -> str:
     """Halt the firmware; return what came of it, in words."""
     kill = Kill(wiring)
 
-    def hear() -> None:
-        data = wiring.transport.read(POLL_S)
-        if data:
-            kill.heard()
-        for event in wiring.protocol.feed(data, wiring.clock.now()) if data else ():
+    def hear(data: bytes, now: float) -> None:
+        for event in wiring.protocol.feed(data, now):
             if isinstance(event, (said.FirmwareHalted, said.Halting)):
                 kill.halted()
                 raise PrintEnded(LinkState.KILLED, kill.words(None), known=False)
@@ -93,7 +90,7 @@ def _halt(wiring: Wiring) -> str:
     striking = threading.Thread(target=kill.strike)
     striking.start()
     try:
-        kill.await_halt(hear)
+        drive(kill.await_halt(hear), wiring)
     except PrintEnded as ended:
         return str(ended)
     finally:

@@ -218,7 +218,8 @@ def connect(machine: Machine, ready: str = "ready", *, trusted: bool = True) -> 
     finally:
         machine.switching = False
     if plug.simulated and trusted and machine.idle is not None:
-        machine.idle.declare(plug.start_mm, set(AXES))
+        idle = machine.idle
+        idle.standby.drive(idle.declare(plug.start_mm, set(AXES)))
     machine.write_down("state", state="ready", message="connected", port=plug.port)
     machine.enter(StationState.READY, ready)
 
@@ -237,7 +238,7 @@ def stand_by(machine: Machine, fresh: bool) -> None:
     )
     standby = Standby(wiring, machine.plug.pace, machine.tell_live)
     machine.stand_by(standby)
-    standby.begin()
+    standby.drive(standby.begin())
     machine.idle = IdleCommands(standby, machine.known)
 
 
@@ -290,7 +291,7 @@ def _after_print(machine: Machine, status: Status) -> None:
     else:
         stand_by(machine, fresh=False)
         if machine.reports and machine.standby is not None:
-            machine.standby.do("M155 S0")
+            machine.standby.drive(machine.standby.do("M155 S0"))
         machine.enter(StationState.READY, ended)
 
 
@@ -306,7 +307,7 @@ def run(machine: Machine) -> None:
             else:
                 request = machine.next_request()
                 if request is None and machine.standby is not None:
-                    machine.standby.rest(IDLE_S)
+                    machine.standby.drive(machine.standby.rest(IDLE_S))
             if request is not None:
                 _attend(machine, request)
         except (PrintEnded, PortLost) as exc:
@@ -355,7 +356,7 @@ def _by_hand(machine: Machine, request: Request) -> dict[str, Any]:
         else:
             if machine.idle is None:
                 raise PortLost(f"{machine.plug.port} isn't open")
-            answer = machine.idle.requests[do](**request.values)
+            answer = machine.idle.grant(do, request.values)
     except PortLost:
         raise
     except LinkError as exc:
@@ -381,7 +382,7 @@ def _close(machine: Machine) -> None:
     message, standby = "closed", machine.standby
     if machine.state not in DOWN and standby is not None:
         with contextlib.suppress(LinkError, PrintEnded):
-            on = ", ".join(standby.let_go())
+            on = ", ".join(standby.drive(standby.let_go()))
             message = f"closed; {on} stays on (safe_state_on)" if on else "closed; heaters off"
     machine.closing = True
     if standby is not None:

@@ -11,6 +11,7 @@ from printctl.cli.running_print import waiting_lines
 from printctl.machine.control.frame_check import FrameCheck
 from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.progress import JobProgress
+from printctl.machine.control.steps import Exchange, Steps
 from printctl.machine.errors import Refused
 from printctl.machine.job.flow_check import check_factor, check_flow
 from printctl.machine.job.frame import frame_at
@@ -21,7 +22,6 @@ from printctl.machine.job.modal import Modal
 from printctl.machine.job.reach import JobReach
 from printctl.machine.job.reloading import plunger_travel
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.actions import possible_actions
 from printctl.machine.prints.inserted_ink import filling_in_file, inserted_ink
 from printctl.machine.prints.progress import Filling
@@ -34,6 +34,7 @@ from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.looking import Observer, layered, observed, patch
 from tests.printctl.machine.link.simulated import PRINTER, wire
+from tests.printctl.machine.link.stepping import ended
 
 DATA = layered(3, 6)
 OWN = parse_job(DATA, "test.gcode")
@@ -239,10 +240,11 @@ def test_a_place_isnt_taken_as_renamed_before_the_jobs_own_renaming_behind_an_in
     """The frame was read once: an insert moved the renaming further down than was known."""
     job = parse_job(b"G92 X0 Y0 Z1\nG1 X10 F600\nG92 X0\nG1 X5\nG92 X0\nG1 X5\n", "a")
     protocol, x, steps_x = SimpleNamespace(lines_done=0, line_errors=0), 0.0, 0.0
-    wiring = SimpleNamespace(protocol=protocol, printer=PRINTER, clock=VirtualClock())
+    wiring = SimpleNamespace(protocol=protocol, printer=PRINTER, exchange=Exchange())
     progress = JobProgress(wiring, job)
 
-    def command(text: bytes, journalled: bool = True) -> tuple[bytes, ...]:
+    def command(text: bytes, journalled: bool = True) -> Steps[tuple[bytes, ...]]:
+        yield from ()
         steps = int(steps_x * PRINTER.steps_per_mm.x)
         return (f"X:{x:.2f} Y:0.00 Z:1.00 E:0.00 Count X:{steps} Y:0 Z:400".encode(),)
 
@@ -250,9 +252,9 @@ def test_a_place_isnt_taken_as_renamed_before_the_jobs_own_renaming_behind_an_in
         progress=progress, fault="", excuse=lambda before: "", record=lambda sort, **values: True
     )
     frame = FrameCheck(SimpleNamespace(logbook=logbook, wiring=wiring, command=command))
-    frame.begin()
+    ended(frame.begin())
     protocol.lines_done, x, steps_x = 4, 5.0, 15.0
-    assert not frame.renamed()
+    assert not ended(frame.renamed())
     progress.grow(job.grown(Insert(1, 4, (b"G1 X7", b"G1 X9"))))
     protocol.lines_done, x, steps_x = 6, 9.0, 19.0
-    assert not frame.renamed()
+    assert not ended(frame.renamed())

@@ -33,6 +33,7 @@ from sim.gcode.reading import GcodeLine, read_sent
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import HEADER as SIM_HEADER
 from tests.printctl.machine.link.simulated import wired
+from tests.printctl.machine.link.stepping import ExchangeOf
 
 
 @pytest.mark.parametrize(
@@ -85,6 +86,7 @@ def test_each_command_of_a_halt_is_told_with_its_own_time(monkeypatch, parser, e
         SimpleNamespace(
             transport=SimpleNamespace(write_urgent=write_urgent),
             clock=clock,
+            exchange=ExchangeOf(clock),
             printer=printer.model_copy(update={"emergency_parser": parser, "lines_in_flight": 1}),
             protocol=SimpleNamespace(kill_bytes=b"\nM112\n"),
         )
@@ -109,7 +111,11 @@ def test_only_a_board_that_lived_between_has_obeyed_the_quickstop(says_something
     """One that stood still finds M410 and M112 together, and looks at M112 first."""
     wire, clock, printer = Wire(), VirtualClock(), load(Printer, "marlin_avr")
     wiring = SimpleNamespace(
-        transport=wire, clock=clock, printer=printer, protocol=SimpleNamespace(kill_bytes=b"M112\n")
+        transport=wire,
+        clock=clock,
+        exchange=ExchangeOf(clock),
+        printer=printer,
+        protocol=SimpleNamespace(kill_bytes=b"M112\n"),
     )
     kill = Kill(wiring)
     striking = threading.Thread(target=kill.strike)

@@ -18,6 +18,7 @@ from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families.position_reply import parse_position
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.machine.control.progress import JobProgress
+from printctl.machine.control.steps import Exchange
 from printctl.machine.control.watch import DueTask, Watch
 from printctl.machine.errors import JobError, LinkError, Refused
 from printctl.machine.job.care import Care
@@ -27,7 +28,6 @@ from printctl.machine.job.marks import Mark, MarkKind, Marks
 from printctl.machine.job.modal import Modal, ModalTrail, disagreement, modal_state, relieved_mm
 from printctl.machine.job.retreat import Retreat, heaters_off
 from printctl.machine.job.start import declared_start
-from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.process.orders import Order
 from printctl.machine.process.starting import find_or_start
 from printctl.pipeline.stages import printing
@@ -165,7 +165,7 @@ lines = st.lists(st.sampled_from([b"G1 X1", b"G0 Z2", b"M105", b"G4 P10"]), max_
 
 def progress_of(job: list[bytes], printer: Printer, taken: int = 0) -> JobProgress:
     protocol = SimpleNamespace(lines_done=taken, line_errors=0)
-    wiring = SimpleNamespace(printer=printer, protocol=protocol, clock=VirtualClock())
+    wiring = SimpleNamespace(printer=printer, protocol=protocol, exchange=Exchange())
     return JobProgress(wiring, Job(job, list(range(1, len(job) + 1)), "", "a"))
 
 

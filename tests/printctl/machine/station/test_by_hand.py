@@ -18,6 +18,7 @@ from printctl.machine.control.idle_commands import IdleCommands
 from printctl.machine.control.known_state import Knowledge, heat_limits, read_mounted_profiles
 from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
+from printctl.machine.control.steps import Steps
 from printctl.machine.errors import AlreadyPrinting, HandshakeError, Refused
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.port_list import PortPrograms
@@ -31,6 +32,7 @@ from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import PRINTER as PRINTER_LEVELLING
 from tests.printctl.machine.link.simulated import START
+from tests.printctl.machine.link.stepping import ended
 
 
 def test_tells_where_it_stands_and_how_warm_it_is(at_rest):
@@ -98,10 +100,10 @@ def test_console_homes_only_once_it_is_known_whether_a_needle_is_on():
     standing = Standing(MarlinPrinter(PRINTER_LEVELLING, START, Board()))
     hands = IdleCommands(standing, known)  # type: ignore[arg-type]
     with pytest.raises(Refused, match=r"isn't known whether a needle is mounted.*Home"):
-        hands.command("G28 X")
+        hands.grant("command", {"text": "G28 X"})
     assert standing.sent == []
     known.mount({"needle": ""})
-    hands.command("G28 X")
+    hands.grant("command", {"text": "G28 X"})
     assert standing.sent[0] == "G28 X"
 
 
@@ -151,7 +153,7 @@ def test_heater_is_set_and_told(at_rest):
 
 def test_line_that_is_never_taken_ends_the_standby():
     channel = MagicMock()
-    channel.wiring.clock.now.return_value = 0.0
+    channel.now = 0.0
     channel.wiring.transport.programs.return_value = PortPrograms()
     events = StandbyEvents(channel, threading.Event())
     events.found = True
@@ -316,7 +318,8 @@ class Standing:
     def __init__(self, printer: MarlinPrinter) -> None:
         self.transport, self.sent = SimTransport(printer, VirtualClock()), list[str]()
 
-    def do(self, *commands: str) -> list[str]:
+    def do(self, *commands: str) -> Steps[list[str]]:
+        yield from ()
         self.sent += commands
         self.transport.write("".join(f"{one}\n" for one in commands).encode())
         said = b""
@@ -324,21 +327,25 @@ class Standing:
             said += self.transport.read(1.0)
         return said.decode().splitlines()
 
-    def look(self) -> None:
-        self.do("M114")
+    def look(self) -> Steps[None]:
+        yield from self.do("M114")
+
+    @staticmethod
+    def drive(steps: Steps[Any]) -> Any:
+        return ended(steps)
 
 
 def homed(board: Board) -> tuple[dict[str, Any], Standing]:
     """Home X and Y of a printer by hand; return the answer, and it."""
     standing = Standing(MarlinPrinter(PRINTER_LEVELLING, START, board))
     hands = IdleCommands(standing, Knowledge(PRINTER_LEVELLING))  # type: ignore[arg-type]
-    return hands.home(["x", "y"]), standing
+    return hands.grant("home", {"axes": ["x", "y"]}), standing
 
 
 def test_levelling_that_homing_by_hand_switches_on_is_off_again():
     answer, standing = homed(Board(bed_slope=SLOPE, levels_after_homing=True))
     assert "homing switched bed levelling on" in answer["message"]
-    assert any("M420 S0" in line for line in standing.do("M503 S0"))
+    assert any("M420 S0" in line for line in ended(standing.do("M503 S0")))
 
 
 def test_levelling_that_is_on_before_the_start_is_refused(tmp_path):
