@@ -98,7 +98,7 @@ def _stream(run: Print) -> Steps[None]:
     This loop is the hot path of the link: one write, one poll and one read a line.
     """
     protocol, channel, exchange = run.wiring.protocol, run.channel, run.wiring.exchange
-    take, send = protocol.take_output, exchange.effects.append
+    take, send, wait = protocol.take_output, exchange.effects.append, Wait(0.0)
     feed, progress, logbook = protocol.feed, run.progress, run.logbook
     requests, commands = run.queue.requests, run.queue.commands
     killed, heard = channel.kill.asked.is_set, channel.heard
@@ -122,7 +122,8 @@ def _stream(run: Print) -> Steps[None]:
         output = take()
         if output:
             send(output)
-        now, data = yield Wait(protocol.deadline)
+        wait.until_s = protocol.deadline
+        now, data = yield wait
         if data:
             heard.heard_s = now
             events = feed(data, now)

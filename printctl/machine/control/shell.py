@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final, TypeVar
 
-from printctl.machine.control.steps import Happened, Steps, Urgent
+from printctl.machine.control.steps import Steps, Urgent
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import PortLost
 
@@ -22,36 +23,30 @@ def drive(steps: Steps[T], wiring: Wiring) -> T:
     PrintEnded, LinkError
         As they do; `PortLost` where they don't catch it.
     """
-    exchange, now, read = wiring.exchange, wiring.clock.now, wiring.transport.read
-    effects = exchange.effects
+    exchange, now, transport = wiring.exchange, wiring.clock.now, wiring.transport
+    effects, write, read = exchange.effects, transport.write, transport.read
     exchange.now_s = now()
     try:
         wait = next(steps)
         while True:
             try:
-                if effects:
-                    carry_out(wiring)
-                left, data = wait.until_s - exchange.now_s, b""
-                if wait.until_s >= 0.0:
-                    data = read(POLL_S if left > POLL_S else max(left, 0.0))
+                while effects:
+                    effect = effects.popleft()
+                    if isinstance(effect, Urgent):
+                        transport.write_urgent(effect.data)
+                    else:
+                        write(effect)
+                left = wait.until_s - exchange.now_s
+                if left > POLL_S:
+                    data = read(POLL_S)
+                else:
+                    data = b"" if left == -math.inf else read(max(left, 0.0))
             except PortLost as exc:
                 exchange.now_s = now()
                 wait = steps.throw(exc)
             else:
                 exchange.now_s = now_s = now()
-                wait = steps.send(Happened(now_s, data))
+                wait = steps.send((now_s, data))
     except StopIteration as end:
-        carry_out(wiring)
         result: T = end.value
         return result
-
-
-def carry_out(wiring: Wiring) -> None:
-    """Carry out the effects that wait, in their order."""
-    transport, effects = wiring.transport, wiring.exchange.effects
-    while effects:
-        effect = effects.popleft()
-        if isinstance(effect, Urgent):
-            transport.write_urgent(effect.data)
-        else:
-            transport.write(effect)
