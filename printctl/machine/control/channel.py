@@ -105,7 +105,11 @@ class Channel:
     def send_at_once(self, data: bytes) -> Steps[None]:
         """Send past the protocol, before all that hasn't left yet; `PortLost` where that fails."""
         self.wiring.exchange.effects.append(Urgent(data))
-        yield from carried_out(self.wiring.exchange)
+        yield from carried_out()
+
+    def tell(self, report: Callable[..., None], *values: object) -> None:
+        """Have something reported to a client, once what it is about is in the journal."""
+        self.wiring.exchange.tell(report, *values)
 
     def listen(self, seconds: float) -> Steps[None]:
         """Hear the printer for so long."""

@@ -9,7 +9,7 @@ from typing import Final, NoReturn
 
 from printctl.machine.control.context import Print
 from printctl.machine.control.place import Standstill
-from printctl.machine.control.steps import Steps
+from printctl.machine.control.steps import Steps, carried_out
 from printctl.machine.errors import PortLost
 from printctl.machine.families import link_facts
 from printctl.machine.job.modal import Modal
@@ -41,12 +41,13 @@ def retreat(run: Print, state: LinkState, message: str) -> Steps[NoReturn]:
     run.interruption.disarm()
     yield from channel.commands(shut(run.printer))
     logbook.enter(LinkState.STOPPING, message)
+    yield from carried_out()  # a full disk is no fault of the way out
     logbook.take_fault()
     complaints, refused = logbook.complaints, progress.refused
     standstill = yield from _stop_motors(run)
     progress.leaves()
-    carried_out = progress.refused != refused
-    if carried_out:
+    line_made = progress.refused != refused
+    if line_made:
         whose = _OTHERS if progress.about_command else _OWN
         message += f", but the line was carried out: {whose}"
     message += standstill.words()
@@ -60,7 +61,7 @@ def retreat(run: Print, state: LinkState, message: str) -> Steps[NoReturn]:
     # one that has complained may ignore moves and say ok to them
     missed = (yield from run.position.missed_height(way)) if logbook.complaints else ""
     known = standstill.read and logbook.complaints == complaints and not missed
-    if known and (state is LinkState.STOPPED or logbook.disk_full or carried_out):
+    if known and (state is LinkState.STOPPED or logbook.disk_full or line_made):
         _record_stood(run, standstill)
     yield from run.firmware.undo_settings()
     fault = logbook.fault

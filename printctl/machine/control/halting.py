@@ -195,9 +195,9 @@ class Kill:
 
         ``hear`` handles what the printer says, and when.
         """
-        self._awaiting()
         exchange = self._wiring.exchange
-        exchange.effects.clear()
+        exchange.drop_bytes()
+        exchange.tell(self._awaiting)
         limit = exchange.now_s + KILL_WAIT_S
         while exchange.now_s < limit or not self._sent:
             if not self._sent:

@@ -155,7 +155,7 @@ class HeatCheck:
         }
 
     def _record(self) -> None:
-        self._logbook.record("heat", targets=self._targets, line=self._read)
+        self._logbook.record("heat", targets=dict(self._targets), line=self._read)
 
     def _read_job(self) -> None:
         """Take the targets that the job's own lines have set since they were last read."""

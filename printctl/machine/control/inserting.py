@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from printctl.machine.control.context import Print
 from printctl.machine.control.look_book import LookRequest, insert_answer
+from printctl.machine.control.steps import Steps, carried_out
 from printctl.machine.control.syringes import replanned
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.flow_check import check_factor, check_flow
@@ -13,7 +14,7 @@ from printctl.machine.job.modal import Modal
 from printctl.machine.job.valve import is_open
 
 
-def answer_clients(run: Print, at: Modal) -> LookRequest | None:
+def answer_clients(run: Print, at: Modal) -> Steps[LookRequest | None]:
     """Answer what clients request; return a decision of theirs, which is still to be made.
 
     ``at``: where the print is held, mm.
@@ -24,9 +25,10 @@ def answer_clients(run: Print, at: Modal) -> LookRequest | None:
             answer = run.book.repeated(request)
             if answer is None and request.decision is not None:
                 return request
-            request.done(answer or _insert(run, request, at))
+            answer = answer or (yield from _insert(run, request, at))
+            run.channel.tell(request.done, answer)
         except LinkError as exc:
-            request.refused(str(exc))
+            run.channel.tell(request.refused, str(exc))
     return None
 
 
@@ -36,12 +38,15 @@ def refuse_rest(run: Print) -> None:
         request = run.queue.looks.popleft()
         try:
             answer = run.book.repeated(request)
-            request.done(answer) if answer else request.refused("the print goes on")
+            if answer:
+                run.channel.tell(request.done, answer)
+            else:
+                run.channel.tell(request.refused, "the print goes on")
         except Refused as exc:
-            request.refused(str(exc))
+            run.channel.tell(request.refused, str(exc))
 
 
-def _insert(run: Print, request: LookRequest, at: Modal) -> dict[str, object]:
+def _insert(run: Print, request: LookRequest, at: Modal) -> Steps[dict[str, object]]:
     """Judge an insert, write it down, and let the job grow by it.
 
     Where it isn't taken (`LinkError`) nothing has changed.
@@ -67,7 +72,9 @@ def _insert(run: Print, request: LookRequest, at: Modal) -> dict[str, object]:
     logbook.refuse_without_room(insert.to_record(), name)
     if logbook.fault:
         raise Refused(f"{name} isn't taken: {logbook.fault}")
-    if not logbook.record("insert", **insert.to_record(), reload_at=plan[0], reload_heads=plan[1]):
+    logbook.record("insert", **insert.to_record(), reload_at=plan[0], reload_heads=plan[1])
+    yield from carried_out()
+    if run.wiring.exchange.journal_lost:
         raise Refused(f"{name} isn't taken: the journal can't be written")
     progress.grow(grown)
     watch.grow(progress.job.marks, done, len(lines))

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import math
 import re
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.standstill import Standstill
+from printctl.machine.control.steps import Record
 from printctl.machine.control.wiring import Wiring
-from printctl.machine.errors import JournalError, Refused
+from printctl.machine.errors import Refused
 from printctl.machine.records.journal import RESERVE_BYTES
 from printctl.machine.records.journalled_print import JournalledPrint
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded, Status
@@ -40,7 +40,7 @@ class _Alarm:
 
 
 class Logbook:
-    """State of one print, reported and written down; the only one that writes to the journal.
+    """State of one print, reported and written down; the only one that records in the journal.
 
     ``details`` adds to a status what other parts know; `note` is due at ``next_due``, s, at the
     latest; records of the sorts in ``unrecorded`` aren't written down.
@@ -55,20 +55,18 @@ class Logbook:
         unrecorded: frozenset[str] = frozenset(),
     ) -> None:
         self.progress = progress
-        self._wiring, self._unrecorded = wiring, unrecorded
+        self._wiring, self._exchange, self._unrecorded = wiring, wiring.exchange, unrecorded
         self._details, self._next_due = details, next_due
         self.state, self._message = LinkState.CONNECTING, ""
         self.next_note = 0.0  # s: when `note` is due
         self.resumed = False  # begun by a process that died
         self.complaints = 0  # how often the printer has complained
-        self.disk_full = False  # a record couldn't be written at once
         self._noted = self._alarm_count = 0
         self._open: list[tuple[str, bool]] = []
         self._remarks: list[str] = []
         self._alarms: dict[str, _Alarm] = {}
         self._standstills: list[Standstill] = []
         self._final: Status | None = None
-        self._journal_lost = False
 
     # --- as it stands, for any thread ------------------------------------------------------------
 
@@ -80,7 +78,15 @@ class Logbook:
     @property
     def fault(self) -> str:
         """The complaints, of the printer or the journal, that end the print; or empty."""
-        return "; ".join(list(dict.fromkeys(text for text, _ in self._open))[:MAX_FAULTS])
+        if not (self._open or self._exchange.journal_faults):
+            return ""  # it is looked for with each line
+        texts = [*self._exchange.journal_faults, *(text for text, _ in self._open)]
+        return "; ".join(list(dict.fromkeys(texts))[:MAX_FAULTS])
+
+    @property
+    def disk_full(self) -> bool:
+        """Whether a record couldn't be written at once."""
+        return self._exchange.disk_full
 
     @property
     def remarks(self) -> str:
@@ -129,7 +135,7 @@ class Logbook:
             standstills.end_at_rest()
         self.state, self._message = state, message
         self.record("state", state=state, message=message)
-        self._wiring.on_status(self.status)
+        self._exchange.tell(self._wiring.on_status, self.status)
 
     def end(self, ended: PrintEnded) -> Status:
         """Write down how the print ended; return the last status."""
@@ -144,7 +150,9 @@ class Logbook:
             look=None,
         )
         self.state, self._final = ended.state, status
-        self._journal_lost = False  # there may be room again, and this is the one that matters
+        self._exchange.journal_lost = (
+            False  # there may be room again, and this is the one that matters
+        )
         refused = self.progress.refused
         for alarm in self._alarms.values():
             if alarm.times > alarm.written:
@@ -162,21 +170,10 @@ class Logbook:
 
     # --- the journal -----------------------------------------------------------------------------
 
-    def record(self, sort: str, **values: Any) -> bool:
-        """Add to the journal; return whether the record is there.
-
-        A full disk is a fault that ends the print by a controlled stop.
-        """
-        if self._journal_lost or sort in self._unrecorded:
-            return False
-        try:
-            self._wiring.journal.add(sort, **values)
-        except JournalError as exc:
-            self.disk_full = True
-            self._open = [(str(exc), False), *(one for one in self._open if one[0] != str(exc))]
-            self._journal_lost = not self._wiring.journal.use_reserve()
-            return self.record(sort, **values)
-        return True
+    def record(self, sort: str, **values: Any) -> None:
+        """Have a record added to the journal, at the next wait."""
+        if sort not in self._unrecorded:
+            self._exchange.effects.append(Record(sort, values))
 
     def refuse_without_room(self, values: dict[str, Any], name: str) -> None:
         """Raise `Refused` for a large record that the disk hasn't room for.
@@ -184,7 +181,7 @@ class Logbook:
         One that fails costs the reserve.
         """
         size = len(json.dumps(values)) + RESERVE_BYTES
-        free = shutil.disk_usage(self._wiring.journal.path.parent).free
+        free = self._wiring.journal.free_bytes()
         if size > free:
             raise Refused(
                 f"{name} isn't taken: its record wants {size:,} bytes on the disk of the journal, "
@@ -210,7 +207,7 @@ class Logbook:
         if done != self._noted:
             self.record("ack" if done > self._noted else "back", done=done)
             self._noted = done
-            self._wiring.on_status(self.status)
+            self._exchange.tell(self._wiring.on_status, self.status)
 
     def _note_standstills(self) -> None:
         """Write down where the ink stood still, each by itself: up to a number."""
@@ -275,7 +272,7 @@ class Logbook:
 
     def take_fault(self) -> str:
         """Return the complaints, and forget them."""
-        text, self._open = self.fault, []
+        text, self._open, self._exchange.journal_faults = self.fault, [], []
         return text
 
     def excuse(self, before: str = "") -> str:

@@ -175,7 +175,7 @@ def _decide(run: Print, at: Modal, look: Look) -> Steps[_Ending]:
     run.watch.looked(run.channel.now, look.done)
     if ending.decision is not LookDecision.GO_ON and ending.by != "the user":
         run.logbook.alarm(f"{look}: {ending.by} decided to {ending.decision}: {ending.why}")
-    ending.confirm(decision_answer(record))
+    run.channel.tell(ending.confirm, decision_answer(record))
     return ending
 
 
@@ -186,7 +186,7 @@ def _await_decision(run: Print, at: Modal, limit_s: float) -> Steps[_Ending]:
             failed = word.again and word.decision is LookDecision.PAUSE
             return _Ending(word.decision, word.why, OBSERVER, again=failed, confirm=word.done)
         if isinstance(word, ResumeRequest):
-            word.answer("")
+            run.channel.tell(word.answer, "")
             return _RESUMED
         if word in _BY_REQUEST:
             return _BY_REQUEST[word]

@@ -18,7 +18,7 @@ from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.others import own_modes, take_back
 from printctl.machine.control.requests import Request, ResumeRequest
-from printctl.machine.control.steps import Steps
+from printctl.machine.control.steps import Record, Steps
 from printctl.machine.control.syringes import (
     begin_change,
     count_plunger,
@@ -66,9 +66,14 @@ def pause_where_due(run: Print) -> Steps[None]:
 
 def want_pause(run: Print, after: MarkKind | None) -> None:
     """Have the print held at the next mark of a kind, None for no longer; write it down."""
+    run.wiring.exchange.effects.append(wanted_pause(run, after))
+
+
+def wanted_pause(run: Print, after: MarkKind | None) -> Record:
+    """Have the print held at the next mark of a kind; return the record of it, by any thread."""
     run.watch.after = after
     head = {} if after is not MarkKind.RELOAD else {"head": run.change.wanted_head}
-    run.logbook.record("wanted", after=after or "", **head)
+    return Record("wanted", {"after": after or "", **head})
 
 
 def pause(run: Print, message: str, changing: bool = False) -> Steps[None]:
@@ -124,7 +129,7 @@ def wait_and_come_back(run: Print, at: Modal, message: str) -> Steps[None]:
     run.excursion.rests = True
     resume = yield from _stay_paused(run, at)
     run.logbook.enter(LinkState.RESUMING, "returning to where the print was left")
-    resume.answer("")
+    run.channel.tell(resume.answer, "")
     new = resume.change if run.change.going_on else None
     if new or (run.change.going_on and run.change.idle_head is not None):
         yield from count_plunger(run, at, new or NewSyringe())
@@ -174,7 +179,7 @@ def _stay_paused(run: Print, at: Modal) -> Steps[ResumeRequest]:
     while True:
         word = yield from await_word(run, at)
         if isinstance(word, LookRequest):  # of a look that became a pause without any decision
-            word.refused("the print is paused; `printctl resume RUN` goes on")
+            run.channel.tell(word.refused, "the print is paused; `printctl resume RUN` goes on")
         elif word is Request.RELOAD and not change.going_on:
             change.planned_head = change.wanted_head
             yield from begin_change(run, at)
@@ -185,7 +190,7 @@ def _stay_paused(run: Print, at: Modal) -> Steps[ResumeRequest]:
                 return word
             run.logbook.alarm(problem)
             run.logbook.enter(LinkState.PAUSED, problem)
-            word.answer(problem)
+            run.channel.tell(word.answer, problem)
         yield from sign_of_life(run)
 
 
@@ -219,7 +224,7 @@ def await_word(
             yield from end_on_fault(run)
         yield from send_manual(run)
         yield from end_on_fault(run)
-        word = answer_clients(run, at) or queue.take()
+        word = (yield from answer_clients(run, at)) or queue.take()
         if word is Request.STOP:
             raise StopRequested
         if word is not None or channel.now >= until:
@@ -242,23 +247,25 @@ def send_manual(run: Print) -> Steps[None]:
     while run.queue.commands:
         manual = run.queue.commands.popleft()
         if manual.refused is None:
-            manual.done((yield from run.channel.command(manual.text.encode("ascii"))))
+            lines = yield from run.channel.command(manual.text.encode("ascii"))
+            run.channel.tell(manual.done, lines)
             continue
         verdict = judge(manual.text, LineOrigin.CONSOLE, (yield from _situation(run)))
         if isinstance(verdict, Refusal):
             run.logbook.notice(verdict.message)
-            manual.refused(verdict.message)
+            run.channel.tell(manual.refused, verdict.message)
             continue
         before = run.logbook.fault
         try:
             lines = yield from run.channel.command(verdict.text.encode("ascii"))
         except StopRequested:
-            manual.refused("the print is being stopped")
+            run.channel.tell(manual.refused, "the print is being stopped")
             raise
         complaint = run.logbook.excuse(before)
         if not complaint:
             run.heat.set_by_hand(verdict)
-        manual.done((*lines, complaint.encode("ascii", "replace")) if complaint else lines)
+        lines = (*lines, complaint.encode("ascii", "replace")) if complaint else lines
+        run.channel.tell(manual.done, lines)
 
 
 def _situation(run: Print) -> Steps[PrinterSituation]:

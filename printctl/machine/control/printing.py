@@ -205,7 +205,7 @@ def _obey(run: Print) -> Steps[None]:
             yield from pause(run, run.queue.pause_words)
         elif isinstance(request, ResumeRequest):
             want_pause(run, None)  # a pause that is waited for no longer
-            request.answer("")
+            run.channel.tell(request.answer, "")
         elif request is Request.RELOAD:  # requested in a pause that is over
             want_pause(run, MarkKind.RELOAD)
 

@@ -200,7 +200,7 @@ class Standby:
         if high and high != self.trouble:
             self._logbook.alarm(high)
         self._events.trouble = high or self._logbook.take_fault()
-        self._changed()
+        self._wiring.exchange.tell(self._changed)
 
     def _sign_of_life(self) -> Steps[None]:
         printer = self._wiring.printer

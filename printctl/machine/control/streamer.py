@@ -14,10 +14,10 @@ from printctl.machine.control.ending import shut_valve_past_protocol
 from printctl.machine.control.excursion import CHANGE
 from printctl.machine.control.gating import allowed_command
 from printctl.machine.control.look_book import LookRequest
-from printctl.machine.control.pausing import want_pause
+from printctl.machine.control.pausing import wanted_pause
 from printctl.machine.control.printing import run_print
 from printctl.machine.control.requests import ManualCommand, Request, ResumeRequest
-from printctl.machine.control.shell import drive
+from printctl.machine.control.shell import drive, write_down
 from printctl.machine.control.steps import Steps, carried_out
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import HandshakeError, LinkError, PortLost, Refused
@@ -67,7 +67,7 @@ class Streamer:
         try:
             yield from run_print(self.print, history)
         except PrintEnded:
-            yield from carried_out(self.wiring.exchange)  # before the end is written down
+            yield from carried_out()  # before the end is written down
             raise
 
     def _ended_by(self, exc: LinkError) -> PrintEnded:
@@ -120,7 +120,7 @@ class Streamer:
                 f"{job.name} marks no {what} after line {job.file_line(done)}; pause at once "
                 f"instead (`printctl pause RUN`){then}"
             )
-        want_pause(run, after)
+        write_down(wanted_pause(run, after), self.wiring)  # before the client hears of it
         run.queue.add(Request.LOOK)
 
     def reload(self, head: int | None = None) -> None:

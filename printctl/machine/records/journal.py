@@ -59,6 +59,7 @@ import contextlib
 import json
 import os
 import secrets
+import shutil
 import threading
 import time
 import zlib
@@ -153,6 +154,10 @@ class Journal:
                 return False
             self._torn = False
             return True
+
+    def free_bytes(self) -> int:
+        """Return the room on the journal's disk."""
+        return shutil.disk_usage(self.path.parent).free
 
     def close(self) -> None:
         """Force everything to the disk, if it can, and let go of the file.
