@@ -25,7 +25,7 @@ from printctl.machine.prints.recovery_file import planned, write_rest
 from printctl.machine.prints.state import PrintTruth, read_print
 from printctl.machine.process.client import attach
 from printctl.machine.process.find_link import alive
-from printctl.machine.records.history_entry import this_user
+from printctl.machine.records.journal import this_user
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.states import LinkState, PrintOutcome, Status
 from printctl.observe import records

@@ -14,8 +14,8 @@ from printctl.machine.prints.actions import refuse_forgotten
 from printctl.machine.prints.journal_facts import read_journal_facts
 from printctl.machine.process.client import PrintClient, attach, resume_print
 from printctl.machine.process.find_link import alive
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.records import OBSERVER_LOCK, asking_look, read_looks
 from printctl.observe.starting import end_idle_observer, ensure_observer

@@ -22,8 +22,8 @@ from printctl.machine.prints.journal_facts import read_journal_facts
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.find_link import alive
 from printctl.machine.process.process import hold_folder
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import PICTURES, DeviceError, DeviceSettings, acquire

@@ -13,8 +13,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from printctl.machine.job.inserts import Insert
 from printctl.machine.prints.journal_facts import read_journal_facts
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import read_journal
 from printctl.observe.records import LookRecord, look_picture, read_looks
 from registration.report.look_figure import LookRow, look_figure
 

@@ -19,11 +19,11 @@ from printctl.errors import UsageError
 from printctl.machine.job.job import parse_job
 from printctl.machine.prints.grown_text import grown_text
 from printctl.machine.process.executed_note import EXECUTED, record_for
-from printctl.machine.records.history_entry import PrintEntry
-from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.replay import grown_in
 from printctl.pipeline.context import LIGHT_REACHES_MM
 from printctl.pipeline.evidence import Evidence, evidence
+from printctl.pipeline.past_print import PrintEntry
 from printctl.pipeline.simulated_scan import (
     PrintedInk,
     deposit_voxel_mm,

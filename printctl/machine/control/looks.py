@@ -19,7 +19,7 @@ from printctl.machine.control.requests import Request
 from printctl.machine.control.watch import DueTask
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.modal import Modal
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState
 
 OBSERVER = "the observer"

@@ -14,7 +14,7 @@ from printctl.machine.errors import HandshakeError, LinkError
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.start import declared_start
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, PrintEnded
 
 

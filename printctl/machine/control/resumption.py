@@ -23,7 +23,7 @@ from printctl.machine.control.watch import Watch
 from printctl.machine.families import link_facts
 from printctl.machine.job.modal import Modal
 from printctl.machine.job.valve import is_open
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, PrintEnded
 
 

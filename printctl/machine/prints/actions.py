@@ -23,7 +23,7 @@ from printctl.machine.process.resuming import resumable
 from printctl.machine.process.station_record import LOCK as STATION_LOCK
 from printctl.machine.process.station_record import RECORD as STATION_RECORD
 from printctl.machine.process.station_record import load_station
-from printctl.machine.records.history import data_folder
+from printctl.machine.records.folders import data_folder
 from printctl.machine.records.record import JOURNAL, RECORD, load_record
 from printctl.machine.records.states import LinkState, Status
 

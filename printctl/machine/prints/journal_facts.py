@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from printctl.machine.prints.inserted_ink import InsertedInk, inserted_ink
 from printctl.machine.records.journal import print_id, read_records
-from printctl.machine.records.journalled_print import times_words
+from printctl.machine.records.replay import times_words
 from printctl.machine.records.states import LinkState
 
 _AT_WORK: Final = (LinkState.PRINTING, LinkState.PAUSING)

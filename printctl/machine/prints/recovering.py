@@ -23,7 +23,7 @@ from printctl.machine.job.valve import is_about_valve, reopen, shut
 from printctl.machine.prints.grown_text import GrownText, grown_text
 from printctl.machine.prints.recovery_begin import RestStart, beginning
 from printctl.machine.prints.recovery_steps import describe_rest, manual_steps
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from sim.gcode.reading import code_of, is_motion
 
 # G-code of a job from a given line on, its coordinates counted from the touch-off point.

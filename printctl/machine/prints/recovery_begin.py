@@ -12,7 +12,7 @@ from printctl.machine.job.completed_moves import moves_ahead, surely_moved
 from printctl.machine.job.job import Job
 from printctl.machine.job.modal import Modal, modal_state, relieved_mm
 from printctl.machine.records.journal import Record
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 
 
 class NoCheckpoint(LinkError):  # noqa: N818

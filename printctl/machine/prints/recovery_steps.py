@@ -10,7 +10,7 @@ from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.recovery_begin import RestStart
 from printctl.machine.prints.written_twice import describe_rewritten_ink
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 
 
 def manual_steps(printer: Printer, frame: JobFrame) -> tuple[str, ...]:

@@ -17,8 +17,8 @@ from printctl.machine.process.client import PrintClient, attach, resume_print, s
 from printctl.machine.process.executed_note import is_complete_record, record_for
 from printctl.machine.process.resuming import resumable
 from printctl.machine.process.simulated import SIMULATED, was_simulated
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
 
 

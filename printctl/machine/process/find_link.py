@@ -16,9 +16,8 @@ from printctl.machine.families import link_facts
 from printctl.machine.job.completed_moves import moves_ahead, surely_moved
 from printctl.machine.job.job import Job
 from printctl.machine.ports.locking import lock
-from printctl.machine.records.journalled_print import JournalledPrint, read_journal
-from printctl.machine.records.printed_job import load_printed_job
 from printctl.machine.records.record import JOURNAL, LOCK, LinkRecord, load_record
+from printctl.machine.records.replay import JournalledPrint, load_printed_job, read_journal
 from printctl.machine.records.states import LinkState, Status
 
 _ANSWER_LIMIT_S: Final = 5.0

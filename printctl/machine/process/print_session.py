@@ -28,8 +28,8 @@ from printctl.machine.process.station_orders import (
 from printctl.machine.process.station_port import StationPort
 from printctl.machine.process.station_report import StationReport, refusal
 from printctl.machine.process.station_requests import Request, StationRequests
-from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import grown_in
 from printctl.machine.records.states import LinkState, Status
 from sim.gcode.motion.executed import ExecutedMotion
 

@@ -36,17 +36,13 @@ from printctl.machine.ports.transport import Transport, open_port
 from printctl.machine.ports.wire_log import FILE, LoggedTransport, WireLog
 from printctl.machine.process.resuming import resumable
 from printctl.machine.process.server import Server, forget, listen
-from printctl.machine.records.history import remember_meanwhile
-from printctl.machine.records.history_entry import this_user
-from printctl.machine.records.journal import Journal, new_print_id
-from printctl.machine.records.journalled_print import read_journal
-from printctl.machine.records.origin import origin
-from printctl.machine.records.print_notes import archive_journal
+from printctl.machine.records.folders import archive_journal, remember_folder
+from printctl.machine.records.journal import Journal, new_print_id, origin, this_user
 from printctl.machine.records.record import JOURNAL, LOCK, LinkRecord, load_record
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 
 _LOCK_PATIENCE_S: Final = 0.3
-_HISTORY_PATIENCE_S: Final = 5.0
 
 log = logging.getLogger(__name__)
 
@@ -140,7 +136,6 @@ def serve(order: Order, wire: Wire | None = None) -> Status:
             raise
         finally:
             contact.end(status)
-            remember_meanwhile(order.folder).join(_HISTORY_PATIENCE_S)
     return status
 
 
@@ -258,7 +253,7 @@ def _print(order: Order, contact: _Contact, wire: Wire | None) -> Status:
             **this_user(),
             **origin(printer),
         )
-        remember_meanwhile(order.folder)
+        remember_folder(order.folder)
         contact.begin(identity, address, token)
         signal.signal(signal.SIGTERM, lambda *_: streamer.stop())  # a system that shuts down
         server.start()

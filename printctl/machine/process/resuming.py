@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from printctl.machine.errors import Refused
-from printctl.machine.records.journalled_print import JournalledPrint, read_journal
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState
 
 

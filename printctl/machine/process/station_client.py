@@ -40,8 +40,8 @@ from printctl.machine.process.station_record import (
     journalled_down,
     load_station,
 )
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL as PRINT_JOURNAL
+from printctl.machine.records.replay import read_journal
 from printctl.sources import python_command
 
 if TYPE_CHECKING:

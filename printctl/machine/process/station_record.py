@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
-from printctl.machine.records.history import data_folder
+from printctl.machine.records.folders import data_folder
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.record import read_private, save_private
 

@@ -33,6 +33,8 @@ insert     ``look``, ``after``, ``lines``, ``sha256``, ``why``: lines that follo
            ``flow``: what the job's moves that write push behind them, over what the file says;
            ``reload_at``, ``reload_heads``: where the changes of syringe are due in the grown job
 looked     ``look``, ``done``, ``decision``, ``why``, ``by``: a look was decided
+settings   ``told``: commands that set the firmware as it was before the job's first line, by code
+frame      ``told``, ``offset``: how the printer's count lay before the job's first line
 heat       ``targets``, °C by heater, as this print has set them after ``line`` lines of the job
 stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `StopPlace`; ``done`` lines were
            taken; ``dropped``: whether moves weren't made; ``place`` that the printer told
@@ -56,16 +58,22 @@ ends can be written down. Emptied, it says that records may be missing at the jo
 from __future__ import annotations
 
 import contextlib
+import getpass
+import hashlib
 import json
 import os
+import platform
 import secrets
 import threading
 import time
 import zlib
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
+from firmware_profiles import Printer
+from firmware_profiles.strict_model import Facts
 from printctl.machine.errors import JournalError
 
 Record = dict[str, Any]
@@ -210,6 +218,16 @@ def decode(line: bytes) -> Record | None:
     return record if isinstance(record, dict) else None
 
 
+def read_records(path: Path) -> Iterator[Record | None]:
+    """Give the records in order, None for each damaged line."""
+    with path.open("rb") as handle:
+        for line in handle:
+            yield decode(line) if line.endswith(b"\n") else None
+
+
+# --- what a job record says -------------------------------------------------------------------
+
+
 def new_print_id(started: float) -> str:
     """Return a random identity for a print begun at ``started`` (s since 1970), sorting by it."""
     return f"{int(started):010d}-{secrets.token_hex(4)}"
@@ -226,8 +244,35 @@ def print_id(job: Record) -> str:
     return f"{int(job.get('started', 0)):010d}-{zlib.crc32(words.encode()):08x}"
 
 
-def read_records(path: Path) -> Iterator[Record | None]:
-    """Give the records in order, None for each damaged line."""
-    with path.open("rb") as handle:
-        for line in handle:
-            yield decode(line) if line.endswith(b"\n") else None
+def this_user() -> dict[str, str]:
+    """Return who prints here: ``who``, ``host``."""
+    try:
+        who = getpass.getuser()
+    except (OSError, KeyError, ImportError):  # a container's user may have no name
+        who = ""
+    return {"who": who, "host": platform.node()}
+
+
+def origin(printer: Printer) -> dict[str, Any]:
+    """Return program version and profile: ``printctl``, ``profile_sha256``, ``printer``."""
+    return {
+        "printctl": version(),
+        "profile_sha256": profile_digest(printer),
+        "printer": printer.model_dump(mode="json"),
+    }
+
+
+def version() -> str:
+    """Of this program."""
+    return metadata.version("printctl")
+
+
+def profile_digest(profile: Facts) -> str:
+    """SHA-256 of a profile's values, whatever the order and comments of its file, hex."""
+    return digest_of(profile.model_dump(mode="json"))
+
+
+def digest_of(values: Any) -> str:
+    """SHA-256 of values as JSON, independent of the keys' order, hex."""
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -21,7 +21,7 @@ from printctl.machine.process.client import PrintClient
 from printctl.machine.process.executed_note import is_complete_record
 from printctl.machine.process.find import Order, find_or_start, finished
 from printctl.machine.process.simulated import SIMULATED, simulated_printer
-from printctl.machine.records.printed_job import grown_in
+from printctl.machine.records.replay import grown_in
 from printctl.machine.records.states import PrintOutcome
 from printctl.observe.order import ObserverOrder
 from printctl.observe.starting import (

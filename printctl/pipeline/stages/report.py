@@ -16,9 +16,9 @@ from printctl.analysis.oxygen import CAPTION, SLICE
 from printctl.checks.bead import PLAYED
 from printctl.machine.job.job import load_job
 from printctl.machine.prints.journal_facts import read_journal_facts
-from printctl.machine.records.journalled_print import read_journal
-from printctl.machine.records.print_identity import print_identity
+from printctl.machine.records.folders import print_identity
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import read_journal
 from printctl.observe.records import read_looks
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures

@@ -21,8 +21,8 @@ from printctl.machine.job.syringes import usable_mm
 from printctl.machine.prints.follow import retreat_for
 from printctl.machine.prints.mend_strokes import MendStrokes, mend_strokes
 from printctl.machine.process.find import Order, running
-from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import load_record
+from printctl.machine.records.replay import grown_in
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, start_observer

@@ -24,8 +24,8 @@ from printctl.machine.prints.progress import Filling
 from printctl.machine.prints.recovering import plan_recovery
 from printctl.machine.process.find_link import read_outcome
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import JournalledPrint, read_journal
 from printctl.machine.records.record import JOURNAL, LinkRecord
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.looking import Observer, layered, observed, patch

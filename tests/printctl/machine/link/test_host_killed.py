@@ -23,11 +23,11 @@ from printctl.machine.prints.recovery_begin import NoCheckpoint
 from printctl.machine.prints.state import assemble_state
 from printctl.machine.process.find_link import read_outcome
 from printctl.machine.process.resuming import resumable
-from printctl.machine.records.history_entry import entry_of
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL, RECORD, LinkRecord, save_private
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
+from printctl.pipeline.past_print import entry_of
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.cli.shell import Shell
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer

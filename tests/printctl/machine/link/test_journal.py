@@ -20,6 +20,8 @@ from typer.testing import CliRunner
 
 from firmware_profiles import Printer, load
 from printctl.cli.main import app
+from printctl.history.index import PrintHistory, remember
+from printctl.history.query import HistoryQuery
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import HistoryError, JournalError, Refused
 from printctl.machine.ports.clock import VirtualClock
@@ -27,14 +29,25 @@ from printctl.machine.ports.wire_log import RING_BYTES, LoggedTransport, WireLog
 from printctl.machine.prints.recovery_begin import beginning
 from printctl.machine.process.client import start_print
 from printctl.machine.process.resuming import resumable
-from printctl.machine.records.history import PrintHistory, data_folder, remember
-from printctl.machine.records.history_entry import INTERRUPTED, entry_of
-from printctl.machine.records.history_query import HistoryQuery
-from printctl.machine.records.journal import RESERVE, Journal, decode, encode, read_records
-from printctl.machine.records.journalled_print import read_journal
-from printctl.machine.records.origin import profile_digest
-from printctl.machine.records.print_notes import archive_journal, journal_of, notes_path, read_notes
+from printctl.machine.records.folders import (
+    archive_journal,
+    data_folder,
+    journal_of,
+    notes_path,
+    read_notes,
+    remember_folder,
+)
+from printctl.machine.records.journal import (
+    RESERVE,
+    Journal,
+    decode,
+    encode,
+    profile_digest,
+    read_records,
+)
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
+from printctl.pipeline.past_print import INTERRUPTED, entry_of
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
@@ -339,6 +352,18 @@ def test_noting_again_changes_nothing_and_a_later_end_is_taken_in(data, tmp_path
     assert (entry.state, entry.message, len(entry.alarms)) == ("killed", "by hand", 2)
 
 
+def test_print_that_only_lists_its_folder_is_taken_in_when_the_history_is_read(data, tmp_path):
+    remember_folder(print_in(tmp_path / "one")).join()
+    remember_folder(print_in(tmp_path / "two", "b.gcode", 2e9, end="")).join()
+    remember_folder(tmp_path / "two").join()
+    assert (data / "journals.txt").read_bytes().count(b"\n") == 2
+    assert [entry.state for entry in PrintHistory().entries()] == [INTERRUPTED, "done"]
+    (tmp_path / "one" / "journal.log").rename(tmp_path / "one" / "journal.1.log")
+    print_in(tmp_path / "one", "c.gcode", 3e9, end="killed")
+    assert PrintHistory().known("state") == ["done", INTERRUPTED, "killed"]
+    assert [entry.file for entry in PrintHistory().entries()] == ["c.gcode", "b.gcode", "a.gcode"]
+
+
 def test_print_keeps_its_identity_when_its_journal_is_put_aside(data, tmp_path):
     folder = print_in(tmp_path / "one")
     history = PrintHistory()
@@ -399,7 +424,7 @@ def test_journal_with_damaged_lines_or_without_a_job_is_no_obstacle(data, tmp_pa
 def test_many_processes_may_write_at_once(data, tmp_path):
     code = (
         "import sys; from pathlib import Path\n"
-        "from printctl.machine.records.history import PrintHistory\n"
+        "from printctl.history.index import PrintHistory\n"
         "for k in range(10): PrintHistory().note(Path(sys.argv[1]) / f'{sys.argv[2]}-{k}')\n"
     )
     for who in range(2):
@@ -419,6 +444,7 @@ def test_history_that_can_not_be_written_is_told_but_disturbs_no_print(tmp_path,
     with pytest.raises(HistoryError, match=r"journals are untouched.*PRINTCTL_DATA"):
         PrintHistory()
     remember(print_in(tmp_path / "one"))
+    remember_folder(tmp_path / "one").join()
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")

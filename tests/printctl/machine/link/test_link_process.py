@@ -31,7 +31,7 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.process import find_link
 from printctl.machine.process.client import PrintClient, attach, resume_print, start_print
 from printctl.machine.process.find_link import alive
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.printctl.machine.link.jobs import parse_job

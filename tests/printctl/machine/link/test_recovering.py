@@ -18,7 +18,7 @@ from printctl.machine.job.stop_place import StopPlace, find_stop_line
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.recovering import Recovery, plan_recovery
 from printctl.machine.prints.recovery_begin import NoCheckpoint
-from printctl.machine.records.journalled_print import JournalledPrint, read_journal
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import parse_fault

@@ -18,10 +18,10 @@ from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.journal_facts import read_journal_facts
-from printctl.machine.records.history_entry import entry_of
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
+from printctl.pipeline.past_print import entry_of
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import Fault, PermanentFaults
 from sim.gcode.motion.hardware import Board

@@ -15,7 +15,7 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.valve import is_open
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.recovering import plan_recovery
-from printctl.machine.records.journalled_print import JournalledPrint, read_journal
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
