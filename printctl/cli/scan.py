@@ -10,7 +10,7 @@ from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import print_note, print_result
 from printctl.errors import UsageError
 from printctl.history.index import PrintHistory
-from printctl.machine.prints.print_folder import print_folder
+from printctl.machine.prints.state import print_folder
 from printctl.machine.records.record import JOURNAL
 from printctl.pipeline.past_print import PrintEntry, entry_of
 from printctl.recipe.making import FileScan, SimulatedScan

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.machine.prints.films import TIMELAPSE, film_file
-from printctl.machine.records.folders import NOTED, notes_path, read_notes
+from printctl.machine.records.folders import NOTED, TIMELAPSE, film_file, notes_path, read_notes
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.record import JOURNAL
 from printctl.pipeline.past_print import PrintEntry

@@ -10,10 +10,10 @@ import sys
 from firmware_profiles import Ink, Syringe
 from printctl.errors import PrintctlError, PrinterFailedError, SafetyError
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.prints.journal_facts import read_journal_facts
-from printctl.machine.prints.print_words import alarm_words
+from printctl.machine.prints.words import alarm_words
 from printctl.machine.process.client import PrintClient
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, PrintOutcome, Status
 from printctl.progress import Report, StageBars
 
@@ -114,7 +114,7 @@ class _Alarms:
         if count > self._count:
             self._count = count
             self._bars.remark(
-                "print", alarm_words(count, read_journal_facts(self._journal).last_alarm)
+                "print", alarm_words(count, read_journal_if_any(self._journal).last_alarm)
             )
 
 

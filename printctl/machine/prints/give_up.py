@@ -8,7 +8,7 @@ from pathlib import Path
 from firmware_profiles import Printer, ProfileError, load
 from printctl.machine.control.gating import settings_changed_by
 from printctl.machine.errors import JobError, Refused
-from printctl.machine.prints.actions import PrintAction, possible_actions
+from printctl.machine.prints.state import PrintAction, possible_actions
 from printctl.machine.process.client import attach
 from printctl.machine.process.process import hold_folder
 from printctl.machine.records.folders import remember_folder

@@ -1,33 +1,130 @@
-"""Compute a print's progress (time, layer, vessel, ink) from the commands executed so far."""
+"""Progress of a print: time, layer, vessel and ink, by its job's dry run and its journal.
+
+Remaining time is the simulated time, corrected by the time taken so far. What is printed is cut
+into stretches of equal time in the dry run, at the journal's checkpoints. Of each the ratio of real
+to predicted time is kept, pauses left out; what remains is taken to go on like their mean. Were the
+stretches' ratios independent, of standard deviation s over n stretches, the time of the m
+stretches still to come would be known to c s sqrt(m + m²/n), c being a stretch's time: the spread
+of those m, and that of the mean. Twice that is the error reported (about 95 of 100).
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
-from printctl.machine.prints.remaining import Estimate
+from design.files import atomic_replacement
+from printctl.machine.job.filling import Filling
+from printctl.machine.job.inserts import Insert, file_count
+from printctl.machine.prints.mends import pushed_mm
+from printctl.machine.records.replay import JournalledPrint
+from printctl.machine.records.states import Status
 
 if TYPE_CHECKING:
-    from printctl.machine.prints.job_table import JobTable
+    from kernels.arrays import FloatArray, IntArray
+
+NONE: Final = -1
+"""In a table: no layer or vessel."""
+_STRETCHES: Final = 100
+"""Of a whole print; a stretch lasts two seconds at least, in the dry run's time."""
+_MIN_STRETCH_S: Final = 2.0
+_MIN_STRETCHES: Final = 3
+"""Before the dry run's own time is corrected."""
 
 
-@dataclass(frozen=True)
-class Filling:
-    """Ink left in the syringe in use.
+@dataclass(frozen=True, eq=False)
+class JobTable:
+    """How things stand when k commands of the job's file have been executed, in row k.
 
     Attributes
     ----------
-    command : int
-        Commands executed when it was put in.
-    left_mm : float or None, mm
-        Plunger travel it had then; None where nobody knows.
-    ul_per_mm : float, µL/mm
+    time_s : (n + 1,) float64, s
+        Of the dry run; waits for heat count as nothing.
+    ink_ul : (n + 1,) float64, µL
+        Written so far, by all heads.
+    plunger_mm : (n + 1,) float64, mm
+        Travel of the plunger since the start, new syringes not counted.
+    file_line : (n + 1,) int64
+        Of the last command executed; 0 before the first.
+    layer, vessel : (n + 1,) int64
+        Which is being written, from 0; `NONE` for none. Of a job without levels a layer is a pass.
+    layers_done, vessels_done : (n + 1,) int64
+        How many have nothing left to be written.
+    tip_mm : (n + 1, 3) float64, mm
+        Where the tip stands, as the firmware counts.
+    layer_count, vessel_count : () int64
+    passes : () bool
+        Whether layers are passes.
     """
 
-    command: int
-    left_mm: float | None
+    time_s: FloatArray
+    ink_ul: FloatArray
+    plunger_mm: FloatArray
+    file_line: IntArray
+    layer: IntArray
+    vessel: IntArray
+    layers_done: IntArray
+    vessels_done: IntArray
+    tip_mm: FloatArray
+    layer_count: int = 0
+    vessel_count: int = 0
+    passes: bool = False
+
+    def __len__(self) -> int:
+        """Commands of the job."""
+        return len(self.time_s) - 1
+
+    def save(self, path: Path) -> None:
+        """Write it as ``.npz``."""
+        import numpy as np
+
+        with atomic_replacement(path) as draft:
+            np.savez(draft, **{one.name: getattr(self, one.name) for one in fields(self)})
+
+    @staticmethod
+    def load(path: Path) -> JobTable:
+        """Read what `save` wrote."""
+        import numpy as np  # most prints have no table, and their status needs none of it
+
+        with np.load(path, allow_pickle=False) as arrays_file:
+            rows = {one.name: arrays_file[one.name] for one in fields(JobTable)}
+        return JobTable(**{k: row if row.ndim else row.item() for k, row in rows.items()})
+
+
+@dataclass(frozen=True)
+class Supply:
+    """Syringe with which a print of one head began.
+
+    Attributes
+    ----------
+    filling : Filling
+    ul_per_mm : float, µL/mm
+        Ink of the plunger's travel.
+    """
+
+    filling: Filling
     ul_per_mm: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated remaining time.
+
+    Attributes
+    ----------
+    remaining_s : float, s
+    error_s : float or None, s
+        Twice the standard deviation; None while too little has been printed to tell.
+    ratio : float
+        Real time over the dry run's, so far.
+    """
+
+    remaining_s: float
+    error_s: float | None
+    ratio: float
 
 
 @dataclass(frozen=True)
@@ -57,7 +154,7 @@ class Progress:
     vessel, vessels, vessels_done : int
     ink_ul, ink_total_ul : float, µL
     ink_left_ul : float or None, µL
-        In the syringe, but for its dead volume; None where nobody knows.
+        In the syringe, but for its dead volume; None where that is unknown.
     tip_mm : (x, y, z), mm
         Where the executed lines lead; a pause or a stop has raised the tip from there.
     """
@@ -90,36 +187,23 @@ class Progress:
         return asdict(self)
 
 
-def predicted_s(table: JobTable, executed: int) -> float:
-    """The dry run's time of so many commands, s."""
-    return float(table.time_s[min(max(executed, 0), len(table))])
-
-
 def progress(
-    table: JobTable,
-    executed: int,
-    active_s: float,
-    now: float,
-    estimate: Estimate,
-    filling: Filling | None = None,
+    table: JobTable, status: Status, journal: JournalledPrint, now: float, supply: Supply | None
 ) -> Progress:
-    """Tell how far a print has come.
+    """Compute how far a print has come at ``now`` (s since 1970).
 
-    Parameters
-    ----------
-    table : JobTable
-    executed : int
-        Commands of the job whose motion has been made.
-    active_s : float, s
-        Real time so far, pauses left out.
-    now : float
-        Wall-clock time, s since 1970.
-    estimate : Estimate
-    filling : Filling, optional
+    All that status tells of counts the grown job's lines, a table's rows the file's commands.
     """
-    k = min(max(executed, 0), len(table))
-    total_s = float(table.time_s[-1])
-    done_s = float(table.time_s[k])
+    executed = status.lines_executed
+    k = _row(table, file_count(executed, status.inserted))
+    total_s, done_s = float(table.time_s[-1]), float(table.time_s[k])
+    active_s = journal.active_until(journal.last_at if status.ended else now)
+    paces = [
+        (float(table.time_s[_row(table, file_count(done, journal.positions))]), pace_s)
+        for done, pace_s in journal.paces
+    ]
+    estimate = remaining_time(total_s, paces, done_s)
+    x, y, z = table.tip_mm[k].tolist()
     return Progress(
         commands=k,
         commands_total=len(table),
@@ -141,20 +225,100 @@ def progress(
         vessels_done=int(table.vessels_done[k]),
         ink_ul=float(table.ink_ul[k]),
         ink_total_ul=float(table.ink_ul[-1]),
-        ink_left_ul=ink_left_ul(table, k, filling),
-        tip_mm=_tip(table, k),
+        ink_left_ul=ink_left_ul(table.plunger_mm, journal, executed, supply),
+        tip_mm=(x, y, z),
     )
 
 
-def _tip(table: JobTable, executed: int) -> tuple[float, float, float]:
-    x, y, z = table.tip_mm[executed].tolist()
-    return x, y, z
+def _row(table: JobTable, commands: int) -> int:
+    return min(max(commands, 0), len(table))
 
 
-def ink_left_ul(table: JobTable, executed: int, filling: Filling | None) -> float | None:
-    """What the syringe in use still holds, µL; None where nobody knows."""
-    if filling is None or filling.left_mm is None or math.isinf(filling.left_mm):
+def remaining_time(
+    total_s: float, paces: Iterable[tuple[float, float]], predicted_s: float
+) -> Estimate:
+    """Estimate what is left of a print.
+
+    Parameters
+    ----------
+    total_s : float, s
+        The dry run's time of the whole print.
+    paces : iterable of (float, float), s
+        Points that the print has come to: the dry run's time up to there, and the real time
+        without pauses.
+    predicted_s : float, s
+        The dry run's time of what has been executed now.
+    """
+    ratios: list[float] = []
+    first = begin = last = None
+    for here in paces:
+        if first is None or begin is None or last is None:
+            first = begin = last = here
+        elif here[0] >= last[0] and here[1] >= last[1]:  # else a line was taken back
+            last = here
+            length = here[0] - begin[0]
+            if length >= max(total_s / _STRETCHES, _MIN_STRETCH_S):
+                ratios.append((here[1] - begin[1]) / length)
+                begin = here
+    left, count = max(total_s - predicted_s, 0.0), len(ratios)
+    if count < _MIN_STRETCHES or first is None or begin is None:
+        return Estimate(left, None, 1.0)
+    printed = begin[0] - first[0]
+    ratio = (begin[1] - first[1]) / printed
+    mean = math.fsum(ratios) / count
+    spread = math.sqrt(math.fsum((one - mean) ** 2 for one in ratios) / (count - 1))
+    each = printed / count
+    ahead = left / each
+    error = 2.0 * each * spread * math.sqrt(ahead + ahead * ahead / count)
+    return Estimate(left * ratio, error, ratio)
+
+
+def ink_left_ul(
+    travel_mm: Sequence[float] | FloatArray,
+    journal: JournalledPrint,
+    executed: int,
+    supply: Supply | None,
+) -> float | None:
+    """Return what the syringe in use still holds, µL; None where that is unknown.
+
+    Parameters
+    ----------
+    travel_mm : (n + 1,) mm
+        The plunger's by the file's commands (`JobTable.plunger_mm`).
+    journal : JournalledPrint
+    executed : int
+        Lines of the grown job that were made.
+    supply : Supply or None
+    """
+    if supply is None:
         return None
-    start = min(max(filling.command, 0), len(table))
-    used = float(table.plunger_mm[executed] - table.plunger_mm[start])
-    return max(filling.left_mm - used, 0.0) * filling.ul_per_mm
+    filling = journal.last_filling or supply.filling
+    capacity_mm = filling.capacity_mm or supply.filling.capacity_mm
+    used_mm = filling.used_mm + sum(
+        sign * _plunger_mm(travel_mm, journal.inserts, done)
+        for sign, done in ((1, executed), (-1, min(filling.done, executed)))
+    )
+    if math.isinf(capacity_mm):
+        return None
+    return max(capacity_mm - used_mm, 0.0) * supply.ul_per_mm
+
+
+def _plunger_mm(
+    travel_mm: Sequence[float] | FloatArray, inserts: Sequence[Insert], done: int
+) -> float:
+    """Return the plunger's travel after so many lines of the grown job, with its flows, mm."""
+    moved, begin, flow = 0.0, 0, 1.0
+    positions: list[tuple[int, int]] = []
+
+    def row(lines: int) -> int:
+        return min(max(file_count(lines, positions), 0), len(travel_mm) - 1)
+
+    for one in inserts:
+        if one.after >= done:
+            break
+        here = row(one.after)
+        moved += flow * float(travel_mm[here] - travel_mm[begin])
+        begin, flow = here, one.flow
+        positions.append((one.after, len(one.lines)))
+    rest = flow * float(travel_mm[row(done)] - travel_mm[begin])
+    return moved + rest + pushed_mm(inserts, done)

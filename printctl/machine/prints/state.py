@@ -1,4 +1,4 @@
-"""Determine the true state of a print from its journal and link process."""
+"""True state of a print, by its journal and link process, and the actions that it allows."""
 
 from __future__ import annotations
 
@@ -6,33 +6,114 @@ import contextlib
 import math
 import time
 from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
-from firmware_profiles import Syringe, load
+from firmware_profiles import Printer, ProfileError, Syringe, load
+from printctl.errors import PrintctlError
+from printctl.machine.errors import LinkError, NoLink, Refused
+from printctl.machine.families import link_facts
 from printctl.machine.job.care import Care
+from printctl.machine.job.filling import Filling
 from printctl.machine.job.inserts import file_count
-from printctl.machine.prints.actions import Possible, PrintAction, possible_actions
+from printctl.machine.job.job import load_job
+from printctl.machine.ports.port_list import SIMULATED
 from printctl.machine.prints.alerts import Alert, alert_of
-from printctl.machine.prints.inserted_ink import filling_in_file
-from printctl.machine.prints.journal_facts import JournalledFacts, read_journal_facts
-from printctl.machine.prints.print_words import (
-    print_words,
-    progress_words,
-    state_words,
-    tip_words,
-)
-from printctl.machine.prints.progress import Filling, Progress, predicted_s, progress
-from printctl.machine.prints.remaining import Remaining
-from printctl.machine.process.client import attach
-from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.prints.progress import JobTable, Progress, Supply, progress
+from printctl.machine.prints.recovery_begin import NoCheckpoint
+from printctl.machine.prints.recovery_file import planned
+from printctl.machine.prints.words import print_words, progress_words, state_words, tip_words
+from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.find_link import alive
+from printctl.machine.process.resuming import resumable
+from printctl.machine.process.station_record import LOCK as STATION_LOCK
+from printctl.machine.process.station_record import RECORD as STATION_RECORD
+from printctl.machine.process.station_record import load_station
+from printctl.machine.records.folders import data_folder
+from printctl.machine.records.record import JOURNAL, RECORD, load_record
+from printctl.machine.records.replay import JournalledPrint, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
-
-if TYPE_CHECKING:
-    from printctl.machine.prints.job_table import JobTable
 
 TABLE = "progress.{}.npz"
 """A print's table, with the beginning of its job's hash."""
+
+
+# --- which print -------------------------------------------------------------------------------
+
+
+def print_folder(run: Path) -> Path:
+    """Folder of the print's journal; where one should be when none is found."""
+    beside = Path(f"{run}.print") if run.is_file() else run
+    folders = (place for place in (run, run / "print", beside) if (place / RECORD).is_file())
+    return next(folders, beside)
+
+
+def running_print(run: Path) -> PrintClient:
+    """A client of a print that is going on.
+
+    Raises
+    ------
+    PrintctlError
+        When it has ended.
+    LinkError
+        When no print was ever started there.
+    """
+    client = attach(print_folder(run))
+    status = client.status
+    if status.ended:
+        still = status.position_known or status.state is LinkState.KILLED
+        halts = "" if still else "; if anything moves, `printctl kill` halts it"
+        raise PrintctlError(
+            f"the print in {client.folder} has ended ({status.state.value}: {status.message})"
+            f"{halts}"
+        )
+    return client
+
+
+# --- its state ---------------------------------------------------------------------------------
+
+
+class PrintAction(StrEnum):
+    """What a person can ask for."""
+
+    PAUSE = "pause"
+    RESUME = "resume"
+    STOP = "stop"
+    KILL = "kill"
+    GO_ON = "go_on"
+    RECOVER = "recover"
+    GIVE_UP = "give_up"
+
+
+@dataclass(frozen=True)
+class Possible:
+    """One action, and whether it can be done now.
+
+    Attributes
+    ----------
+    action : PrintAction
+    possible : bool
+    reason : str
+        Why it can't be done; empty where it can.
+    needs : str
+        What must be given with it: ``syringe`` (what was put in), ``from_line`` (where to begin);
+        empty for nothing.
+    from_line : int
+        Line of the file with which the rest begins where nobody says otherwise; 0 where the journal
+        doesn't tell.
+    """
+
+    action: PrintAction
+    possible: bool = True
+    reason: str = ""
+    needs: Literal["", "syringe", "from_line"] = ""
+    from_line: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object."""
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -44,7 +125,7 @@ class PrintTruth:
     folder : Path
     status : Status
         State, lines and message: of the link process while it lives, else what it left.
-    journal : JournalledFacts
+    journal : JournalledPrint
     progress : Progress or None
         By time, layer and ink; None until the job's table was made (the page does, and
         `printctl print`'s checks don't).
@@ -54,7 +135,7 @@ class PrintTruth:
 
     folder: Path
     status: Status
-    journal: JournalledFacts = field(default_factory=JournalledFacts)
+    journal: JournalledPrint = field(default_factory=JournalledPrint)
     progress: Progress | None = None
     actions: tuple[Possible, ...] = ()
 
@@ -111,7 +192,7 @@ class PrintTruth:
 
 
 def read_print(folder: Path) -> PrintTruth:
-    """Tell what is true of the print in ``folder``; ask its link process if that lives.
+    """Read the true state of the print in ``folder``; ask its link process if that lives.
 
     Raises
     ------
@@ -120,38 +201,26 @@ def read_print(folder: Path) -> PrintTruth:
     """
     with attach(folder) as client:
         status = client.status
-    journal = read_journal_facts(folder / JOURNAL)
+    journal = read_journal_if_any(folder / JOURNAL)
     table = kept_table(folder, journal.sha256)
-    if table is None or len(table) != file_count(status.lines_total, status.inserted):
-        return assemble_state(folder, status, journal)
-    remaining = remaining_of(table, journal)
-    return assemble_state(folder, status, journal, table, remaining, filling_of(folder, journal))
+    return assemble_state(folder, status, journal, table, supply_of(folder))
 
 
 def assemble_state(
     folder: Path,
     status: Status,
-    journal: JournalledFacts,
+    journal: JournalledPrint,
     table: JobTable | None = None,
-    remaining: Remaining | None = None,
-    filling: Filling | None = None,
+    supply: Supply | None = None,
 ) -> PrintTruth:
-    """Put a print's truth together from what was read of it."""
+    """Put a print's state together from what was read of it; a table of another file is left."""
     actions = possible_actions(folder, status)
     if status.state is LinkState.INTERRUPTED:
         status = replace(status, message=f"{status.message}; {_next_step(actions)}")
     own = file_count(status.lines_total, status.inserted)  # a table is of the file's commands
-    if table is None or remaining is None or len(table) != own:
+    if table is None or len(table) != own:
         return PrintTruth(folder, status, journal, None, actions)
-    now = time.time()
-    active = journal.active_until(journal.heard_at if status.ended else now)
-    done = file_count(status.lines_executed, status.inserted)
-    at = predicted_s(table, done)
-    if status.state is LinkState.PRINTING:
-        remaining.saw(at, active)
-    if filling is not None:
-        filling = filling_in_file(filling, journal.inserts, status.lines_executed)
-    made = progress(table, done, active, now, remaining.estimate(at), filling)
+    made = progress(table, status, journal, time.time(), supply)
     return PrintTruth(folder, status, journal, made, actions)
 
 
@@ -170,35 +239,22 @@ def _next_step(actions: tuple[Possible, ...]) -> str:
     return ways
 
 
-def remaining_of(table: JobTable, journal: JournalledFacts) -> Remaining:
-    """Return the estimate of what is left, by the pace that the journal's checkpoints tell."""
-    estimate = Remaining(float(table.time_s[-1]))
-    positions = [(one.after, one.count) for one in journal.inserts]
-    for done, active_s in journal.paces:
-        estimate.saw(predicted_s(table, file_count(done, positions)), active_s)
-    return estimate
-
-
-def filling_of(folder: Path, journal: JournalledFacts) -> Filling | None:
-    """Return the syringe in use; None where nobody knows it, as of several heads."""
-    record: LinkRecord = load_record(folder)
-    care = Care.from_dict(record.care)
+def supply_of(folder: Path) -> Supply | None:
+    """Return the syringe with which a print began; None where unknown, as of several heads."""
+    care = Care.from_dict(load_record(folder).care)
     if care.head_capacity_mm or not care.syringe or not care.capacity_mm:
         return None
-    with contextlib.suppress(Exception):  # a profile that is gone: the ink left isn't told
-        bore = load(Syringe, care.syringe).inner_mm
-        at, used, full = journal.filled or (0, care.used_mm, care.capacity_mm)
-        return Filling(at, (full or care.capacity_mm) - used, math.pi / 4 * bore**2)
+    with contextlib.suppress(Exception):  # a profile that is gone: the ink left isn't shown
+        bore_mm = load(Syringe, care.syringe).inner_mm
+        return Supply(Filling(0, care.used_mm, care.capacity_mm), math.pi / 4 * bore_mm**2)
     return None
 
 
 def kept_table(folder: Path, sha256: str) -> JobTable | None:
-    """Return the table of the file that is printed in ``folder``, if somebody made it."""
+    """Return the table of the file that is printed in ``folder``, where one was made."""
     path = folder / TABLE.format(sha256[:16])
     if not path.is_file():
         return None
-    from printctl.machine.prints.job_table import JobTable  # NumPy: most prints have no table
-
     try:
         return JobTable.load(path)
     except (OSError, ValueError, KeyError):
@@ -206,8 +262,141 @@ def kept_table(folder: Path, sha256: str) -> JobTable | None:
 
 
 def keep_table(folder: Path, sha256: str, table: JobTable) -> None:
-    """Leave a print's table beside its journal, for whoever tells of it; a full disk may refuse."""
+    """Leave a print's table beside its journal for other readers; a full disk may refuse."""
     path = folder / TABLE.format(sha256[:16])
     if sha256 and not path.exists():
         with contextlib.suppress(OSError):
             table.save(path)
+
+
+# --- what can be done with it ------------------------------------------------------------------
+
+
+def possible_actions(folder: Path, status: Status) -> tuple[Possible, ...]:
+    """Return every action, in the order of `PrintAction`, as the print in ``folder`` stands."""
+    return (*_while_going_on(status), *_after_the_end(folder, status))
+
+
+def _while_going_on(status: Status) -> tuple[Possible, ...]:
+    state = status.state
+    if status.ended:
+        over = f"the print is over ({state_words(state)})"
+        halt = f"{over}; the red STOP halts whatever is connected"
+        acts = (PrintAction.PAUSE, PrintAction.RESUME, PrintAction.STOP)
+        return *(Possible(act, False, over) for act in acts), Possible(
+            PrintAction.KILL, False, halt
+        )
+    held = state in (LinkState.PAUSED, LinkState.LOOKING)
+    going = state in (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
+    changing = held and status.waits_for.startswith("syringe")
+    resume = held or (going and bool(status.waits_for))
+    stopping = state is LinkState.STOPPING
+    may_pause = going or state is LinkState.LOOKING
+    why_not = f"the print is {state_words(state)}"
+    return (
+        Possible(PrintAction.PAUSE, may_pause, "" if may_pause else why_not),
+        Possible(
+            PrintAction.RESUME,
+            resume,
+            "" if resume else f"the print isn't paused, it is {state_words(state)}",
+            "syringe" if changing else "",
+        ),
+        Possible(PrintAction.STOP, not stopping, "the print is being stopped" if stopping else ""),
+        Possible(PrintAction.KILL),
+    )
+
+
+def _after_the_end(folder: Path, status: Status) -> tuple[Possible, ...]:
+    if not status.ended:
+        reason = f"the print goes on ({state_words(status.state)})"
+        return tuple(
+            Possible(action, False, reason)
+            for action in (PrintAction.GO_ON, PrintAction.RECOVER, PrintAction.GIVE_UP)
+        )
+    return _looked_up(folder, status.state, _changed(folder))
+
+
+@lru_cache(maxsize=32)
+def _looked_up(
+    folder: Path, state: LinkState, changed: tuple[tuple[str, int], ...]
+) -> tuple[Possible, ...]:
+    """Read journal and job once for each change of them."""
+    why_not = _why_no_going_on(folder)
+    unfinished = state is LinkState.INTERRUPTED or not why_not
+    return (
+        Possible(PrintAction.GO_ON, not why_not, why_not),
+        _recover(folder),
+        Possible(
+            PrintAction.GIVE_UP,
+            unfinished,
+            ""
+            if unfinished
+            else f"how the print ended is written down already: {state_words(state)}",
+        ),
+    )
+
+
+def _changed(folder: Path) -> tuple[tuple[str, int], ...]:
+    """All that an answer rests on: files with the time of their last change, ns; live stations."""
+    near = stations(folder)
+    files = [folder / RECORD, folder / JOURNAL, *(station / STATION_RECORD for station in near)]
+    with contextlib.suppress(LinkError):
+        files.append(Path(load_record(folder).job))
+    times = [(str(path), path.stat().st_mtime_ns) for path in files if path.exists()]
+    return *times, *((str(station), int(alive(station, STATION_LOCK))) for station in near)
+
+
+def _why_no_going_on(folder: Path) -> str:
+    """Why `printctl.observe.continue_print.go_on` would refuse; empty where it wouldn't."""
+    try:
+        record = load_record(folder)
+        printer = load(Printer, record.profile)
+        resumable(folder, load_job(Path(record.job), printer).sha256)
+        refuse_forgotten(folder, record.port, printer)
+    except (LinkError, ProfileError) as exc:
+        return str(exc)
+    return ""
+
+
+def refuse_forgotten(folder: Path, port: str, printer: Printer) -> None:
+    """Refuse to go on where the printer certainly doesn't know its place in the job any more.
+
+    Raises
+    ------
+    Refused
+    """
+    if port == SIMULATED:
+        raise Refused(
+            "the simulated printer ended with the process that ran it; print the job anew"
+        )
+    if not link_facts(printer).remembers:
+        raise Refused(
+            f"a printer with {printer.firmware} can't tell which line it took last, so the print "
+            "can't be gone on with; see Recover (`printctl recover`)"
+        )
+    for station in stations(folder):
+        try:
+            last = load_station(station).last
+        except NoLink:  # nothing that can be read: the port itself will tell
+            continue
+        if last.open and last.port == port and alive(station, STATION_LOCK):
+            raise Refused(
+                f"the printer on {port} was connected anew after this print, which numbers "
+                "its lines anew; see Recover (`printctl recover`)"
+            )
+
+
+def stations(folder: Path) -> list[Path]:
+    """Return the folders of stations that may print into a folder: its workspace's, the user's."""
+    near = [*folder.resolve().parents[:3], data_folder()]
+    return [place / "station" for place in near if (place / "station" / STATION_RECORD).is_file()]
+
+
+def _recover(folder: Path) -> Possible:
+    try:
+        planned(folder)
+    except NoCheckpoint as exc:
+        return Possible(PrintAction.RECOVER, True, str(exc), "from_line", exc.line)
+    except (PrintctlError, LinkError, ProfileError, OSError) as exc:
+        return Possible(PrintAction.RECOVER, False, str(exc))
+    return Possible(PrintAction.RECOVER)

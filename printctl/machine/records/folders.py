@@ -13,6 +13,7 @@ import logging
 import os
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +21,7 @@ from printctl.machine.records.journal import Record, print_id, read_records
 from printctl.machine.records.record import JOURNAL
 
 NOTED: Final = "record.json"
+TIMELAPSE: Final = "timelapse"
 DATA_VARIABLE: Final = "PRINTCTL_DATA"
 _LIST: Final = "journals.txt"
 _MAX_NOTES_BYTES: Final = 16 * 2**20
@@ -158,3 +160,17 @@ def first_job_record(journal: Path) -> Record:
         return next((one for one in records if one and one.get("t") == "job"), {})
     except OSError:
         return {}
+
+
+def frames_folder(folder: Path, started: float) -> Path:
+    """Folder of a print's time-lapse pictures ``000001.jpg`` and so on.
+
+    ``started``, s since 1970, is when the print's journal says that it began.
+    """
+    return folder / TIMELAPSE / time.strftime("%Y%m%d-%H%M%S", time.gmtime(started))
+
+
+def film_file(folder: Path, started: float) -> Path:
+    """The film made of them; there only once the print has ended."""
+    frames = frames_folder(folder, started)
+    return frames.with_name(frames.name + ".webp")

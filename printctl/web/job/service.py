@@ -19,7 +19,7 @@ from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.prints.follow import retreat_for
-from printctl.machine.prints.mend_strokes import MendStrokes, mend_strokes
+from printctl.machine.prints.mends import MendStrokes, mend_strokes
 from printctl.machine.process.find import Order, running
 from printctl.machine.records.record import load_record
 from printctl.machine.records.replay import grown_in

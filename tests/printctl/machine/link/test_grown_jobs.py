@@ -9,6 +9,7 @@ import pytest
 from printctl.cli.running_print import waiting_lines
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import Refused
+from printctl.machine.job.filling import Filling
 from printctl.machine.job.flow_check import check_factor, check_flow
 from printctl.machine.job.frame import frame_at
 from printctl.machine.job.insert_check import InsertPlace, judged_lines
@@ -18,10 +19,10 @@ from printctl.machine.job.modal import Modal
 from printctl.machine.job.reach import JobReach
 from printctl.machine.job.reloading import plunger_travel
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.prints.actions import possible_actions
-from printctl.machine.prints.inserted_ink import filling_in_file, inserted_ink
-from printctl.machine.prints.progress import Filling
+from printctl.machine.prints.mends import pushed_mm
+from printctl.machine.prints.progress import Supply, ink_left_ul
 from printctl.machine.prints.recovering import plan_recovery
+from printctl.machine.prints.state import possible_actions
 from printctl.machine.process.find_link import read_outcome
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, LinkRecord
@@ -90,13 +91,18 @@ def test_an_interrupted_print_counts_what_was_put_in(tmp_path):
 
 
 def test_ink_of_an_insert_is_taken_from_the_syringe():
-    told = inserted_ink(FIRST.to_record())
-    assert told.pushed_mm == pytest.approx(0.01)
-    filling = Filling(FIRST.after - 3, 5.0, 2.0)
-    assert filling_in_file(filling, (told,), FIRST.after).left_mm == 5.0
-    assert filling_in_file(filling, (told,), FIRST.after + 1).left_mm == pytest.approx(4.99)
-    later = Filling(FIRST.after + 20, 5.0, 2.0)
-    assert filling_in_file(later, (told,), FIRST.after + 30) == Filling(FIRST.after + 9, 5.0, 2.0)
+    assert pushed_mm((FIRST,), FIRST.after) == 0.0
+    assert pushed_mm((FIRST,), FIRST.after + 1) == pytest.approx(0.01)
+    own, supply = plunger_travel(OWN.lines), Supply(Filling(0, 1.0, 6.0), 2.0)
+    changed = {None: Filling(FIRST.after + 20, 0.5, 0.0)}
+    for filled, begin, full in (({}, 0, 5.0), (changed, FIRST.after + 20, 5.5)):
+        for flow in (1.0, 1.3):
+            insert = replace(FIRST, flow=flow)
+            pushed = plunger_travel(OWN.grown(insert).lines)
+            journal = JournalledPrint(inserts=[insert], filled=filled)
+            for done in (begin, *range(FIRST.after + 20, len(pushed), 3)):  # as the station counts
+                left = 2.0 * (full - pushed[done] + pushed[begin])
+                assert ink_left_ul(own, journal, done, supply) == pytest.approx(left, abs=1e-3)
 
 
 def test_a_print_that_is_held_for_a_look_may_be_gone_on_with_by_the_operator(tmp_path):

@@ -17,7 +17,6 @@ from printctl.machine.job.completed_moves import moves_ahead, surely_moved
 from printctl.machine.job.job import Job
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.prints.journal_facts import JournalledFacts
 from printctl.machine.prints.recovering import plan_recovery
 from printctl.machine.prints.recovery_begin import NoCheckpoint
 from printctl.machine.prints.state import assemble_state
@@ -25,7 +24,7 @@ from printctl.machine.process.find_link import read_outcome
 from printctl.machine.process.resuming import resumable
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, RECORD, LinkRecord, save_private
-from printctl.machine.records.replay import read_journal
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.pipeline.past_print import entry_of
 from sim.devices.families.marlin.printer import MarlinPrinter
@@ -249,7 +248,7 @@ def test_command_that_recovers_can_be_copied(tmp_path):
     status = killed(tmp_path, "generic_marlin", LinkState.PRINTING)
     (line,) = [
         line
-        for line in status_lines(assemble_state(tmp_path, status, JournalledFacts()), "my run")
+        for line in status_lines(assemble_state(tmp_path, status, JournalledPrint()), "my run")
         if line.startswith("recover:")
     ]
     assert "printctl recover 'my run' --from-line " in line

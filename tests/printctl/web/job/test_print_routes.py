@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from firmware_profiles.load import DATA
-from printctl.machine.prints.journal_facts import JournalledFacts
 from printctl.machine.process.station_client import connect
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, Status
 from printctl.web.job.prints import PrintFollower, PrintReport
 from printctl.web.job.service import JobService
@@ -158,5 +158,6 @@ def _follower(folder: Path) -> PrintFollower:
 
 
 def _report(print_id: str) -> PrintReport:
-    journal = JournalledFacts(print_id, "ab", time.time())
+    job = {"id": print_id, "sha256": "ab", "started": time.time()}
+    journal = JournalledPrint(job, job)
     return PrintReport(Path(), Status(LinkState.PRINTING), journal, job="file~part.gcode")

@@ -25,7 +25,7 @@ from printctl.history.index import PrintHistory
 from printctl.history.query import HistoryQuery
 from printctl.machine.errors import Refused
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.prints.actions import PrintAction
+from printctl.machine.prints.state import PrintAction
 from printctl.machine.process.station_client import Station, connect
 from printctl.machine.process.station_record import load_station
 from printctl.machine.records.folders import read_notes
