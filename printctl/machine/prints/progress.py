@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from design.files import atomic_replacement
 from printctl.machine.job.filling import Filling
-from printctl.machine.job.inserts import Insert, file_count
+from printctl.machine.job.inserts import Insert, Position, file_count
 from printctl.machine.prints.mends import pushed_mm
 from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import Status
@@ -225,7 +225,7 @@ def progress(
         vessels_done=int(table.vessels_done[k]),
         ink_ul=float(table.ink_ul[k]),
         ink_total_ul=float(table.ink_ul[-1]),
-        ink_left_ul=ink_left_ul(table.plunger_mm, journal, executed, supply),
+        ink_left_ul=ink_left_ul(table, journal, executed, supply),
         tip_mm=(x, y, z),
     )
 
@@ -274,51 +274,34 @@ def remaining_time(
 
 
 def ink_left_ul(
-    travel_mm: Sequence[float] | FloatArray,
-    journal: JournalledPrint,
-    executed: int,
-    supply: Supply | None,
+    table: JobTable, journal: JournalledPrint, executed: int, supply: Supply | None
 ) -> float | None:
-    """Return what the syringe in use still holds, µL; None where that is unknown.
+    """Return what the syringe in use still holds when so many lines of the grown job are made, µL.
 
-    Parameters
-    ----------
-    travel_mm : (n + 1,) mm
-        The plunger's by the file's commands (`JobTable.plunger_mm`).
-    journal : JournalledPrint
-    executed : int
-        Lines of the grown job that were made.
-    supply : Supply or None
+    None where that is unknown.
     """
     if supply is None:
         return None
     filling = journal.last_filling or supply.filling
     capacity_mm = filling.capacity_mm or supply.filling.capacity_mm
-    used_mm = filling.used_mm + sum(
-        sign * _plunger_mm(travel_mm, journal.inserts, done)
-        for sign, done in ((1, executed), (-1, min(filling.done, executed)))
-    )
+    begin = min(filling.done, executed)
+    pushed = [_plunger_mm(table, journal.inserts, k, supply.ul_per_mm) for k in (begin, executed)]
     if math.isinf(capacity_mm):
         return None
-    return max(capacity_mm - used_mm, 0.0) * supply.ul_per_mm
+    return max(capacity_mm - filling.used_mm - (pushed[1] - pushed[0]), 0.0) * supply.ul_per_mm
 
 
-def _plunger_mm(
-    travel_mm: Sequence[float] | FloatArray, inserts: Sequence[Insert], done: int
-) -> float:
-    """Return the plunger's travel after so many lines of the grown job, with its flows, mm."""
-    moved, begin, flow = 0.0, 0, 1.0
-    positions: list[tuple[int, int]] = []
+def _plunger_mm(table: JobTable, inserts: Sequence[Insert], done: int, ul_per_mm: float) -> float:
+    """Return the plunger's travel after so many lines of the grown job, mm.
 
-    def row(lines: int) -> int:
-        return min(max(file_count(lines, positions), 0), len(travel_mm) - 1)
-
-    for one in inserts:
-        if one.after >= done:
-            break
-        here = row(one.after)
-        moved += flow * float(travel_mm[here] - travel_mm[begin])
-        begin, flow = here, one.flow
+    What the job writes behind an insert pushes ``flow`` times what its file says.
+    """
+    here = _row(table, file_count(done, [(one.after, len(one.lines)) for one in inserts]))
+    extra_ul, positions = 0.0, list[Position]()
+    for one, following in zip(inserts, [*inserts[1:], None], strict=False):
+        begin = _row(table, file_count(one.after, positions))
         positions.append((one.after, len(one.lines)))
-    rest = flow * float(travel_mm[row(done)] - travel_mm[begin])
-    return moved + rest + pushed_mm(inserts, done)
+        end = here if following is None else _row(table, file_count(following.after, positions))
+        written_ul = float(table.ink_ul[min(end, here)] - table.ink_ul[min(begin, here)])
+        extra_ul += (one.flow - 1.0) * written_ul
+    return float(table.plunger_mm[here]) + extra_ul / ul_per_mm + pushed_mm(inserts, done)

@@ -10,7 +10,8 @@ job        ``id`` of the print, file name, sha256, lines, profile, port, pid, wh
            last (``heard``); ``accepted``: failed checks that the user told to print with all the
            same
 state      state, message
-ack        ``done``: command lines known to be taken; never more than is true
+ack        ``done``: command lines known to be taken; never more than is true; with ``at`` where
+           the last that had one is a second old: the print's pace
 back       ``done``, ``n``: lines that an ok which wasn't theirs had acknowledged are taken back, to
            the line of number ``n``; control records of what goes again follow
 control    ``n``, ``command``: a line number about to be used for a control command
@@ -46,10 +47,10 @@ job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, look
 records also have ``at``, the wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
-death of the process (kill -9). Those with ``at`` are also forced to the disk, but for a checkpoint
-that agrees and was made at no mark. That one and ack and control records are not, since forcing
-the disk several times a second would stall the line, and after a loss of power the printer has
-lost its position as well.
+death of the process (kill -9). The dated ones above are also forced to the disk, but for a
+checkpoint that agrees and was made at no mark. That one and ack and control records are not, since
+forcing the disk several times a second would stall the line, and after a loss of power the printer
+has lost its position as well.
 
 Room is kept back on the disk (``journal.reserve``), so that the end of a print that a full disk
 ends can be written down. Emptied, it says that records may be missing at the journal's end.
@@ -79,6 +80,7 @@ from printctl.machine.errors import JournalError
 Record = dict[str, Any]
 RESERVE: Final = "journal.reserve"
 RESERVE_BYTES: Final = 65_536
+_PACE_EVERY_S: Final = 1.0
 _DATED: Final = frozenset(
     {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
     | {"look", "insert", "looked"}
@@ -104,6 +106,7 @@ class Journal:
     def __init__(self, path: Path, reserve: bool = False) -> None:
         self.path = path
         self._lock, self._torn, self._ended = threading.Lock(), False, False
+        self._last_pace = 0.0
         self._reserve = path.with_name(RESERVE) if reserve else None
         try:
             if self._reserve is not None:
@@ -123,8 +126,10 @@ class Journal:
         JournalError
             When it can't be written (disk full); the record isn't there then.
         """
-        at = {"at": time.time()} if sort in _DATED else {}
-        line = encode({"t": sort, **at, **values})
+        dated, now = sort in _DATED, time.time()
+        paced = sort == "ack" and now - self._last_pace >= _PACE_EVERY_S
+        self._last_pace = now if paced else self._last_pace
+        line = encode({"t": sort, **({"at": now} if dated or paced else {}), **values})
         passing = sort == "checkpoint" and values.get("agrees") and not values.get("mark")
         with self._lock:
             try:
@@ -135,7 +140,7 @@ class Journal:
                 if written != len(line):
                     raise OSError("disk full")
                 self._ended = sort == "end"
-                if at and not passing:
+                if dated and not passing:
                     os.fsync(self._fd)
             except OSError as exc:
                 raise JournalError(

@@ -27,6 +27,7 @@ from printctl.machine.records.states import EARLY, LinkState
 
 _AT_WORK: Final = (LinkState.PRINTING, LinkState.PAUSING)
 """In both the job's moves are made: a pause is reached when those that were sent are done."""
+_MAX_PACES: Final = 1000
 
 
 @dataclass
@@ -57,7 +58,7 @@ class JournalledPrint:
     checkpoints : list of dict
         Those at marks that agreed with the job, in order.
     paces : list of (int, float)
-        Commands taken and time without pauses, s, at each checkpoint.
+        Commands taken and time without pauses, s, at moments of the print, `_MAX_PACES` at most.
     made : int
         Command lines that were made for certain when the motors last stood.
     left : dict of str to float
@@ -162,6 +163,7 @@ class JournalledPrint:
     heat: Record = field(default_factory=dict)
     frame: Record = field(default_factory=dict)
     _first_alarms: list[str] = field(default_factory=list, repr=False)
+    _pace_every_s: float = 1.0
     _torn: bool = False
     _seeking: bool = False
     """Going on with a printer that isn't proved yet to be the print's own: what is known stays."""
@@ -341,6 +343,20 @@ def _ack(known: JournalledPrint, record: Record) -> None:
         known._seeking, known.heard = False, None
         known.end = known.stood = None
     known.done = record["done"]
+    if "at" in record:
+        _pace(known, record)
+
+
+def _pace(known: JournalledPrint, record: Record) -> None:
+    """Note how far the print has come; of too many moments keep every other one."""
+    if known.since is None:
+        return
+    active_s, paces = known.active_until(record.get("at", 0.0)), known.paces
+    if not paces or active_s - paces[-1][1] >= known._pace_every_s:
+        paces.append((record["done"], active_s))
+        if len(paces) > _MAX_PACES:
+            del paces[1::2]
+            known._pace_every_s *= 2
 
 
 def _back(known: JournalledPrint, record: Record) -> None:
@@ -382,8 +398,7 @@ def times_words(record: Record) -> str:
 
 def _checkpoint(known: JournalledPrint, record: Record) -> None:
     known.checkpoint = record
-    if known.since is not None:
-        known.paces.append((record["done"], known.active_until(record.get("at", 0.0))))
+    _pace(known, record)
     if record.get("agrees") and record.get("mark"):
         known.checkpoints.append(record)
         known.made = record["done"] if record.get("stands") else known.made

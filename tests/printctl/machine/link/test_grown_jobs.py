@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from printctl.cli.running_print import waiting_lines
@@ -20,7 +21,7 @@ from printctl.machine.job.reach import JobReach
 from printctl.machine.job.reloading import plunger_travel
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.prints.mends import pushed_mm
-from printctl.machine.prints.progress import Supply, ink_left_ul
+from printctl.machine.prints.progress import JobTable, Supply, ink_left_ul
 from printctl.machine.prints.recovering import plan_recovery
 from printctl.machine.prints.state import possible_actions
 from printctl.machine.process.find_link import read_outcome
@@ -93,7 +94,10 @@ def test_an_interrupted_print_counts_what_was_put_in(tmp_path):
 def test_ink_of_an_insert_is_taken_from_the_syringe():
     assert pushed_mm((FIRST,), FIRST.after) == 0.0
     assert pushed_mm((FIRST,), FIRST.after + 1) == pytest.approx(0.01)
-    own, supply = plunger_travel(OWN.lines), Supply(Filling(0, 1.0, 6.0), 2.0)
+    own, supply = np.array(plunger_travel(OWN.lines)), Supply(Filling(0, 1.0, 6.0), 2.0)
+    across = np.array([False, *(b" X" in line for line in OWN.lines)])
+    ink = 2.0 * np.cumsum(np.where(across, np.diff(own, prepend=0.0), 0.0))
+    table = JobTable(*[own, ink, own, *[own] * 6])  # time and parts don't matter
     changed = {None: Filling(FIRST.after + 20, 0.5, 0.0)}
     for filled, begin, full in (({}, 0, 5.0), (changed, FIRST.after + 20, 5.5)):
         for flow in (1.0, 1.3):
@@ -102,7 +106,7 @@ def test_ink_of_an_insert_is_taken_from_the_syringe():
             journal = JournalledPrint(inserts=[insert], filled=filled)
             for done in (begin, *range(FIRST.after + 20, len(pushed), 3)):  # as the station counts
                 left = 2.0 * (full - pushed[done] + pushed[begin])
-                assert ink_left_ul(own, journal, done, supply) == pytest.approx(left, abs=1e-3)
+                assert ink_left_ul(table, journal, done, supply) == pytest.approx(left, abs=1e-3)
 
 
 def test_a_print_that_is_held_for_a_look_may_be_gone_on_with_by_the_operator(tmp_path):
