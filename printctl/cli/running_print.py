@@ -32,7 +32,7 @@ from printctl.machine.process.find_link import alive
 from printctl.machine.records.journal import this_user
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal_if_any
-from printctl.machine.records.states import LinkState, PrintOutcome, Status
+from printctl.machine.records.states import LinkState, Status
 from printctl.observe import records
 from printctl.observe.continue_print import continue_print
 from printctl.observe.look_words import proposal_words, seen_words, total_words
@@ -160,7 +160,7 @@ def kill(run: RunArg) -> None:
         # The link itself: slow to import.
         from printctl.machine.process.kill_unlinked import kill_unlinked
 
-        outcome = PrintOutcome.of(kill_unlinked(client.folder))
+        outcome = kill_unlinked(client.folder)
     before = "" if outcome.state is LinkState.KILLED else "not halted, for the print had ended: "
     print_lines(f"{before}{outcome.state.value}: {outcome.message}")
 

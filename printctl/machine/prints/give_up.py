@@ -17,20 +17,13 @@ from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import load_printed_job, read_journal
 from printctl.machine.records.states import LinkState, Status
 
-_PATIENCE_S = 5.0
+_LIST_LIMIT_S = 5.0
 _UNDER_WAY = 32
 """Lines behind the last that is known to be taken, which may have been."""
 
 
 def give_up(folder: Path, who: str) -> Status:
-    """End the record of an interrupted print; nothing is sent to the printer.
-
-    Parameters
-    ----------
-    folder : Path
-        The print's.
-    who : str
-        Who says so.
+    """End the record of an interrupted print, as ``who`` says; nothing is sent to the printer.
 
     Raises
     ------
@@ -65,7 +58,7 @@ def give_up(folder: Path, who: str) -> Status:
         journal.close()
         record = replace(load_record(folder), address="", token="", refused={})
         replace(record, status=status.to_dict()).save(folder)
-    remember_folder(folder).join(_PATIENCE_S)
+    remember_folder(folder).join(_LIST_LIMIT_S)
     return status
 
 

@@ -26,7 +26,7 @@ from printctl.machine.process.find_link import has_ended, read_outcome, stays_al
 from printctl.machine.process.look_client import LookClient
 from printctl.machine.process.resuming import resumable
 from printctl.machine.records.record import LOG, LinkRecord, load_record
-from printctl.machine.records.states import EARLY, PrintOutcome, Status
+from printctl.machine.records.states import EARLY, Status
 from printctl.sources import python_command
 
 _PATIENCE_S: Final = 60.0
@@ -199,7 +199,7 @@ class PrintClient:
             self._connection.detach()
         return status
 
-    def wait(self, timeout: float | None = None) -> PrintOutcome:
+    def wait(self, timeout: float | None = None) -> Status:
         """Wait for the end of the print.
 
         Raises
@@ -222,7 +222,7 @@ class PrintClient:
                 if time.monotonic() >= limit:
                     raise TimeoutError(f"the print in {self.folder} isn't over after {timeout} s")
         connection.detach()
-        return PrintOutcome.of(last)
+        return last
 
 
 def start_print(

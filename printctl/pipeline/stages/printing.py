@@ -22,7 +22,6 @@ from printctl.machine.process.executed_note import is_complete_record
 from printctl.machine.process.find import Order, find_or_start, finished
 from printctl.machine.process.simulated import SIMULATED, simulated_printer
 from printctl.machine.records.replay import grown_in
-from printctl.machine.records.states import PrintOutcome
 from printctl.observe.order import ObserverOrder
 from printctl.observe.starting import (
     ObserverError,
@@ -225,7 +224,7 @@ def load_finished_print(context: RunContext) -> tuple[dict[str, Any], Sequence[s
         "printer": context.printer.name,
         "port": part.port,
         "state": client.status.state.value,
-        "proved": PrintOutcome.of(client.status).proved,
+        "proved": client.status.proved,
         "lines": client.status.lines_done,
     }
     if not isinstance(context.scan_part, SimulatedScan):
