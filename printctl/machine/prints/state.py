@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
@@ -51,14 +52,9 @@ def print_folder(run: Path) -> Path:
 
 
 def running_print(run: Path) -> PrintClient:
-    """A client of a print that is going on.
+    """Return a client of a print that is going on.
 
-    Raises
-    ------
-    PrintctlError
-        When it has ended.
-    LinkError
-        When no print was ever started there.
+    Raises `PrintctlError` when it has ended, `LinkError` when none was ever started there.
     """
     client = attach(print_folder(run))
     status = client.status
@@ -93,16 +89,12 @@ class Possible:
 
     Attributes
     ----------
-    action : PrintAction
-    possible : bool
     reason : str
-        Why it can't be done; empty where it can.
+        Why it can't be done, or why something is needed; empty for neither.
     needs : str
-        What must be given with it: ``syringe`` (what was put in), ``from_line`` (where to begin);
-        empty for nothing.
+        What must be given with it: ``syringe`` (what was put in), ``from_line`` (where to begin).
     from_line : int
-        Line of the file with which the rest begins where nobody says otherwise; 0 where the journal
-        doesn't tell.
+        Line of the file with which the rest begins by default; 0 where the journal doesn't tell.
     """
 
     action: PrintAction
@@ -120,17 +112,9 @@ class Possible:
 class PrintTruth:
     """True state of a print.
 
-    Attributes
-    ----------
-    folder : Path
-    status : Status
-        State, lines and message: of the link process while it lives, else what it left.
-    journal : JournalledPrint
-    progress : Progress or None
-        By time, layer and ink; None until the job's table was made (the page does, and
-        `printctl print`'s checks don't).
-    actions : tuple of Possible
-        Every action, possible or not.
+    ``status`` is the link process's while it lives, else what it left. ``progress`` is None until
+    the job's table was made (the page does, and `printctl print`'s checks don't). ``actions`` are
+    all, possible or not.
     """
 
     folder: Path
@@ -194,16 +178,14 @@ class PrintTruth:
 def read_print(folder: Path) -> PrintTruth:
     """Read the true state of the print in ``folder``; ask its link process if that lives.
 
-    Raises
-    ------
-    NoLink
-        When no print was ever started there, or its link process doesn't answer.
+    Raises `NoLink` when no print was ever started there, or its link process doesn't answer.
     """
     with attach(folder) as client:
         status = client.status
     journal = read_journal_if_any(folder / JOURNAL)
     table = kept_table(folder, journal.sha256)
-    return assemble_state(folder, status, journal, table, supply_of(folder))
+    supply = None if table is None else supply_of(folder)
+    return assemble_state(folder, status, journal, table, supply)
 
 
 def assemble_state(
@@ -226,15 +208,14 @@ def assemble_state(
 
 def _next_step(actions: tuple[Possible, ...]) -> str:
     """Say what can be done after an interruption; promise nothing that would be refused."""
-    by_action = {one.action: one for one in actions}
-    if by_action[PrintAction.GO_ON].possible:
+    can = {one.action: one for one in actions}
+    if can[PrintAction.GO_ON].possible:
         return (
             "if the printer kept its power, Go on (`printctl resume`) asks it for its last line "
             "and goes on from there"
         )
-    recover = by_action[PrintAction.RECOVER]
-    ways = f"it can't be gone on with: {by_action[PrintAction.GO_ON].reason}"
-    if recover.possible and "recover" not in ways.lower():
+    ways = f"it can't be gone on with: {can[PrintAction.GO_ON].reason}"
+    if can[PrintAction.RECOVER].possible and "recover" not in ways.lower():
         ways += "; Recover (`printctl recover`) plans the rest as a job of its own"
     return ways
 
@@ -274,65 +255,53 @@ def keep_table(folder: Path, sha256: str, table: JobTable) -> None:
 
 def possible_actions(folder: Path, status: Status) -> tuple[Possible, ...]:
     """Return every action, in the order of `PrintAction`, as the print in ``folder`` stands."""
-    return (*_while_going_on(status), *_after_the_end(folder, status))
-
-
-def _while_going_on(status: Status) -> tuple[Possible, ...]:
-    state = status.state
     if status.ended:
-        over = f"the print is over ({state_words(state)})"
-        halt = f"{over}; the red STOP halts whatever is connected"
-        acts = (PrintAction.PAUSE, PrintAction.RESUME, PrintAction.STOP)
-        return *(Possible(act, False, over) for act in acts), Possible(
-            PrintAction.KILL, False, halt
-        )
+        return (*_of_ended(status), *_after_the_end(folder, status.state, _changed(folder)))
+    goes_on = f"the print goes on ({state_words(status.state)})"
+    after = (PrintAction.GO_ON, PrintAction.RECOVER, PrintAction.GIVE_UP)
+    return (*_while_going_on(status), *(_unless(goes_on, action) for action in after))
+
+
+def _unless(
+    why_not: str, action: PrintAction, needs: Literal["", "syringe", "from_line"] = ""
+) -> Possible:
+    return Possible(action, not why_not, why_not, needs)
+
+
+def _of_ended(status: Status) -> Iterator[Possible]:
+    over = f"the print is over ({state_words(status.state)})"
+    for action in (PrintAction.PAUSE, PrintAction.RESUME, PrintAction.STOP):
+        yield _unless(over, action)
+    yield _unless(f"{over}; the red STOP halts whatever is connected", PrintAction.KILL)
+
+
+def _while_going_on(status: Status) -> Iterator[Possible]:
+    state, words = status.state, state_words(status.state)
     held = state in (LinkState.PAUSED, LinkState.LOOKING)
     going = state in (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
-    changing = held and status.waits_for.startswith("syringe")
-    resume = held or (going and bool(status.waits_for))
-    stopping = state is LinkState.STOPPING
     may_pause = going or state is LinkState.LOOKING
-    why_not = f"the print is {state_words(state)}"
-    return (
-        Possible(PrintAction.PAUSE, may_pause, "" if may_pause else why_not),
-        Possible(
-            PrintAction.RESUME,
-            resume,
-            "" if resume else f"the print isn't paused, it is {state_words(state)}",
-            "syringe" if changing else "",
-        ),
-        Possible(PrintAction.STOP, not stopping, "the print is being stopped" if stopping else ""),
-        Possible(PrintAction.KILL),
-    )
-
-
-def _after_the_end(folder: Path, status: Status) -> tuple[Possible, ...]:
-    if not status.ended:
-        reason = f"the print goes on ({state_words(status.state)})"
-        return tuple(
-            Possible(action, False, reason)
-            for action in (PrintAction.GO_ON, PrintAction.RECOVER, PrintAction.GIVE_UP)
-        )
-    return _looked_up(folder, status.state, _changed(folder))
+    yield _unless("" if may_pause else f"the print is {words}", PrintAction.PAUSE)
+    may_resume = held or (going and bool(status.waits_for))
+    changing = held and status.waits_for.startswith("syringe")
+    why_not = "" if may_resume else f"the print isn't paused, it is {words}"
+    yield _unless(why_not, PrintAction.RESUME, "syringe" if changing else "")
+    why_not = "the print is being stopped" if state is LinkState.STOPPING else ""
+    yield _unless(why_not, PrintAction.STOP)
+    yield Possible(PrintAction.KILL)
 
 
 @lru_cache(maxsize=32)
-def _looked_up(
+def _after_the_end(
     folder: Path, state: LinkState, changed: tuple[tuple[str, int], ...]
 ) -> tuple[Possible, ...]:
     """Read journal and job once for each change of them."""
     why_not = _why_no_going_on(folder)
     unfinished = state is LinkState.INTERRUPTED or not why_not
+    written = f"how the print ended is written down already: {state_words(state)}"
     return (
-        Possible(PrintAction.GO_ON, not why_not, why_not),
+        _unless(why_not, PrintAction.GO_ON),
         _recover(folder),
-        Possible(
-            PrintAction.GIVE_UP,
-            unfinished,
-            ""
-            if unfinished
-            else f"how the print ended is written down already: {state_words(state)}",
-        ),
+        _unless("" if unfinished else written, PrintAction.GIVE_UP),
     )
 
 
@@ -359,12 +328,7 @@ def _why_no_going_on(folder: Path) -> str:
 
 
 def refuse_forgotten(folder: Path, port: str, printer: Printer) -> None:
-    """Refuse to go on where the printer certainly doesn't know its place in the job any more.
-
-    Raises
-    ------
-    Refused
-    """
+    """Raise `Refused` where the printer certainly doesn't know its place in the job any more."""
     if port == SIMULATED:
         raise Refused(
             "the simulated printer ended with the process that ran it; print the job anew"
