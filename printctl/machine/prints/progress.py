@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from design.files import atomic_replacement
 from printctl.machine.job.filling import Filling
@@ -94,32 +94,17 @@ class JobTable:
         return JobTable(**{k: row if row.ndim else row.item() for k, row in rows.items()})
 
 
-@dataclass(frozen=True)
-class Supply:
-    """Syringe with which a print of one head began.
-
-    Attributes
-    ----------
-    filling : Filling
-    ul_per_mm : float, µL/mm
-        Ink of the plunger's travel.
-    """
+class Supply(NamedTuple):
+    """Syringe with which a print of one head began, and its ink per travel, µL/mm."""
 
     filling: Filling
     ul_per_mm: float
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """Estimated remaining time.
+class Estimate(NamedTuple):
+    """Remaining time, and twice its standard deviation, s; None while too little is printed.
 
-    Attributes
-    ----------
-    remaining_s : float, s
-    error_s : float or None, s
-        Twice the standard deviation; None while too little has been printed to tell.
-    ratio : float
-        Real time over the dry run's, so far.
+    ``ratio`` is the real time over the dry run's, so far.
     """
 
     remaining_s: float
@@ -135,24 +120,19 @@ class Progress:
     ----------
     commands, commands_total : int
         Executed, and in the job.
-    file_line : int
     share : float
-        Of the dry run's time, 0 to 1.
-    predicted_s, predicted_total_s : float, s
+        Of the dry run's time, 0 to 1; that is ``predicted_s``.
     active_s : float, s
         Real time so far, pauses left out.
-    remaining_s : float, s
-    remaining_error_s : float or None, s
-    ratio : float
-        Real time over the dry run's.
+    remaining_s, remaining_error_s, ratio
+        As `Estimate`.
     ends_at : float
         Wall-clock time, s since 1970, if nothing holds the print any more.
     layer, layers, layers_done : int
-        Layer being written, from 1 (0 for none), how many there are, how many are whole.
+        Layer being written, from 1 (0 for none), how many there are, how many are whole; so of
+        vessels.
     passes : bool
         Whether these are passes of an embedded print.
-    vessel, vessels, vessels_done : int
-    ink_ul, ink_total_ul : float, µL
     ink_left_ul : float or None, µL
         In the syringe, but for its dead volume; None where that is unknown.
     tip_mm : (x, y, z), mm
@@ -239,15 +219,9 @@ def remaining_time(
 ) -> Estimate:
     """Estimate what is left of a print.
 
-    Parameters
-    ----------
-    total_s : float, s
-        The dry run's time of the whole print.
-    paces : iterable of (float, float), s
-        Points that the print has come to: the dry run's time up to there, and the real time
-        without pauses.
-    predicted_s : float, s
-        The dry run's time of what has been executed now.
+    ``total_s`` is the dry run's time of the whole, ``predicted_s`` of what has been executed now;
+    ``paces`` are points that the print has come to: the dry run's time, and the real time without
+    pauses, s.
     """
     ratios: list[float] = []
     first = begin = last = None
@@ -276,19 +250,16 @@ def remaining_time(
 def ink_left_ul(
     table: JobTable, journal: JournalledPrint, executed: int, supply: Supply | None
 ) -> float | None:
-    """Return what the syringe in use still holds when so many lines of the grown job are made, µL.
-
-    None where that is unknown.
-    """
+    """Return the ink left in the syringe when so many lines are made, µL; None where unknown."""
     if supply is None:
         return None
     filling = journal.last_filling or supply.filling
     capacity_mm = filling.capacity_mm or supply.filling.capacity_mm
-    begin = min(filling.done, executed)
-    pushed = [_plunger_mm(table, journal.inserts, k, supply.ul_per_mm) for k in (begin, executed)]
+    places = min(filling.done, executed), executed
+    begin, end = (_plunger_mm(table, journal.inserts, k, supply.ul_per_mm) for k in places)
     if math.isinf(capacity_mm):
         return None
-    return max(capacity_mm - filling.used_mm - (pushed[1] - pushed[0]), 0.0) * supply.ul_per_mm
+    return max(capacity_mm - filling.used_mm - (end - begin), 0.0) * supply.ul_per_mm
 
 
 def _plunger_mm(table: JobTable, inserts: Sequence[Insert], done: int, ul_per_mm: float) -> float:

@@ -90,17 +90,8 @@ _DATED: Final = frozenset(
 class Journal:
     """An append-only journal; any thread may add to it.
 
-    Parameters
-    ----------
-    path : Path
-        Made if absent; an existing one is gone on with (a torn tail is closed by a line end).
-    reserve : bool
-        Whether to keep room back on the disk until the print has ended.
-
-    Raises
-    ------
-    JournalError
-        When it can't be written.
+    An existing one is gone on with (a torn tail is closed by a line end). With ``reserve`` room is
+    kept back on the disk until the print has ended. Raises `JournalError` when it can't be written.
     """
 
     def __init__(self, path: Path, reserve: bool = False) -> None:
@@ -119,12 +110,9 @@ class Journal:
             raise JournalError(f"journal {path} can't be opened: {exc.strerror}") from exc
 
     def add(self, sort: str, **values: Any) -> None:
-        """Append a record.
+        """Append a record; raise `JournalError` when it can't be written (disk full).
 
-        Raises
-        ------
-        JournalError
-            When it can't be written (disk full); the record isn't there then.
+        The record isn't there then.
         """
         dated, now = sort in _DATED, time.time()
         paced = sort == "ack" and now - self._last_pace >= _PACE_EVERY_S
@@ -150,10 +138,7 @@ class Journal:
     def use_reserve(self) -> bool:
         """Free the room kept back, so that the record that didn't fit may be added once more.
 
-        Returns
-        -------
-        bool
-            False where there is none left.
+        False where there is none left.
         """
         with self._lock:
             if self._reserve is None or not bytes_in(self._reserve):

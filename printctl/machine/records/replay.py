@@ -32,31 +32,24 @@ _MAX_PACES: Final = 1000
 
 @dataclass
 class JournalledPrint:
-    """What a journal says about its print.
+    """What a journal says about its print. Times are s since 1970, records as journalled.
 
     Attributes
     ----------
-    job : dict
-        The last job record, with the print's ``id``; empty when even that is lost.
-    first_job : dict
-        The one with which the print began.
+    job, first_job : dict
+        The last job record, with the print's ``id``, and the first; empty when that is lost.
     attempts : int
         How often it was begun or gone on with.
-    state : LinkState
-        Last one recorded.
     begun : bool
         Whether the handshake was through and job lines may have been sent.
     done : int
-        Command lines known to be taken: at least so many, perhaps `slack` more.
+        Command lines known to be taken: at least so many.
     controls : dict of int to str
         Line numbers used for control commands.
     alarms, alarm_times : list of str, list of float
-        Each once, when it came first (s since 1970); of one that came again how often.
-    last_alarm : str
-    checkpoint : dict or None
-        The last one.
-    checkpoints : list of dict
-        Those at marks that agreed with the job, in order.
+        Each once, when it came first; of one that came again how often.
+    checkpoint, checkpoints
+        The last one; all at marks that agreed with the job, in order.
     paces : list of (int, float)
         Commands taken and time without pauses, s, at moments of the print, `_MAX_PACES` at most.
     made : int
@@ -69,44 +62,35 @@ class JournalledPrint:
         Records of a change of syringe after which the print hasn't gone on.
     reloaded : int
         Command lines after which the last change was made; -1 for none.
-    reload_at : tuple of int or None
-        Where the next changes are due, since the last one.
-    reload_heads : tuple of int
-        Of several heads, whose.
+    reload_at, reload_heads
+        Where the next changes are due, since the last one (None for none); of several heads, whose.
     filled : dict of (int or None) to Filling
         What was put in at changes of syringe, by head; the last change last.
-    inserts : list of Insert
-        Lines that were put into the job, in order.
-    look : dict or None
-        A look that was begun and isn't decided.
-    looked : list of dict
-        Those that were decided, in order.
+    look, looked
+        A look that was begun and isn't decided; those that were decided, in order.
     park : tuple of float or None, mm
         Where the needle was led for a look after which the print hasn't gone on.
     stood : dict or None
         Where in the job the printer stood after a stop; None where that is unknown, and in
         journals of earlier versions.
-    heard : float or None, s since 1970
+    heard : float or None
         Last word of the print before attempts to go on that didn't find the printer; None for none.
     end : dict or None
         The end record; None when the link process died first.
     over : bool
         Whether the last attempt has ended: an end record follows its job record.
-    damaged : int
-        Lines with a wrong checksum, a torn last one included.
-    gaps : int
-        Those of them after which the same link process wrote on: no torn ends, but records that
-        are missing, so that lines can't be counted.
+    damaged, gaps : int
+        Lines with a wrong checksum, a torn last one included; those of them after which the same
+        link process wrote on: no torn ends, but missing records, so that lines can't be counted.
     cut_short : bool
         Whether the disk was full, and the print's end isn't there.
-    written_s : float, s since 1970
+    written_s : float
         Last word of the print, attempts that didn't find the printer aside; by the file's time.
-    last_at : float, s since 1970
-        Time of the last record that has one.
-    active_s : float, s
-        Time in which it was printing, pauses left out, up to ``since`` or the end.
-    since : float or None, s since 1970
-        Since when it has been printing without a pause; None while it isn't.
+    last_at : float
+        Of the last record that has a time.
+    active_s, since : float, float or None
+        Time in which it was printing, pauses left out, up to ``since`` or the end, s; since when
+        it has been printing without a pause, None while it isn't.
     in_ink : bool
         Whether the needle stood at the job's place at the last record.
     stopping : bool
@@ -241,13 +225,7 @@ class JournalledPrint:
 
 
 def read_journal(path: Path) -> JournalledPrint:
-    """Read a journal up to its last intact record.
-
-    Raises
-    ------
-    JournalError
-        When there is no such file.
-    """
+    """Read a journal up to its last intact record; raise `JournalError` without such a file."""
     try:
         history = replay(read_records(path))
         history.written_s = history.heard or path.stat().st_mtime
@@ -296,7 +274,7 @@ class JournalReader:
                     self._read_bytes += len(line)
                     self._history.apply(decode(line))
         except OSError:
-            return self._history
+            pass
         return self._history
 
 
@@ -416,10 +394,6 @@ def _settings(known: JournalledPrint, record: Record) -> None:
     known.settings = known.settings or dict(record["told"])
 
 
-def _heat(known: JournalledPrint, record: Record) -> None:
-    known.heat = record
-
-
 def _frame(known: JournalledPrint, record: Record) -> None:
     known.frame = {"told": record["told"], "offset": record["offset"]}
 
@@ -449,10 +423,6 @@ def _plan(known: JournalledPrint, record: Record) -> None:
         known.reload_heads = tuple(record.get("reload_heads", ()))
 
 
-def _look(known: JournalledPrint, record: Record) -> None:
-    known.look = record
-
-
 def _looked(known: JournalledPrint, record: Record) -> None:
     known.looked.append(record)
     known.look = None
@@ -463,10 +433,6 @@ def _insert(known: JournalledPrint, record: Record) -> None:
     _plan(known, record)
 
 
-def _stood(known: JournalledPrint, record: Record) -> None:
-    known.stood = record
-
-
 def _end(known: JournalledPrint, record: Record) -> None:
     _count_time(known, record, works=False)
     if known._seeking:  # this attempt learned nothing of the lines
@@ -474,6 +440,10 @@ def _end(known: JournalledPrint, record: Record) -> None:
     known.end, known.over = record, True
     known.state, known.done = LinkState(record["state"]), record.get("done", known.done)
     known.message = record.get("message", "")
+
+
+def _keep(name: str) -> Callable[[JournalledPrint, Record], None]:
+    return lambda known, record: setattr(known, name, record)
 
 
 _BY_SORT: Final[dict[str, Callable[[JournalledPrint, Record], None]]] = {
@@ -487,15 +457,15 @@ _BY_SORT: Final[dict[str, Callable[[JournalledPrint, Record], None]]] = {
     "checkpoint": _checkpoint,
     "left": _left,
     "settings": _settings,
-    "heat": _heat,
+    "heat": _keep("heat"),
     "frame": _frame,
     "wanted": _wanted,
     "reload": _reload,
     "syringe": _syringe,
-    "look": _look,
+    "look": _keep("look"),
     "looked": _looked,
     "insert": _insert,
-    "stood": _stood,
+    "stood": _keep("stood"),
     "end": _end,
 }
 
@@ -506,12 +476,8 @@ _BY_SORT: Final[dict[str, Callable[[JournalledPrint, Record], None]]] = {
 def load_printed_job(path: Path, printer: Printer, history: JournalledPrint) -> Job:
     """Read a job's G-code file as it stood when its journal was written last.
 
-    Inserts are left out of a file that isn't the print's any more; its hash tells.
-
-    Raises
-    ------
-    JobError
-        When the file can't be read or the inserts don't fit it.
+    Inserts are left out of a file that isn't the print's any more; its hash tells. Raises
+    `JobError` when the file can't be read or the inserts don't fit it.
     """
     return grown_by_journal(load_job(path, printer), history)
 

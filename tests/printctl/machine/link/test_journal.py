@@ -11,6 +11,7 @@ import os
 import sqlite3
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -45,7 +46,7 @@ from printctl.machine.records.journal import (
     profile_digest,
     read_records,
 )
-from printctl.machine.records.replay import read_journal
+from printctl.machine.records.replay import JournalledPrint, JournalReader, read_journal, replay
 from printctl.machine.records.states import LinkState, Status
 from printctl.pipeline.past_print import INTERRUPTED, entry_of
 from sim.devices.families.marlin.printer import MarlinPrinter
@@ -76,6 +77,45 @@ def test_reads_what_was_written(tmp_path):
     assert history.alarms == ["µ and ✓ are escaped"]
     assert history.end is None
     assert history.damaged == 0
+
+
+@given(st.lists(st.integers(1, 60), max_size=20))
+def test_reading_on_gives_what_reading_anew_gives(pieces):
+    with tempfile.TemporaryDirectory() as folder:
+        path, grown = Path(folder) / "j", Path(folder) / "grown"
+        data = written(path).read_bytes()
+        reader, at = JournalReader(grown), 0
+        assert reader.read() == JournalledPrint()
+        for size in pieces:
+            with grown.open("ab") as handle:
+                handle.write(data[at : at + size])
+            at += size
+            whole = data[:at].splitlines(keepends=True)
+            known = [decode(line) for line in whole if line.endswith(b"\n")]
+            assert reader.read() == replay(known)
+
+
+def test_reader_begins_anew_with_the_journal_of_another_print(tmp_path):
+    reader = JournalReader(written(tmp_path / "journal.log"))
+    assert reader.read().done == 50
+    archive_journal(tmp_path)
+    before = reader.read()
+    journal = Journal(tmp_path / "journal.log")
+    for done in range(200):
+        journal.add("ack", done=done)
+    journal.close()
+    assert reader.read().done == 199
+    assert (before.done, before.total, reader.read().total) == (50, 100, 0)
+
+
+def test_paces_of_a_long_print_are_few_and_span_it():
+    records = [{"t": "state", "state": "printing", "at": 0.0}]
+    records += [{"t": "ack", "done": k, "at": float(k)} for k in range(1, 10_000)]
+    paces = replay(records).paces
+    assert len(paces) <= 1000
+    assert paces[0] == (1, 1.0)
+    assert paces[-1][0] > 9_900
+    assert all(done == active_s for done, active_s in paces)
 
 
 @pytest.mark.parametrize("missing", range(1, 40))
