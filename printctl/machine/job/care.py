@@ -165,12 +165,12 @@ class NewSyringe:
     name : str
         Its profile; empty for one like the last.
     capacity_mm : float, mm
-        Travel when full; 0 for the same as the last.
+        Travel when full; with a name above 0, without one 0: the same as the last.
 
     Raises
     ------
     Refused
-        When a length is negative or none.
+        When a length is negative or none, or the name and its capacity don't come together.
     """
 
     plunger_mm: float = 0.0
@@ -181,3 +181,8 @@ class NewSyringe:
         for what, mm in (("plunger", self.plunger_mm), ("capacity", self.capacity_mm)):
             if not isinstance(mm, (int, float)) or not 0 <= mm < math.inf:
                 raise Refused(f"a new syringe's {what} of {mm!r} mm is no length of 0 or more")
+        if bool(self.name) != (self.capacity_mm > 0):
+            raise Refused(
+                f"a new syringe {self.name!r} with {self.capacity_mm:g} mm of travel: give its "
+                "profile and a travel above 0, or neither for one like the last"
+            )

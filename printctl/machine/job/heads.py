@@ -1,7 +1,7 @@
 """Find the head in use from job lines; give commands that select, raise and lower heads.
 
 A command that chooses a head or raises one states a target: sent twice it does no harm. Whether the
-firmware chose it, some families say (`HeadFacts.confirms`), others are silent.
+firmware chose it, some families say (`Family.head_confirms`), others are silent.
 """
 
 from __future__ import annotations
@@ -44,8 +44,7 @@ def choose(printer: Printer, number: int) -> bytes:
 
 def confirms(replies: Sequence[bytes], printer: Printer, number: int) -> bool:
     """Whether the firmware says that it uses that head; true of one that says nothing of it."""
-    own = family_of(printer).heads
-    ways = own.confirms(number) if own else ()
+    ways = family_of(printer).head_confirms(number)
     return not ways or any(text.endswith(ways) for text in replies)
 
 
