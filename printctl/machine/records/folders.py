@@ -43,13 +43,7 @@ def data_folder() -> Path:
 
 
 def known_folders(data: Path) -> list[Path]:
-    """Return the folders of prints that ``data`` lists, each once.
-
-    Raises
-    ------
-    OSError
-        When there is a list, and it can't be read.
-    """
+    """Return the folders of prints that ``data`` lists, each once; raises `OSError`."""
     try:
         lines = (data / _LIST).read_bytes().splitlines()
     except FileNotFoundError:
@@ -134,10 +128,7 @@ def journal_of(folder: Path, identity: str, at: float) -> Path:
 
 
 def print_identity(folder: Path) -> dict[str, Any] | None:
-    """Return a print's ``id``, ``started`` (s since 1970) and ``gcode_sha256``.
-
-    None where ``folder`` holds no journal that says so.
-    """
+    """Return a print's ``id``, ``started`` (s since 1970), ``gcode_sha256``; None without one."""
     first = first_job_record(folder / JOURNAL)
     if not first:
         return None

@@ -100,12 +100,13 @@ class Journal:
         self._last_pace = 0.0
         self._reserve = path.with_name(RESERVE) if reserve else None
         try:
-            if self._reserve is not None:
-                _keep_room(self._reserve)
+            if self._reserve is not None and bytes_in(self._reserve) < RESERVE_BYTES:
+                self._reserve.write_bytes(os.urandom(RESERVE_BYTES))  # no disk can make it smaller
             self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-            size = os.fstat(self._fd).st_size
-            if size and _last_byte(path, size) != b"\n":
-                os.write(self._fd, b"\n")
+            if os.fstat(self._fd).st_size:
+                os.lseek(self._fd, -1, os.SEEK_END)
+                if os.read(self._fd, 1) != b"\n":
+                    os.write(self._fd, b"\n")
         except OSError as exc:
             raise JournalError(f"journal {path} can't be opened: {exc.strerror}") from exc
 
@@ -146,7 +147,7 @@ class Journal:
             try:
                 os.truncate(self._reserve, 0)
                 if self._torn:
-                    os.ftruncate(self._fd, _end_of_last_line(self.path))
+                    os.ftruncate(self._fd, self.path.read_bytes().rfind(b"\n") + 1)
             except OSError:
                 return False
             self._torn = False
@@ -169,27 +170,12 @@ class Journal:
                     self._reserve.unlink(missing_ok=True)
 
 
-def _keep_room(reserve: Path) -> None:
-    if bytes_in(reserve) < RESERVE_BYTES:
-        reserve.write_bytes(os.urandom(RESERVE_BYTES))  # no disk can make it smaller
-
-
 def bytes_in(path: Path) -> int:
     """Size of a file; 0 where there is none."""
     try:
         return path.stat().st_size
     except OSError:
         return 0
-
-
-def _end_of_last_line(path: Path) -> int:
-    return path.read_bytes().rfind(b"\n") + 1
-
-
-def _last_byte(path: Path, size: int) -> bytes:
-    with path.open("rb") as handle:
-        handle.seek(size - 1)
-        return handle.read(1)
 
 
 def encode(record: Record) -> bytes:

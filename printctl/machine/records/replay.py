@@ -32,51 +32,34 @@ _MAX_PACES: Final = 1000
 
 @dataclass
 class JournalledPrint:
-    """What a journal says about its print. Times are s since 1970, records as journalled.
+    """What a journal says about its print; records are as in `journal.py`, times s since 1970.
 
     Attributes
     ----------
     job, first_job : dict
         The last job record, with the print's ``id``, and the first; empty when that is lost.
-    attempts : int
-        How often it was begun or gone on with.
     begun : bool
         Whether the handshake was through and job lines may have been sent.
     done : int
         Command lines known to be taken: at least so many.
-    controls : dict of int to str
-        Line numbers used for control commands.
     alarms, alarm_times : list of str, list of float
         Each once, when it came first; of one that came again how often.
-    checkpoint, checkpoints
-        The last one; all at marks that agreed with the job, in order.
     paces : list of (int, float)
         Commands taken and time without pauses, s, at moments of the print, `_MAX_PACES` at most.
     made : int
         Command lines that were made for certain when the motors last stood.
-    left : dict of str to float
-        The job's place that the needle last left for a pause, by `Modal`'s names; empty for none.
-    wanted : dict or None
-        A mark at which the print is to be held, which it wasn't yet.
     reload, syringe : dict or None
-        Records of a change of syringe after which the print hasn't gone on.
+        Of a change of syringe after which the print hasn't gone on.
     reloaded : int
         Command lines after which the last change was made; -1 for none.
-    reload_at, reload_heads
-        Where the next changes are due, since the last one (None for none); of several heads, whose.
     filled : dict of (int or None) to Filling
         What was put in at changes of syringe, by head; the last change last.
-    look, looked
-        A look that was begun and isn't decided; those that were decided, in order.
+    look : dict or None
+        One that was begun and isn't decided.
     park : tuple of float or None, mm
         Where the needle was led for a look after which the print hasn't gone on.
-    stood : dict or None
-        Where in the job the printer stood after a stop; None where that is unknown, and in
-        journals of earlier versions.
     heard : float or None
         Last word of the print before attempts to go on that didn't find the printer; None for none.
-    end : dict or None
-        The end record; None when the link process died first.
     over : bool
         Whether the last attempt has ended: an end record follows its job record.
     damaged, gaps : int
@@ -95,12 +78,6 @@ class JournalledPrint:
         Whether the needle stood at the job's place at the last record.
     stopping : bool
         Whether it had begun to end the print: needle up, heaters perhaps off.
-    settings : dict of str to str
-        Settings of the firmware before the job's first line, by code: commands that set them.
-    heat : dict
-        Heaters' targets as the print had set them after so many lines; empty for none.
-    frame : dict of str to dict
-        What `FrameCheck.begin` noted before the job's first line; empty where it couldn't.
     """
 
     job: Record = field(default_factory=dict)
