@@ -188,7 +188,7 @@ def decode(line: bytes) -> Record | None:
     """Read a line; None when its checksum is wrong."""
     crc, _, text = line.rstrip(b"\n").partition(b" ")
     try:
-        record = json.loads(text) if crc == b"%08x" % zlib.crc32(text) else None
+        record = json.loads(text.decode()) if crc == b"%08x" % zlib.crc32(text) else None
     except ValueError:
         return None
     return record if isinstance(record, dict) else None

@@ -198,7 +198,8 @@ class JournalledPrint:
         act = _BY_SORT.get(sort)
         if act is not None:
             act(self, record)
-        self.last_at = max(self.last_at, record.get("at", 0.0))
+        if "at" in record:
+            self.last_at = max(self.last_at, record["at"])
 
 
 def read_journal(path: Path) -> JournalledPrint:
