@@ -12,8 +12,8 @@ from typing import Final, Literal
 from printctl.cli.declare import command, json_command, wants_json
 from printctl.cli.options import RunArg, messages, print_lines, print_result, refuse_input_as_output
 from printctl.errors import SafetyError, UsageError
-from printctl.machine.control.kill import UNCONFIRMED
-from printctl.machine.control.syringe_change import CHANGE
+from printctl.machine.control.excursion import CHANGE
+from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.errors import LinkError
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.give_up import give_up as give_up_print
@@ -28,7 +28,7 @@ from printctl.machine.prints.state import (
 )
 from printctl.machine.prints.words import alarm_words
 from printctl.machine.process.client import attach
-from printctl.machine.process.find_link import alive
+from printctl.machine.process.contact import alive
 from printctl.machine.records.journal import this_user
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal_if_any

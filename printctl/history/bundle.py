@@ -23,7 +23,7 @@ from printctl.history.signing import (
     Manifest,
 )
 from printctl.history.table import outcome
-from printctl.machine.process.find_link import alive
+from printctl.machine.process.contact import alive
 from printctl.machine.records.journal import version
 from printctl.pipeline.evidence import Evidence, evidence
 from printctl.pipeline.past_print import INTERRUPTED, PrintEntry

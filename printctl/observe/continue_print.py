@@ -11,8 +11,9 @@ from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.prints.state import refuse_forgotten
-from printctl.machine.process.client import PrintClient, attach, resume_print
-from printctl.machine.process.find_link import alive
+from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.contact import alive
+from printctl.machine.process.starting import resume_print
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status

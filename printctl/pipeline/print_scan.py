@@ -18,7 +18,7 @@ from printctl.checks.set_up import of_each
 from printctl.errors import UsageError
 from printctl.machine.job.job import parse_job
 from printctl.machine.prints.grown_text import grown_text
-from printctl.machine.process.executed_note import EXECUTED, record_for
+from printctl.machine.process.simulated import EXECUTED, record_for
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import grown_in
 from printctl.pipeline.context import LIGHT_REACHES_MM

@@ -15,7 +15,7 @@ from printctl.machine.job.care import Care
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.prints.recovering import Recovery, plan_recovery
 from printctl.machine.prints.recovery_begin import NoCheckpoint
-from printctl.machine.process.find_link import stays_alive
+from printctl.machine.process.contact import stays_alive
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.replay import load_printed_job, read_journal
 from printctl.machine.records.states import LinkState

@@ -27,11 +27,8 @@ from printctl.machine.prints.recovery_begin import NoCheckpoint
 from printctl.machine.prints.recovery_file import planned
 from printctl.machine.prints.words import print_words, progress_words, state_words, tip_words
 from printctl.machine.process.client import PrintClient, attach
-from printctl.machine.process.find_link import alive
-from printctl.machine.process.resuming import resumable
-from printctl.machine.process.station_record import LOCK as STATION_LOCK
-from printctl.machine.process.station_record import RECORD as STATION_RECORD
-from printctl.machine.process.station_record import load_station
+from printctl.machine.process.contact import STATION_LOCK, STATION_RECORD, alive, load_station
+from printctl.machine.process.outcome import resumable
 from printctl.machine.records.folders import data_folder
 from printctl.machine.records.record import JOURNAL, RECORD, load_record
 from printctl.machine.records.replay import JournalledPrint, read_journal_if_any

@@ -28,8 +28,8 @@ from printctl.machine.errors import HistoryError, JournalError, Refused
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.wire_log import RING_BYTES, LoggedTransport, WireLog
 from printctl.machine.prints.recovery_begin import beginning
-from printctl.machine.process.client import start_print
-from printctl.machine.process.resuming import resumable
+from printctl.machine.process.outcome import resumable
+from printctl.machine.process.starting import start_print
 from printctl.machine.records.folders import (
     archive_journal,
     data_folder,

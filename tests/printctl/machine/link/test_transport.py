@@ -36,7 +36,7 @@ from printctl.machine.ports.port_detection import AUTO, choose_port, matches, ra
 from printctl.machine.ports.port_list import PortInfo
 from printctl.machine.ports.serial_port import SerialTransport, _refusal
 from printctl.machine.ports.transport import open_port
-from printctl.machine.process.client import start_print
+from printctl.machine.process.starting import start_print
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, write_job

@@ -26,8 +26,9 @@ from printctl.history.query import HistoryQuery
 from printctl.machine.errors import Refused
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.state import PrintAction
-from printctl.machine.process.station_client import Station, connect
-from printctl.machine.process.station_record import load_station
+from printctl.machine.process.client import Station
+from printctl.machine.process.contact import load_station
+from printctl.machine.process.starting import connect
 from printctl.machine.records.folders import read_notes
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
