@@ -14,10 +14,10 @@ from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.position_check import PositionCheck, Standstill
 from printctl.machine.control.valve_switch import ValveSwitch
 from printctl.machine.families import link_facts
-from printctl.machine.job.modal import Modal
+from printctl.machine.job.coordinates import Modal
+from printctl.machine.job.dispensing import shut
 from printctl.machine.job.retreat import count_from, heaters_off
 from printctl.machine.job.stop_place import StopPlace
-from printctl.machine.job.valve import shut
 from printctl.machine.records.states import LinkState, PrintEnded
 
 _OTHERS: Final = (

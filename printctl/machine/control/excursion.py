@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.machine.job.modal import Modal
+from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.retreat import Retreat, count_from
 
 TOLD_MM: Final = 0.0051

@@ -13,8 +13,8 @@ from printctl.machine.control.position_check import RETRIES
 from printctl.machine.control.start_checks import agree_settings
 from printctl.machine.errors import HandshakeError
 from printctl.machine.families import link_facts
+from printctl.machine.job.dispensing import shut
 from printctl.machine.job.firmware import Firmware, differences, mode_lines, parse_firmware
-from printctl.machine.job.valve import shut
 
 _TARGET: Final = re.compile(rb":-?[0-9.]+ */([0-9.]+)")
 """Of each heater, as M105 tells it, °C."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.position_check import RETRIES
-from printctl.machine.job.heads import choose, confirms, keep_raised
+from printctl.machine.job.dispensing import choose, confirms, keep_raised
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.records.states import LinkState, PrintEnded
 

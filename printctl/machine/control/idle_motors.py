@@ -5,7 +5,7 @@ from __future__ import annotations
 from firmware_profiles.families import family_of
 from printctl.machine.control.channel import Channel
 from printctl.machine.families import link_facts
-from printctl.machine.job.modal import last_of
+from printctl.machine.job.coordinates import last_of
 
 
 class IdleMotors:

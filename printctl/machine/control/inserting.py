@@ -11,14 +11,16 @@ from printctl.machine.control.requests import RequestQueue
 from printctl.machine.control.syringe_changer import SyringeChanger
 from printctl.machine.control.watch import Watch
 from printctl.machine.errors import LinkError, Refused
-from printctl.machine.job.flow_check import check_factor, check_flow
-from printctl.machine.job.frame import frame_at
-from printctl.machine.job.insert_check import InsertPlace, judged_lines
-from printctl.machine.job.inserts import Insert
-from printctl.machine.job.job import Job
-from printctl.machine.job.modal import Modal
-from printctl.machine.job.reach import JobReach
-from printctl.machine.job.valve import is_open
+from printctl.machine.job.coordinates import Modal, frame_at
+from printctl.machine.job.dispensing import is_open
+from printctl.machine.job.insert_check import (
+    InsertPlace,
+    JobReach,
+    check_factor,
+    check_flow,
+    judged_lines,
+)
+from printctl.machine.job.job import Insert, Job
 
 
 @dataclass

@@ -17,7 +17,7 @@ from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.requests import Request, RequestQueue
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.families import link_facts
-from printctl.machine.job.valve import shut
+from printctl.machine.job.dispensing import shut
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded
 
 AGAIN_S: Final = 3.0

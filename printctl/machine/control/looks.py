@@ -17,8 +17,8 @@ from printctl.machine.control.parking import Park, Parking
 from printctl.machine.control.pauses import PAUSE_SIGN_S, Pauses
 from printctl.machine.control.requests import Request
 from printctl.machine.control.watch import DueTask
+from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.modal import Modal
 from printctl.machine.records.journalled_print import JournalledPrint
 from printctl.machine.records.states import LinkState
 

@@ -11,7 +11,7 @@ from printctl.machine.control.head_choice import HeadChoice
 from printctl.machine.control.inserting import Inserting
 from printctl.machine.control.position_check import PositionCheck
 from printctl.machine.errors import LinkError, Refused
-from printctl.machine.job.modal import Modal
+from printctl.machine.job.coordinates import Modal
 
 ABOVE_MM: Final = 5.0
 """Kept above the job's greatest height on the way across."""

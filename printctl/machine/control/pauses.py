@@ -29,7 +29,7 @@ from printctl.machine.control.watch import DueTask, Watch
 from printctl.machine.errors import LinkError
 from printctl.machine.families import link_facts
 from printctl.machine.job.care import NewSyringe
-from printctl.machine.job.modal import Modal
+from printctl.machine.job.coordinates import Modal
 from printctl.machine.records.states import LinkState
 
 PAUSE_SIGN_S: Final = 20.0

@@ -17,7 +17,7 @@ from printctl.machine.control.channel import Channel
 from printctl.machine.control.frame_check import FrameCheck
 from printctl.machine.control.valve_switch import ValveSwitch
 from printctl.machine.families import link_facts
-from printctl.machine.job.modal import AXES, Modal, disagreement, modal_state
+from printctl.machine.job.coordinates import AXES, Modal, disagreement, modal_state
 from printctl.machine.records.states import LinkState, PrintEnded
 from sim.gcode.reading import is_motion, read_sent
 

@@ -11,9 +11,9 @@ from printctl.machine.control.print_parts import PrintParts
 from printctl.machine.control.requests import Request
 from printctl.machine.control.start_checks import RestWait, agree_start
 from printctl.machine.errors import HandshakeError, LinkError
+from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.start import declared_start
 from printctl.machine.records.journalled_print import JournalledPrint
 from printctl.machine.records.states import LinkState, PrintEnded
 

@@ -9,7 +9,7 @@ from firmware_profiles.families import LinkSetup
 from firmware_profiles.families.link_protocol import LinkProtocol, Timing
 from printctl.machine.families import link_facts
 from printctl.machine.job.care import Care
-from printctl.machine.job.modal import places
+from printctl.machine.job.coordinates import places
 
 
 def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> LinkProtocol:

@@ -21,8 +21,8 @@ from printctl.machine.control.returning import Returning
 from printctl.machine.control.valve_switch import ValveSwitch
 from printctl.machine.control.watch import Watch
 from printctl.machine.families import link_facts
-from printctl.machine.job.modal import Modal
-from printctl.machine.job.valve import is_open
+from printctl.machine.job.coordinates import Modal
+from printctl.machine.job.dispensing import is_open
 from printctl.machine.records.journalled_print import JournalledPrint
 from printctl.machine.records.states import LinkState, PrintEnded
 

@@ -8,7 +8,7 @@ from printctl.machine.control.channel import Channel
 from printctl.machine.control.excursion import Excursion
 from printctl.machine.control.head_choice import HeadChoice
 from printctl.machine.control.position_check import PositionCheck
-from printctl.machine.job.modal import Modal
+from printctl.machine.job.coordinates import Modal
 
 
 @dataclass(frozen=True)

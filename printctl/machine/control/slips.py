@@ -6,7 +6,7 @@ from typing import Final
 
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.position_check import PositionCheck
-from printctl.machine.job.modal import axes_placed, mismatched_axes
+from printctl.machine.job.coordinates import axes_placed, mismatched_axes
 
 SOONEST_LINES: Final = 5
 """So many lines after an error the position is compared: a word garbled past the checksum (X to Z)

@@ -24,7 +24,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.machine.job.completed_moves import moves_ahead
-from printctl.machine.job.modal import modal_state
+from printctl.machine.job.coordinates import modal_state
 from printctl.machine.job.motor_run_on import motion_of
 from printctl.machine.job.planned_moves import FAR_MM, planned_moves
 from sim.gcode.reading import is_motion, read_sent

@@ -6,7 +6,7 @@ from typing import Final
 
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.wiring import Wiring
-from printctl.machine.job.filling import Filling
+from printctl.machine.job.syringes import Filling
 
 CHANGE: Final = (
     "change the syringe and prime it to the needle's tip, then `printctl resume RUN --plunger-mm "

@@ -12,11 +12,10 @@ from printctl.machine.control.position_check import PositionCheck
 from printctl.machine.control.syringe_change import SyringeChange
 from printctl.machine.control.watch import Watch
 from printctl.machine.job.care import NewSyringe
-from printctl.machine.job.filling import Filling, Plan, grown_plan
+from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.job import Job
-from printctl.machine.job.modal import Modal
-from printctl.machine.job.reloading import plan_reloads
 from printctl.machine.job.retreat import count_from
+from printctl.machine.job.syringes import Filling, Plan, grown_plan, plan_reloads
 
 
 class SyringeChanger:

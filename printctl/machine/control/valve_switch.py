@@ -6,7 +6,7 @@ import contextlib
 
 from printctl.machine.control.channel import Channel
 from printctl.machine.errors import PortLost
-from printctl.machine.job.valve import reopen, shut, shut_and_wait
+from printctl.machine.job.dispensing import reopen, shut, shut_and_wait
 from printctl.machine.records.states import LinkState, PrintEnded
 
 

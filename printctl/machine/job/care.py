@@ -27,7 +27,7 @@ class Care:
     deadman_stops : bool
         End it by a controlled stop there instead.
     syringe : str
-        Profile of the syringe in use, by name or path; empty where nobody said.
+        Profile of the syringe in use, by name or path; empty where none is given.
     capacity_mm : float, mm
         Plunger travel of a full syringe of this sort; 0 where unknown.
     used_mm : float, mm
@@ -36,10 +36,8 @@ class Care:
         Reload points, by the command lines before them, at which the syringe must be changed.
     reload_heads : tuple of int
         Of several heads, whose syringe at each; empty where there is one.
-    head_syringes : tuple of str
-        As `syringe`, of each of several heads.
-    head_capacity_mm : tuple of float, mm
-        As `capacity_mm`, of each of several heads.
+    head_syringes, head_capacity_mm : tuple of str, tuple of float in mm
+        As `syringe` and `capacity_mm`, of each of several heads.
     silent_limit_s : float or None, s
         Without any usable answer for so long a print in progress counts as lost; None for the
         firmware family's own: 60 s, or 1800 s for one line of a firmware that can't be asked.
@@ -48,23 +46,20 @@ class Care:
     wire_log : str
         File or folder that all traffic is written to; empty for the last of it, kept in memory.
     accepted : tuple of str
-        Checks that failed, and that the user told to print with all the same; for the journal.
+        Checks that failed, and that the user accepts all the same; for the journal.
     start_mm : tuple of float or None, mm
         Where the checks took the tip to stand before the first line; None where none was made.
     look_after : MarkKind or None
         The print is held for a look (`printctl.machine.control.looks`) where each layer or vessel
         ends.
-    look_every_mm : float, mm
-        Also behind so much written way since the last look, at the first mark of any kind or, in
-        layers, end of a line; 0 for no.
-    look_every_written_s : float, s
-        The same behind so much time of writing.
-    look_every_height_mm : float, mm
-        Also at the first mark where the part has become so much higher since the last look.
-    look_every_s : float, s
-        Also at the first mark of any kind so long after the last look; 0 for no.
+    look_every_mm, look_every_written_s : float, mm and s; 0 for no
+        Also behind so much written way, or time of writing, since the last look, at the first mark
+        of any kind or, in layers, end of a line.
+    look_every_height_mm, look_every_s : float, mm and s; 0 for no
+        Also at the first mark where the part is so much higher than at the last look, or so long
+        after it.
     look_limit_s : float, s
-        A look that nobody has decided by then becomes a pause for the operator, with an alarm.
+        A look that is still undecided then becomes a pause for the operator, with an alarm.
     look_park_mm : (x, y, z) or None, mm
         Where the needle waits in a look, counted from the touch-off as the job's checks count;
         None for straight above.
@@ -72,7 +67,7 @@ class Care:
     Raises
     ------
     Refused
-        When what is said of looks makes no sense.
+        When settings of looks make no sense.
     """
 
     checkpoint_s: float | None = 30.0
@@ -102,13 +97,8 @@ class Care:
     def __post_init__(self) -> None:
         if self.look_after not in _LOOK_KINDS:
             raise Refused(f"looks can't be made after each {self.look_after}: layer or vessel")
-        intervals = {
-            "mm": self.look_every_mm,
-            "s of writing": self.look_every_written_s,
-            "mm of height": self.look_every_height_mm,
-            "s": self.look_every_s,
-        }
-        for what, value in intervals.items():
+        intervals = zip(("mm", "s of writing", "mm of height", "s"), self._intervals, strict=True)
+        for what, value in intervals:
             if not 0 <= value < math.inf:
                 raise Refused(f"a look every {value!r} {what} is no length of 0 or more")
         if not 0 < self.look_limit_s < math.inf:
@@ -128,17 +118,21 @@ class Care:
     @property
     def looks_by_writing(self) -> bool:
         """Whether looks are due by what was written since the last one."""
-        every = (self.look_every_mm, self.look_every_written_s, self.look_every_height_mm)
-        return any(one > 0 for one in every)
+        return any(one > 0 for one in self._intervals[:3])
+
+    @property
+    def _intervals(self) -> tuple[float, ...]:
+        by_writing = self.look_every_mm, self.look_every_written_s, self.look_every_height_mm
+        return *by_writing, self.look_every_s
 
     def of_head(self, number: int | None) -> tuple[str, float]:
-        """Syringe and capacity of a head; of the only one for None."""
+        """Return syringe and capacity of a head; of the only one for None."""
         if number is None or number >= len(self.head_capacity_mm):
             return self.syringe, self.capacity_mm
         return self.head_syringes[number], self.head_capacity_mm[number]
 
     def to_dict(self) -> dict[str, Any]:
-        """As a JSON object."""
+        """Return it as a JSON object."""
         return asdict(self)
 
     @staticmethod
@@ -146,17 +140,17 @@ class Care:
         """Read `to_dict`."""
         lists = ("reload_at", "reload_heads", "head_syringes", "head_capacity_mm", "accepted")
         start, park, after = (data.get(key) for key in ("start_mm", "look_park_mm", "look_after"))
-        told = {
+        values = {
             "start_mm": tuple(start) if start else None,
             "look_park_mm": tuple(park) if park else None,
             "look_after": MarkKind(after) if after else None,
         }
-        return Care(**{**data, **{name: tuple(data.get(name, ())) for name in lists}, **told})
+        return Care(**{**data, **{name: tuple(data.get(name, ())) for name in lists}, **values})
 
 
 @dataclass(frozen=True)
 class NewSyringe:
-    """What was put in at a change of syringe.
+    """What was put in at a change of syringe; raises `Refused` for a length below 0 or none.
 
     Attributes
     ----------
@@ -166,11 +160,6 @@ class NewSyringe:
         Its profile; empty for one like the last.
     capacity_mm : float, mm
         Travel when full; 0 for the same as the last.
-
-    Raises
-    ------
-    Refused
-        When a length is negative or none.
     """
 
     plunger_mm: float = 0.0

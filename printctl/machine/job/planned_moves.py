@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.machine.job.modal import Modal, declared_axes
+from printctl.machine.job.coordinates import Modal, declared_axes
 from sim.gcode.reading import GcodeLine, is_motion, read_sent
 
 _AXES: Final = "XYZE"

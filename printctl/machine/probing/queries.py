@@ -24,7 +24,7 @@ from printctl.machine.errors import LinkError
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.job import Job
 from printctl.machine.ports.clock import RealClock
-from printctl.machine.ports.port_detection import named_port
+from printctl.machine.ports.detection import named_port
 from printctl.machine.ports.transport import open_port
 from printctl.machine.probing.settings import Settings, read_settings
 from printctl.machine.records.journal import Journal

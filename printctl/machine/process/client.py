@@ -19,7 +19,8 @@ from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.job import load_job
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.ports.port_detection import AUTO, locate
+from printctl.machine.ports.detection import AUTO
+from printctl.machine.ports.transport import locate
 from printctl.machine.process.connection import ANSWER_LIMIT_S, Connection
 from printctl.machine.process.detached_process import START_LIMIT_S, spawn
 from printctl.machine.process.find_link import has_ended, read_outcome, stays_alive

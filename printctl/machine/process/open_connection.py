@@ -9,8 +9,7 @@ from firmware_profiles import Printer
 from printctl.errors import PrinterFailedError
 from printctl.machine.control.station_status import Place
 from printctl.machine.errors import PortError
-from printctl.machine.ports.port_detection import locate
-from printctl.machine.ports.transport import Transport, open_port
+from printctl.machine.ports.transport import Transport, locate, open_port
 from printctl.machine.process.simulated import SIMULATED, simulated_printer
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from printctl.machine.errors import JournalError
 from printctl.machine.job.job import Job
-from printctl.machine.job.reloading import plunger_travel
+from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.record import JOURNAL
 

@@ -21,7 +21,7 @@ from firmware_profiles import Printer, load
 from printctl.machine.control.station_status import StationState, StationStatus
 from printctl.machine.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.machine.families import refuse_unsent
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.process.client import PrintClient, wait_for_first_lines
 from printctl.machine.process.client import attach as attach_print
 from printctl.machine.process.detached_process import spawn

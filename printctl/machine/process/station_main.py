@@ -9,7 +9,7 @@ from pathlib import Path
 
 from printctl.machine.control.station_status import Place, StationState
 from printctl.machine.errors import LinkError
-from printctl.machine.ports.port_detection import read_baud
+from printctl.machine.ports.detection import read_baud
 from printctl.machine.process.detached_process import detach
 from printctl.machine.process.station_process import Opening, serve_station
 from printctl.machine.process.station_record import LOG

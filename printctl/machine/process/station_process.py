@@ -18,7 +18,7 @@ from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.station_status import MountedParts, Place, StationState, StationStatus
 from printctl.machine.errors import LinkError, NoLink
 from printctl.machine.families import refuse_unsent
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.process.open_connection import Socket
 from printctl.machine.process.process import hold_folder, ignore_signals
 from printctl.machine.process.station_loop import StationLoop

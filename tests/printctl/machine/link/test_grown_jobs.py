@@ -9,19 +9,22 @@ import pytest
 from printctl.cli.running_print import waiting_lines
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import Refused
-from printctl.machine.job.flow_check import check_factor, check_flow
-from printctl.machine.job.frame import frame_at
-from printctl.machine.job.insert_check import InsertPlace, judged_lines
-from printctl.machine.job.inserts import Insert
+from printctl.machine.job.coordinates import Modal, frame_at
+from printctl.machine.job.insert_check import (
+    InsertPlace,
+    JobReach,
+    check_factor,
+    check_flow,
+    judged_lines,
+)
+from printctl.machine.job.job import Insert
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.modal import Modal
-from printctl.machine.job.reach import JobReach
-from printctl.machine.job.reloading import plunger_travel
 from printctl.machine.job.retreat import Retreat
+from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.prints.actions import possible_actions
 from printctl.machine.prints.inserted_ink import filling_in_file, inserted_ink
 from printctl.machine.prints.progress import Filling
-from printctl.machine.prints.recovering import plan_recovery
+from printctl.machine.prints.recovery import plan_recovery
 from printctl.machine.process.find_link import read_outcome
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.journalled_print import JournalledPrint, read_journal

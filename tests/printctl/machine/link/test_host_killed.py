@@ -18,8 +18,7 @@ from printctl.machine.job.job import Job
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.journal_facts import JournalledFacts
-from printctl.machine.prints.recovering import plan_recovery
-from printctl.machine.prints.recovery_begin import NoCheckpoint
+from printctl.machine.prints.recovery import NoCheckpoint, plan_recovery
 from printctl.machine.prints.state import assemble_state
 from printctl.machine.process.find_link import read_outcome
 from printctl.machine.process.resuming import resumable
