@@ -28,15 +28,10 @@ _ROUNDING_MM: Final = 1e-9
 
 @dataclass(frozen=True)
 class Modal:
-    """Coordinates as they were last commanded; None when the job never did.
+    """Coordinates as they were last commanded, mm; None when the job never did.
 
-    Attributes
-    ----------
-    x, y, z : float or None, mm
-    e : float or None, mm
-        Plunger, absolute, as counted since the last ``G92 E``.
-    f : float or None, mm/min
-        Modal feed rate.
+    ``e`` is the plunger's, absolute, as counted since the last ``G92 E``; ``f`` the modal feed
+    rate, mm/min.
     """
 
     x: float | None = None
@@ -261,13 +256,12 @@ class Renaming:
     Attributes
     ----------
     index : int
-        Of the command line; -1 for the place that checks took the tip to stand at.
     line : bytes
-    declared : dict of str to float
-        Axes that nothing before it has named, mm.
-    moved : dict of str to float
-        By how much it calls other axes' places otherwise, mm; empty where it names the place that
-        the job's text says anyway.
+    declared : dict of str to float, mm
+        Axes that nothing before it has named.
+    moved : dict of str to float, mm
+        By how much it calls other axes' places otherwise; empty where it names the place that the
+        job's text says anyway.
     """
 
     index: int
@@ -305,14 +299,15 @@ class JobFrame:
         return self.renamed[before - 1][1] if before else (0.0, 0.0, 0.0)
 
 
-def renamings(lines: Sequence[bytes]) -> list[Renaming]:
-    """Return the lines that say where the tip stands, in order."""
+def renamings(lines: Sequence[bytes], start_mm: Place | None = None) -> list[Renaming]:
+    """Return the lines that say where the tip stands, in order; ``start_mm`` before the first."""
     trail, all_renamings = ModalTrail(lines), list[Renaming]()
+    start = dict(zip("xyz", start_mm or (), strict=False))
     for index, line in enumerate(lines):
         axes = declared_axes(line)
         if not axes:
             continue
-        at = trail.at(index).place()
+        at = start | trail.at(index).place()
         moved = {a: mm - at[a.lower()] for a, mm in axes.items() if a.lower() in at}
         declared = {axis: mm for axis, mm in axes.items() if axis not in moved}
         changed = {axis: mm for axis, mm in moved.items() if abs(mm) > _ROUNDING_MM}
@@ -362,14 +357,23 @@ def frame_at(job: Job, begin: int, printer: Printer, start_mm: Place | None = No
     LinkError
         Where a line says where the tip stands in a way that can't be followed.
     """
-    named = _named(job, start_mm)
-    start, lines = _declared(job, named)
+    named = renamings(job.lines)
+    first = next((k for k, line in enumerate(job.lines) if is_motion(line)), len(job))
+    early = {axis for one in named if one.index < first for axis in one.declared}
+    renames = any(one.declared or one.moved for one in named)
+    homes = any(code_of(line) == b"G28" for line in job.lines)
+    start, lines = start_mm, tuple[bytes, ...]()
+    checked = start is not None and renames and not homes and early != set("XYZ")
+    if checked:  # behind the place of the checks
+        named = renamings(job.lines, start)
+    else:
+        start, lines = _declared(job, named, first)
     top = _top(job, named)
     if start is None:  # what renames places behind ``begin`` stays in the rest
         _shifts(job, [one for one in named if one.index < begin], start)
         return JobFrame(None, lines, top)
     frame = JobFrame(start, lines, top, _shifts(job, named, start))
-    if named[0].index < 0 or any(frame.shift_at(begin - 1)):
+    if checked or any(frame.shift_at(begin - 1)):
         # where the printer keeps G92 apart, that as well
         declares = family_of(printer).dialect(printer).declares
         x, y, z = (f"{mm:.5f}" for mm in start)
@@ -378,28 +382,13 @@ def frame_at(job: Job, begin: int, printer: Printer, start_mm: Place | None = No
     return frame
 
 
-def _named(job: Job, start_mm: Place | None) -> list[Renaming]:
-    """Return the job's renamings, behind the place of its checks where the job needs that."""
-    named, first = renamings(job.lines), _first_move(job)
-    declared = {axis for one in named if one.index < first for axis in one.declared}
-    renames = any(one.declared or one.moved for one in named)
-    homes = any(code_of(line) == b"G28" for line in job.lines)
-    if start_mm is None or homes or declared == set("XYZ") or not renames:
-        return named
-    checked = b"G92 X%.5f Y%.5f Z%.5f" % start_mm
-    return [replace(one, index=one.index - 1) for one in renamings((checked, *job.lines))]
-
-
-def _first_move(job: Job) -> int:
-    return next((k for k, line in enumerate(job.lines) if is_motion(line)), len(job))
-
-
-def _declared(job: Job, named: Sequence[Renaming]) -> tuple[Place | None, tuple[bytes, ...]]:
-    """Where the tip stands by the lines before the first move, and those lines without E."""
-    declaring = [one for one in named if one.declared]
+def _declared(
+    job: Job, named: Sequence[Renaming], first: int
+) -> tuple[Place | None, tuple[bytes, ...]]:
+    """Where the tip stands by the lines before the ``first`` move, and those lines without E."""
+    declaring, at = [one for one in named if one.declared], dict[str, float]()
     if not declaring:
         return None, ()
-    first, at = _first_move(job), dict[str, float]()
     for one in declaring:
         at |= one.declared
         if one.index > first:

@@ -50,17 +50,10 @@ Point = tuple[float, float]
 class JobReach:
     """What a job's moves keep to, counted from where the tip was touched off.
 
-    Attributes
-    ----------
-    low_mm, top_mm : float, mm
-        Least and greatest height; infinite the other way round where no move names any.
-    hull_mm : tuple of (x, y), mm
-        Corners, against the clock, of what its moves below ``top_mm`` stand on; of all its moves
-        where every one is as high.
-    push_mm_s : float, mm/s
-        Fastest that its moves push the plunger.
-    high_hull_mm : tuple of (x, y), mm
-        Corners of what all its moves stand on; empty where that is ``hull_mm``.
+    ``low_mm`` and ``top_mm`` are the least and greatest height; infinite the other way round where
+    no move names any. ``hull_mm`` are the corners, against the clock, of what its moves below the
+    top stand on (of all where every one is as high), ``high_hull_mm`` of what all its moves stand
+    on. ``push_mm_s`` is the fastest that they push the plunger.
     """
 
     low_mm: float
@@ -142,16 +135,9 @@ def _distance_mm(a: Point, b: Point, c: Point) -> float:
 class InsertPlace:
     """Where an insert begins.
 
-    Attributes
-    ----------
-    at : Modal
-        Where the print is held, mm.
-    reach : JobReach
-    printer : Printer
-    plunger_mm_s : float, mm/s
-        Fastest that the ink bears; infinite where it names none.
-    shift_mm : (x, y, z), mm
-        What the job calls places there beyond the count of the machine's frame.
+    ``at`` is where the print is held, mm; ``shift_mm`` what the job calls places there beyond the
+    count of the machine's frame. ``plunger_mm_s`` is the fastest that the ink bears; infinite where
+    it names none.
     """
 
     at: Modal
@@ -202,17 +188,10 @@ def judged_lines(texts: Sequence[str], place: InsertPlace, name: str) -> tuple[b
 
 @dataclass
 class _Insert:
-    """An insert that is read line by line.
+    """An insert that is read line by line; ``at`` is where it leads so far.
 
-    Attributes
-    ----------
-    place : InsertPlace
-    at : Spot
-        Behind its lines so far.
-    plunger_mm : float, mm
-        From where it stood as the insert begins, whatever it is called (G92).
-    seconds : float, s
-        Moves at the speeds asked for, and waits.
+    ``plunger_mm`` counts from where the plunger stood as the insert begins, whatever that is called
+    (G92); ``seconds`` are of moves at the speeds asked for, and waits.
     """
 
     place: InsertPlace

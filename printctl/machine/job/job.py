@@ -35,19 +35,9 @@ _NEVER_CUT_BYTES: Final = 16
 class Insert:
     """Lines that were put into a job in a look, and what its rest pushes from there on.
 
-    Attributes
-    ----------
-    look : int
-        Number of the look, from 1.
-    after : int
-        Command lines of the job before them, with earlier inserts.
-    lines : tuple of bytes
-        As they are sent.
-    why : str
-    flow : float
-        Behind them the job's moves that write push so many times what its file says.
-    again : bool
-        Whether another look is made once they are written.
+    They stand behind the first ``after`` lines of the job, earlier inserts counted. Behind them the
+    job's moves that write push ``flow`` times what its file says. ``look`` counts from 1; ``again``
+    is whether another look is made once they are written.
     """
 
     look: int
@@ -97,12 +87,10 @@ class Job:
         One command each, as `sim.gcode.reading.read_line` renders it.
     file_lines : list of int
         One-based line of the file that each came from; of an insert's, of the last one before it.
-    sha256 : str
-        Hash of the whole file.
-    name : str
-        The file's name.
+    sha256, name : str
+        Hash of the whole file, and its name.
     marks : Marks
-        Where layers and vessels end and the syringe may be changed, from the file's comments.
+        From the file's comments.
     inserts : tuple of Insert
         Lines that were put in while it was printed, in their order; they are among ``lines``.
     """
@@ -257,15 +245,9 @@ def _check_gate(others: Others, name: str, printer: Printer) -> None:
 class GrownText:
     """A job as text.
 
-    Attributes
-    ----------
-    lines : list of bytes
-        Rows with their line ends: the file's, and each insert's before the file's command that
-        follows it.
-    row_of : list of int
-        Row, from 0, of each command line of the job.
-    file_row : list of int
-        Row of the file that each row is; -1 for what was put in.
+    ``lines`` are rows with their line ends: the file's, and each insert's before the file's command
+    that follows it. ``row_of`` is the row, from 0, of each command line of the job; ``file_row``
+    the row of the file that each row is, -1 for what was put in.
     """
 
     lines: list[bytes]

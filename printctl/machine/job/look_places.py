@@ -24,15 +24,9 @@ from sim.gcode.reading import is_motion
 class Written:
     """What a job has written before a place, without what was put into it.
 
-    Attributes
-    ----------
-    way_mm : float, mm
-        Of the moves that push the plunger; of a job that never moves it (a pneumatic head's), of
-        all moves along X and Y. Straight lengths are counted, of an arc its chord.
-    time_s : float, s
-        Of these moves at the speeds that the job asks for.
-    top_mm : float, mm
-        Highest of them; -inf before the first.
+    Counted are moves that push the plunger; of a job that never moves it (a pneumatic head's), all
+    moves along X and Y. ``way_mm`` adds straight lengths, of an arc its chord; ``time_s`` is at the
+    speeds that the job asks for; ``top_mm`` is the highest of them, -inf before the first.
     """
 
     way_mm: float = 0.0
@@ -57,15 +51,9 @@ or correction; from there each interval is as long as all before it, up to what 
 class LookPlaces:
     """Places at which looks may be due, in the job's order.
 
-    Attributes
-    ----------
-    index : list of int
-        Command lines before each.
-    written : list of Written
-    marked : list of bool
-        Marks; the others are ends of lines within a layer.
-    changed_s : tuple of float, s
-        Writing time at which something was put into the job: what it cures may not be over.
+    ``index`` are the command lines before each, ``written`` what is written there; ``marked`` tells
+    marks from ends of lines within a layer. ``changed_s`` are writing times at which something was
+    put into the job: what it cures may not be over.
     """
 
     index: list[int]

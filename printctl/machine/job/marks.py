@@ -45,16 +45,10 @@ _WORDS: Final = {
 
 @dataclass(frozen=True)
 class Mark:
-    """A place between two lines of a job.
+    """A place between two lines of a job, with ``index`` command lines before it.
 
-    Attributes
-    ----------
-    index : int
-        Command lines before it.
-    kind : MarkKind
-    number : int
-        Of the layer or vessel that ended (of a part: that is written so far), from 0; -1 where
-        the file doesn't say.
+    ``number`` is of the layer or vessel that ended (of a part: that is written so far), from 0; -1
+    where the file doesn't say.
     """
 
     index: int

@@ -29,15 +29,13 @@ class Retreat:
 
     Attributes
     ----------
-    relief_mm : float, mm
+    relief_mm, relief_mm_s : float
         Plunger travel back (the ink's ``retract_ul`` over the syringe's area).
-    relief_mm_s : float, mm/s
-    lift_mm : float, mm
+    lift_mm, lift_mm_s : float
         Upwards, ended by the top of the axis.
-    lift_mm_s : float, mm/s
-    park_mm : float, mm
-        Upwards for a change of syringe, ended by the top of the axis.
-    prime_mm : float, mm
+    park_mm : float
+        The same for a change of syringe.
+    prime_mm : float
         Plunger travel pushed in addition on coming back from a pause.
     others : tuple of Retreat
         Those of the second and further heads, which have inks and syringes of their own.

@@ -84,24 +84,9 @@ def plan_reloads(
 ) -> tuple[int, ...]:
     """Choose the fewest reload points, each as late as the syringe lasts.
 
-    Parameters
-    ----------
-    job : Job
-    capacity_mm : float, mm
-        Plunger travel of a full syringe.
-    used_mm : float, mm
-        Of the one in use, travel that is used up at ``begin``.
-    begin : int
-        Command lines that are done.
-    head : int, optional
-        Of several heads, whose.
-    taken : sequence of int
-        Points that another head's change has.
-
-    Returns
-    -------
-    tuple of int
-        Command lines before each; empty when one syringe lasts to the end.
+    A full syringe has ``capacity_mm`` of plunger travel; of the one in use ``used_mm`` are used up
+    after ``begin`` command lines. Of several heads it is ``head``'s; ``taken`` are points that
+    another head's change has. Returns the command lines before each; none where one syringe lasts.
 
     Raises
     ------
@@ -153,10 +138,8 @@ def with_reloads(
     -------
     checks : list of Check
         With those passed that the changes satisfy, or with the offer in their remedies.
-    reload_at : tuple of int
-        Command lines before each change.
-    heads : tuple of int
-        Of several heads, whose syringe each change is.
+    reload_at, heads : tuple of int
+        Command lines before each change, and of several heads, whose syringe it is.
     """
     short = [check for check in checks if not check.passed and _is_about_syringe(check)]
     if not short:
@@ -193,18 +176,9 @@ def _with_remedies(checks: list[Check], short: list[Check], more: str) -> list[C
 
 @dataclass(frozen=True)
 class Filling:
-    """Syringe that was put in last.
+    """Syringe that was put in last, after ``done`` command lines; ``name`` is its profile's.
 
-    Attributes
-    ----------
-    done : int
-        Command lines taken before.
-    used_mm : float, mm
-        Travel used up of it then.
-    capacity_mm : float, mm
-        Travel of a full one; 0 where unknown.
-    name : str
-        Its profile; empty where unknown.
+    ``used_mm`` of its travel were used up then; a full one has ``capacity_mm``, 0 if unknown.
     """
 
     done: int = 0
@@ -216,16 +190,8 @@ class Filling:
 def grown_plan(job: Job, grown: Job, plan: Plan, filling: Filling, head: int | None = None) -> Plan:
     """Plan the changes of syringe anew for a job with an insert.
 
-    Parameters
-    ----------
-    job, grown : Job
-        Without the insert, and with it as the last one.
-    plan : Plan
-        As it stands, for the job without the insert.
-    filling : Filling
-        Of the head in use.
-    head : int, optional
-        That head, of several.
+    ``job`` is without the insert, ``grown`` with it as the last one; ``plan`` is for ``job``.
+    ``filling`` is of the head in use: ``head``, of several.
 
     Raises
     ------

@@ -28,17 +28,9 @@ AUTO: Final = "auto"
 
 @dataclass(frozen=True)
 class PortInfo:
-    """A serial port of this machine.
+    """A serial port of this machine, opened by the name ``device``.
 
-    Attributes
-    ----------
-    device : str
-        Name to open it by.
-    description : str
-        What the system calls it.
-    usb_id : str
-        ``VVVV:PPPP`` in hex; empty when it isn't USB.
-    serial_number : str
+    ``usb_id`` is ``VVVV:PPPP`` in hex; empty when it isn't USB.
     """
 
     device: str
@@ -130,14 +122,9 @@ def rates_to_try(printer: Printer) -> tuple[int, ...]:
 
 @dataclass
 class PortPrograms:
-    """Programs beside this one that have a port open.
+    """Programs beside this one that have a port open, each with its process number.
 
-    Attributes
-    ----------
-    names : list of str
-        Each with its process number.
-    complete : bool
-        Whether every process could be looked at: those of other users can't.
+    ``complete`` is whether every process could be looked at: those of other users can't.
     """
 
     names: list[str] = field(default_factory=list)

@@ -42,19 +42,11 @@ _ANSWER: Final = re.compile(
 
 
 class Transport(Protocol):
-    """Connection to a printer that carries bytes.
+    """Connection to a printer that carries bytes; users know it by ``name``.
 
     One thread reads and writes; `write_urgent` and `reset` may be called by another at any
-    moment, and neither waits for the first.
-
-    Attributes
-    ----------
-    name : str
-        As the user knows it.
-    quiet_s : float
-        Of silence after which no reply is under way; longer than the wire's latency.
-    stolen : int
-        Times that another program read what had come; 0 where that can't be noticed.
+    moment, and neither waits for the first. After ``quiet_s`` of silence no reply is under way:
+    longer than the wire's latency.
     """
 
     name: str
@@ -62,7 +54,7 @@ class Transport(Protocol):
 
     @property
     def stolen(self) -> int:
-        """See the class."""
+        """Count of another program's reads of what had come; 0 where that can't be noticed."""
         ...
 
     def programs(self) -> PortPrograms:

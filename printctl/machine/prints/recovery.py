@@ -69,19 +69,10 @@ class NoCheckpoint(LinkError):  # noqa: N818
 
 @dataclass(frozen=True)
 class RestStart:
-    """Job line and position at which the rest begins.
+    """Job line at which the rest begins (``index`` are left out), and why there.
 
-    Attributes
-    ----------
-    index : int
-        Command lines left out.
-    why : str
-    at : Modal
-        Where needle and plunger were.
-    relieved_mm : float
-        How far the job itself had drawn the plunger back there.
-    stood : str
-        What to say of a stop whose place in the job is known; else empty.
+    ``at`` is where needle and plunger were, ``relieved_mm`` how far the job itself had drawn the
+    plunger back; ``stood`` is what to say of a stop whose place in the job is known, else empty.
     """
 
     index: int
@@ -132,23 +123,9 @@ def plan_recovery(
     """Plan how to go on after the position was lost.
 
     From the last checkpoint whose lines had surely been moved, not only taken: the planner may
-    have held some when the power went.
-
-    Parameters
-    ----------
-    job : Job
-    data : bytes
-        The job's file.
-    history : JournalledPrint
-    printer : Printer
-    retreat : Retreat
-        How the plunger is primed.
-    from_line : int, optional
-        Line of the file to begin with instead.
-    ul_per_mm : float, µL/mm, optional
-        Ink of the plunger's travel; None where the syringe is unknown.
-    start_mm : (x, y, z) or None, mm
-        Where the checks took the tip to stand before the first line (`Care.start_mm`).
+    have held some when the power went. ``data`` is the job's file; ``from_line`` of it is where to
+    begin instead; ``ul_per_mm`` the ink of the plunger's travel, None where the syringe is unknown;
+    ``start_mm`` where the checks took the tip to stand before the first line (`Care.start_mm`).
 
     Raises
     ------
