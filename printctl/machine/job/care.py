@@ -14,7 +14,7 @@ _LOOK_KINDS = (None, MarkKind.LAYER, MarkKind.VESSEL)
 
 @dataclass(frozen=True)
 class Care:
-    """What the link does beside sending lines.
+    """What the link does beside sending lines; raises `Refused` where no look could be made so.
 
     Attributes
     ----------
@@ -26,18 +26,16 @@ class Care:
         mark; 0 for an attended print.
     deadman_stops : bool
         End it by a controlled stop there instead.
-    syringe : str
-        Profile of the syringe in use, by name or path; empty where none is given.
-    capacity_mm : float, mm
-        Plunger travel of a full syringe of this sort; 0 where unknown.
-    used_mm : float, mm
-        Travel that its plunger had used up at the start, as far as the station knew.
-    reload_at : tuple of int
-        Reload points, by the command lines before them, at which the syringe must be changed.
-    reload_heads : tuple of int
-        Of several heads, whose syringe at each; empty where there is one.
-    head_syringes, head_capacity_mm : tuple of str, tuple of float in mm
+    syringe, capacity_mm, used_mm : str, float, float
+        Profile of the syringe in use, by name or path; plunger travel of a full one of its sort;
+        travel used up at the start, as far as the station knew. Empty or 0 where unknown.
+    reload_at, reload_heads : tuple of int
+        Reload points, by the command lines before them, at which the syringe must be changed; of
+        several heads, whose syringe at each.
+    head_syringes, head_capacity_mm : tuple of str, tuple of float
         As `syringe` and `capacity_mm`, of each of several heads.
+    accepted : tuple of str
+        Checks that failed, and that the user accepts all the same; for the journal.
     silent_limit_s : float or None, s
         Without any usable answer for so long a print in progress counts as lost; None for the
         firmware family's own: 60 s, or 1800 s for one line of a firmware that can't be asked.
@@ -45,17 +43,15 @@ class Care:
         More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
     wire_log : str
         File or folder that all traffic is written to; empty for the last of it, kept in memory.
-    accepted : tuple of str
-        Checks that failed, and that the user accepts all the same; for the journal.
     start_mm : tuple of float or None, mm
         Where the checks took the tip to stand before the first line; None where none was made.
     look_after : MarkKind or None
         The print is held for a look (`printctl.machine.control.looks`) where each layer or vessel
         ends.
-    look_every_mm, look_every_written_s : float, mm and s; 0 for no
+    look_every_mm, look_every_written_s : float; 0 for no
         Also behind so much written way, or time of writing, since the last look, at the first mark
         of any kind or, in layers, end of a line.
-    look_every_height_mm, look_every_s : float, mm and s; 0 for no
+    look_every_height_mm, look_every_s : float; 0 for no
         Also at the first mark where the part is so much higher than at the last look, or so long
         after it.
     look_limit_s : float, s
@@ -63,11 +59,6 @@ class Care:
     look_park_mm : (x, y, z) or None, mm
         Where the needle waits in a look, counted from the touch-off as the job's checks count;
         None for straight above.
-
-    Raises
-    ------
-    Refused
-        When settings of looks make no sense.
     """
 
     checkpoint_s: float | None = 30.0
@@ -138,28 +129,17 @@ class Care:
     @staticmethod
     def from_dict(data: dict[str, Any]) -> Care:
         """Read `to_dict`."""
-        lists = ("reload_at", "reload_heads", "head_syringes", "head_capacity_mm", "accepted")
-        start, park, after = (data.get(key) for key in ("start_mm", "look_park_mm", "look_after"))
-        values = {
-            "start_mm": tuple(start) if start else None,
-            "look_park_mm": tuple(park) if park else None,
-            "look_after": MarkKind(after) if after else None,
-        }
-        return Care(**{**data, **{name: tuple(data.get(name, ())) for name in lists}, **values})
+        after = data.get("look_after")
+        lists = {key: tuple(value) for key, value in data.items() if isinstance(value, list)}
+        return Care(**{**data, **lists, "look_after": MarkKind(after) if after else None})
 
 
 @dataclass(frozen=True)
 class NewSyringe:
     """What was put in at a change of syringe; raises `Refused` for a length below 0 or none.
 
-    Attributes
-    ----------
-    plunger_mm : float, mm
-        Where its plunger stands: travel that is used up already, 0 for a full one.
-    name : str
-        Its profile; empty for one like the last.
-    capacity_mm : float, mm
-        Travel when full; 0 for the same as the last.
+    ``plunger_mm`` is travel that is used up already, 0 for a full one; ``name`` is its profile,
+    empty for one like the last; ``capacity_mm`` is travel when full, 0 for the same as the last.
     """
 
     plunger_mm: float = 0.0

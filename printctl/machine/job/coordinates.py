@@ -121,11 +121,12 @@ UNKNOWN: Final = Spot()
 
 
 class Move(NamedTuple):
-    """A move or arc of a job: its line, from 0, where it begins, and where it ends."""
+    """A move or arc of a job: its line, from 0, where it begins and ends, and how it is written."""
 
     line: int
     begin: Spot
     end: Spot
+    text: bytes = b""
 
     @property
     def way_mm(self) -> float:
@@ -137,12 +138,32 @@ class Move(NamedTuple):
         return math.hypot(*(mm for mm in steps if mm == mm))
 
     @property
+    def path_mm(self) -> float:
+        """Length of the tip's way, mm, round where it is an arc."""
+        if not self.text.startswith((b"G2 ", b"G3 ")):
+            return self.way_mm
+        dx, dy, dz = (b - a for a, b in zip(self.begin[:3], self.end[:3], strict=True))
+        read, chord = read_sent(self.text), math.hypot(dx, dy)
+        if chord != chord:
+            return self.way_mm
+        radius = read.number("R")
+        if radius is not None:
+            half = math.asin(min(1.0, chord / (2 * abs(radius))))
+            arc = abs(radius) * 2 * (half if radius > 0 else math.pi - half)
+        else:
+            i, j = read.number("I") or 0.0, read.number("J") or 0.0
+            turn = math.atan2(-j, -i) - math.atan2(dy - j, dx - i)
+            turn = turn if read.code == "G2" else -turn
+            arc = math.hypot(i, j) * (turn % (2 * math.pi) or 2 * math.pi)
+        return math.hypot(arc, dz if dz == dz else 0.0) if arc else self.way_mm
+
+    @property
     def push_mm_s(self) -> float:
         """Speed at which it pushes the plunger, mm/s; 0 where it doesn't, or nothing tells."""
         push, feed = self.end.e - self.begin.e, self.end.f
         if not (push > 0 and feed > 0):
             return 0.0
-        return feed / 60 * (push / (self.way_mm or push))
+        return feed / 60 * (push / (self.path_mm or push))
 
 
 def moves_of(
@@ -150,7 +171,8 @@ def moves_of(
 ) -> Iterator[Move]:
     """Follow a job's lines from ``first`` to ``end`` - 1, and yield each move; ``at`` before."""
     for index in range(first, len(lines) if end is None else end):
-        code, *words = lines[index].split(b" ")
+        text = lines[index]
+        code, *words = text.split(b" ")
         if code in _PLACING:
             to = list(at)
             for word in words:
@@ -159,11 +181,11 @@ def moves_of(
                     to[place] = float(word[1:])
             before, at = at, Spot(*to)
             if code != b"G92":
-                yield Move(index, before, at)
+                yield Move(index, before, at, text)
         elif code in HOMING:
             at = Spot(e=at.e, f=at.f)
         elif code in _declaring():
-            at = at._replace(**{a.lower(): mm for a, mm in declared_axes(lines[index]).items()})
+            at = at._replace(**{a.lower(): mm for a, mm in declared_axes(text).items()})
 
 
 def disagreement(modal: Modal, position: dict[str, float], within_mm: float = 0.011) -> str:
@@ -253,15 +275,9 @@ def declared_axes(line: bytes) -> dict[str, float]:
 class Renaming:
     """A line that says where the tip stands.
 
-    Attributes
-    ----------
-    index : int
-    line : bytes
-    declared : dict of str to float, mm
-        Axes that nothing before it has named.
-    moved : dict of str to float, mm
-        By how much it calls other axes' places otherwise; empty where it names the place that the
-        job's text says anyway.
+    ``declared`` are axes that nothing before it has named, mm. ``moved`` is by how much it calls
+    other axes' places otherwise, mm; empty where it names the place that the job's text says
+    anyway.
     """
 
     index: int
@@ -272,20 +288,12 @@ class Renaming:
 
 @dataclass(frozen=True)
 class JobFrame:
-    """What a job's lines add to a place, counted from where the tip was touched off.
+    """What a job's lines add to a place, counted from where the tip was touched off, mm.
 
-    Attributes
-    ----------
-    start : (x, y, z) or None, mm
-        Where the first lines, or else the checks, say that the tip stands; None where the machine
-        is homed.
-    lines : tuple of bytes
-        Commands, without E, that declare ``start``.
-    top : float, mm
-        Greatest height of any move of the job, as ``start`` counts.
-    renamed : tuple of (int, (x, y, z) in mm)
-        Command lines that call a place otherwise, and what places are called beyond ``start``'s
-        count from there on; in order.
+    The first ``lines`` (without E), or else the checks, say that the tip stands at ``start``; None
+    where the machine is homed. ``top`` is the greatest height of any move, as ``start`` counts.
+    ``renamed`` are command lines that call a place otherwise, and what places are called beyond
+    ``start``'s count from there on; in order.
     """
 
     start: Place | None
@@ -318,14 +326,9 @@ def renamings(lines: Sequence[bytes], start_mm: Place | None = None) -> list[Ren
 def declared_start(job: Job) -> Place | None:
     """Return the tip position that the job's first lines declare; None where they don't.
 
-    Of each axis the first word before any move counts: what is named later renames places, and
-    the dry run follows it.
-
-    Raises
-    ------
-    LinkError
-        Where some of X, Y and Z are named there, or any is named behind a move, and not all three
-        before it: nothing says then where the checks ought to begin.
+    Of each axis the first word before any move counts: what is named later renames places, and the
+    dry run follows it. Raises `LinkError` where some of X, Y and Z are named there, or any is named
+    behind a move, and not all three before it: nothing says then where the checks begin.
     """
     words: dict[str, float] = {}
     for line in job.lines:
@@ -350,12 +353,8 @@ def frame_at(job: Job, begin: int, printer: Printer, start_mm: Place | None = No
     """Return the frame of a job, and the commands that declare it before command line ``begin``.
 
     ``start_mm`` is where the checks took the tip to stand before the first line, mm; it counts for
-    a job that declares some of X, Y and Z alone, or declares them late.
-
-    Raises
-    ------
-    LinkError
-        Where a line says where the tip stands in a way that can't be followed.
+    a job that declares some of X, Y and Z alone, or declares them late. Raises `LinkError` where a
+    line says where the tip stands in a way that can't be followed.
     """
     named = renamings(job.lines)
     first = next((k for k, line in enumerate(job.lines) if is_motion(line)), len(job))

@@ -49,22 +49,13 @@ def confirms(replies: Sequence[bytes], printer: Printer, number: int) -> bool:
     return not ways or any(text.endswith(ways) for text in replies)
 
 
-def _switches(printer: Printer) -> list[tuple[bytes, bytes]]:
-    """Commands that raise and lower each head that can be."""
-    return [
-        (head.raises.encode("ascii"), head.lowers.encode("ascii"))
-        for head in printer.heads
-        if head.raises is not None and head.lowers is not None
-    ]
-
-
 def keep_raised(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:
     """Commands that raise once more the heads that the job has raised, and left so."""
     commands = []
-    for raises, lowers in _switches(printer):
+    for head in printer.heads:
+        raises, lowers = ((text or "").encode("ascii") for text in (head.raises, head.lowers))
         last = next((line for line in reversed(lines[:done]) if line in (raises, lowers)), b"")
-        if last == raises:
-            commands.append(raises)
+        commands += [raises] if last and last == raises else []
     return commands
 
 

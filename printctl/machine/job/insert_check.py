@@ -75,7 +75,7 @@ class JobReach:
         """
         spots, fastest = set[Place](), 0.0
         for move in moves_of(lines, at=Spot(*(start_mm or ()))):
-            line, begin, end = move
+            line, begin, end, _ = move
             dx, dy, dz = shift_at(line)
             if end.e > begin.e:
                 fastest = max(fastest, move.push_mm_s)
@@ -155,11 +155,8 @@ class InsertPlace:
 def judged_lines(texts: Sequence[str], place: InsertPlace, name: str) -> tuple[bytes, ...]:
     """Return an insert's lines as they are sent; ``name`` is what it is called in messages.
 
-    Raises
-    ------
-    Refused
-        With the first line that can't be sent and the reason, or with what isn't at its end as it
-        was at its begin.
+    Refused is the first line that can't be sent, with the reason, or what isn't at its end as it
+    was at its begin.
     """
     if not texts or len(texts) > MAX_LINES:
         raise Refused(f"{name} has {len(texts)} lines; it may have 1 to {MAX_LINES:,}")
@@ -371,4 +368,4 @@ def check_flow(job: Job, grown: Job, place: InsertPlace, name: str) -> None:
 def _fastest_push(job: Job, place: InsertPlace, begin: int) -> float:
     """Fastest push of the job's moves across from a line on, mm/s."""
     moves = moves_of(job.lines, begin, at=Spot.of(place.at))
-    return max((move.push_mm_s for move in moves if move.way_mm), default=0.0)
+    return max((move.push_mm_s for move in moves if move.path_mm), default=0.0)

@@ -79,18 +79,16 @@ def file_count(done: int, positions: Sequence[Position]) -> int:
 
 @dataclass(frozen=True)
 class Job:
-    """Command lines without comments and blanks.
+    """Command lines without comments and blanks, as `sim.gcode.reading.read_line` renders them.
 
     Attributes
     ----------
     lines : list of bytes
-        One command each, as `sim.gcode.reading.read_line` renders it.
     file_lines : list of int
         One-based line of the file that each came from; of an insert's, of the last one before it.
     sha256, name : str
         Hash of the whole file, and its name.
     marks : Marks
-        From the file's comments.
     inserts : tuple of Insert
         Lines that were put in while it was printed, in their order; they are among ``lines``.
     """
@@ -139,13 +137,8 @@ class Job:
         """Return the job with an insert's lines behind its first ``insert.after`` lines.
 
         Marks at that place stay before them. What writes behind them pushes ``insert.flow`` of what
-        the file says (`sim.gcode.reading.sent_line`).
-
-        Raises
-        ------
-        JobError
-            When the job has fewer lines, was given a later insert before, or doesn't say the
-            plunger's count where its flow is to change.
+        the file says (`sim.gcode.reading.sent_line`). Raises `JobError` where the job has fewer
+        lines, a later insert, or no count of the plunger where its flow is to change.
         """
         after, count = insert.after, len(insert.lines)
         begun = max((one.after + len(one.lines) for one in self.inserts), default=0)
@@ -173,11 +166,8 @@ class Job:
 def load_job(path: Path, printer: Printer) -> Job:
     """Read a G-code file for a printer, whose firmware family says how its lines are read.
 
-    Raises
-    ------
-    JobError
-        When the file can't be read, is empty, or has a line that must not be sent; the message
-        names the line.
+    Raises `JobError`, which names the line, where the file can't be read, is empty, or has a line
+    that must not be sent.
     """
     try:
         data = read_gcode_path(path)

@@ -125,7 +125,7 @@ def _read(
     end: int | None = None  # of the line that was written last, where it may still come later
     wrote = False
     for move in moves_of(lines, at=Spot(0.0, 0.0, 0.0, 0.0, 0.0)):
-        index, begin, to = move
+        index, begin, to, _ = move
         while waiting and waiting[-1] <= index:
             written[waiting.pop()] = now
             end, wrote = None, False  # nothing is written from here to the next line's begin

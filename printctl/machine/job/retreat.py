@@ -24,21 +24,12 @@ LOWERING_STEP_MM: Final = 2.0
 class Retreat:
     """Relieve the plunger or shut the valve, then lift straight up, the way that is free.
 
-    A needle under pressure in the bath goes on writing, so that comes first. The shaft
-    stands straight above the tip already, so straight up it meets nothing that it hasn't passed.
-
-    Attributes
-    ----------
-    relief_mm, relief_mm_s : float
-        Plunger travel back (the ink's ``retract_ul`` over the syringe's area).
-    lift_mm, lift_mm_s : float
-        Upwards, ended by the top of the axis.
-    park_mm : float
-        The same for a change of syringe.
-    prime_mm : float
-        Plunger travel pushed in addition on coming back from a pause.
-    others : tuple of Retreat
-        Those of the second and further heads, which have inks and syringes of their own.
+    A needle under pressure in the bath goes on writing, so that comes first. The shaft stands
+    straight above the tip already, so straight up it meets nothing that it hasn't passed.
+    ``relief_mm`` is plunger travel back (the ink's ``retract_ul`` over the syringe's area);
+    ``prime_mm`` is pushed in addition on coming back from a pause. ``lift_mm`` upwards, or
+    ``park_mm`` for a change of syringe, is ended by the top of the axis. ``others`` are those of
+    the second and further heads, which have inks and syringes of their own.
     """
 
     relief_mm: float = 0.1

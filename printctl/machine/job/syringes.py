@@ -87,11 +87,7 @@ def plan_reloads(
     A full syringe has ``capacity_mm`` of plunger travel; of the one in use ``used_mm`` are used up
     after ``begin`` command lines. Of several heads it is ``head``'s; ``taken`` are points that
     another head's change has. Returns the command lines before each; none where one syringe lasts.
-
-    Raises
-    ------
-    LinkError
-        When the stretch between two reload points needs more than a syringe holds.
+    Raises `LinkError` where the stretch between two points needs more than a syringe holds.
     """
     travel = plunger_travel(job.lines, head)
     marks = {mark.index for mark in job.marks.of(MarkKind.RELOAD) if mark.index > begin}
@@ -123,23 +119,10 @@ def with_reloads(
 ) -> tuple[list[Check], tuple[int, ...], tuple[int, ...]]:
     """Plan changes of syringe where the checks say that one isn't enough.
 
-    Parameters
-    ----------
-    checks : list of Check
-    job : Job
-    usable : sequence of float, mm
-        Plunger travel of a full syringe of each head.
-    wanted : bool
-        Whether the user agrees to changes; else the remedy offers them.
-    by : str
-        How the user agrees, for the remedy.
-
-    Returns
-    -------
-    checks : list of Check
-        With those passed that the changes satisfy, or with the offer in their remedies.
-    reload_at, heads : tuple of int
-        Command lines before each change, and of several heads, whose syringe it is.
+    A full syringe of each head has ``usable`` mm of plunger travel. Where they are ``wanted``, what
+    the changes satisfy passes; else the remedies of such checks offer them, and say ``by`` what the
+    user agrees. Returns the checks, the command lines before each change, and of several heads,
+    whose syringe each is.
     """
     short = [check for check in checks if not check.passed and _is_about_syringe(check)]
     if not short:
@@ -191,12 +174,8 @@ def grown_plan(job: Job, grown: Job, plan: Plan, filling: Filling, head: int | N
     """Plan the changes of syringe anew for a job with an insert.
 
     ``job`` is without the insert, ``grown`` with it as the last one; ``plan`` is for ``job``.
-    ``filling`` is of the head in use: ``head``, of several.
-
-    Raises
-    ------
-    Refused
-        Where the syringe doesn't last for the insert, as it did without.
+    ``filling`` is of the head in use: ``head``, of several. Raises `Refused` where the syringe
+    doesn't last for the insert, as it did without.
     """
     after, count = grown.positions[-1]
     shifted = tuple(behind(index, after, count) for index in plan[0])

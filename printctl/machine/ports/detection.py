@@ -68,12 +68,7 @@ def matches(printer: Printer, port: PortInfo) -> bool:
 def choose_port(printer: Printer, ports: Iterable[PortInfo] | None = None) -> str:
     """Name the one of ``ports`` (by default this machine's) that has the profile's USB id.
 
-    Raises
-    ------
-    PortMissing
-        When none has it, or the profile names none.
-    PortError
-        When several have it.
+    Raises `PortMissing` where none has it, or the profile names none; `PortError` for several.
     """
     every = list(list_ports() if ports is None else ports)
     listed = "; ".join(map(str, every)) or "none"
@@ -102,12 +97,7 @@ def named_port(port: str, printer: Printer) -> str:
 
 
 def read_baud(text: str | None) -> int | str | None:
-    """Read a baud rate as a user gives it: a number, `AUTO`, or None for the profile's.
-
-    Raises
-    ------
-    PortError
-    """
+    """Read a baud rate as a user gives it: a number, `AUTO`, or None for the profile's."""
     if text is None or text == AUTO:
         return text
     if not text.isdecimal() or not 300 <= int(text) <= 4_000_000:

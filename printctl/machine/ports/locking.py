@@ -14,15 +14,10 @@ from printctl.machine.errors import PortInUse, PortMissing
 
 
 def lock(handle: IO[bytes], shared: bool = False) -> None:
-    """Lock a file until it is closed.
+    """Lock a file until it is closed; raises `OSError` where another process holds it.
 
     ``shared`` lets others have a shared lock meanwhile, as several do who only look whether anybody
     holds it. Windows has none through this door: there two who look can meet.
-
-    Raises
-    ------
-    OSError
-        When another process holds it.
     """
     if os.name == "nt":
         import msvcrt  # only there
@@ -39,14 +34,9 @@ def hold_address(host: str, port: int, name: str) -> ExitStack:
     """Hold a printer's network address until the stack is closed; users know it by ``name``.
 
     Taken before anything is sent there: many bridges serve one client, and drop the first when a
-    second one calls. Another machine isn't kept out; only the bridge itself could do that.
-
-    Raises
-    ------
-    PortMissing
-        When the host's name can't be resolved.
-    PortInUse
-        When any process of this machine holds it, under whatever name.
+    second one calls. Another machine isn't kept out; only the bridge itself could do that. Raises
+    `PortMissing` where the host's name can't be resolved, `PortInUse` where any process of this
+    machine holds it, under whatever name.
     """
     try:
         addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)

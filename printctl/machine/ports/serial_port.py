@@ -66,11 +66,7 @@ class SerialTransport:
     """Connection by a serial port; see `printctl.machine.ports.transport.Transport`.
 
     ``dtr`` and ``rts`` are the state of the modem lines while the port is open. On Linux opening
-    raises both all the same; a line that should be low falls at once.
-
-    Raises
-    ------
-    PortError
+    raises both all the same; a line that should be low falls at once. Raises `PortError`.
     """
 
     quiet_s: float = 0.05

@@ -86,14 +86,8 @@ class TcpTransport:
     """Connection by TCP: a network bridge, or the simulated printer without a pty.
 
     There is no reset line, and nothing that a firmware could tell a new connection by. As with a
-    serial port one process of this machine alone may be connected.
-
-    Raises
-    ------
-    PortMissing
-        When nothing listens there.
-    PortInUse
-        When another printctl on this machine is connected to that address.
+    serial port one process of this machine alone may be connected: raises `PortInUse`, or
+    `PortMissing` where nothing listens.
     """
 
     quiet_s: float = 0.25
@@ -170,10 +164,7 @@ class TcpTransport:
 def open_port(name: str, printer: Printer, baud: int | None = None) -> Transport:
     """Open the port called ``name`` for a printer, at ``baud`` in place of its profile's rate.
 
-    Raises
-    ------
-    PortError
-        Missing, denied or in use; the message says which and the remedy.
+    Raises `PortError`: missing, denied or in use; the message says which and the remedy.
     """
     tcp = _TCP.match(name)
     if tcp:
@@ -193,15 +184,9 @@ class PrinterPort(NamedTuple):
 def locate(port: str, baud: int | str | None, printer: Printer) -> PrinterPort:
     """Find port and baud rate where one or both are `AUTO`; opens the port for `AUTO` rates only.
 
-    A ``baud`` of None is the profile's.
-
-    Raises
-    ------
-    PortError
-        When no port, or more than one, can be the printer's, or it can't be opened.
-    HandshakeError
-        When nothing answers there, at any rate tried. (A rate that is given isn't tried here: the
-        print's own handshake does it.)
+    A ``baud`` of None is the profile's. Raises `PortError` where no port, or more than one, can be
+    the printer's, or it can't be opened; `HandshakeError` where nothing answers at any rate tried.
+    (A rate that is given isn't tried here: the print's own handshake does it.)
     """
     name = named_port(port, printer)
     if baud != AUTO:
@@ -222,14 +207,7 @@ def sweep(wire: SerialTransport, rates: Sequence[int], clock: Clock, resets: boo
     """Ask at one rate after the other; return the first at which a firmware answers.
 
     ``wire`` is open at the first rate. A board that ``resets`` when its port opens is given time to
-    start.
-
-    Raises
-    ------
-    HandshakeError
-        When nothing answers at any rate.
-    PortLost
-        When the port goes away.
+    start. Raises `HandshakeError` where nothing answers, `PortLost` where the port goes away.
     """
     wait, limit = FIRST_WORD_S, clock.now() + BOOT_LIMIT_S
     # Wait for the first sign of a start, and until it is over; at whatever rate, it is a sign.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -20,7 +19,6 @@ from printctl.machine.job.coordinates import (
     HOMING,
     JobFrame,
     Modal,
-    Move,
     Place,
     Spot,
     declared_axes,
@@ -46,7 +44,7 @@ from printctl.machine.job.retreat import Retreat, count_from
 from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.records.journal import Record
 from printctl.machine.records.journalled_print import JournalledPrint
-from sim.gcode.reading import code_of, is_motion, read_sent
+from sim.gcode.reading import code_of, is_motion
 
 CLEARANCE_MM: Final = 5.0
 TRAVEL_MM_S: Final = 20.0
@@ -86,24 +84,13 @@ class RestStart:
 class Recovery:
     """Plan for continuing after a lost position.
 
-    Attributes
-    ----------
-    begin : int
-        Command lines of the job that aren't printed again.
-    line : int
-        Of the job's file, from 1: the first that is.
-    gcode : bytes
-        The rest of the job, with a way to it.
-    steps : tuple of str
-        What a person does first, in order.
-    start : (x, y, z) or None, mm
-        Where the file takes the tip to stand before its first line; None for a homed machine.
-    rows : tuple of int
-        Row of the job's file, from 0, of each of the rest's last rows; -1 for what was put in.
+    The ``gcode`` is a way to, and then, the rest of the job, whose first ``begin`` command lines
+    aren't printed again; a person takes the ``steps`` before it. It takes the tip to stand at
+    ``start``, mm, before its first line; None for a homed machine. ``rows`` are those of the job's
+    file, from 0, of each of its last rows; -1 for what was put in.
     """
 
     begin: int
-    line: int
     gcode: bytes
     steps: tuple[str, ...]
     start: Place | None
@@ -122,17 +109,12 @@ def plan_recovery(
 ) -> Recovery:
     """Plan how to go on after the position was lost.
 
-    From the last checkpoint whose lines had surely been moved, not only taken: the planner may
-    have held some when the power went. ``data`` is the job's file; ``from_line`` of it is where to
-    begin instead; ``ul_per_mm`` the ink of the plunger's travel, None where the syringe is unknown;
+    From the last checkpoint whose lines had surely been moved, not only taken: the planner may have
+    held some when the power went. ``data`` is the job's file; ``from_line`` of it is where to begin
+    instead; ``ul_per_mm`` the ink of the plunger's travel, None where the syringe is unknown;
     ``start_mm`` where the checks took the tip to stand before the first line (`Care.start_mm`).
-
-    Raises
-    ------
-    NoCheckpoint
-        When there is no checkpoint, and no line was given.
-    LinkError
-        When the job doesn't say where the needle is there.
+    Raises `NoCheckpoint` where a person must say where to begin, else `LinkError` where the job
+    doesn't say where the needle is there.
     """
     start = beginning(job, history, printer, from_line)
     begin, at = start.index, start.at
@@ -151,7 +133,6 @@ def plan_recovery(
     way_in = _way_in(job, replace(start, at=from_touch_off), printer, retreat, frame)
     return Recovery(
         begin=begin,
-        line=job.file_lines[begin],
         gcode=way_in + rest_lines(job, text, begin, frame),
         steps=(
             *manual_steps(printer, frame),
@@ -170,12 +151,8 @@ def beginning(
 ) -> RestStart:
     """Find where the rest begins: as given, where the printer stood, or behind a sure checkpoint.
 
-    Raises
-    ------
-    NoCheckpoint
-        When there is none, and no line was given.
-    LinkError
-        When no line is left, or the one that was given isn't the job's.
+    Raises `NoCheckpoint` where there is none, and no line was given; else `LinkError` where no line
+    is left, or the one that was given isn't the job's.
     """
     if from_line is None and history.stood is not None:
         return _where_it_stood(job, history.stood)
@@ -456,39 +433,15 @@ def describe_rewritten_ink(
     """
     travel = plunger_travel(job.lines, head)
     pushed = max(travel[first : last + 1]) - travel[first]
-    path = path_mm(job.lines, first, last, travel)
+    any_plunger = any(travel)  # else all moves count
+    path = sum(
+        move.path_mm
+        for move in moves_of(job.lines, first, last, Spot.of(modal_state(job.lines, first)))
+        if travel[move.line + 1] > travel[move.line] or not any_plunger
+    )
     if path <= 0 and pushed <= 0:
         return ""
     plunger = f"{pushed:.3f} mm of plunger"
     ink = plunger if ul_per_mm is None else f"{pushed * ul_per_mm:.2f} µL ({plunger})"
     amount = f"{path:.1f} mm of path" + (f" and {ink}" if pushed > 0 else "")
     return f"at most {amount}, lines {job.file_lines[first]} to {job.file_line(last)}"
-
-
-def path_mm(lines: Sequence[bytes], first: int, last: int, travel: Sequence[float]) -> float:
-    """Return the length of the moves that push the plunger, mm; of all where none does."""
-    any_plunger = any(travel)
-    return sum(
-        _length(move, lines[move.line])
-        for move in moves_of(lines, first, last, Spot.of(modal_state(lines, first)))
-        if travel[move.line + 1] > travel[move.line] or not any_plunger
-    )
-
-
-def _length(move: Move, line: bytes) -> float:
-    """Length of a move or arc, mm."""
-    code, (_, begin, end) = code_of(line), move
-    dx, dy, dz = (b - a for a, b in zip(begin[:3], end[:3], strict=True))
-    if code not in (b"G2", b"G3") or dx != dx or dy != dy:
-        return move.way_mm
-    read = read_sent(line)
-    radius = read.number("R")
-    if radius is not None:
-        half = math.asin(min(1.0, math.hypot(dx, dy) / (2 * abs(radius))))
-        arc = abs(radius) * 2 * (half if radius > 0 else math.pi - half)
-    else:
-        i, j = read.number("I") or 0.0, read.number("J") or 0.0
-        turn = math.atan2(-j, -i) - math.atan2(dy - j, dx - i)
-        turn = turn if code == b"G2" else -turn
-        arc = math.hypot(i, j) * (turn % (2 * math.pi) or 2 * math.pi)
-    return math.hypot(arc, dz if dz == dz else 0.0) if arc else move.way_mm
