@@ -96,9 +96,7 @@ def _printer(printer: Printer) -> Iterator[ProfileDoubt]:
                 "(max_acceleration_mm_s2); the firmware would use the lower",
                 False,
             )
-    link = family_of(printer).link
-    cuts = link is not None and link.cuts_long_lines
-    if cuts and printer.max_line_bytes > printer.receive_buffer_bytes:
+    if family_of(printer).cuts_long_lines and printer.max_line_bytes > printer.receive_buffer_bytes:
         yield ProfileDoubt(
             "max_line_bytes",
             f"{printer.max_line_bytes} bytes don't fit into the receive buffer of "
@@ -116,7 +114,7 @@ def _safety(printer: Printer) -> Iterator[ProfileDoubt]:
             False,
         )
         return
-    timed = family_of(printer).timeout is not None
+    timed = bool(family_of(printer).timeout_code)
     if timed and printer.idle_timeout_s == 0:
         yield ProfileDoubt(
             "idle_timeout_s",
@@ -186,11 +184,11 @@ def _heads(printer: Printer) -> Iterator[ProfileDoubt]:
                 False,
             )
     steps = {printer.of_head(number).steps_per_mm.e for number in range(printer.head_count)}
-    own = family_of(printer).heads
-    if len(steps) > 1 and own and own.note:
+    note = family_of(printer).head_note
+    if len(steps) > 1 and note:
         yield ProfileDoubt(
             "heads",
-            f"their plunger_steps_per_mm differ: {own.note}; see that it was",
+            f"their plunger_steps_per_mm differ: {note}; see that it was",
             False,
         )
 

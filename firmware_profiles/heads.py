@@ -20,7 +20,7 @@ SelectCommand = Annotated[
     str,
     Field(pattern=r"^[A-Z][A-Z0-9_]*( [A-Za-z0-9_=]+)*$", max_length=64),
 ]
-"""The firmware family says how it must be (`HeadFacts.select`)."""
+"""The firmware family says how it must be (`Family.head_select`)."""
 
 
 class Offset(StrictModel):
@@ -101,8 +101,8 @@ def check_heads(heads: tuple[Head, ...], firmware: str, *, plunger: bool) -> Non
         raise ValueError(
             f"{len(heads)} heads; name 2 to {MOST_HEADS} of them, or none for a single one"
         )
-    own = find_family(firmware).heads
-    if own is None:
+    family = find_family(firmware)
+    if family.head_select is None:
         raise ValueError(f"heads: how {firmware} changes between them isn't known; use one")
     if not plunger:
         raise ValueError("heads: only plungers can be several; a valve is watched over for one")
@@ -116,11 +116,11 @@ def check_heads(heads: tuple[Head, ...], firmware: str, *, plunger: bool) -> Non
         if len(set(values)) < len(values):
             raise ValueError(f"heads: two have the same {what} ({', '.join(values)})")
     for number, head in enumerate(heads):
-        chosen = own.number(head.select)
+        chosen = family.head_number(head.select)
         if chosen is None:
             raise ValueError(
                 f"heads: {firmware} isn't told by {head.select!r} which head to use; write "
-                f"{own.example}"
+                f"{family.head_example}"
             )
         if chosen != number:
             raise ValueError(f"heads: {head.select!r} doesn't choose head {number}; order them")

@@ -210,8 +210,7 @@ class Printer(Facts):
 
     @model_validator(mode="after")
     def _pairs_need_a_count(self) -> Printer:
-        link = family_of(self).link
-        if self.lines_in_flight == 2 and not (link and link.pairs):
+        if self.lines_in_flight == 2 and not family_of(self).pairs:
             raise ValueError(
                 f"lines_in_flight 2: {self.firmware} keeps no count of lines that could settle "
                 "which of two it took (or none that was tried); use 1"
@@ -221,7 +220,7 @@ class Printer(Facts):
     @property
     def streamed(self) -> bool:
         """Whether a host sends it a job's lines; else its own software loads the file."""
-        return family_of(self).link is not None
+        return family_of(self).make_protocol is not None
 
     @property
     def withholds(self) -> bool:

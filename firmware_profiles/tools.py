@@ -61,6 +61,15 @@ class Syringe(Facts):
         "in the force.",
     )
 
+    @model_validator(mode="after")
+    def _holds_ink_to_print(self) -> Syringe:
+        if not self.dead_volume_ul < self.volume_ul:
+            raise ValueError(
+                f"dead_volume_ul {self.dead_volume_ul:g} isn't below volume_ul "
+                f"{self.volume_ul:g}: no ink would be left to print with"
+            )
+        return self
+
     @property
     def area_mm2(self) -> float:
         """Cross-section of the bore: what the plunger pushes, µL a mm."""

@@ -17,6 +17,7 @@ CODES: tuple[tuple[str, str, int], ...] = (
     ("printctl.machine.errors", "JournalError", 1),
     ("printctl.machine.errors", "HistoryError", 1),
     ("printctl.machine.errors", "Refused", 1),
+    ("printctl.machine.errors", "JobError", 3),
     ("printctl.machine.errors", "LinkError", 4),
     ("firmware_profiles", "ProfileError", 2),
     ("design.errors", "FlowInputError", 2),

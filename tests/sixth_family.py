@@ -26,12 +26,8 @@ FACTS = '''
 from firmware_profiles.families.ack_protocol import AckProtocol, Sort
 from firmware_profiles.families.grammar import COMMON
 from firmware_profiles.families.dialect import Dialect, same_dialect
-from firmware_profiles.families.family import Family
-from firmware_profiles.families.family import AllowQuery, GateFacts
+from firmware_profiles.families.family import AllowQuery, Family
 from firmware_profiles.families.grammar import Grammar, codes
-from firmware_profiles.families.family import IdleTimeout
-from firmware_profiles.families.family import LinkFacts
-from firmware_profiles.families.family import ProbeFacts
 
 
 class SixthProtocol(AckProtocol):
@@ -47,7 +43,8 @@ class SixthProtocol(AckProtocol):
 
 
 FAMILY = Family(
-    link=LinkFacts(says="sixth", make_protocol=lambda one: SixthProtocol(one.places, one.timing)),
+    reported_name="sixth",
+    make_protocol=lambda one: SixthProtocol(one.places, one.timing),
     grammar=Grammar(
         codes=codes("G", 0, 1, 4, 21, 28, 90, 92)
         | codes("M", 82, 85, 104, 105, 112, 114, 115, 140, 220, 221, 400, 777),
@@ -55,9 +52,10 @@ FAMILY = Family(
         lower_case=False,
     ),
     dialect=same_dialect(Dialect("M85 S{seconds}", clean=("M220 S100", "M221 S100"))),
-    gate=GateFacts(console={"M777": AllowQuery()}),
-    probe=ProbeFacts((b"M115",)),
-    timeout=IdleTimeout("M85", "", "M85 S600"),
+    console_rules={"M777": AllowQuery()},
+    setting_questions=(b"M115",),
+    timeout_code="M85",
+    timeout_example="M85 S600",
 )
 '''
 TWIN = '''

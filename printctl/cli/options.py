@@ -16,7 +16,8 @@ from printctl.cli.declare import wants_json
 from printctl.errors import UsageError
 from printctl.failures import JSON_PRINTED, message_and_code
 from printctl.settings import arg, opt
-from sim.user_files import read_gcode_path
+from sim.errors import GcodeError
+from sim.user_files import read_gcode_path, text_of
 
 
 def folder_to_write(folder: Path | None) -> Path | None:
@@ -166,11 +167,15 @@ def gcode_to_write(out: Path, *inputs: Path) -> None:
 
 
 def read_gcode_file(path: Path) -> bytes:
-    """Read a G-code file that the user named; raise `UsageError` when it can't be read."""
+    """Read a G-code file that the user named; raise `UsageError` if it can't be or is no text."""
     try:
-        return read_gcode_path(path)
+        gcode = read_gcode_path(path)
+        text_of(gcode)
     except OSError as exc:
         raise UsageError(f"{path} can't be read: {exc.strerror}; check the path") from exc
+    except GcodeError as exc:
+        raise UsageError(f"{path}: {exc}") from exc
+    return gcode
 
 
 def message_of(exc: Exception) -> str | None:

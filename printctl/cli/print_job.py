@@ -103,8 +103,8 @@ def print_job(
     """
     profile = load(Printer, printer)
     refuse_unsent(profile, str(file))
-    place = folder if folder is not None else file.with_name(file.name + ".print")
     tip = read_start_position(file, profile, start)
+    place = folder if folder is not None else file.with_name(file.name + ".print")
     loads = loads_of(profile, syringe, ink, mounted.needle)
     usable = [usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
     care = how.care(of_each(profile, syringe, "--syringe"), usable)

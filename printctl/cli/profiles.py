@@ -104,7 +104,7 @@ def probe(
     printer = load(Printer, profile)
     settings = query_settings(port, printer, baud)
     rows = compare(settings, printer)
-    kin = link_facts(printer).says in settings.firmware.lower()
+    kin = link_facts(printer).reported_name in settings.firmware.lower()
     differs = [row for row in rows if not row.same]
     facts = {
         "profile": printer.name,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from firmware_profiles import Printer, families
-from firmware_profiles.families.family import LinkFacts
+from firmware_profiles.families import Family
 from printctl.machine.errors import Refused
 
 
@@ -24,10 +24,11 @@ def refuse_unsent(printer: Printer, job: str = "the G-code file", then: str = ""
         For a controller that runs a program file by itself.
     """
     if not printer.streamed:
-        raise _unsent(printer, job, then)
+        raise unsent(printer, job, then)
 
 
-def _unsent(printer: Printer, job: str = "the G-code file", then: str = "") -> Refused:
+def unsent(printer: Printer, job: str = "the G-code file", then: str = "") -> Refused:
+    """Return the refusal of a printer that takes no lines; see `refuse_unsent`."""
     return Refused(
         f"{printer.name} can't be driven from here: its controller runs a program file "
         f"by itself and takes no lines from a host. Load {job} in the controller's own "
@@ -36,7 +37,7 @@ def _unsent(printer: Printer, job: str = "the G-code file", then: str = "") -> R
     )
 
 
-def link_facts(printer: Printer) -> LinkFacts:
+def link_facts(printer: Printer) -> Family:
     """Return what the link knows of the family that a profile names.
 
     Raises
@@ -44,7 +45,7 @@ def link_facts(printer: Printer) -> LinkFacts:
     Refused
         For a printer that takes no lines.
     """
-    link = families.family_of(printer).link
-    if link is None:
-        raise _unsent(printer)
-    return link
+    family = families.family_of(printer)
+    if family.make_protocol is None:
+        raise unsent(printer)
+    return family

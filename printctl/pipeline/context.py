@@ -48,8 +48,9 @@ class RunContext:
     Of a run over a plate ``stand`` is the well in which the part stands, ``ink_changes`` what is
     varied there of the ink's profile, ``title`` goes before the stages' names on the screen, and
     ``siblings`` are the runs of other wells, whose stages are taken over where nothing differs.
-    With ``printed`` nothing is printed: the print that is done in the folder is taken. A simulated
-    printer is ``sim_speed`` times as fast as a real one; 0 for as fast as it can.
+    With ``printed`` nothing is printed: the print that is done in the folder is taken. The printer
+    of a rehearsal is ``rehearsal_speed`` times as fast as a real one, 0 for as fast as it can; None
+    where it is no rehearsal.
     """
 
     recipe: Recipe
@@ -64,7 +65,7 @@ class RunContext:
     title: str = ""
     siblings: Sequence[RunContext] = ()
     printed: bool = False
-    sim_speed: float = 0.0
+    rehearsal_speed: float | None = None
 
     def digests(self, names: Sequence[str]) -> dict[str, str]:
         """SHA-256 of each of the user's files, named relative to the recipe, that is there."""

@@ -60,7 +60,7 @@ def begun_run(
             StageBars(console, how.listener),
             how.assume_yes,
             printed=how.printed,
-            sim_speed=how.rehearse or 0.0,
+            rehearsal_speed=how.rehearse,
         )
         if how.listener is not None:
             names = [stage.name for stage in stages if stage.asked(context)]

@@ -77,7 +77,9 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     )
     app.openapi = partial(_described, app.openapi)  # type: ignore[method-assign]
     answer_errors(app)
-    app.include_router(router(core, prints, runs.end_rehearsals))
+    app.include_router(
+        router(core, prints, partial(runs.processes.end_rehearsals, core.workspace.root))
+    )
     app.include_router(login_router())
     serve_docs(app)
     serve_files(app)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from firmware_profiles import PROFILE_SORTS, Facts, Printer, ProfileError, load, shipped
 from firmware_profiles.load import FOLDERS, Profile
-from printctl.web.errors import ConflictError, NotFoundError
+from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import checked_name, is_name
 
 PARTS: Final[dict[str, type[Facts]]] = {
@@ -49,6 +50,37 @@ class ProfileStore:
                 f"{', '.join(self.names(model))}"
             )
         return name
+
+    def resolve(self, model: type[Facts], value: str, used: Collection[str] = ()) -> str:
+        """Return what `given` gives of a name; a file of the workspace, or one ``used``, as it is.
+
+        Parameters
+        ----------
+        model : type of Facts
+        value : str
+            Name, or path of a file, as a client or a recipe says it.
+        used : collection of str
+            What the printer's station uses, whatever files these are.
+
+        Raises
+        ------
+        NotFoundError
+            For a name that no profile has.
+        BadRequestError
+            For any other file: the page isn't for reading the machine's files.
+        """
+        if value in used:
+            return value
+        if not (value.endswith((".yaml", ".yml")) or {"/", "\\"}.intersection(value)):
+            return self.given(model, value)
+        path = Path(value).resolve()
+        if not path.is_relative_to(self.root.resolve()):
+            raise BadRequestError(
+                f"{FOLDERS[model][:-1]} {value[:80]!r} is a file outside the workspace "
+                f"{self.root}; give a profile's name, or put the file into "
+                f"{self.folder(model)}"
+            )
+        return str(path)
 
     def choices(self, model: type[Facts]) -> dict[str, str]:
         """What `given` gives of every name, to the name."""

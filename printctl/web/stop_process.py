@@ -34,6 +34,7 @@ from uvicorn.server import ServerState
 import printctl
 from printctl.errors import PrintctlError, UsageError
 from printctl.sources import python_command
+from printctl.web.detached_runs import DetachedProcesses
 from printctl.web.listening import Connections, bind
 from printctl.web.print_sockets import PrintSockets, SentStop
 from printctl.web.security.access import STOP_GRACE_S, Access, bearer, doubled
@@ -43,13 +44,15 @@ log = logging.getLogger("printctl.web")
 IDLE_S: Final = 60
 """So long a known connection may be silent; a page asks every 10 s."""
 _OUTCOME_S: Final = 2.5
+_REHEARSALS_END_S: Final = 1.0
 
 
 class StopApp:
-    """Stops every print of the workspace ``root`` for whoever may."""
+    """Stops every print of the workspace ``root`` for whoever may, and ends its rehearsals."""
 
     def __init__(self, access: Access, root: Path) -> None:
-        self.prints, self._access = PrintSockets(root), access
+        self.prints, self._access, self._root = PrintSockets(root), access, root
+        self._ending: asyncio.Task[int] | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request; a kill goes out before anything is awaited."""
@@ -73,13 +76,21 @@ class StopApp:
                     facts = {"ready": True, "connected": self.prints.connected}
                     answer = JSONResponse(facts, headers=more)
                 else:
-                    lines = self._lines(await self.prints.kill(began))
+                    sent = await self.prints.kill(began)
+                    ending = asyncio.to_thread(DetachedProcesses().end_rehearsals, self._root)
+                    self._ending = asyncio.create_task(ending)
+                    lines = self._lines(sent, self._ending)
                     answer = StreamingResponse(lines, 200, more, "application/x-ndjson")
         await answer(scope, receive, send)
 
-    async def _lines(self, sent: Sequence[SentStop]) -> AsyncIterator[str]:
+    async def _lines(
+        self, sent: Sequence[SentStop], ending: asyncio.Task[int]
+    ) -> AsyncIterator[str]:
         yield json.dumps({"sent": [asdict(one) for one in sent]}) + "\n"
         yield json.dumps({"outcome": await self.prints.outcomes(sent, _OUTCOME_S)}) + "\n"
+        await asyncio.wait({ending}, timeout=_REHEARSALS_END_S)
+        if ending.done() and not ending.exception() and ending.result():
+            yield json.dumps({"rehearsals_ended": ending.result()}) + "\n"
 
     def _refusal(
         self, request: str, headers: Headers, host: str | None, ours: bool

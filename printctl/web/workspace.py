@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -36,7 +37,9 @@ def _hash(path: Path, of: Stamp) -> str:
     return digest_file(path)
 
 
-_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_LONGEST: Final = 64
+"""Of a name, characters."""
+_NAME: Final = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{_LONGEST - 1}}}")
 _FOLDERS: Final = ("recipes", "runs", "jobs", "scans", "station", "records", ".printctl")
 
 
@@ -58,6 +61,33 @@ def checked_name(name: str) -> str:
             "beginning with a letter or digit"
         )
     return name
+
+
+def usable_name(file_name: str, default: str = "") -> str:
+    """Return the name that an uploaded file is kept under: mein_Gefa_.stl for ``mein Gefäß.stl``.
+
+    Folders before it and accents are dropped, the beginning of a long name is cut off.
+
+    Parameters
+    ----------
+    file_name : str
+        As the user's file is called.
+    default : str
+        In place of a name of which nothing is left but its suffix.
+
+    Raises
+    ------
+    BadRequestError
+        When nothing is left, and there is no ``default``.
+    """
+    last = file_name.replace("\\", "/").rpartition("/")[2]
+    letters = (c for c in unicodedata.normalize("NFKD", last) if not unicodedata.combining(c))
+    stem, dot, suffix = re.sub(r"[^A-Za-z0-9._-]+", "_", "".join(letters)).rpartition(".")
+    if not dot:
+        stem, suffix = suffix, ""
+    end = f".{suffix}" if suffix else ""
+    stem = re.sub(r"\.{2,}", ".", stem)[-(_LONGEST - len(end)) :].lstrip("._-").rstrip(".")
+    return checked_name((stem or default) + end)
 
 
 @dataclass(frozen=True)

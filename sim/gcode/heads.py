@@ -148,22 +148,22 @@ def _uncounted(program: Program, lines: list[bytes]) -> list[Finding]:
 
 def _offsets(program: Program, lines: list[bytes], printer: Printer) -> list[Finding]:
     """Offsets that the firmware would add to places which have them already."""
-    own = family_of(printer).heads
-    if own is None or not own.offset_code:
+    family = family_of(printer)
+    command, word = family.head_offset_code, family.head_offset_word
+    if not command:
         return []
-    command, word = own.offset_code, own.offset_word
     rows = np.flatnonzero(program.code == code(command)).tolist()
     words = {row: parse_line(lines[int(program.line[row]) - 1]).values for row in rows}
     twice = np.zeros(len(program), dtype=np.bool_)
     cleared: dict[int, int] = {}
     for row, values in words.items():
-        if word not in values and own.offset_needs_word:
+        if word not in values and family.head_offset_needs_word:
             continue
         values_given = [values[axis] for axis in "XYZ" if axis in values]
         twice[row] = any(values_given)
         if len(values_given) == 3 and not any(values_given):
             cleared.setdefault(int(values.get(word, program.tool[row])), row)
-    needed = range(own.first_offset, printer.head_count)
+    needed = range(family.head_first_offset, printer.head_count)
     unsaid = np.zeros(len(program), dtype=np.bool_)
     for row in np.flatnonzero(program.kind == TOOL).tolist():
         number = int(program.tool[row])

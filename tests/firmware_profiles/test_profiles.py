@@ -265,6 +265,11 @@ def test_a_contradiction_is_named_with_key_and_values(model, name, changes, key,
     assert says in grave[0].text
 
 
+def test_a_syringe_that_keeps_all_its_ink_is_no_profile() -> None:
+    with pytest.raises(ValueError, match="dead_volume_ul 1000 isn't below volume_ul 1000"):
+        changed(Syringe, "hamilton_1ml", dead_volume_ul=1000)
+
+
 def test_a_printer_that_states_no_safe_state_is_not_to_be_used() -> None:
     values = load(Printer, "generic_marlin").model_dump(exclude_unset=True)
     del values["safe_state_on"]

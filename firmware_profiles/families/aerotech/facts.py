@@ -44,7 +44,6 @@ def dialect_of(printer: Printer) -> Dialect:
 
 
 FAMILY: Final = Family(
-    link=None,
     grammar=Grammar(
         codes=codes("G", 0, 1, 4, 20, 21, 90, 91, 92) | codes("M", 105, 400),
         names=dict.fromkeys(("$DO", "DIGITALOUTPUTSET"), Meaning.OTHER),

@@ -29,19 +29,11 @@ from firmware_profiles.families.family import (
     AllowValues,
     CheckNamedHeater,
     ChooseHead,
-    ColdExtrusion,
-    ConfigurationFacts,
     Family,
-    GateFacts,
-    HeadFacts,
-    IdleTimeout,
     Keys,
-    LinkFacts,
     LinkSetup,
-    ProbeFacts,
     Rule,
     Timeout,
-    m302_by_p,
 )
 from firmware_profiles.families.grammar import MOVE, TEXTS, Grammar, Meaning, codes, number_range
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
@@ -153,14 +145,12 @@ WORDS: Final[dict[str, str]] = {
     "M400": "",
 }
 FAMILY: Final = Family(
-    link=LinkFacts(
-        says="klipper",
-        make_protocol=_make_protocol,
-        plans_by_time=True,
-        complains_to_all=True,
-        place_question=b"GET_POSITION",
-        rest_question=b"M119",
-    ),
+    reported_name="klipper",
+    make_protocol=_make_protocol,
+    plans_by_time=True,
+    complains_to_all=True,
+    place_question=b"GET_POSITION",
+    rest_question=b"M119",
     grammar=Grammar(
         codes=CODES, names=NAMES, words=WORDS, named=True, parentheses=False, e_rule="either"
     ),
@@ -172,45 +162,46 @@ FAMILY: Final = Family(
             zero_is_off=False,
         )
     ),
-    gate=GateFacts(
-        console=_ASKED,
-        job={
-            **_ASKED,
-            "ACTIVATE_EXTRUDER": ChooseHead(),
-            "SET_FAN_SPEED": Keys({"FAN": None, "SPEED": (0, 1)}, ("FAN", "SPEED")),
-            "SET_GCODE_OFFSET": AllowValues(
-                {"X": 0, "Y": 0, "Z": 0}, "write the places themselves"
-            ),
-            "SET_IDLE_TIMEOUT": Timeout("TIMEOUT"),
-            "SET_KINEMATIC_POSITION": Keys(dict.fromkeys("XYZ", (-1e6, 1e6))),
-            "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
-            "TEMPERATURE_WAIT": _AWAIT,
-        },
-        questions=("SET_IDLE_TIMEOUT", "GET_POSITION"),
-        resets=_CLEAN,
-        awaits_cooling=frozenset({"M109", "M190"}),
+    console_rules=_ASKED,
+    job_rules={
+        **_ASKED,
+        "ACTIVATE_EXTRUDER": ChooseHead(),
+        "SET_FAN_SPEED": Keys({"FAN": None, "SPEED": (0, 1)}, ("FAN", "SPEED")),
+        "SET_GCODE_OFFSET": AllowValues({"X": 0, "Y": 0, "Z": 0}, "write the places themselves"),
+        "SET_IDLE_TIMEOUT": Timeout("TIMEOUT"),
+        "SET_KINEMATIC_POSITION": Keys(dict.fromkeys("XYZ", (-1e6, 1e6))),
+        "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
+        "TEMPERATURE_WAIT": _AWAIT,
+    },
+    start_questions=("SET_IDLE_TIMEOUT", "GET_POSITION"),
+    start_resets=_CLEAN,
+    awaits_cooling=frozenset({"M109", "M190"}),
+    setting_questions=(
+        b"M115",
+        b"SET_VELOCITY_LIMIT",
+        b"SET_IDLE_TIMEOUT",
+        b"SET_PRESSURE_ADVANCE",
     ),
-    probe=ProbeFacts(
-        (b"M115", b"SET_VELOCITY_LIMIT", b"SET_IDLE_TIMEOUT", b"SET_PRESSURE_ADVANCE"),
-        {"max_accel": "acceleration_mm_s2", "idle_timeout: Timeout set to": "idle_timeout_s"},
-    ),
-    timeout=IdleTimeout("SET_IDLE_TIMEOUT", "TIMEOUT", "SET_IDLE_TIMEOUT"),
-    cold=ColdExtrusion(
+    setting_phrases={
+        "max_accel": "acceleration_mm_s2",
+        "idle_timeout: Timeout set to": "idle_timeout_s",
+    },
+    timeout_code="SET_IDLE_TIMEOUT",
+    timeout_key="TIMEOUT",
+    timeout_example="SET_IDLE_TIMEOUT",
+    cold_remedy=(
         "set min_extrude_temp to 0 in printer.cfg (extruder), then "
-        "cold_extrusion_configured in the profile: no command does it",
-        m302_by_p,
+        "cold_extrusion_configured in the profile: no command does it"
     ),
-    heads=HeadFacts(
-        select=re.compile(r"ACTIVATE_EXTRUDER EXTRUDER=extruder([1-7]?)"),
-        example="ACTIVATE_EXTRUDER EXTRUDER=extruder1",
-        confirms=_confirms,
-    ),
-    by_hand=ConfigurationFacts(
-        "printer.cfg",
+    head_select=re.compile(r"ACTIVATE_EXTRUDER EXTRUDER=extruder([1-7]?)"),
+    head_example="ACTIVATE_EXTRUDER EXTRUDER=extruder1",
+    head_confirms=_confirms,
+    configuration_file="printer.cfg",
+    configuration_remedy=(
         "min_extrude_temp must be 0 (section extruder), and the section force_move must be "
-        "there with enable_force_move, else it refuses the first move; see that they are",
-        widest_push=True,
+        "there with enable_force_move, else it refuses the first move; see that they are"
     ),
+    limits_push_width=True,
     advance=rb"SET_PRESSURE_ADVANCE\b[^;]*?\bADVANCE=([0-9.]+)",
     advances_across_only=True,
 )

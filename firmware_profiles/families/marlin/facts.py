@@ -16,14 +16,8 @@ from typing import Final
 from firmware_profiles.families.dialect import Dialect, same_dialect
 from firmware_profiles.families.family import (
     SELECT_BY_T,
-    ColdExtrusion,
     Family,
-    GateFacts,
-    HeadFacts,
-    IdleTimeout,
-    LinkFacts,
     LinkSetup,
-    ProbeFacts,
     m302_by_p,
 )
 from firmware_profiles.families.grammar import COMMON, Grammar, codes, number_range
@@ -34,7 +28,6 @@ from firmware_profiles.families.pairing import Pairing
 ADVANCE: Final = rb"M900\b[^;]*?K\s*([0-9.]+)"
 RUN_ON_S: Final = 0.635
 QUICKSTOP: Final = b"M410"
-TIMEOUT: Final = IdleTimeout("M85", "", "M85 S600")
 
 
 def make_protocol(setup: LinkSetup) -> LinkProtocol:
@@ -104,20 +97,18 @@ WORDS: Final[dict[str, str]] = {
 }
 WHOLE: Final = frozenset({"M220", "M221"})
 FAMILY: Final = Family(
-    link=LinkFacts(
-        says="marlin",
-        make_protocol=make_protocol,
-        verified=True,
-        keepalive=True,
-        tells_steps=True,
-        remembers=True,
-        pairs=True,
-        cuts_long_lines=True,
-        m84_sets_timeout=True,
-        run_on_s=RUN_ON_S,
-        quickstop=QUICKSTOP,
-        ends_waits=b"M108",
-    ),
+    reported_name="marlin",
+    make_protocol=make_protocol,
+    verified=True,
+    keepalive=True,
+    tells_steps=True,
+    remembers=True,
+    pairs=True,
+    cuts_long_lines=True,
+    m84_sets_timeout=True,
+    run_on_s=RUN_ON_S,
+    quickstop=QUICKSTOP,
+    ends_waits=b"M108",
     grammar=Grammar(codes=CODES, head_codes=frozenset({"M218"}), words=WORDS, whole=WHOLE),
     dialect=same_dialect(
         Dialect(
@@ -126,19 +117,19 @@ FAMILY: Final = Family(
             of_others=("M218 T{head} X0 Y0 Z0", "M221 T{head} S100", "M200 T{head} D0"),
         )
     ),
-    gate=GateFacts(questions=("M503 S0", "M211", "M220", "M221", "M111", "M302", "M85")),
-    probe=ProbeFacts((b"M115", b"M503", b"M211")),
-    timeout=TIMEOUT,
-    cold=ColdExtrusion("send M302 P1 before", _m302),
-    heads=HeadFacts(
-        select=SELECT_BY_T,
-        example="T1",
-        confirms=lambda number: (b"Active Extruder: %d" % number,),
-        offset_code="M218",
-        offset_word="T",
-        first_offset=1,
-        note="Marlin keeps steps for each only if it was built with DISTINCT_E_FACTORS",
-    ),
+    start_questions=("M503 S0", "M211", "M220", "M221", "M111", "M302", "M85"),
+    setting_questions=(b"M115", b"M503", b"M211"),
+    timeout_code="M85",
+    timeout_example="M85 S600",
+    cold_remedy="send M302 P1 before",
+    reads_m302=_m302,
+    head_select=SELECT_BY_T,
+    head_example="T1",
+    head_confirms=lambda number: (b"Active Extruder: %d" % number,),
+    head_offset_code="M218",
+    head_offset_word="T",
+    head_first_offset=1,
+    head_note="Marlin keeps steps for each only if it was built with DISTINCT_E_FACTORS",
     advance=ADVANCE,
 )
 """Lower case is read where it was built so (GCODE_CASE_INSENSITIVE); what is sent is in capitals.

@@ -12,18 +12,13 @@ from typing import Final
 
 from firmware_profiles.families.dialect import Dialect, same_dialect
 from firmware_profiles.families.family import (
-    ColdExtrusion,
     Family,
-    GateFacts,
-    LinkFacts,
-    ProbeFacts,
 )
 from firmware_profiles.families.grammar import Grammar, codes
 from firmware_profiles.families.marlin import facts as marlins
 from firmware_profiles.families.marlin.facts import (
     ADVANCE,
     RUN_ON_S,
-    TIMEOUT,
     make_protocol,
 )
 
@@ -36,17 +31,15 @@ def _m302(words: Mapping[str, float]) -> int:
 
 
 FAMILY: Final = Family(
-    link=LinkFacts(
-        says="prusa",
-        make_protocol=make_protocol,
-        keepalive=True,
-        tells_steps=True,
-        remembers=True,
-        pairs=True,
-        cuts_long_lines=True,
-        m84_sets_timeout=True,
-        run_on_s=RUN_ON_S,
-    ),
+    reported_name="prusa",
+    make_protocol=make_protocol,
+    keepalive=True,
+    tells_steps=True,
+    remembers=True,
+    pairs=True,
+    cuts_long_lines=True,
+    m84_sets_timeout=True,
+    run_on_s=RUN_ON_S,
     grammar=Grammar(
         codes=(marlins.CODES - _MISSING) | _OWN,
         words={**marlins.WORDS, "G28": "X? Y? Z? W?", "M113": "S"},
@@ -55,9 +48,11 @@ FAMILY: Final = Family(
         e_rule="alone",
     ),
     dialect=same_dialect(Dialect("M85 S{seconds}", "M302 S0")),
-    gate=GateFacts(questions=("M503 S0", "M211", "M220", "M221", "M111")),
-    probe=ProbeFacts((b"M115", b"M503", b"M211")),
-    timeout=TIMEOUT,
-    cold=ColdExtrusion("send M302 S0 before", _m302),
+    start_questions=("M503 S0", "M211", "M220", "M221", "M111"),
+    setting_questions=(b"M115", b"M503", b"M211"),
+    timeout_code="M85",
+    timeout_example="M85 S600",
+    cold_remedy="send M302 S0 before",
+    reads_m302=_m302,
     advance=ADVANCE,
 )

@@ -19,15 +19,8 @@ from firmware_profiles.families.family import (
     SELECT_BY_T,
     AllowOffsetReset,
     AllowQuery,
-    ColdExtrusion,
-    ConfigurationFacts,
     Family,
-    GateFacts,
-    HeadFacts,
-    LinkFacts,
     LinkSetup,
-    ProbeFacts,
-    m302_by_p,
 )
 from firmware_profiles.families.grammar import COMMON, Grammar, codes, number_range
 from firmware_profiles.families.known_messages import load_messages
@@ -139,12 +132,10 @@ WORDS: Final[dict[str, str]] = {
     **{f"T{number}": "P" for number in range(8)},
 }
 FAMILY: Final = Family(
-    link=LinkFacts(
-        says="reprapfirmware",
-        make_protocol=_make_protocol,
-        tells_steps=True,
-        axes_question=b"M669",
-    ),
+    reported_name="reprapfirmware",
+    make_protocol=_make_protocol,
+    tells_steps=True,
+    axes_question=b"M669",
     grammar=Grammar(
         codes=CODES,
         words=WORDS,
@@ -160,31 +151,27 @@ FAMILY: Final = Family(
             cold_extrusion="M302 P1", of_each_head=("G10 P{head} X0 Y0 Z0", "M221 D{head} S100")
         )
     ),
-    gate=GateFacts(
-        console={
-            **dict.fromkeys(("M208", "M290", "M408", "M564", "M566", "M572"), AllowQuery()),
-            "M409": AllowQuery("KF"),
-        },
-        job={"G10": AllowOffsetReset("P")},
-        questions=("M220", "M221", "M564", "M290"),
-        speed_per_s=60.0,
-    ),
-    probe=ProbeFacts((b"M115", b"M92", b"M201", b"M203", b"M208", b"M302")),
-    cold=ColdExtrusion("send M302 P1 before", m302_by_p),
-    heads=HeadFacts(
-        select=SELECT_BY_T,
-        example="T1",
-        macro_free="P0",
-        offset_code="G10",
-        offset_word="P",
-        offset_needs_word=True,
-    ),
-    by_hand=ConfigurationFacts(
-        "config.g",
+    console_rules={
+        **dict.fromkeys(("M208", "M290", "M408", "M564", "M566", "M572"), AllowQuery()),
+        "M409": AllowQuery("KF"),
+    },
+    job_rules={"G10": AllowOffsetReset("P")},
+    start_questions=("M220", "M221", "M564", "M290"),
+    m203_per_s=60.0,
+    setting_questions=(b"M115", b"M92", b"M201", b"M203", b"M208", b"M302"),
+    cold_remedy="send M302 P1 before",
+    head_select=SELECT_BY_T,
+    head_example="T1",
+    head_macro_free="P0",
+    head_offset_code="G10",
+    head_offset_word="P",
+    head_offset_needs_word=True,
+    configuration_file="config.g",
+    configuration_remedy=(
         "a tool must be selected (T0), else the board refuses to push; the job selects none, "
-        "since that may run macros that move; see that it is",
-        several_heads=False,  # such a job chooses one itself, without its macros
+        "since that may run macros that move; see that it is"
     ),
+    configured_heads=False,  # such a job chooses one itself, without its macros
     advance=rb"M572\b[^;]*?S\s*([0-9.]+)",
 )
 

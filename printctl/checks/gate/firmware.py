@@ -122,13 +122,13 @@ class Difference:
 
 def questions(printer: Printer) -> tuple[str, ...]:
     """What a firmware is asked before a start; none of it sets anything."""
-    asked = family_of(printer).gate.questions
+    asked = family_of(printer).start_questions
     return tuple(one for one in asked if not (printer.pneumatic and one in ("M221", "M302")))
 
 
 def blind_resets(printer: Printer) -> tuple[str, ...]:
     """What is reset unasked, because the firmware doesn't tell it."""
-    resets = family_of(printer).gate.resets
+    resets = family_of(printer).start_resets
     return tuple(one for one in resets if not (printer.pneumatic and one.startswith("M221")))
 
 
@@ -175,11 +175,10 @@ def reported_settings(answers: Answers, printer: Printer) -> dict[str, str]:
 
 def _told_timeout(answers: Answers, printer: Printer) -> dict[str, str]:
     """The firmware's own switch-off as the command that sets it back, by its code."""
-    timeout = family_of(printer).timeout
-    if timeout is None:
-        return {}
-    matches = [_TIMEOUT.search(text) for text in answers.get(timeout.code, ())]
-    return dict([(timeout.code, timeout.command(match[1])) for match in matches if match][:1])
+    family = family_of(printer)
+    code = family.timeout_code
+    matches = [_TIMEOUT.search(text) for text in answers.get(code, ())] if code else []
+    return dict([(code, family.timeout_command(match[1])) for match in matches if match][:1])
 
 
 def _settings(lines: Sequence[str]) -> dict[str, dict[str, str]]:

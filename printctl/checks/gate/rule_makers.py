@@ -269,12 +269,12 @@ def choose_head(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     NotAllowed
     """
     printer = known.printer
-    own = family_of(printer).heads
-    match = own.select.fullmatch(line.text.decode("ascii")) if own else None
-    if own is None or match is None:
-        example = own.example if own else "no head"
+    family = family_of(printer)
+    number = family.head_number(line.text.decode("ascii"))
+    if number is None:
+        example = family.head_example or "no head"
         raise NotAllowed(f"it names no head in a way that checks follow; write {example}")
-    if int(match[1] or 0) >= printer.head_count:
+    if number >= printer.head_count:
         raise NotAllowed(f"{printer.name} has {printer.head_count} heads, counted from 0 (heads)")
     return AllowedLine(line.text.decode("ascii"))
 

@@ -42,8 +42,8 @@ def _still(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
 
 
 def _speed(known: PrinterSituation, letter: str) -> tuple[float, str]:
-    per = family_of(known.printer).gate.speed_per_s
-    return getattr(known.printer.max_speed_mm_s, letter.lower()) * per, "max_speed_mm_s"
+    per_s = family_of(known.printer).m203_per_s
+    return getattr(known.printer.max_speed_mm_s, letter.lower()) * per_s, "max_speed_mm_s"
 
 
 def _axis_acceleration(known: PrinterSituation, letter: str) -> tuple[float, str]:
@@ -113,8 +113,7 @@ def _power_off(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
 
 def _head(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """A head that the printer has, chosen without the macros of a change of tools."""
-    own = family_of(known.printer).heads
-    free = own.macro_free if own else ""
+    free = family_of(known.printer).head_macro_free
     if free and line.words.get(free[0]) != float(free[1:]):
         raise NotAllowed(f"macros of the board may move it; write {line.code} {free}")
     return AllowedLine(line.text.decode("ascii"))
@@ -228,8 +227,8 @@ def rules(family: str, origin: LineOrigin) -> Rules:
         The profile's ``firmware``.
     origin : LineOrigin
     """
-    facts = find_family(family).gate
-    common, own = (_JOB, facts.job) if origin is LineOrigin.JOB else (_CONSOLE, facts.console)
+    facts, of_job = find_family(family), origin is LineOrigin.JOB
+    common, own = (_JOB, facts.job_rules) if of_job else (_CONSOLE, facts.console_rules)
     return {**common, **{code: _judge(one) for code, one in own.items()}}
 
 

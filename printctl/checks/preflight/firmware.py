@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 
 from firmware_profiles import Printer, Syringe
-from firmware_profiles.families import family_of
-from firmware_profiles.families.family import IdleTimeout
+from firmware_profiles.families import Family, family_of
 from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.gcode import code
@@ -92,16 +91,16 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
 
     Without one a job that heats is refused where the firmware has such a command.
     """
-    timeout = family_of(printer).timeout
+    family = family_of(printer)
     heats = any(heat.celsius > 0 for heat in run.heats)
-    if timeout is None:
+    if not family.timeout_code:
         remedy = (
             f"{printer.firmware} has none that a job can set: if the host dies, heaters and motors "
             "stay as they are until somebody comes; don't leave the print alone, or have the "
             "board's own configuration watch it"
         )
         return Check(_NAME, 0, 0, "", False, f"{printer.name}: firmware", remedy, "warns")
-    seconds, line = _least_timeout(run, timeout)
+    seconds, line = _least_timeout(run, family)
     dwell, dwells_at = _longest_dwell(run)
     if seconds <= 0:
         off = "without it" if line else "the job doesn't set it, so"
@@ -114,7 +113,7 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
             False,
             f"line {line} switches it off" if line else "before the first move",
             f"{off} a dead host leaves everything on; begin the job with "
-            f"{timeout.example} (profile: idle_timeout_s {printer.idle_timeout_s:g})",
+            f"{family.timeout_example} (profile: idle_timeout_s {printer.idle_timeout_s:g})",
             "refuses" if wanted else "warns",
         )
     return Check(
@@ -145,7 +144,7 @@ def _longest_dwell(run: DryRun) -> tuple[float, int]:
     return float(seconds[longest]), int(line[dwells[between == longest][-1]])
 
 
-def _least_timeout(run: DryRun, timeout: IdleTimeout) -> tuple[float, int]:
+def _least_timeout(run: DryRun, family: Family) -> tuple[float, int]:
     """Shortest timeout in force from the first move on, s, and its line; 0 for none.
 
     0 stands for none at all (line 0 where it was never set) and is the least of all.
@@ -153,18 +152,19 @@ def _least_timeout(run: DryRun, timeout: IdleTimeout) -> tuple[float, int]:
     program = run.program
     moves = np.flatnonzero(program.kind == MOVE)
     first = int(program.line[moves[0]]) if len(moves) else math.inf
-    timeouts = _timeouts(run, timeout)
+    timeouts = _timeouts(run, family)
     before = [at for at in timeouts if at[1] < first][-1:] or [(0.0, 0)]
     return min([*before, *(at for at in timeouts if at[1] > first)])
 
 
-def _timeouts(run: DryRun, timeout: IdleTimeout) -> list[tuple[float, int]]:
+def _timeouts(run: DryRun, family: Family) -> list[tuple[float, int]]:
     """Each setting of the timeout, s, and its line; a question is none."""
-    if timeout.key:
-        those = [at for at in run.named if at.name == timeout.code and timeout.key in at.words]
-        return [(_number(at.words[timeout.key]), at.line) for at in those]
+    name, key = family.timeout_code, family.timeout_key
+    if key:
+        those = [at for at in run.named if at.name == name and key in at.words]
+        return [(_number(at.words[key]), at.line) for at in those]
     program = run.program
-    rows = np.flatnonzero((program.code == code(timeout.code)) & ~np.isnan(program.value))
+    rows = np.flatnonzero((program.code == code(name)) & ~np.isnan(program.value))
     return list(zip(program.value[rows].tolist(), program.line[rows].tolist(), strict=True))
 
 
@@ -179,16 +179,17 @@ def _configured(run: DryRun, printer: Printer) -> list[Check]:
     """Things that stand in the firmware's configuration, where nothing tells them."""
     if run.plunger_max_mm <= 0:
         return []
-    asked = family_of(printer).by_hand
-    if asked is None or (printer.heads and not asked.several_heads):
+    family = family_of(printer)
+    place, remedy = family.configuration_file, family.configuration_remedy
+    if not place or (printer.heads and not family.configured_heads):
         return []
-    return [Check("asked of you", 0, 0, "", False, asked.place, asked.remedy, "warns")]
+    return [Check("asked of you", 0, 0, "", False, place, remedy, "warns")]
 
 
 def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
     """Tell the limit that a firmware needs which refuses to push more ink per length."""
-    asked = family_of(printer).by_hand
-    if asked is None or not asked.widest_push:
+    family = family_of(printer)
+    if not family.limits_push_width:
         return []
     program = run.program
     before = program.before
@@ -205,5 +206,5 @@ def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[C
         f"max_extrude_cross_section (section extruder) must be above {widest:.3g} mm² with "
         f"filament_diameter {syringe.inner_mm:g}; see that it is"
     )
-    place = f"line {int(program.line[at])}, {asked.place}"
+    place = f"line {int(program.line[at])}, {family.configuration_file}"
     return [Check("asked of you", 0, 0, "", False, place, remedy, "warns")]

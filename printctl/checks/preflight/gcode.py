@@ -184,7 +184,7 @@ def gate_checks(run: DryRun, printer: Printer) -> list[Check]:
 #
 # No profile knows of a cooler. A room is taken to be between 15 and 30 °C: what must cool below 30
 # °C may never get there, and what must warm up without a target may not either. M109 and M190 with
-# S wait for warming alone, but on some families (`GateFacts.awaits_cooling`).
+# S wait for warming alone, but on some families (`Family.awaits_cooling`).
 
 COLDEST_ROOM_C: Final = 15.0
 WARMEST_ROOM_C: Final = 30.0
@@ -235,7 +235,7 @@ def _by_code(
     targets[_SETS[line.code] + (f"{head}" if head else "")] = target
     if line.code not in _WAITS:
         return
-    cools = line.code in family_of(printer).gate.awaits_cooling and target > 0
+    cools = line.code in family_of(printer).awaits_cooling and target > 0
     coldest = COLDEST_ROOM_C if line.code == "M191" else 0.0
     if target < (WARMEST_ROOM_C if kept is not None or cools else coldest):
         yield _too_cold(line, target)
@@ -444,8 +444,8 @@ def _merged(run: DryRun, printer: Printer) -> Check:
 def _starved(run: DryRun, printer: Printer) -> Check:
     """Moves shorter than their lines take to come: the motion slows down and stutters."""
     starved = run.starved
-    pairs = family_of(printer).link
-    more = ", lines_in_flight: 2" if pairs and pairs.pairs and printer.lines_in_flight == 1 else ""
+    may_pair = family_of(printer).pairs and printer.lines_in_flight == 1
+    more = ", lines_in_flight: 2" if may_pair else ""
     return Check(
         "segments starved by the wire",
         starved.segments,

@@ -50,7 +50,7 @@ class FirmwareCheck:
             For a difference that would make distances, doses or heads wrong.
         """
         family = link_facts(self._printer)
-        self._identify(family.says)
+        self._identify(family.reported_name)
         self._check_heads()
         self.check_keepalive(journalled=False)
         if family.tells_steps:
@@ -164,8 +164,8 @@ class FirmwareCheck:
 
     def _ends_switch_off(self, command: str) -> bool:
         """Whether with this command the firmware would never switch off by itself."""
-        timeout = family_of(self._printer).timeout
-        return timeout is not None and command == timeout.command("0")
+        family = family_of(self._printer)
+        return bool(family.timeout_code) and command == family.timeout_command("0")
 
     def _heats(self) -> bool:
         """Whether a heater has a target."""

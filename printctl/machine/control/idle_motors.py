@@ -20,8 +20,8 @@ class IdleMotors:
         self._channel, self._progress = channel, channel.logbook.progress
         printer = channel.wiring.printer
         self._m84_sets_timeout = link_facts(printer).m84_sets_timeout
-        timeout = family_of(printer).timeout
-        self._timeouts = (timeout.code.encode("ascii"),) if timeout else ()
+        code = family_of(printer).timeout_code
+        self._timeouts = (code.encode("ascii"),) if code else ()
 
     def hold(self) -> None:
         """Keep the firmware from cutting the motors' power while nothing moves; before line 1.

@@ -15,7 +15,7 @@ from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.look_book import Look, LookDecision, decided_answer
 from printctl.machine.control.parking import Park, Parking
 from printctl.machine.control.pauses import PAUSE_SIGN_S, Pauses
-from printctl.machine.control.requests import Request
+from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.watch import DueTask
 from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.marks import MarkKind
@@ -217,7 +217,7 @@ def _still_paused(history: JournalledPrint, done: int) -> bool:
     return last["decision"] == LookDecision.PAUSE and int(last["done"]) == done
 
 
-def _asked(request: Request | None) -> _Ending | None:
+def _asked(request: Request | ResumeRequest | None) -> _Ending | None:
     """What somebody's request makes of a look; None for nothing.
 
     Raises
@@ -231,7 +231,8 @@ def _asked(request: Request | None) -> _Ending | None:
     if request is Request.RELOAD:
         why = "a change of syringe was asked for"
         return _Ending(LookDecision.PAUSE, why, "the user", again=True, changing=True)
-    if request is Request.RESUME:
+    if isinstance(request, ResumeRequest):
+        request.answer("")
         return _Ending(LookDecision.GO_ON, "the operator's word (resume)", "the user")
     return None
 

@@ -20,7 +20,7 @@ from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.manual_commands import ManualCommands
 from printctl.machine.control.position_check import PositionCheck
 from printctl.machine.control.print_requests import PrintRequests
-from printctl.machine.control.requests import Request, RequestQueue
+from printctl.machine.control.requests import Request, RequestQueue, ResumeRequest
 from printctl.machine.control.returning import Returning
 from printctl.machine.control.syringe_change import CHANGE, SyringeChange
 from printctl.machine.control.syringe_changer import SyringeChanger
@@ -188,8 +188,10 @@ class Pauses:
         logbook = self.channel.logbook
         logbook.enter(LinkState.PAUSED, message)
         self.excursion.rest()
-        new = self._stay_paused(at)
+        resume = self._stay_paused(at)
         logbook.enter(LinkState.RESUMING, "returning to where the print was left")
+        resume.answer("")
+        new = resume.change if self.change.going_on else None
         if new or (self.change.going_on and self.change.idle_head is not None):
             self.changer.count(at, new or NewSyringe())
         self.come_back(at, self.heads.retreat.prime_mm, by_person=True)
@@ -215,8 +217,8 @@ class Pauses:
         logbook.enter(LinkState.PRINTING, "printing")
         self.valve.reopen()
 
-    def _stay_paused(self, at: Modal) -> NewSyringe | None:
-        """Wait for the word to go on; return the syringe that was put in, if one was."""
+    def _stay_paused(self, at: Modal) -> ResumeRequest:
+        """Wait for a request to go on that can be granted, and return it; refuse the others."""
         channel, queue = self.channel, self.queue
         clock, tip = channel.wiring.clock, PausedTip(channel.wiring.limits(), channel.command)
         while True:
@@ -236,25 +238,25 @@ class Pauses:
                 self.change.plan(self.requests.reload_head)
                 self.begin_change(at)
                 channel.logbook.enter(LinkState.PAUSED, self.change.words())
-            if request is Request.RESUME:
-                new, unchanged = self.requests.take_new_syringe()
-                problem = self._why_not_resume(at, new, unchanged)
+            if isinstance(request, ResumeRequest):
+                problem = self._why_not_resume(at, request)
                 if not problem:
-                    return new if self.change.going_on else None
+                    return request
                 channel.logbook.alarm(problem)
                 channel.logbook.enter(LinkState.PAUSED, problem)
+                request.answer(problem)
             self.motors.sign_of_life()
 
-    def _why_not_resume(self, at: Modal, new: NewSyringe | None, unchanged: bool) -> str:
+    def _why_not_resume(self, at: Modal, request: ResumeRequest) -> str:
         """Say what keeps the needle from coming down; empty for nothing."""
-        if self.change.going_on and not (new or unchanged):
+        if self.change.going_on and not (request.change or request.unchanged):
             return f"not resumed: {CHANGE}"
         wrong, _ = self.position.compare(Modal(x=at.x, y=at.y))
         if wrong:
             return f"not resumed: {wrong}; bring the needle back above that place first"
-        if self.change.going_on and new:
+        if self.change.going_on and request.change:
             try:
-                self.changer.replan(new)
+                self.changer.replan(request.change)
             except LinkError as exc:
                 return f"not resumed: {exc}"
         return ""

@@ -11,7 +11,7 @@ from printctl.machine.control.channel import Channel, PrinterReplies
 from printctl.machine.control.interruption import Interruption
 from printctl.machine.control.kill import HALTED_BEFORE, Kill
 from printctl.machine.control.logbook import Logbook
-from printctl.machine.control.requests import Request, RequestQueue
+from printctl.machine.control.requests import Request, RequestQueue, ResumeRequest
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import HandshakeError
 from printctl.machine.job.motor_run_on import MotorRunOn
@@ -27,11 +27,11 @@ LOOK_S: Final = 1.0
 """Least interval of looks for other programs at the port."""
 MISSING_ANSWERS: Final = 2
 """From so many on, on a wire that garbles no line, another reader is suspected."""
-_ACTIONS: Final = {
+_ACTIONS: Final[dict[str, Request | ResumeRequest]] = {
     "pause": Request.PAUSE,
     "paused": Request.PAUSE,
     "cancel": Request.STOP,
-    "resume": Request.RESUME,
+    "resume": ResumeRequest(),
 }
 """What a printer may ask its host for (``//action:pause``)."""
 _PROMPT: Final = "prompt_begin"

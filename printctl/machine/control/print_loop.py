@@ -8,7 +8,7 @@ from printctl.machine.control.channel import POLL_S
 from printctl.machine.control.connecting import connect
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.print_parts import PrintParts
-from printctl.machine.control.requests import Request
+from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.start_checks import RestWait, agree_start
 from printctl.machine.errors import HandshakeError, LinkError
 from printctl.machine.job.coordinates import declared_start
@@ -195,8 +195,9 @@ class PrintLoop:
                 raise StopRequested
             if request is Request.PAUSE:
                 parts.pauses.pause(parts.queue.pause_words)
-            elif request is Request.RESUME:
+            elif isinstance(request, ResumeRequest):
                 parts.requests.want(None)  # a pause that is waited for no longer
+                request.answer("")
             elif request is Request.RELOAD:  # asked for in a pause that is over
                 parts.requests.want(MarkKind.RELOAD)
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
 
 from printctl.checks.gate import Phase
 from printctl.machine.control.gating import Manual, allowed_command, judge_typed
 from printctl.machine.control.logbook import Logbook
-from printctl.machine.control.requests import Request, RequestQueue
+from printctl.machine.control.requests import Request, RequestQueue, ResumeRequest
 from printctl.machine.control.syringe_change import CHANGE, SyringeChange
 from printctl.machine.control.watch import Watch
 from printctl.machine.control.wiring import Wiring
@@ -18,8 +17,6 @@ from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.records.journal import Record
 from printctl.machine.records.states import LinkState
-
-_NOTHING_SAID: Final[tuple[NewSyringe | None, bool]] = None, False
 
 
 class PrintRequests:
@@ -45,7 +42,6 @@ class PrintRequests:
         self._wiring, self._logbook, self._progress = wiring, logbook, logbook.progress
         self._queue, self._watch, self._change = queue, watch, change
         self._reload_head: int | None = None
-        self._new_syringe = _NOTHING_SAID
 
     # --- for any thread --------------------------------------------------------------------------
 
@@ -66,10 +62,12 @@ class PrintRequests:
             return
         job, done = self._progress.job, self._progress.done
         if job.marks.next(after, done) is None:
-            what = "safe reload point" if after is MarkKind.RELOAD else f"end of a {after}"
+            change = after is MarkKind.RELOAD
+            what = "safe reload point" if change else f"end of a {after}"
+            then = ", then `printctl reload RUN` makes room there" if change else ""
             raise Refused(
                 f"{job.name} marks no {what} after line {job.file_line(done)}; pause at once "
-                "(--now) instead"
+                f"instead (`printctl pause RUN`){then}"
             )
         self.want(after)
         self._queue.add(Request.LOOK)
@@ -108,6 +106,7 @@ class PrintRequests:
         change: NewSyringe | None = None,
         unchanged: bool = False,
         unobserved: bool = False,
+        answer: Callable[[str], None] = lambda why: None,
     ) -> None:
         """Ask to go on after a pause; takes back a pause that is still waited for.
 
@@ -119,6 +118,8 @@ class PrintRequests:
             The syringe wasn't changed after all.
         unobserved : bool
             A look that failed isn't made again.
+        answer : callable
+            See `ResumeRequest`.
 
         Raises
         ------
@@ -138,10 +139,9 @@ class PrintRequests:
                 "the print isn't paused yet: the needle is being lifted for the change; tell the "
                 "new syringe once `printctl status RUN` says paused"
             )
-        if paused:  # later, a second word would belong to the next change
-            self._new_syringe = change, unchanged
         self._watch.unobserved = unobserved
-        self._queue.add(Request.RESUME)
+        told = (change, unchanged) if paused else (None, False)  # else it's of the next change
+        self._queue.add(ResumeRequest(*told, answer))
 
     def alive(self) -> None:
         """Confirm that somebody is there: the dead-man's time begins anew."""
@@ -181,8 +181,3 @@ class PrintRequests:
         if wanted is not None:
             self._reload_head = wanted.get("head")
             self._watch.pause_after(MarkKind(wanted["after"]))
-
-    def take_new_syringe(self) -> tuple[NewSyringe | None, bool]:
-        """Return the new syringe once: the socket's thread may set another at any time."""
-        said, self._new_syringe = self._new_syringe, _NOTHING_SAID
-        return said

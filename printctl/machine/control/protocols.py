@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from firmware_profiles import Printer
-from firmware_profiles.families import LinkSetup
+from firmware_profiles.families import LinkSetup, family_of
 from firmware_profiles.families.link_protocol import LinkProtocol, Timing
-from printctl.machine.families import link_facts
+from printctl.machine.families import unsent
 from printctl.machine.job.care import Care
 from printctl.machine.job.coordinates import places
 
@@ -29,7 +29,9 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
         For a printer that takes no lines.
     """
     care = care or Care()
-    facts = link_facts(printer)
+    facts = family_of(printer)
+    if facts.make_protocol is None:
+        raise unsent(printer)
     timing = Timing(quiet_s=quiet_s, noise_window=care.noise_window, noise_limit=care.noise_limit)
     if care.silent_limit_s is not None:
         seconds = care.silent_limit_s

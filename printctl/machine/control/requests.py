@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
 from printctl.machine.control.gating import Manual
 from printctl.machine.control.look_book import LookWord
+from printctl.machine.job.care import NewSyringe
 
 
 class Request(Enum):
@@ -15,10 +18,28 @@ class Request(Enum):
 
     STOP = auto()
     PAUSE = auto()
-    RESUME = auto()
     RELOAD = auto()
     LOOK = auto()
     """See what is due: a pause after a mark was asked for."""
+
+
+@dataclass(frozen=True)
+class ResumeRequest:
+    """A request to go on; the thread that speaks to the printer answers it.
+
+    Attributes
+    ----------
+    change : NewSyringe or None
+        What was put in, in a pause for a change of syringe.
+    unchanged : bool
+        The syringe wasn't changed after all.
+    answer : callable
+        Given why the print doesn't go on; an empty text once it does.
+    """
+
+    change: NewSyringe | None = None
+    unchanged: bool = False
+    answer: Callable[[str], None] = lambda why: None
 
 
 class RequestQueue:
@@ -26,7 +47,7 @@ class RequestQueue:
 
     Attributes
     ----------
-    requests : deque of Request
+    requests : deque of Request or ResumeRequest
     commands : deque of Manual
         Commands between two lines.
     looks : deque of LookWord
@@ -38,7 +59,7 @@ class RequestQueue:
     """
 
     def __init__(self) -> None:
-        self.requests: Final[deque[Request]] = deque()
+        self.requests: Final[deque[Request | ResumeRequest]] = deque()
         self.commands: Final[deque[Manual]] = deque()
         self.looks: Final[deque[LookWord]] = deque()
         self.stopped_by = self.pause_words = ""
@@ -48,7 +69,7 @@ class RequestQueue:
         """Whether anything is asked for."""
         return bool(self.requests or self.commands or self.looks)
 
-    def add(self, request: Request, by: str = "the user", why: str = "") -> None:
+    def add(self, request: Request | ResumeRequest, by: str = "the user", why: str = "") -> None:
         """Ask for something; ``why`` in place of who has asked for it."""
         if request is Request.PAUSE and request not in self.requests:
             self.pause_words = why or f"paused by {by}"
@@ -60,7 +81,7 @@ class RequestQueue:
         """Ask for a command."""
         self.commands.append(manual)
 
-    def take(self) -> Request | None:
+    def take(self) -> Request | ResumeRequest | None:
         """Return the oldest request; None where there is none."""
         return self.requests.popleft() if self.requests else None
 

@@ -117,9 +117,10 @@ class Streamer:
         change: NewSyringe | None = None,
         unchanged: bool = False,
         unobserved: bool = False,
+        answer: Callable[[str], None] = lambda why: None,
     ) -> None:
         """Ask to go on after a pause; see `PrintRequests.resume`."""
-        self._requests.resume(change, unchanged, unobserved)
+        self._requests.resume(change, unchanged, unobserved, answer)
 
     def insert(
         self,

@@ -139,7 +139,8 @@ class NewSyringe:
     """What was put in at a change of syringe; raises `Refused` for a length below 0 or none.
 
     ``plunger_mm`` is travel that is used up already, 0 for a full one; ``name`` is its profile,
-    empty for one like the last; ``capacity_mm`` is travel when full, 0 for the same as the last.
+    ``capacity_mm`` travel when full: refused as well where only one of the two is given; with
+    neither it is one like the last.
     """
 
     plunger_mm: float = 0.0
@@ -150,3 +151,8 @@ class NewSyringe:
         for what, mm in (("plunger", self.plunger_mm), ("capacity", self.capacity_mm)):
             if not isinstance(mm, (int, float)) or not 0 <= mm < math.inf:
                 raise Refused(f"a new syringe's {what} of {mm!r} mm is no length of 0 or more")
+        if bool(self.name) != (self.capacity_mm > 0):
+            raise Refused(
+                f"a new syringe {self.name!r} with {self.capacity_mm:g} mm of travel: give its "
+                "profile and a travel above 0, or neither for one like the last"
+            )

@@ -1,7 +1,7 @@
 """Heads and valve of a job: which head is in use, is the valve open, and commands for both.
 
 Each command states a target: sent twice it does no harm. Whether the firmware chose a head some
-families say (`HeadFacts.confirms`), others are silent. What switches a pneumatic head's valve the
+families say (`Family.head_confirms`), others are silent. What switches a pneumatic head's valve the
 profile says (`dispenser`: opens, closes); a line of the job is about the valve if it has the same
 command and the words that both have in common (a fan, a pin), in any order.
 """
@@ -44,8 +44,7 @@ def choose(printer: Printer, number: int) -> bytes:
 
 def confirms(replies: Sequence[bytes], printer: Printer, number: int) -> bool:
     """Whether the firmware says that it uses that head; true of one that says nothing of it."""
-    own = family_of(printer).heads
-    ways = own.confirms(number) if own else ()
+    ways = family_of(printer).head_confirms(number)
     return not ways or any(text.endswith(ways) for text in replies)
 
 

@@ -50,8 +50,12 @@ def confirm(port: str, bars: StageBars, assume_yes: bool) -> None:
         raise SafetyError(f"the print on {port} wasn't started; answer yes, or give --yes")
 
 
-def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome:
+def follow(
+    client: PrintClient, report: Report, bars: StageBars, goes_on: bool = True
+) -> PrintOutcome:
     """Show progress until the print is over; on Ctrl-C ask: detach, stop or kill.
+
+    Nothing is asked of a print that doesn't go on by itself: Ctrl-C ends it.
 
     Raises
     ------
@@ -75,6 +79,8 @@ def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome
                 report(done, f"{lines}; {status.message}" if held else lines)
             break
         except KeyboardInterrupt:
+            if not goes_on:
+                raise
             _obey(_ask(bars), client)
     outcome = client.wait()
     if outcome.state is not LinkState.DONE:

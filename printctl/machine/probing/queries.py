@@ -61,7 +61,7 @@ def _answer(channel: Channel, question: bytes) -> tuple[bytes, ...]:
 def query_transport(wiring: Wiring) -> Settings:
     """Ask over a wire that is open already."""
     family = family_of(wiring.printer)
-    return read_settings(family, _answers(wiring, family.probe.questions))
+    return read_settings(family, _answers(wiring, family.setting_questions))
 
 
 def query_settings(port: str, printer: Printer, baud: int | None = None) -> Settings:

@@ -4,7 +4,7 @@ Only questions: none of these commands sets anything. Answers are read as
 
 - Marlin, Prusa: M115, M503 (M92, M201, M203, M204, M205 in it), M211;
 - RepRapFirmware: M115, M92, M201, M203 (mm/min), M208, M302, as ``GCodes2.cpp`` (3.5) words them;
-- by a family's own phrases (`ProbeFacts.phrases`).
+- by a family's own phrases (`Family.setting_phrases`).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Settings:
 
 
 def read_settings(family: Family, answers: dict[bytes, Sequence[bytes]]) -> Settings:
-    """Read the answers to a family's questions (`ProbeFacts`)."""
+    """Read the answers to a family's questions (`Family.setting_questions`)."""
     firmware = parse_firmware(answers.get(b"M115", ()))
     values: dict[str, float | bool] = {}
     notes: list[str] = []
@@ -66,11 +66,11 @@ def read_settings(family: Family, answers: dict[bytes, Sequence[bytes]]) -> Sett
 
 
 def _read(family: Family, text: str) -> Iterator[tuple[str, float | bool]]:
-    for words, key in family.probe.phrases.items():
+    for words, key in family.setting_phrases.items():
         match = re.search(rf"{re.escape(words)}:? (\d+(?:\.\d+)?)", text)
         if match:
             yield key, float(match[1])
-    if family.probe.phrases:
+    if family.setting_phrases:
         return
     for begin, key, factor in _LISTS:
         if text.startswith(begin):

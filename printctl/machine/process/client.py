@@ -31,7 +31,7 @@ from printctl.machine.records.states import EARLY, PrintOutcome, Status
 from printctl.sources import python_command
 
 _PATIENCE_S: Final = 60.0
-"""For an answer to a manual command, which waits for the line in flight."""
+"""For an answer to a request that waits for the line in flight: a manual command, a resume."""
 
 
 class PrintClient:
@@ -110,16 +110,28 @@ class PrintClient:
     ) -> None:
         """Go on after a pause; `PrintRequests.resume` says what may be told.
 
+        Returns once the print goes on, or has ended.
+
         Raises
         ------
         Refused
+            When it stays paused, with the reason.
+        LinkError
+            When it hasn't gone on within 60 s.
         """
-        self._connection.ask(
-            "resume",
-            change=asdict(change) if change else None,
-            unchanged=unchanged,
-            unobserved=unobserved,
-        )
+        told = asdict(change) if change else None
+        self._connection.send("resume", change=told, unchanged=unchanged, unobserved=unobserved)
+        for message in self._connection.messages(_PATIENCE_S):
+            self._connection.take(message)
+            if message["event"] == "refused":
+                raise Refused(message["message"])
+            if message["event"] == "resumed":
+                return
+        if self._connection.reach():
+            raise LinkError(
+                f"the print in {self.folder} hasn't said within {_PATIENCE_S:g} s whether it goes "
+                "on; `printctl status RUN` tells"
+            )
 
     def alive(self) -> None:
         """Confirm that somebody is there: the dead-man's time begins anew."""

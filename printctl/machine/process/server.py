@@ -3,8 +3,9 @@
 Besides what every command socket knows (`printctl.machine.process.command_socket`) a client may
 request ``stop``, ``pause`` (with ``after``: layer, vessel or nothing), ``reload`` (with ``head``,
 of several), ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``; with
-``unobserved`` a look that failed isn't made again), ``alive``, and ``command`` (with ``text``),
-which is answered by ``{"event": "reply", "command": ..., "lines": [...]}``.
+``unobserved`` a look that failed isn't made again), which is answered by ``{"event": "resumed"}``
+once the print goes on, or refused, ``alive``, and ``command`` (with ``text``), which is answered by
+``{"event": "reply", "command": ..., "lines": [...]}``.
 
 While the state is ``looking`` (``look`` of the status says which): ``insert`` (with ``look``,
 ``lines``, ``why``, perhaps ``flow``, and ``again`` for another look behind them), answered by
@@ -96,7 +97,15 @@ class Server(SocketServer):
         change = perhaps_object(request, "change")
         unchanged = flag(request, "unchanged")
         unobserved = flag(request, "unobserved")
-        self.streamer.resume(NewSyringe(**change) if change else None, unchanged, unobserved)
+
+        def answer(why: str) -> None:
+            if why:
+                self._refuse(guest, why)
+            else:
+                self.post(guest, {"event": "resumed"})
+
+        new = NewSyringe(**change) if change else None
+        self.streamer.resume(new, unchanged, unobserved, answer)
 
     def _do_alive(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         self.streamer.alive()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -30,11 +31,13 @@ def simulated_printer(
     speed: float = 0.0,
     journal: Path | None = None,
     faults: Path | None = None,
+    detached: bool = True,
 ) -> str:
     """Start a simulated printer and return the port to reach it by.
 
-    It records what its motors did into ``record``, and ends when its host
-    hangs up, so that it outlives a command line that detaches from the print but not the print.
+    It records what its motors did into ``record``. It ends when its host hangs up, so that it
+    outlives a command line that detaches from the print but not the print; and, if this process
+    ends before a host has come, with it.
 
     Parameters
     ----------
@@ -55,6 +58,8 @@ def simulated_printer(
         Of the print, which tells what is inserted into the job; the one in ``folder`` by default.
     faults : Path or None
         A fault file (`sim.devices.faults`).
+    detached : bool
+        Else signals to this process's group, as Ctrl-C, end it, too, and so its print.
 
     Raises
     ------
@@ -70,14 +75,15 @@ def simulated_printer(
     command += ["--record", str(record.resolve())] if record else []
     command += ["--faults", str(faults.resolve())] if faults else []
     command += ["--exit-on-hangup"]
-    command += ["--tcp", "0"] if sys.platform == "win32" else []
+    # On Windows a process's parent may be the launcher of a virtual environment.
+    command += ["--tcp", "0"] if sys.platform == "win32" else ["--parent-pid", str(os.getpid())]
     with address.open("wb") as out, errors.open("wb") as log:
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
             stdout=out,
             stderr=log,
-            start_new_session=True,
+            start_new_session=detached,
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         )
     limit = time.monotonic() + _COMES_UP_S

@@ -128,6 +128,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     folder = context.folder / JOURNAL_FOLDER
     folder.mkdir(exist_ok=True)
     record = context.folder / EXECUTED
+    goes_on = context.rehearsal_speed is None  # a rehearsal's print is of no use without its run
     x, y, z = context.start_mm.tolist()
 
     def port() -> str:
@@ -140,7 +141,14 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         record.unlink(missing_ok=True)
         faults = context.recipe_folder / part.faults if part.faults else None
         return simulated_printer(
-            part.profile, (x, y, z), gcode, record, folder, speed=context.sim_speed, faults=faults
+            part.profile,
+            (x, y, z),
+            gcode,
+            record,
+            folder,
+            speed=context.rehearsal_speed or 0.0,
+            faults=faults,
+            detached=goes_on,
         )
 
     retreat = retreat_of(context, context.lift_mm)
@@ -148,13 +156,14 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     order = Order(gcode, part.profile, part.port, folder, retreat, once=True, care=care)
     try:
         client = _begun(context, order, port)
-        outcome = follow(client, report, context.bars)
+        outcome = follow(client, report, context.bars, goes_on)
     except KeyboardInterrupt:
-        context.bars.remark(
-            "print",
-            f"IT GOES ON by itself, if it has begun: look by `printctl status {folder}`, end it by "
-            f"`printctl stop {folder}`",
-        )
+        if goes_on:
+            context.bars.remark(
+                "print",
+                f"IT GOES ON by itself, if it has begun: look by `printctl status {folder}`, end "
+                f"it by `printctl stop {folder}`",
+            )
         raise
     summary: dict[str, Any] = {
         "printer": context.printer.name,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import threading
 import time
 from collections.abc import Iterator
@@ -28,7 +27,7 @@ from printctl.web.design.recipe_text import read_text, with_values
 from printctl.web.design.run_views import tissue_page
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
-from printctl.web.workspace import Workspace, checked_name, is_name
+from printctl.web.workspace import Workspace, checked_name, is_name, usable_name
 
 PROFILES: Final = {folder: model for model, folder in FOLDERS.items()}
 """Models of profiles, by their sort."""
@@ -288,8 +287,8 @@ class Recipes:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError as exc:
             raise BadRequestError("a recipe is text in UTF-8; this isn't") from exc
-        stem = re.sub(r"[^A-Za-z0-9_-]+", "_", PurePath(file_name).stem).strip("_-")[:48]
-        name = base = stem or "recipe"
+        stem = PurePath(usable_name(file_name, "recipe")).stem
+        name = base = stem.replace(".", "_")[:48]
         further = count(2)
         while name in self.names():
             name = f"{base}_{next(further)}"
@@ -305,7 +304,7 @@ class Recipes:
         ConflictError
             When there is another file of that name.
         """
-        name = checked_name(PurePath(file_name).name)
+        name = usable_name(file_name)
         if PurePath(name).suffix.lower() not in SUFFIXES:
             raise BadRequestError(f"{name}: recipes name files of {', '.join(SUFFIXES)}")
         if not _is_of_its_kind(name, data):

@@ -14,7 +14,8 @@ from printctl.recipe.schema import recipe_schema
 from printctl.web.design.recipe_text import MOST_BYTES, read_value, with_values
 from printctl.web.design.recipes import CheckedRecipe, Recipes, RecipeText
 from printctl.web.design.run_views import Comparison, Figure, compare_runs, key_figures
-from printctl.web.design.runs import RunProgress, Runs, artefact, artefacts
+from printctl.web.design.runs import Runs, artefact, artefacts
+from printctl.web.detached_runs import RunProgress
 from printctl.web.errors import BadRequestError
 from printctl.web.rest import API, REFUSALS, Body
 

@@ -16,7 +16,7 @@ from fastapi import Path as PathParam
 from design.files import write_text
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.security.uploads import save_upload
-from printctl.web.workspace import Workspace, checked_name, file_hash
+from printctl.web.workspace import Workspace, file_hash, usable_name
 
 log = logging.getLogger("printctl.web")
 
@@ -88,9 +88,9 @@ def entry_of(workspace: Workspace, job: str) -> JobEntry:
 def add_job(workspace: Workspace, name: str, stream: IO[bytes], limit_bytes: int) -> str:
     """Keep an uploaded G-code file, and return the job; nothing in it is run.
 
-    ``name`` is as the user's file is called. The same file again does no harm. BadRequestError for
-    a name that can't be, a file that is too large, or no text; ConflictError when another file of
-    that name is there.
+    ``name`` is as the user's file is called; see `usable_name`. The same file again does no harm.
+    BadRequestError for a name that can't be, a file that is too large, or no text; ConflictError
+    when another file of that name is there.
     """
     target = workspace.inside(workspace.root / "jobs" / job_name(name))
     with TemporaryDirectory(dir=workspace.private) as folder:
@@ -137,7 +137,7 @@ def job_name(name: str) -> str:
         raise BadRequestError(
             f"{name[:80]!r} doesn't end in {', '.join(ENDINGS)}; upload a G-code file"
         )
-    return checked_name(f"{name[: -len(ending)]}.gcode")
+    return usable_name(f"{name[: -len(ending)]}.gcode")
 
 
 def _facts(path: Path) -> dict[str, Any]:

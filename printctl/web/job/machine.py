@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from printctl.machine.process.client import PrintClient
 from printctl.machine.process.find import Order
 from printctl.machine.process.simulated import SIMULATED
 from printctl.machine.process.station_client import Station, attach
-from printctl.web.errors import BadRequestError, ConflictError
+from printctl.web.errors import ConflictError
 from printctl.web.job.set_up import JobSetUp, Place
 from printctl.web.profile_store import PARTS, ProfileStore
 
@@ -57,6 +56,11 @@ class Machine:
     def simulated(self) -> bool:
         """Whether it is no machine, so that there is nothing to look at."""
         return self.port == SIMULATED
+
+    @property
+    def profiles(self) -> tuple[str, ...]:
+        """Profiles that the station itself uses."""
+        return self.profile, *self.mounted.values()
 
 
 class StationPrinting:
@@ -165,22 +169,3 @@ def set_up_of(machine: Machine | None, before: JobSetUp, declared: Place | None 
         if (machine.bath_depth_mm or 0.0) > 0 and values["dish"]:
             values["bath_depth_mm"] = machine.bath_depth_mm
     return JobSetUp.model_validate(values)
-
-
-def refuse_foreign_files(
-    profiles: Mapping[str, Iterable[str]], root: Path, machine: Machine | None
-) -> None:
-    """Let profiles be shipped names, files of the workspace, or what the station itself uses.
-
-    BadRequestError for any other path: the page isn't for reading the machine's files.
-    """
-    known = (machine.profile, *machine.mounted.values()) if machine else ()
-    for key, names in profiles.items():
-        for name in names:
-            plain = not any(mark in name for mark in "/\\")
-            if plain or name in known or Path(name).resolve().is_relative_to(root.resolve()):
-                continue
-            raise BadRequestError(
-                f"{key} {name[:80]!r} is a file outside the workspace {root}; give a shipped "
-                "profile's name, or put the file into the workspace"
-            )

@@ -10,6 +10,7 @@ from typing import Annotated, Final, Literal
 from fastapi import Query
 from pydantic import Field
 
+from firmware_profiles import Syringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.give_up import give_up
 from printctl.machine.prints.recovery_file import planned, write_rest
@@ -25,7 +26,8 @@ from printctl.observe.starting import ensure_observer
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
 from printctl.web.job.jobs import JobId
-from printctl.web.job.machine import StationPrinting, refuse_foreign_files
+from printctl.web.job.machine import StationPrinting
+from printctl.web.profile_store import ProfileStore
 from printctl.web.rest import Asking, Body
 from printctl.web.workspace import checked_name
 
@@ -104,8 +106,8 @@ class PrintCommands:
         """Go on; after a change of syringe with what was put in.
 
         BadRequestError for a profile outside the workspace, ConflictError when what was told
-        contradicts itself, ObserverError when its looks need an observer and none can be started:
-        nothing has moved then.
+        contradicts itself, Refused when the print stays paused, ObserverError when its looks need
+        an observer and none can be started: nothing has moved then.
         """
         self._core.controls.require(who)
         syringe, plunger_mm, unchanged = given.syringe or None, given.plunger_mm, given.unchanged
@@ -113,8 +115,9 @@ class PrintCommands:
         if unchanged and changed:
             raise ConflictError("the syringe is either unchanged or a new one; say one of both")
         if syringe is not None:
-            root = self._core.workspace.root
-            refuse_foreign_files({"syringe": [syringe]}, root, self._printing.machine())
+            machine, store = self._printing.machine(), ProfileStore(self._core.workspace.root)
+            used = machine.profiles if machine else ()
+            syringe = store.resolve(Syringe, syringe, used)
         folder = self._core.workspace.print_folder(job)
         with attach(folder) as client:
             status = client.status

@@ -36,7 +36,6 @@ from printctl.web.job.looks import LookService
 from printctl.web.job.machine import (
     Machine,
     StationPrinting,
-    refuse_foreign_files,
     set_up_of,
 )
 from printctl.web.job.preflight import Preflight, PreflightReport, Preflights, key_of, report
@@ -52,7 +51,14 @@ from printctl.web.job.readiness import (
     record_refusals,
 )
 from printctl.web.job.record import PrintRecord, Records
-from printctl.web.job.set_up import JobSetUp, Place, SetUps, read_first_lines, recipe_of
+from printctl.web.job.set_up import (
+    PROFILES,
+    JobSetUp,
+    Place,
+    SetUps,
+    read_first_lines,
+    recipe_of,
+)
 from printctl.web.live import JobSource, SceneError
 from printctl.web.live.routes import SceneMaker
 from printctl.web.profile_store import ProfileStore
@@ -135,12 +141,12 @@ class JobService:
 
     def keep_set_up(self, job: JobId, set_up: JobSetUp) -> JobSetUp:
         """Remember a set-up for a job, and give it filled in: the printer knows better."""
-        self._refuse_foreign(set_up)
-        self.set_ups.keep(job, set_up)
+        self.set_ups.keep(job, self._resolved(set_up))
         return self.set_up(job)
 
     def preflight(self, job: str, set_up: JobSetUp) -> PreflightReport:
         """Check a job; takes as long as a dry run unless it was checked so before."""
+        set_up = self._resolved(set_up)
         checked = self._checked(job, set_up)
         self.set_ups.keep(job, set_up)
         machine = self.printing.machine()
@@ -157,6 +163,11 @@ class JobService:
         """
         file, machine = self.core.workspace.job_file(job), self.printing.machine()
         set_up = set_up or self.set_up(job)
+        unresolved: WebError | None = None
+        try:
+            set_up = self._resolved(set_up)
+        except WebError as exc:
+            unresolved = exc
         refusals = [
             *self._others_controls(who),
             *machine_refusals(machine, set_up),
@@ -165,7 +176,8 @@ class JobService:
         ]
         checked, usable, key = None, True, ""
         try:
-            self._refuse_foreign(set_up)
+            if unresolved is not None:
+                raise unresolved
             key = key_of(file, set_up)
             observer_order(file, set_up, set_up.mounted())
             checked = self._preflights.known(file, set_up)
@@ -219,6 +231,7 @@ class JobService:
                     f"the start is confirmed for {confirmed[:120] or 'no machine'!r}, and "
                     f"connected is {machine.words!r}; confirm that one"
                 )
+            set_up = self._resolved(set_up)
             record = self.records.current(job)
             checked = self._checked(job, set_up)
             file = self.core.workspace.job_file(job)
@@ -262,13 +275,20 @@ class JobService:
             raise ConflictError(NO_PRINTER)
         return machine
 
-    def _refuse_foreign(self, set_up: JobSetUp) -> None:
-        root = self.core.workspace.root
-        refuse_foreign_files(set_up.profiles, root, self.printing.machine())
+    def _resolved(self, set_up: JobSetUp) -> JobSetUp:
+        """Replace the names of profiles by what loads them; see `ProfileStore.resolve`."""
+        machine = self.printing.machine()
+        values: dict[str, str] = {}
+        used = machine.profiles if machine else ()
+        for part, model in PROFILES.items():
+            names = getattr(set_up, part).split(",")
+            values[part] = ",".join(
+                self.store.resolve(model, name, used) if name else "" for name in names
+            )
+        return set_up.model_copy(update=values)
 
     def _checked(self, job: str, set_up: JobSetUp) -> Preflight:
         """Check a job, unless it was checked so before."""
-        self._refuse_foreign(set_up)
         return self._preflights.of(self.core.workspace.job_file(job), set_up)
 
     def _others_controls(self, who: Principal) -> Iterator[Refusal]:

@@ -26,7 +26,8 @@ from printctl.run_folder.manifest import MANIFEST, Manifest
 from printctl.web.core import Core
 from printctl.web.design.recipe_text import with_values
 from printctl.web.design.recipes import CheckedRecipe
-from printctl.web.design.runs import RECIPE, RunProgress, Runs
+from printctl.web.design.runs import RECIPE, Runs
+from printctl.web.detached_runs import RunProgress
 from printctl.web.errors import ConflictError
 from printctl.web.project.sketch import SketchProcess
 from printctl.web.rest import API, REFUSALS, Body
@@ -138,8 +139,8 @@ class Project:
         Whether the design is made and is the recipe's as it stands.
     rehearsal_speed : float
         Times real time at which a rehearsal takes about a minute.
-    rehearsal_state : str
-        How the last rehearsal's print ended where nothing was judged; empty without one.
+    rehearsal_broken : bool
+        Whether the last rehearsal failed or was ended, so that nothing was judged.
     """
 
     name: str
@@ -152,7 +153,7 @@ class Project:
     checks: tuple[ProjectCheck, ...]
     print_time_s: float | None
     rehearsal_speed: float
-    rehearsal_state: str
+    rehearsal_broken: bool
     print_state: str
     has_report: bool
     reasons: tuple[str, ...]
@@ -219,7 +220,7 @@ class ProjectService:
             checks=tuple(sorted(checks, key=lambda one: (one.passed, not one.refuses))),
             print_time_s=time_s,
             rehearsal_speed=min(max(round((time_s or 0.0) / LONGEST_REHEARSAL_S), 1), MAX_SPEED),
-            rehearsal_state="" if verdict else self._runs.print_state(name + REHEARSAL),
+            rehearsal_broken=verdict is None and rehearsal.state in ("failed", "interrupted"),
             print_state=reached.print_state,
             has_report=verdict is not None,
             reasons=tuple(verdict.get("reasons", ())) if verdict else (),

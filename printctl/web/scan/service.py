@@ -12,7 +12,8 @@ from starlette.responses import FileResponse, HTMLResponse
 from printctl.run_folder.artefacts import HTML, NETWORK, SOLID
 from printctl.web.core import Core
 from printctl.web.design.routes import Theme, embedded
-from printctl.web.design.runs import RECIPE, RunProgress, Runs, artefact, artefacts
+from printctl.web.design.runs import RECIPE, Runs, artefact, artefacts
+from printctl.web.detached_runs import RunProgress
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.rest import API, REFUSALS, Body
 from printctl.web.scan.findings import Findings, findings

@@ -24,7 +24,7 @@ from firmware_profiles.yaml_file import read_yaml
 from printctl.system_errors import is_known
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.security.uploads import save_upload
-from printctl.web.workspace import Workspace, checked_name, is_name
+from printctl.web.workspace import Workspace, checked_name, is_name, usable_name
 from registration.errors import ScanFileError
 from registration.files.readers import ScanOverrides
 from registration.files.readers.metadata import NAMES, find_sidecar
@@ -329,9 +329,8 @@ class ScanStore:
 
 
 def scan_name(file_name: str) -> str:
-    """A file name that can be ours: letters, digits, dots and lines only."""
-    plain = PurePath(file_name.replace("\\", "/")).name
-    name = re.sub(r"[^A-Za-z0-9._-]+", "_", plain).strip("._-")
+    """The name that an uploaded scan is kept under."""
+    name = usable_name(file_name)
     if PurePath(name).suffix.lower() in _SIDECARS:
         raise BadRequestError(f"{name} isn't a scan; give its volume")
-    return checked_name(name[-64:].lstrip("._-"))
+    return name

@@ -80,7 +80,11 @@ def parser() -> argparse.ArgumentParser:
     options.add_argument(
         "--exit-on-hangup", action="store_true", help="end when the host closes the port"
     )
-    options.add_argument("--parent-pid", type=int, help="end when this process does")
+    options.add_argument(
+        "--parent-pid",
+        type=int,
+        help="process that starts this one: end when it does, until a host has come",
+    )
     return options
 
 

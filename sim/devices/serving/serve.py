@@ -49,7 +49,7 @@ class Serving:
     exit_on_hangup : bool
         Whether to end when the host goes away.
     parent_pid : int or None
-        End when this process does.
+        Process that started this one; its end is this one's, too, until a host has come.
     """
 
     speed: float = 0.0
@@ -74,14 +74,13 @@ class Server:
         self._serving = serving
         printer.machine.host_pace = serving.speed or 1.0
         self._outbox = b""
-        self._host_there = False
+        self._host_there = self._host_came = False
         self._port_there = True
         self._boots_at: float | None = None
         self._plugs_in_at = math.inf
         self._synced = 0
         self._was_halted = False
         self._stop = False
-        self._parent = os.getppid()
         self._zero = time.monotonic()
 
     def run(self) -> None:
@@ -155,6 +154,7 @@ class Server:
 
     def _on_change(self, there: bool) -> None:
         if there:
+            self._host_came = True
             wants = self._printer.machine.printer.resets_on_connect
             if self._port.resets_board() and wants:
                 self._boots_at = time.monotonic() + BOOT_S
@@ -225,18 +225,9 @@ class Server:
             ) from exc
 
     def _orphaned(self) -> bool:
+        """Whether the process that started this one ended before a host came."""
         pid = self._serving.parent_pid
-        if pid is None:
-            return False
-        if pid == self._parent:
-            return os.getppid() != pid
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return True
-        except PermissionError:
-            return False
-        return False
+        return pid is not None and not self._host_came and os.getppid() != pid
 
 
 @contextmanager

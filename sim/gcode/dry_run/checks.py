@@ -49,7 +49,6 @@ def check(
     low_at, high_at = tip.argmin(axis=0), tip.argmax(axis=0)
     plunger = np.concatenate([[0.0], program.plunger])
     size = sent_length(program)
-    cold = family_of(printer).cold
     longest = int(size.argmax()) if len(program) else -1
     unknown = _unknown(program, printer, named)
     findings = [
@@ -59,7 +58,7 @@ def check(
         *_too_fast(program, speed, limit, plungers, printer.name),
         *_too_slow(program, printer),
         *_plunger(program, printer),
-        *_cold(program, moves & ~extrudes, cold.remedy if cold else ""),
+        *_cold(program, moves & ~extrudes, family_of(printer).cold_remedy),
         *_strange(program, unknown, printer),
         *_offset(named),
         *head_findings(program, gcode, printer),

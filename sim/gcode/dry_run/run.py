@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from firmware_profiles.families.family import m302_by_p
 from kernels.arrays import FloatArray
 from sim.gcode.dry_run.checks import check
 from sim.gcode.dry_run.feed import StarvedMotion, line_times, run_program, starvation
@@ -218,13 +217,12 @@ def extrusion_allowed(
     value = np.nan_to_num(program.value, nan=-1.0)
     heats = np.isin(program.code, [code("M104"), code("M109")]) & (value >= _HOTEND_MELTS_C)
     change[heats] = 1
-    cold = family_of(printer).cold
-    reads = cold.reads if cold else m302_by_p
+    family = family_of(printer)
     rows = np.flatnonzero(program.code == code("M302"))
     lines = gcode.splitlines() if len(rows) else []
     for row in rows.tolist():
-        change[row] = reads(parse_line(lines[int(program.line[row]) - 1]).values)
-    free = already or printer.cold_extrusion_configured or cold is None
+        change[row] = family.reads_m302(parse_line(lines[int(program.line[row]) - 1]).values)
+    free = already or printer.cold_extrusion_configured or not family.cold_remedy
     before = np.append(1 if free else -1, change)
     latest = np.maximum.accumulate(np.where(before != 0, np.arange(len(before)), 0))
     return np.asarray(before[latest][1:] > 0)

@@ -27,7 +27,7 @@ from printctl.doctor import extras, permission_findings, udev_rule
 from printctl.machine.ports.detection import PortInfo
 from printctl.progress_file import ProgressFile
 from printctl.system_errors import explain
-from printctl.web.design.runs import read_progress
+from printctl.web.detached_runs import read_progress
 from tests.printctl.cli.shell import Shell
 
 LOADED = """
@@ -248,9 +248,11 @@ def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(shell: Shell) -> 
         ("lumens pipe.gcode --printer generic_marlin --line-um 400", 2, "it is a pipe and no"),
         ("view pipe.gcode --printer generic_marlin", 2, "it is a pipe and no regular file"),
         ("print pipe.gcode --printer generic_marlin --port simulated", 2, "it is a pipe and no"),
-        ("simulate nul.gcode --printer generic_marlin", 2, "line 2 of the G-code has a NUL"),
-        ("print nul.gcode --printer generic_marlin --port simulated", 2, "line 2 of the G-code"),
-        ("view nul.gcode --printer generic_marlin", 2, "line 2 of the G-code has a NUL"),
+        ("print . --printer generic_marlin --port simulated", 2, ". can't be read: it is a folder"),
+        ("simulate nul.gcode --printer generic_marlin", 2, "nul.gcode: line 2 of the G-code has"),
+        ("print nul.gcode --printer generic_marlin --port simulated", 2, "nul.gcode: line 2 of"),
+        ("view nul.gcode --printer generic_marlin", 2, "nul.gcode: line 2 of the G-code has a NUL"),
+        ("print text.gcode --printer generic_marlin --port simulated", 3, "text.gcode, line 1: 'D"),
         ("run r.yaml --out cube.stl", 2, "--out cube.stl: cube.stl is a file; give a folder's"),
         ("simulate a.gcode --out cube.stl/x", 2, "--out cube.stl/x: cube.stl is a file"),
         ("slice cube.stl --unit mm --out cube.stl/a.gcode", 2, "is a file, or lies in one"),
@@ -264,6 +266,7 @@ def test_one_message_and_the_right_exit_code(
 ) -> None:
     (tmp_path / "bin.yaml").write_bytes(bytes(range(128, 256)))
     (tmp_path / "nul.gcode").write_bytes(b"G1 X1\nG1 X\0 Y2\n")
+    (tmp_path / "text.gcode").write_text("Dear all,\nthis is no code.\n")
     (tmp_path / "foreign.yaml").write_text("foo: 1\n")
     (tmp_path / "list.yaml").write_text("- 1\n")
     (tmp_path / "needle.yaml").write_text("inner_mm: 0.2\nouter_mm: 0.4\n")

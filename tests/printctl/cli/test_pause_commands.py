@@ -29,7 +29,7 @@ from printctl.cli.running_print import (
     stop,
 )
 from printctl.errors import PrintctlError, SafetyError, UsageError
-from printctl.machine.errors import LinkError
+from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care
 from printctl.machine.process.client import PrintClient, start_print
 from printctl.machine.records.states import LinkState, PrintOutcome
@@ -84,6 +84,9 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
             resume(run)
         with pytest.raises(UsageError, match=r"bore of 7\.28 mm"):
             resume(run, syringe="hamilton_2_5ml")
+        with pytest.raises(Refused, match=r"not resumed: lines .* the syringe has -2\.00 mm left"):
+            resume(run, plunger_mm=60.0)
+        assert client.status.waits_for == "syringe"
         resume(run, plunger_mm=1.5)
         assert client.wait(300).state is LinkState.DONE
         sent = served.printer.numbered
@@ -178,7 +181,7 @@ def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(prof
         assert served.held.wait(10)
         for words, why in (
             (("pause", "job.gcode", "--after", "vessel"), "marks no end of a vessel"),
-            (("reload", "job.gcode"), "marks no safe reload point"),
+            (("reload", "job.gcode"), ("marks no safe reload point", "then `printctl reload RUN`")),
             (("resume", "job.gcode", "--plunger-mm", "0"), "isn't paused for a change of syringe"),
         ):
             shell.refuses(why, *words, code=1)

@@ -392,9 +392,10 @@ def ordered(
     done = SimpleNamespace(state=SimpleNamespace(value="done"), lines_done=1, proved=True)
     client = SimpleNamespace(status=SimpleNamespace(ended=True))
     monkeypatch.setattr(printing, "find_or_start", lambda order, _: orders.append(order) or client)
-    monkeypatch.setattr(printing, "follow", lambda client, report, bars: done)
+    monkeypatch.setattr(printing, "follow", lambda *given: done)
     context: Any = SimpleNamespace(
         recipe=cared_recipe(care, port="simulated"),
+        rehearsal_speed=None,
         folder=folder,
         printer=PRINTER,
         syringe=SYRINGE,

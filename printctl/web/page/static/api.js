@@ -36,16 +36,12 @@ export const url = (path) => (path.startsWith("/api/") || path.startsWith("/live
 // A part of a path, as it must be written.
 export const part = (name) => encodeURIComponent(name).replaceAll("%7E", "~");
 
-// A file's name as the workspace takes it: "my heart (1).stl" becomes "my_heart_1_.stl".
-const usable = (name) => name.normalize("NFKD").replace(/[^A-Za-z0-9._-]+/g, "_").slice(-64).replace(/^[^A-Za-z0-9]+/, "")
-  || "file";
-
 // Send a file; `onShare` is told how much of it has gone, 0 to 1.
 export function upload(path, file, onShare = () => {}, field = "file", more = {}) {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
     const form = new FormData();
-    form.append(field, file, usable(file.name));
+    form.append(field, file);
     Object.entries(more).forEach(([name, value]) => form.append(name, value));
     request.open("POST", url(path));
     request.responseType = "json";

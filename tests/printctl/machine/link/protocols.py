@@ -6,8 +6,8 @@ from firmware_profiles.families import LinkSetup, family_names, find_family
 from firmware_profiles.families.link_protocol import Timing
 from printctl.machine.job.coordinates import places
 
-STREAMED = tuple(name for name in family_names() if find_family(name).link)
+STREAMED = tuple(name for name in family_names() if find_family(name).make_protocol)
 
 
 def made_protocol(firmware: str):
-    return find_family(firmware).link.make_protocol(LinkSetup(Timing(), 1, 128, places))
+    return find_family(firmware).make_protocol(LinkSetup(Timing(), 1, 128, places))

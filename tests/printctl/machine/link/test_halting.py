@@ -134,6 +134,7 @@ def test_each_line_in_flight_has_a_quickstop_behind_the_one_that_stops_the_motor
     assert [data for data, _ in halting.first] == [b"\nM410\n"] * (1 + in_flight)
     waits = [wait_s for _, wait_s in halting.first]
     assert sum(waits[:-1]) < in_flight < sum(waits)  # a line a second; M112 behind the last
+    assert sum(waits) == pytest.approx({1: 1.8, 2: 2.8}[in_flight])  # docs/link.md
 
 
 # --- run-on time of motors after a kill: predicted within 20 %, never too short

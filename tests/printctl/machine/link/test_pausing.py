@@ -19,9 +19,9 @@ from firmware_profiles import Syringe, load
 from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
-from printctl.machine.control.requests import Request
+from printctl.machine.control.requests import ResumeRequest
 from printctl.machine.control.streamer import Streamer
-from printctl.machine.errors import LinkError
+from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
@@ -374,7 +374,7 @@ def test_resuming_without_a_word_about_the_syringe_is_refused(tmp_path):
             with pytest.raises(LinkError, match="paused for a change of syringe"):
                 streamer.resume()
             refused.append(True)
-            streamer.parts.queue.add(Request.RESUME)  # the printer's own button
+            streamer.parts.queue.add(ResumeRequest())  # the printer's own button
         else:
             assert "not resumed" in streamer.status.message
             streamer.resume(unchanged=True)
@@ -436,11 +436,11 @@ def test_pause_becomes_a_change_of_syringe_where_it_stands(tmp_path):
 
 
 def test_syringe_that_does_not_last_to_the_next_reload_point_is_not_gone_on_with(tmp_path):
-    said = []
+    said, answers = [], []
 
     def on_paused(streamer: Streamer) -> None:
         said.append(streamer.status.message)
-        streamer.resume(NewSyringe(0.95 if len(said) == 1 else 0.5))
+        streamer.resume(NewSyringe(0.95 if len(said) == 1 else 0.5), answer=answers.append)
 
     at = JOB.marks.of(MarkKind.RELOAD)[0].index
     transport = wire()
@@ -449,7 +449,14 @@ def test_syringe_that_does_not_last_to_the_next_reload_point_is_not_gone_on_with
     status = played(DATA, tmp_path, transport, script, care)
     assert status.state is LinkState.DONE
     assert "the syringe has 0.05 mm left" in said[1]
+    assert answers == [said[1], ""]
     assert_same_strokes(transport.printer.executed(), FORESEEN)
+
+
+def test_a_named_syringe_without_a_capacity_is_not_taken_for_the_last_one() -> None:
+    for name, capacity_mm in (("small", 0.0), ("", 3.0)):
+        with pytest.raises(Refused, match="give its profile and a travel above 0, or neither"):
+            NewSyringe(0.0, name, capacity_mm)
 
 
 def test_a_refill_is_of_the_syringe_that_was_put_in_last(tmp_path):

@@ -45,10 +45,9 @@ class Spy:
     def reload(self) -> None:
         self.requests.append("reload")
 
-    def resume(
-        self, change: NewSyringe | None = None, unchanged: bool = False, unobserved: bool = False
-    ) -> None:
+    def resume(self, change: NewSyringe | None, unchanged: bool, unobserved: bool, answer) -> None:
         self.requests.append(f"resume {change}" if change else "resume")
+        answer("not resumed: pushed" if unchanged else "")
 
     def alive(self) -> None:
         self.requests.append("alive")
@@ -122,15 +121,18 @@ def test_request_that_asks_for_an_answer_is_heard_or_refused(door):
         "message": "no end of a vessel is marked",
         "error": "LinkError",
     }
-    say(guest, do="resume", change={"plunger_mm": 2.5}, answer=True, token=token)
-    assert hear(guest)["event"] == "heard"
+    say(guest, do="resume", change={"plunger_mm": 2.5}, token=token)
+    assert hear(guest) == {"event": "resumed"}
+    say(guest, do="resume", unchanged=True, token=token)
+    refused = {"event": "refused", "message": "not resumed: pushed", "error": "Refused"}
+    assert hear(guest) == refused
     say(guest, do="pause", after="lunch", answer=True, token=token)
     assert "must be one of layer, vessel, part, reload" in hear(guest)["message"]
     for request in ("reload", "alive"):
         say(guest, do=request, answer=True, token=token)
         assert hear(guest)["event"] == "heard"
     change = NewSyringe(plunger_mm=2.5)
-    assert spy.requests == ["pause after layer", f"resume {change}", "reload", "alive"]
+    assert spy.requests == ["pause after layer", f"resume {change}", "resume", "reload", "alive"]
 
 
 NONSENSE = [b"nonsense\n", b"[]\n", b'{"do": "dance"}\n', b"{}\n", b"\xff\n", b"[" * 9000 + b"\n"]

@@ -61,7 +61,7 @@ def asked(firmware: str, folder: Path) -> tuple[Settings, Printer]:
 def test_just_what_differs_is_found(firmware: str, differs: set[str], tmp_path: Path) -> None:
     settings, profile = asked(firmware, tmp_path)
     rows = compare(settings, profile)
-    assert find_family(firmware).link.says in settings.firmware.lower()
+    assert find_family(firmware).reported_name in settings.firmware.lower()
     assert {row.key for row in rows if not row.same} == differs
     found = {row.key: row.printer for row in rows}
     if firmware != "klipper":

@@ -16,7 +16,8 @@ from printctl.recipe.load import STARTER
 from printctl.recipe.schema import fields_of
 from printctl.web.design.recipe_text import changed, read_text, rewrite_yaml
 from printctl.web.design.recipes import EXAMPLES, RESERVED, Recipes
-from printctl.web.design.runs import RunProgress, Runs
+from printctl.web.design.runs import Runs
+from printctl.web.detached_runs import RunProgress
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import Workspace
 from tests.waiting import wait_for
@@ -179,6 +180,7 @@ def test_names_that_lead_elsewhere_are_refused(recipes: Recipes, name: str) -> N
 
 def test_only_files_that_recipes_read_are_taken(recipes: Recipes) -> None:
     assert recipes.take_file("a/heart.stl", b"solid") == "heart.stl"
+    assert recipes.take_file("mein Herz.stl", b"solid") == "mein_Herz.stl"
     with pytest.raises(BadRequestError, match="recipes name files"):
         recipes.take_file("x.py", b"")
     with pytest.raises(ConflictError):

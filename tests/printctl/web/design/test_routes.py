@@ -200,6 +200,16 @@ def test_two_runs_are_compared(asked: TestClient) -> None:
     assert (time["one"], time["other"], time["change"]) == ("10 min", "15 min", "+50 %")
 
 
+def test_an_uploaded_recipe_is_answered_with_its_name(client: TestClient) -> None:
+    for sent, name in (
+        (".yaml", "recipe"),
+        (".yaml", "recipe_2"),
+        ("Mein Gefäß.yaml", "Mein_Gefa_"),
+    ):
+        answer = client.post("/api/v1/recipes/import", files={"file": (sent, b"name: one\n")})
+        assert answer.json()["name"] == name
+
+
 def test_an_upload_that_is_no_recipe_is_refused(client: TestClient) -> None:
     for data in (b"\xff\xfe", b"- 1", b"a: &x 1", b"x" * 300_000):
         answer = client.post("/api/v1/recipes/import", files={"file": ("r.yaml", data)})

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from firmware_profiles import Syringe, shipped_text
 from printctl.checks.preflight import Budget
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.aftercare import Ramp, Warming, ramped_c, viability
@@ -23,11 +24,27 @@ from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, START, add
 
 
-@pytest.mark.parametrize("name", ["../up.gcode", "a b.gcode", ".gcode", "x/y.gcode", "job.exe"])
-def test_names_that_leave_the_folder_are_refused(service, name):
+@pytest.mark.parametrize("name", ["", "..", ".gcode", "job.exe", "x/.gcode"])
+def test_names_of_which_nothing_is_left_are_refused(service, name):
     with pytest.raises(BadRequestError):
         service.upload(name, io.BytesIO(b"G1 X1\n"))
     assert all_jobs(service.core.workspace) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"),
+    [
+        ("../up.gcode", "up.gcode"),
+        ("x/y.gcode", "y.gcode"),
+        ("a b.gcode", "a_b.gcode"),
+        ("Großes Gefäß (1).GCO", "Gro_es_Gefa_1_.gcode"),
+        ("a..b.gcode", "a.b.gcode"),
+        ("x" * 99 + ".g", "x" * 58 + ".gcode"),
+    ],
+)
+def test_an_upload_is_answered_with_the_name_it_is_kept_under(service, name, kept):
+    assert service.upload(name, io.BytesIO(b"G1 X1\n")).name == kept
+    assert [one.name for one in all_jobs(service.core.workspace)] == [kept]
 
 
 def test_a_name_that_cant_be_used_hides_no_other_job(service):
@@ -86,6 +103,19 @@ def test_profiles_outside_the_workspace_are_not_read(service):
     job = add(service)
     with pytest.raises(BadRequestError, match="outside the workspace"):
         service.preflight(job, JobSetUp(printer="/etc/passwd.yaml"))
+
+
+def test_profiles_of_the_workspace_go_by_their_names(service):
+    own = service.store.folder(Syringe) / "tiny.yaml"
+    own.parent.mkdir(parents=True)
+    own.write_text(shipped_text(Syringe, "hamilton_1ml"))
+    job, said = add(service), JobSetUp(start_mm=START, syringe="tiny")
+    assert service.preflight(job, said).sha256
+    assert service.keep_set_up(job, said).syringe == str(own)
+    ready = service.readiness(OPERATOR, job, said)
+    assert "job and set-up" not in {one.what for one in ready.refusals}
+    ready = service.readiness(OPERATOR, job, JobSetUp(syringe="none"))
+    assert any("there is no syringe profile 'none'" in one.remedy for one in ready.refusals)
 
 
 def test_the_record_keeps_every_change_with_who(service):

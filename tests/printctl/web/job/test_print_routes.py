@@ -116,10 +116,19 @@ def test_ink_left_is_what_the_printer_knew_and_what_is_put_in_then(
     refused = call("POST", resume, expected=422, json=outside)
     assert "is a file outside the workspace" in refused["message"]
     assert call("GET", f"/prints/{job}")["waits_for"] == "syringe"
-    half = tmp_path / "half.yaml"  # another volume in the same bore
+    half = tmp_path / "profiles" / "syringes" / "half.yaml"  # another volume in the same bore
+    half.parent.mkdir(parents=True)
     text = (DATA / "syringes" / "hamilton_1ml.yaml").read_text()
     half.write_text(text.replace("volume_ul: 1000", "volume_ul: 500", 1))
-    call("POST", resume, json={"syringe": str(half), "plunger_mm": 0})
+    assert "half" in {one["name"] for one in call("GET", "/printer/parts")["syringe"]}
+    half.with_name("dead.yaml").write_text(text.replace("volume_ul: 1000", "volume_ul: 20", 1))
+    refused = call("POST", resume, expected=409, json={"syringe": "dead", "plunger_mm": 0})
+    assert "dead_volume_ul 20 isn't below volume_ul 20" in refused["message"]
+    refused = call("POST", resume, expected=409, json={"syringe": "half", "plunger_mm": 30})
+    assert "not resumed: lines" in refused["message"], "it has 28.7 mm when full"
+    assert call("GET", f"/prints/{job}")["waits_for"] == "syringe"
+    resumed = call("POST", resume, json={"syringe": "half", "plunger_mm": 0})
+    assert "not resumed" not in resumed["message"]
     made = call("GET", f"/prints/{job}")["progress"]
     assert 450 < made["ink_left_ul"] <= 480  # 20 µL are its dead volume
     cancelled(call, job)

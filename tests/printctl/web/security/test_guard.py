@@ -365,11 +365,20 @@ def uploaded(folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["../a.gcode", "/etc/a.gcode", "a/b.gcode", "..\\a.gcode", ".a.gcode", "C:a.gcode",
-     "<script>.gcode", "a..gcode", "x" * 70 + ".gcode", "a.sh", "a.gcode\0.sh"],
+    ("name", "kept"),
+    [("../a.gcode", "a"), ("/etc/a.gcode", "a"), ("a/b.gcode", "b"), ("..\\a.gcode", "a"),
+     (".a.gcode", "a"), ("C:a.gcode", "C_a"), ("<script>.gcode", "script_"), ("a..gcode", "a"),
+     ("x" * 70 + ".gcode", "x" * 58), ("a.gcode\0.gcode", "a.gcode_00")],
 )  # fmt: skip
-def test_a_name_that_could_lead_elsewhere_is_refused(
+def test_a_name_that_could_lead_elsewhere_becomes_one_that_cant(
+    tmp_path: Path, send: Callable[[str, bytes], int], name: str, kept: str
+) -> None:
+    assert send(name, b"G1 X1\n") == 200
+    assert uploaded(tmp_path) == [f"jobs/{kept}.gcode"]
+
+
+@pytest.mark.parametrize("name", ["a.sh", "a.gcode\0.sh", "../.gcode", "a.gcode/"])
+def test_a_name_that_is_no_g_code_s_is_refused(
     tmp_path: Path, send: Callable[[str, bytes], int], name: str
 ) -> None:
     assert send(name, b"G1 X1\n") == 422

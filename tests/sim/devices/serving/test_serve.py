@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -142,6 +143,37 @@ def test_an_unplugged_printer_ends_what_it_has_and_keeps_the_record(serve, tmp_p
         served.send("G1 X20")
     assert served.process.wait(PATIENCE_S) == 0
     assert ExecutedMotion.load(record).end[-1, 0] == 15
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a host's absence is seen on Linux only")
+@pytest.mark.parametrize("host_comes", [False, True])
+def test_a_printer_lives_as_long_as_its_starter_until_a_host_comes(tmp_path, host_comes):
+    record = tmp_path / "moved.npz"
+    start = f"""import os, subprocess, sys
+words = "--printer marlin_avr --exit-on-hangup --record {record} --parent-pid"
+subprocess.Popen([sys.executable, "-m", "sim", *words.split(), str(os.getpid())])
+sys.stdin.read()"""
+    starter = subprocess.Popen(
+        [sys.executable, "-c", start],
+        cwd=REPO,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    address = starter.stdout.readline().strip()
+    port = serial.serial_for_url(address, 115200, timeout=PATIENCE_S) if host_comes else None
+    starter.stdin.close()
+    assert starter.wait(PATIENCE_S) == 0
+    if port:
+        time.sleep(1.0)  # in which it would notice
+        port.write(b"M400\n")
+        while not port.readline().startswith(b"ok"):
+            pass
+        port.close()
+    assert select.select([starter.stdout], [], [], PATIENCE_S)[0]  # closed by its end
+    assert starter.stdout.read() == ""
+    starter.stdout.close()
+    assert record.is_file()
 
 
 def test_a_cable_that_is_plugged_in_again_has_its_name_back(serve, tmp_path):

@@ -84,7 +84,7 @@ function Bring() {
     <div class="columns">
       <div class="stack"><h3>A shape to fill with vessels, or a network to print</h3>
         <p class="quiet">A closed mesh (STL, OBJ, PLY, 3MF), or vessels (CSV, VTP, SWC, JSON, NPZ).</p>
-        <${Drop} label="Choose a file" accept=${`${SHAPES},${NETWORKS}`} path="/recipes/files" onDone=${(_, sent) => setFile(sent.name)} /></div>
+        <${Drop} label="Choose a file" accept=${`${SHAPES},${NETWORKS}`} path="/recipes/files" onDone=${(name) => setFile(name)} /></div>
       <div class="stack"><h3>G-code to print</h3>
         <p class="quiet">It is dry-run and checked before anything moves.</p>
         <${Drop} label="Choose G-code" accept=".gcode,.gco,.g,.nc" path="/jobs" onDone=${(job) => go(`/job?job=${part(job.id)}`)} /></div>
@@ -100,7 +100,7 @@ function FromFile({ file, onClose }) {
   const mesh = SHAPES.split(",").some((one) => file.toLowerCase().endsWith(one));
   const asks = !/\.(3mf|json|npz|txt)$/i.test(file);
   const [said, setSaid] = useState({
-    name: file.replace(/\.[^.]*$/, "").replace(/[^A-Za-z0-9._-]/g, "_").slice(0, 60), unit: asks ? "" : "mm",
+    name: file.replace(/\.[^.]*$/, "").slice(0, 60), unit: asks ? "" : "mm",
   });
   const make = async () => {
     await send("POST", "/projects", { ...said, file });

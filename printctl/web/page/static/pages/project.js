@@ -190,10 +190,9 @@ function Print({ project, reload }) {
   const took = (at) => (at ? span(project.print_time_s / at) : "as fast as it can");
   const choices = [...new Set([1, 10, project.rehearsal_speed, 100, 0])].sort((a, b) => (a || Infinity) - (b || Infinity));
   const again = Boolean(project.judged) && project.judged !== project.name;
-  const broken = project.rehearsal_state && project.rehearsal_state !== "done";
   return html`<div class="columns">
     <${Card} title="Rehearse it">
-      ${broken && html`<${Note} tone="warn"><p>The last rehearsal didn't come to its end: nothing was judged.</p></${Note}>`}
+      ${project.rehearsal_broken && html`<${Note} tone="warn"><p>The last rehearsal didn't come to its end: nothing was judged.</p></${Note}>`}
       <p>The real program prints on a simulated printer, a simulated scanner scans what came out, and the report judges it.
         Nothing needs to be connected, and nothing moves.</p>
       <${Field} label="How fast" kind="choice" value=${speed} onChange=${setKept}
