@@ -8,6 +8,7 @@ on with the job's own lines.
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import Final
@@ -48,6 +49,7 @@ from sim.gcode.reading import code_of, is_motion
 
 CLEARANCE_MM: Final = 5.0
 TRAVEL_MM_S: Final = 20.0
+_PLACE_WORD: Final = re.compile(rb"(?P<begin> (?P<axis>[XYZ])=?)(?P<mm>[-\d.]+)(?= |$)")
 _NO_SETUP: Final = frozenset(
     (b"G0", b"G1", b"G2", b"G3", b"G4", b"G10", b"G11", b"G28", b"G29", b"G92")
     + (b"M400", b"M105", b"M114", b"M73")
@@ -249,16 +251,12 @@ def rest_lines(job: Job, text: GrownText, begin: int, frame: JobFrame) -> bytes:
 def _moved(line: bytes, shift: Place) -> bytes:
     """Take ``shift`` off the places that a line names as it is sent."""
     by = dict(zip((b"X", b"Y", b"Z"), shift, strict=True))
-    code, *words = line.split(b" ")
-    return b" ".join([code, *(_moved_word(word, by.get(word[:1], 0.0)) for word in words)])
 
+    def moved(word: re.Match[bytes]) -> bytes:
+        value = b"%.5f" % (float(word["mm"]) - by[word["axis"]])
+        return word["begin"] + value.rstrip(b"0").rstrip(b".") if by[word["axis"]] else word[0]
 
-def _moved_word(word: bytes, shift_mm: float) -> bytes:
-    if not shift_mm:
-        return word
-    letter = word[:2] if word[1:2] == b"=" else word[:1]
-    value = b"%.5f" % (float(word[len(letter) :]) - shift_mm)
-    return letter + value.rstrip(b"0").rstrip(b".")
+    return _PLACE_WORD.sub(moved, line)
 
 
 def _way_in(
