@@ -176,10 +176,10 @@ def moves_of(
         if code in _PLACING:
             to = list(at)
             for word in words:
-                place = _WORDS.get(word[:1])
-                if place is not None and len(word) > 1:
-                    to[place] = float(word[1:])
-            before, at = at, Spot(*to)
+                letter = word[:1]
+                if letter in _WORDS and len(word) > 1:
+                    to[_WORDS[letter]] = float(word[1:])
+            before, at = at, Spot._make(to)
             if code != b"G92":
                 yield Move(index, before, at, text)
         elif code in HOMING:
@@ -303,7 +303,7 @@ class JobFrame:
 
     def shift_at(self, index: int) -> Place:
         """Return what a place is called by command line ``index`` beyond ``start``'s count, mm."""
-        before = bisect_right(self.renamed, index, key=lambda one: one[0])
+        before = self.renamed and bisect_right(self.renamed, index, key=lambda one: one[0])
         return self.renamed[before - 1][1] if before else (0.0, 0.0, 0.0)
 
 

@@ -84,9 +84,9 @@ class JobReach:
             spots.add((end.x - dx, end.y - dy, end.z - dz))
         heights = [z for _, _, z in spots if z == z]
         low, top = min(heights, default=math.inf), max(heights, default=-math.inf)
-        known = [(x, y, z < top - _ROUNDING_MM) for x, y, z in spots if x == x and y == y]
-        below = _hull({(x, y) for x, y, is_below in known if is_below})
-        high = _hull({*below, *((x, y) for x, y, is_below in known if not is_below)})
+        known = [spot for spot in spots if spot[0] == spot[0] and spot[1] == spot[1]]
+        below = _hull({(x, y) for x, y, z in known if z < top - _ROUNDING_MM})
+        high = _hull({*below, *((x, y) for x, y, z in known if not z < top - _ROUNDING_MM)})
         return JobReach(low, top, below or high, fastest, high)
 
     def is_inside(self, x: float, y: float, z: float) -> bool:
@@ -112,10 +112,13 @@ def _hull(points: set[Point]) -> tuple[Point, ...]:
 
 def _half(order: Sequence[Point]) -> list[Point]:
     points: list[Point] = []
-    for point in order:
-        while len(points) > 1 and _turn(points[-2], points[-1], point) <= 0:
+    for x, y in order:
+        while len(points) > 1:
+            (ax, ay), (bx, by) = points[-2:]
+            if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0:  # `_turn`, for every move of a job
+                break
             points.pop()
-        points.append(point)
+        points.append((x, y))
     return points[:-1]
 
 

@@ -19,7 +19,7 @@ from typing import Any, Final
 from firmware_profiles import Printer
 from printctl.checks.gate import refused_lines
 from printctl.machine.errors import JobError
-from printctl.machine.job.marks import MarkReader, Marks, Position
+from printctl.machine.job.marks import Marks, Position, read_marks
 from sim.errors import GcodeError
 from sim.gcode.reading.file import GcodeFile, Others, kinds_of, other_lines, read_file
 from sim.gcode.reading.sent_line import plunger_word, with_flow
@@ -62,14 +62,10 @@ class Insert:
     @staticmethod
     def from_record(record: Mapping[str, Any]) -> Insert:
         """Read `to_record`."""
-        return Insert(
-            look=int(record["look"]),
-            after=int(record["after"]),
-            lines=tuple(str(line).encode("ascii") for line in record["lines"]),
-            why=str(record.get("why", "")),
-            flow=float(record.get("flow", 1.0)),
-            again=bool(record.get("again", False)),
-        )
+        lines = tuple(str(line).encode("ascii") for line in record["lines"])
+        why, flow = str(record.get("why", "")), float(record.get("flow", 1.0))
+        again = bool(record.get("again", False))
+        return Insert(int(record["look"]), int(record["after"]), lines, why, flow, again)
 
 
 def file_count(done: int, positions: Sequence[Position]) -> int:
@@ -183,7 +179,7 @@ def parse_job(data: bytes, name: str, printer: Printer) -> Job:
         _check_gate(other_lines(data, printer), name, printer)
     lines: list[bytes] = []
     file_lines: list[int] = []
-    marks = MarkReader()
+    comments: list[tuple[int, bytes]] = []
     texts = text_of(data).splitlines()
     for number, (command, raw) in enumerate(zip(read.lines, texts, strict=True), 1):
         if command:
@@ -192,10 +188,12 @@ def parse_job(data: bytes, name: str, printer: Printer) -> Job:
             lines.append(command)
             file_lines.append(number)
         elif raw.startswith(_COMMENTS):
-            marks.comment(b";" + raw.removeprefix(b"//").removeprefix(b";"), len(lines))
+            text = b";" + raw.removeprefix(b"//").removeprefix(b";")
+            comments.append((len(lines), text))
     if not lines:
         raise JobError(f"{name} has no command in it; nothing to print")
-    return Job(lines, file_lines, hashlib.sha256(data).hexdigest(), name, Marks(marks.found))
+    marks = Marks(read_marks(comments))
+    return Job(lines, file_lines, hashlib.sha256(data).hexdigest(), name, marks)
 
 
 def _read(data: bytes, name: str, printer: Printer) -> GcodeFile:

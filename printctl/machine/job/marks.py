@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left, bisect_right
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final, TypeAlias
@@ -61,27 +62,21 @@ class Mark:
         return f"{_WORDS[self.kind]} {number}" if self.number >= 0 else _WORDS[self.kind]
 
 
-class MarkReader:
-    """Collects the marks of a file that is read line by line."""
-
-    def __init__(self) -> None:
-        self.found: list[Mark] = []
-        self._layers_begun = 0
-
-    def comment(self, text: bytes, index: int) -> None:
-        """Take a line that is a comment, after ``index`` commands."""
+def read_marks(comments: Iterable[tuple[int, bytes]]) -> list[Mark]:
+    """Return the marks of a file's comments, each with the count of commands before it."""
+    marks, layers_begun = list[Mark](), 0
+    for index, text in comments:
         ours = _OURS.match(text)
+        begun = None if ours else _SLICERS.match(text)
         if ours:
-            self.found.append(Mark(index, _KIND[ours[1]], int(ours[2] or -1)))
-            return
-        begun = _SLICERS.match(text)
-        if begun is None:
-            return
-        if self._layers_begun:  # the first layer's beginning is no end
-            # The layer that ends there, from 0: Cura counts from 0, Simplify3D from 1.
-            ended = int(begun[1]) - 1 if begun[1] else int(begun[2]) - 2 if begun[2] else -1
-            self.found.append(Mark(index, MarkKind.LAYER, max(ended, -1)))
-        self._layers_begun += 1
+            marks.append(Mark(index, _KIND[ours[1]], int(ours[2] or -1)))
+        elif begun:
+            if layers_begun:  # the first layer's beginning is no end
+                # The layer that ends there, from 0: Cura counts from 0, Simplify3D from 1.
+                ended = int(begun[1]) - 1 if begun[1] else int(begun[2]) - 2 if begun[2] else -1
+                marks.append(Mark(index, MarkKind.LAYER, max(ended, -1)))
+            layers_begun += 1
+    return marks
 
 
 def behind(index: int, after: int, count: int) -> int:
