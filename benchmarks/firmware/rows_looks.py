@@ -19,7 +19,8 @@ from printctl.machine.errors import LinkError
 from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.process.client import PrintClient, resume_print, start_print
+from printctl.machine.process.client import PrintClient
+from printctl.machine.process.starting import resume_print, start_print
 from printctl.machine.records.states import LinkState
 
 LIFT_MM = 3.0
@@ -61,8 +62,8 @@ class Held:
 
     def mend(self, look: int) -> None:
         """Insert a stroke, and have the print go on."""
-        self.client.looks.insert(look, self.file.mend(look), "a gap")
-        self.client.looks.decide(look, LookDecision.GO_ON, "mended")
+        self.client.insert(look, self.file.mend(look), "a gap")
+        self.client.decide(look, LookDecision.GO_ON, "mended")
 
     def until_across(self) -> None:
         """Wait until the insert moves across."""
@@ -79,7 +80,7 @@ def mended(held: Held, look: int) -> None:
 def killed_in_look(held: Held, look: int) -> None:
     """Kill the link once the insert is answered, before a decision."""
     if held.first(look):
-        held.client.looks.insert(look, held.file.mend(look), "a gap")
+        held.client.insert(look, held.file.mend(look), "a gap")
         held.kill()
     else:
         held.mend(look)
@@ -113,7 +114,7 @@ def renamed(held: Held, look: int) -> None:
         os.write(other, b"G92 E7\n")
         os.close(other)
         time.sleep(1.0)
-    held.client.looks.decide(look, LookDecision.GO_ON, "")
+    held.client.decide(look, LookDecision.GO_ON, "")
 
 
 def stopped(held: Held, look: int) -> None:

@@ -30,7 +30,8 @@ from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.process.client import PrintClient, resume_print, start_print
+from printctl.machine.process.client import PrintClient
+from printctl.machine.process.starting import resume_print, start_print
 from printctl.machine.records.states import LinkState
 from sim.gcode.motion.executed import ExecutedMotion
 
@@ -184,18 +185,18 @@ class Run:
             lines, flow = self._insert(look)
             if self._dies(look, "insert sent"):
                 said = {"look": look, "lines": lines, "why": "a gap", "flow": flow}
-                client.looks.connection.send("insert", **said)
+                client.send("insert", **said)
                 return "insert sent"
             try:
-                client.looks.insert(look, lines, "a gap", flow)
+                client.insert(look, lines, "a gap", flow)
             except Refused:  # a flow at which a short move would push too fast for the drive
                 self.flows.pop(look)
             if self._dies(look, "inserted"):
                 return "inserted"
         if self._dies(look, "decision sent"):
-            client.looks.connection.send("look_done", look=look, decision="go_on", why="")
+            client.send("look_done", look=look, decision="go_on", why="")
             return "decision sent"
-        client.looks.decide(look, LookDecision.GO_ON, "mended")
+        client.decide(look, LookDecision.GO_ON, "mended")
         return "decided" if self._dies(look, "decided") else ""
 
     def _insert(self, look: int) -> tuple[list[str], float | None]:

@@ -20,8 +20,9 @@ from printctl.machine.job.job import load_job
 from printctl.machine.job.syringes import usable_mm, with_reloads
 from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
 from printctl.machine.prints.follow import confirm, follow, retreat_for
-from printctl.machine.process.find import Order, find_or_start, running
+from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
+from printctl.machine.process.starting import find_or_start, running
 from printctl.machine.records.states import PrintOutcome
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, ensure_observer

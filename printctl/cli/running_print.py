@@ -12,8 +12,8 @@ from typing import Final, Literal
 from printctl.cli.declare import command, json_command, wants_json
 from printctl.cli.options import RunArg, messages, print_lines, print_result, refuse_input_as_output
 from printctl.errors import SafetyError, UsageError
-from printctl.machine.control.kill import UNCONFIRMED
-from printctl.machine.control.syringe_change import CHANGE
+from printctl.machine.control.excursion import CHANGE
+from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.errors import LinkError
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.actions import Possible, PrintAction
@@ -24,7 +24,7 @@ from printctl.machine.prints.print_words import alarm_words
 from printctl.machine.prints.recovery_file import planned, write_rest
 from printctl.machine.prints.state import PrintTruth, read_print
 from printctl.machine.process.client import attach
-from printctl.machine.process.find_link import alive
+from printctl.machine.process.contact import alive
 from printctl.machine.records.history_entry import this_user
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.states import LinkState, PrintOutcome, Status

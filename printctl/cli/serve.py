@@ -88,7 +88,7 @@ def _password(ask: bool, file: Path | None) -> str | None:
 
 
 def _tell(settings: ServeSettings, running: Any) -> None:
-    from printctl.machine.process.station_client import other_speed  # Loads the link.
+    from printctl.machine.process.starting import other_speed  # Loads the link.
 
     say = messages().print
     say(f"the page: {_link(settings, running)}")

@@ -17,9 +17,9 @@ from printctl.errors import PrintctlError, UsageError
 from printctl.machine.control.station_status import StationStatus
 from printctl.machine.ports.detection import AUTO, list_ports, matches, read_baud
 from printctl.machine.ports.transport import locate
-from printctl.machine.process.station_client import Station, attach
-from printctl.machine.process.station_client import connect as open_station
-from printctl.machine.process.station_record import usual_folder
+from printctl.machine.process.client import Station, attach_station
+from printctl.machine.process.contact import usual_folder
+from printctl.machine.process.starting import connect as open_station
 from printctl.settings import arg, opt, three_numbers
 from printctl.sources import python_command
 
@@ -34,7 +34,7 @@ _SHOWN = frozenset({"needle", "syringe", "ink", "dish", "bath"})
 
 def the_station(folder: Path | None) -> Station:
     """A client of the station of a folder, or of the usual one."""
-    return attach(folder or usual_folder())
+    return attach_station(folder or usual_folder())
 
 
 def print_status(status: StationStatus) -> None:

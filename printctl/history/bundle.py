@@ -23,7 +23,7 @@ from printctl.history.signing import (
     Manifest,
 )
 from printctl.history.table import outcome
-from printctl.machine.process.find_link import alive
+from printctl.machine.process.contact import alive
 from printctl.machine.records.history_entry import INTERRUPTED, PrintEntry
 from printctl.machine.records.origin import version
 from printctl.pipeline.evidence import Evidence, evidence

@@ -11,7 +11,7 @@ from itertools import islice
 from typing import Any, Final, Literal
 
 from printctl.errors import UsageError
-from printctl.machine.process.find_link import alive
+from printctl.machine.process.contact import alive
 from printctl.machine.records.history_entry import INTERRUPTED, PrintEntry
 from printctl.machine.records.record import JOURNAL
 

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
-from printctl.machine.process.detached_process import detach
-from printctl.machine.process.process import ignore_signals
+from printctl.machine.process.launch import detach, ignore_signals
 from printctl.observe.process import observe
 from printctl.observe.records import LOG
 

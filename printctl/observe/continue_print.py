@@ -12,8 +12,9 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.prints.actions import refuse_forgotten
 from printctl.machine.prints.journal_facts import read_journal_facts
-from printctl.machine.process.client import PrintClient, attach, resume_print
-from printctl.machine.process.find_link import alive
+from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.contact import alive
+from printctl.machine.process.starting import resume_print
 from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.states import LinkState, Status

@@ -20,8 +20,7 @@ from printctl.machine.errors import LinkError, NoLink, Refused
 from printctl.machine.job.job import file_count
 from printctl.machine.prints.journal_facts import read_journal_facts
 from printctl.machine.process.client import PrintClient, attach
-from printctl.machine.process.find_link import alive
-from printctl.machine.process.process import hold_folder
+from printctl.machine.process.contact import alive, hold_folder
 from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.states import LinkState, Status
@@ -129,11 +128,11 @@ class LinkWords:
         again: bool = False,
     ) -> object:
         """Put lines into the job, and correct the flow of its rest; ``again``: look behind them."""
-        return self.client.looks.insert(look, lines, why, flow, again)
+        return self.client.insert(look, lines, why, flow, again)
 
     def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
         """End a look; one that failed is made ``again`` when the print goes on."""
-        self.client.looks.decide(look, LookDecision(decision), why, again)
+        self.client.decide(look, LookDecision(decision), why, again)
 
     def resume(self) -> None:
         """Go on after a pause."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from design.files import write_text
-from printctl.machine.process.find_link import alive
+from printctl.machine.process.contact import alive
 from printctl.machine.records.states import LinkState, Status
 
 Answer = Literal["approve", "go_on", "stop"]

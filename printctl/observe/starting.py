@@ -15,8 +15,8 @@ from typing import Final
 from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import Care
-from printctl.machine.process.detached_process import spawn
-from printctl.machine.process.find_link import alive, has_ended, stays_alive
+from printctl.machine.process.contact import alive, has_ended, stays_alive
+from printctl.machine.process.launch import spawn
 from printctl.machine.records.record import RECORD, load_record
 from printctl.observe.records import LOG, OBSERVER_LOCK, ORDER, READY
 from printctl.sources import python_command

@@ -15,7 +15,7 @@ from printctl.machine.job.job import load_job
 from printctl.machine.job.look_places import Written, look_places
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.syringes import usable_mm
-from printctl.machine.process.executed_note import EXECUTED
+from printctl.machine.process.simulated import EXECUTED
 from printctl.observe.deciding import FlowLimits, GapTest, Limits
 from printctl.observe.devices import PICTURES, DeviceSettings
 from printctl.observe.order import ObserverOrder

@@ -17,7 +17,7 @@ from firmware_profiles.errors import wording
 from printctl.checks.set_up import of_each
 from printctl.errors import UsageError
 from printctl.machine.job.job import grown_text, parse_job
-from printctl.machine.process.executed_note import EXECUTED, record_for
+from printctl.machine.process.simulated import EXECUTED, record_for
 from printctl.machine.records.history_entry import PrintEntry
 from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import JOURNAL, load_record

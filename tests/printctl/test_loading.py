@@ -76,10 +76,8 @@ def _loaded(steps: tuple[tuple[str, ...], ...]) -> list[set[str]]:
 
 
 BEGUN = (
-    "printctl.machine.process.station_main",
-    "printctl.machine.process.station_client",
     "printctl.machine.process.__main__",
-    "printctl.machine.process.client",
+    "printctl.machine.process.starting",
     "printctl.web.stop_process",
     "printctl.recipe",
     "printctl.cli.register",

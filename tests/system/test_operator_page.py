@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from design.network_files.csv_format import write_network_csv
-from printctl.machine.process.station_client import attach
+from printctl.machine.process.client import attach_station
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, serious, shown, until
 from tests.system.forks import FORK, of_fork
@@ -29,7 +29,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / "recipes").mkdir(parents=True)
     write_network_csv(folder / "recipes" / "fork.csv", FORK)
     yield folder
-    attach(folder / "station").close()
+    attach_station(folder / "station").close()
 
 
 def _serve(workspace: Path, *more: str) -> Any:

@@ -1,13 +1,12 @@
 """Execute manual commands on an idle printer, within limits: move, home, heat, push, touch off.
 
-Each request takes the values that came over the socket and gives what is answered. What it refuses
-moves nothing.
+Each returns what is answered to its request. What it refuses moves nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -26,17 +25,16 @@ from printctl.checks.gate import (
 )
 from printctl.checks.gate.firmware import LISTED, levelling_is_on, questions
 from printctl.machine.control.gating import allowed_command
+from printctl.machine.control.heat import target_command
 from printctl.machine.control.known_state import Knowledge
+from printctl.machine.control.manual_motion import push, travel
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.station_status import Place
 from printctl.machine.errors import LinkError, Refused
-from printctl.machine.job.temperatures import target_command
 
 AXES: Final = "xyz"
 UNNAMED_UL_S: Final = 1.0
-"""Fastest push of an ink that nobody named."""
-MOTIONS: Final = frozenset({"jog", "move_to", "home", "plunger", "command"})
-"""Requests that move, or may."""
+"""Fastest push of an ink that isn't named."""
 _TINY: Final = 1e-9
 
 Answer = dict[str, Any]
@@ -53,59 +51,59 @@ class IdleCommands:
 
     def __init__(self, standby: Standby, known: Knowledge) -> None:
         self.standby, self.known = standby, known
-        self.requests: Mapping[str, Callable[[dict[str, Any]], Answer]] = {
-            "jog": self._jog,
-            "move_to": self._move_to,
-            "home": self._home,
-            "heat": self._heat,
-            "plunger": self._plunger,
-            "command": self._command,
-            "touch_off": self._touch_off,
-            "set_position": self._set_position,
+        self.requests: Mapping[str, Callable[..., Answer]] = {
+            "jog": self.jog,
+            "move_to": self.move_to,
+            "home": self.home,
+            "heat": self.heat,
+            "plunger": self.plunger,
+            "command": self.command,
+            "touch_off": self.touch_off,
+            "set_position": self.set_position,
         }
 
     # --- motion --------------------------------------------------------------------------------
 
-    def _jog(self, request: dict[str, Any]) -> Answer:
-        at = self._at()
-        by = {str(axis).lower(): _number(mm, f"{axis} mm") for axis, mm in request["by"].items()}
-        _only(by, AXES)
-        target = tuple(mm + by.get(axis, 0.0) for axis, mm in zip(AXES, at, strict=True))
-        return self._go((target[0], target[1], target[2]), request.get("speed_mm_s"))
+    def jog(self, by: dict[str, float], speed_mm_s: float | None = None) -> Answer:
+        """Move by so many mm along axes."""
+        _only_axes(by)
+        x, y, z = (mm + by.get(axis, 0.0) for axis, mm in zip(AXES, self._at(), strict=True))
+        return self._go((x, y, z), speed_mm_s)
 
-    def _move_to(self, request: dict[str, Any]) -> Answer:
-        at = self._at()
+    def move_to(
+        self,
+        x: float | None = None,
+        y: float | None = None,
+        z: float | None = None,
+        speed_mm_s: float | None = None,
+    ) -> Answer:
+        """Move in a straight line to a place; an axis that isn't given stays."""
         if not self.known.trusted:
             raise Refused(
                 "the printer's count isn't known to be right, so no place can be gone to: home it "
                 "without needle, or tell where the tip is (set_position); small steps (jog) are "
                 "free"
             )
-        given = {axis: request.get(axis) for axis in AXES}
-        target = tuple(
-            mm if given[axis] is None else _number(given[axis], axis)
-            for axis, mm in zip(AXES, at, strict=True)
-        )
-        return self._go((target[0], target[1], target[2]), request.get("speed_mm_s"))
+        return self._go(self._with(x, y, z), speed_mm_s)
 
     def _go(self, target: Place, speed: float | None) -> Answer:
         at, bounds = self._at(), self.known.bounds
         if math.dist(at, target) < _TINY:
             return {}
         mm_s = min(DEFAULT_MM_S, speed_limit(bounds, at, target)[0])
-        mm_s = mm_s if speed is None else _number(speed, "speed_mm_s")
+        mm_s = mm_s if speed is None else speed
         try:
             check_step(self._known, at, target, mm_s)
         except NotAllowed as exc:
             raise Refused(str(exc)) from exc
-        whole = self.standby.travel(target, mm_s)
+        whole = travel(self.standby, target, mm_s)
         return {"message": "" if whole else "the move was ended before its goal"}
 
-    def _home(self, request: dict[str, Any]) -> Answer:
-        axes = [str(axis).lower() for axis in request["axes"]]
-        _only(axes, AXES)
+    def home(self, axes: Sequence[str], needle_off: bool = False) -> Answer:
+        """Home axes, and switch off what that switches on in the firmware."""
+        _only_axes(axes)
         try:
-            check_homing(replace(self._known, needle_off=bool(request.get("needle_off"))))
+            check_homing(replace(self._known, needle_off=needle_off))
         except NotAllowed as exc:
             raise Refused(str(exc)) from exc
         self.standby.do("G28 " + " ".join(axis.upper() for axis in axes), "M400")
@@ -128,10 +126,10 @@ class IdleCommands:
         self.standby.do("M420 S0")
         return "homing switched bed levelling on; it was switched off again (M420 S0)"
 
-    def _plunger(self, request: dict[str, Any]) -> Answer:
-        ul = _number(request["ul"], "ul")
+    def plunger(self, ul: float, ul_s: float | None = None) -> Answer:
+        """Push (above 0) or draw back so many µL."""
         per_mm, most, why = self._push_limits()
-        speed = _number(request["ul_s"], "ul_s") if request.get("ul_s") is not None else most
+        speed = most if ul_s is None else ul_s
         if not 0 < speed <= most * (1 + _TINY):
             raise Refused(f"{speed:g} µL/s isn't within 0 to {most:g} µL/s ({why})")
         self._within_syringe(ul / per_mm, per_mm)
@@ -139,14 +137,14 @@ class IdleCommands:
             raise Refused(f"nothing is pushed while: {self.standby.trouble}; draw back instead")
         before, asked = self.standby.plunger, ul / per_mm
         try:
-            moved = self.standby.push(asked, speed / per_mm) if asked else 0.0
+            moved = push(self.standby, asked, speed / per_mm) if asked else 0.0
         finally:
             self._count_plunger(before)
         whole = abs(moved) >= abs(asked) - _TINY
         return {"message": "" if whole else "the plunger was stopped before its goal"}
 
     def _count_plunger(self, before: float | None) -> None:
-        """Add what the printer says it has moved; where it doesn't say, nobody knows any more."""
+        """Add what the printer says it has moved; where it doesn't say, that is unknown."""
         after, used = self.standby.plunger, self.known.plunger_mm
         if before is None or after is None or used is None:
             self.known.plunger_mm = None
@@ -196,8 +194,8 @@ class IdleCommands:
 
     # --- heat and console ----------------------------------------------------------------------
 
-    def _heat(self, request: dict[str, Any]) -> Answer:
-        name, celsius = str(request["name"]), _number(request["celsius"], "celsius")
+    def heat(self, name: str, celsius: float) -> Answer:
+        """Set a heater's target."""
         try:
             check_heat(self._known, name, celsius)
         except NotAllowed as exc:
@@ -206,9 +204,9 @@ class IdleCommands:
         self.standby.ask_soon()
         return {}
 
-    def _command(self, request: dict[str, Any]) -> Answer:
-        """A line of the console; one that moves or heats goes the way of the request for that."""
-        line = allowed_command(judge(str(request["text"]), LineOrigin.CONSOLE, self._known))
+    def command(self, text: str) -> Answer:
+        """Send a line of the console; one that moves or heats goes the way of that request."""
+        line = allowed_command(judge(text, LineOrigin.CONSOLE, self._known))
         if line.act is LineAction.SEND:
             lines = self.standby.do(line.text)
             self.standby.look()
@@ -216,9 +214,15 @@ class IdleCommands:
         if line.act is LineAction.MOVE and line.target is not None:
             answer = self._go(line.target, line.speed_mm_s)
         elif line.act is LineAction.HOME:
-            answer = self._home({"axes": line.axes})
+            if not self.known.needle_known:
+                raise Refused(
+                    "homing drives an axis through whatever is in the way, and it isn't known "
+                    "whether a needle is mounted: home by Home (page Printer, `printctl station "
+                    "home`), which asks, or say first what is mounted (mount; '' for no needle)"
+                )
+            answer = self.home(line.axes)
         else:
-            answer = self._heat({"name": line.heater, "celsius": line.celsius})
+            answer = self.heat(line.heater, line.celsius)
         return {"lines": [answer["message"]] if answer.get("message") else []}
 
     @property
@@ -230,34 +234,32 @@ class IdleCommands:
 
     # --- where it is ---------------------------------------------------------------------------
 
-    def _touch_off(self, request: dict[str, Any]) -> Answer:
+    def touch_off(self, z: float | None = None, foil_mm: float = 0.0) -> Answer:
+        """Take the tip's height, or ``z``, less a foil's thickness for the dish's floor."""
         mounted, at = self.known.mounted, self._at()
         if not mounted.needle or not mounted.dish:
             raise Refused("a floor is touched with a needle in a dish; say which first (mount)")
-        foil = _number(request.get("foil_mm", 0.0), "foil_mm")
-        if not 0 <= foil <= 2:
-            raise Refused(f"a foil of {foil:g} mm isn't within 0 to 2 mm")
-        touched = at[2] if request.get("z") is None else _number(request["z"], "z")
-        self.known.mount({"floor_mm": touched - foil})
+        if not 0 <= foil_mm <= 2:
+            raise Refused(f"a foil of {foil_mm:g} mm isn't within 0 to 2 mm")
+        self.known.mount({"floor_mm": (at[2] if z is None else z) - foil_mm})
         return {}
 
-    def _set_position(self, request: dict[str, Any]) -> Answer:
-        at, printer = self._at(), self.known.printer
-        given = {axis for axis in AXES if request.get(axis) is not None}
+    def set_position(
+        self, x: float | None = None, y: float | None = None, z: float | None = None
+    ) -> Answer:
+        """Tell the firmware where the tip is; nothing moves."""
+        printer = self.known.printer
+        given = {axis: mm for axis, mm in zip(AXES, (x, y, z), strict=True) if mm is not None}
         if not given:
             raise Refused("no axis is given; say x, y or z in mm")
-        new = [
-            _number(request[axis], axis) if axis in given else mm
-            for axis, mm in zip(AXES, at, strict=True)
-        ]
-        for axis in given:
-            span, mm = getattr(printer, f"{axis}_mm"), new[AXES.index(axis)]
+        for axis, mm in given.items():
+            span = getattr(printer, f"{axis}_mm")
             if not span.low <= mm <= span.high:
                 raise Refused(
                     f"{axis.upper()} {mm:g} mm is outside {span.low:g} to {span.high:g} mm "
                     f"({axis}_mm of {printer.name}); no tip stands there"
                 )
-        self.declare((new[0], new[1], new[2]), given)
+        self.declare(self._with(x, y, z), set(given))
         return {}
 
     def declare(self, place: Place, axes: set[str]) -> None:
@@ -282,6 +284,11 @@ class IdleCommands:
         )
         return "G92 " + " ".join(words)
 
+    def _with(self, *given: float | None) -> Place:
+        """Return the tip's place with what is given of it."""
+        x, y, z = (at if mm is None else mm for mm, at in zip(given, self._at(), strict=True))
+        return x, y, z
+
     def _at(self) -> Place:
         at = self.standby.position
         if at is None:
@@ -289,13 +296,7 @@ class IdleCommands:
         return at
 
 
-def _number(value: object, what: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise Refused(f"{what} {value!r} isn't a finite number")
-    return float(value)
-
-
-def _only(given: Any, names: str) -> None:
-    unknown = [name for name in given if name not in names or len(name) != 1]
+def _only_axes(given: Sequence[str] | dict[str, float]) -> None:
+    unknown = [name for name in given if name not in AXES or len(name) != 1]
     if unknown or not given:
-        raise Refused(f"axis {unknown[0] if unknown else 'none'} is none of {', '.join(names)}")
+        raise Refused(f"axis {unknown[0] if unknown else 'none'} is none of {', '.join(AXES)}")

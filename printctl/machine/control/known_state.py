@@ -3,15 +3,51 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from firmware_profiles import Printer
+from firmware_profiles import Bath, Dish, Ink, Needle, Printer, ProfileError, Syringe, load
 from printctl.checks.gate import Bounds, Limit, PrinterSituation
-from printctl.machine.control.mounted_profiles import MountedProfiles, read_mounted_profiles
 from printctl.machine.control.station_status import MountedParts, Place
 from printctl.machine.errors import Refused
 from printctl.machine.job.syringes import usable_mm
+
+
+@dataclass(frozen=True)
+class MountedProfiles:
+    """Profiles of what is mounted; None for nothing there, or unknown."""
+
+    needle: Needle | None = None
+    syringe: Syringe | None = None
+    ink: Ink | None = None
+    dish: Dish | None = None
+    bath: Bath | None = None
+
+    @property
+    def ul_per_mm(self) -> float | None:
+        """Ink that a mm of plunger travel moves, µL."""
+        return self.syringe.area_mm2 if self.syringe else None
+
+
+def read_mounted_profiles(mounted: MountedParts) -> MountedProfiles:
+    """Load the profiles of what is mounted.
+
+    Raises
+    ------
+    Refused
+        When one isn't there or is wrong.
+    """
+    try:
+        return MountedProfiles(
+            needle=load(Needle, mounted.needle) if mounted.needle else None,
+            syringe=load(Syringe, mounted.syringe) if mounted.syringe else None,
+            ink=load(Ink, mounted.ink) if mounted.ink else None,
+            dish=load(Dish, mounted.dish) if mounted.dish else None,
+            bath=load(Bath, mounted.bath) if mounted.bath else None,
+        )
+    except ProfileError as exc:
+        raise Refused(str(exc)) from exc
 
 
 def heat_limits(profiles: MountedProfiles, part_in_dish: bool) -> dict[str, Limit]:
@@ -38,20 +74,18 @@ _UNKNOWN: Final = (False, False, False)
 
 @dataclass
 class Knowledge:
-    """Told by the user, or known from what was done.
+    """Given by the user, or known from what was done.
 
     Attributes
     ----------
-    printer : Printer
-    mounted : MountedParts
     homed : (x, y, z) of bool
         Axes whose count means the printer's frame.
     plunger_mm : float or None, mm
-        Travel of the syringe in use that is used up; None where nobody said.
+        Travel of the syringe in use that is used up; None where unknown.
     part_in_dish : bool
         Whether something was printed into the dish.
     needle_known : bool
-        Whether anybody said which needle is on, or that none is.
+        Whether it was given which needle is on, or that none is.
     """
 
     printer: Printer
@@ -113,17 +147,30 @@ class Knowledge:
         self.mounted = replace(self.mounted, floor_mm=None, bath_level_mm=None)
 
     def home(self, axes: set[str]) -> None:
-        """Take notice that axes were homed, with the needle off."""
+        """Record that axes were homed, with the needle off."""
         mounted = replace(self.mounted, needle="", floor_mm=None)
         if "z" in axes and not self.homed[2]:
             mounted = replace(mounted, bath_level_mm=None)
         self.mounted, self.profiles = mounted, replace(self.profiles, needle=None)
         self.needle_known = True
-        known = [name in axes or old for name, old in zip("xyz", self.homed, strict=True)]
-        self.homed = (known[0], known[1], known[2])
+        self._trust(axes)
+
+    def _trust(self, axes: set[str]) -> None:
+        x, y, z = (name in axes or old for name, old in zip("xyz", self.homed, strict=True))
+        self.homed = x, y, z
+
+    def put_in(self, syringe: str, used_mm: float) -> None:
+        """Record a change of syringe in a print, and the travel used up of the new one since.
+
+        Without a name it is one like the last.
+        """
+        if syringe:
+            with suppress(Refused):  # its profile may have gone since the change
+                self.mount({"syringe": syringe})
+        self.plunger_mm = used_mm
 
     def count_anew(self, old: Place, new: Place, axes: set[str]) -> None:
-        """Take notice that the printer calls the tip's place ``new`` now, which it called ``old``.
+        """Record that the printer calls the tip's place ``new`` now, which it called ``old``.
 
         What was measured in the old count is moved along; where the dish stands was said in the
         printer's frame, and is moved only if the old count meant that.
@@ -139,13 +186,12 @@ class Knowledge:
             bath_level_mm=None if level is None else level + shift[2],
             dish_centre_mm=centre,
         )
-        known = [name in axes or was for name, was in zip("xyz", self.homed, strict=True)]
-        self.homed = (known[0], known[1], known[2])
+        self._trust(axes)
 
     def mount(self, parts: dict[str, Any]) -> None:
-        """Take notice of what the user says is mounted.
+        """Record what the user says is mounted.
 
-        Another needle has another length: nobody knows any more how high its tip is, and the floor
+        Another needle has another length: how high its tip is isn't known any more, and the floor
         must be touched off again. Another dish has another floor and no print in it. A syringe
         that is named is a full one, unless ``plunger_mm`` says otherwise.
 
@@ -162,23 +208,23 @@ class Knowledge:
                 f"{', '.join(MountedParts.__dataclass_fields__)}, plunger_mm"
             )
         used = parts.pop("plunger_mm", 0.0 if parts.get("syringe") else self.plunger_mm)
-        told: dict[str, Any] = {name: _name(name, parts[name]) for name in _NAMES if name in parts}
+        given: dict[str, Any] = {name: _name(name, parts[name]) for name in _NAMES if name in parts}
         for name in ("floor_mm", "bath_level_mm"):
             if name in parts:
-                told[name] = _mm(name, parts[name])
+                given[name] = _mm(name, parts[name])
         if "dish_centre_mm" in parts:
-            told["dish_centre_mm"] = _centre(parts["dish_centre_mm"])
-        mounted = replace(self.mounted, **told)
-        if {"needle", "dish"} & set(told) and "floor_mm" not in told:
+            given["dish_centre_mm"] = _centre(parts["dish_centre_mm"])
+        mounted = replace(self.mounted, **given)
+        if {"needle", "dish"} & set(given) and "floor_mm" not in given:
             mounted = replace(mounted, floor_mm=None)
-        if {"dish", "bath"} & set(told) and "bath_level_mm" not in told:
+        if {"dish", "bath"} & set(given) and "bath_level_mm" not in given:
             mounted = replace(mounted, bath_level_mm=None)
         self.profiles = read_mounted_profiles(mounted)
         if mounted.needle and mounted.needle != self.mounted.needle and self.needle_known:
             self.homed = (self.homed[0], self.homed[1], False)
-        self.needle_known = self.needle_known or "needle" in told
+        self.needle_known = self.needle_known or "needle" in given
         self.mounted, self.plunger_mm = mounted, _used(used)
-        self.part_in_dish = self.part_in_dish and "dish" not in told
+        self.part_in_dish = self.part_in_dish and "dish" not in given
 
 
 def _name(what: str, value: object) -> str:

@@ -1,35 +1,32 @@
-"""Standby: keep in contact with an idle printer, query it, move it manually.
+"""Standby: keep in contact with an idle printer, query it, count where its tip stands.
 
 One thread runs all of it. `halt_motion` and `kill` may be called by others.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import Final
 
 from firmware_profiles.families import family_of
-from printctl.machine.control.channel import Channel, PrinterReplies
+from firmware_profiles.families.position_reply import parse_position
+from printctl.machine.control.channel import Channel
 from printctl.machine.control.connecting import connect
-from printctl.machine.control.firmware_check import FirmwareCheck
-from printctl.machine.control.gauges import Gauge, Gauges
-from printctl.machine.control.interruption import Interruption
-from printctl.machine.control.kill import Kill
+from printctl.machine.control.firmware import RETRIES, Firmware, FirmwareCheck
+from printctl.machine.control.gauges import Gauge, read_high
+from printctl.machine.control.halting import Kill
+from printctl.machine.control.heat import Temperature, parse_temperatures
 from printctl.machine.control.logbook import Logbook
-from printctl.machine.control.manual_motion import Mover, send
-from printctl.machine.control.print_events import PrintEvents
 from printctl.machine.control.progress import JobProgress
-from printctl.machine.control.requests import RequestQueue
 from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import Place
-from printctl.machine.control.tip import Tip
 from printctl.machine.control.wiring import Wiring
+from printctl.machine.errors import LinkError
 from printctl.machine.families import link_facts
-from printctl.machine.job.firmware import Firmware
 from printctl.machine.job.job import Job
 from printctl.machine.job.retreat import heaters_off
-from printctl.machine.job.temperatures import Temperature, parse_temperatures
 from printctl.machine.records.states import LinkState
 
 POLL_S: Final = 1.0
@@ -38,6 +35,8 @@ SIGN_S: Final = 20.0
 """Interval at which the firmware's own switch-off time begins anew."""
 _UNRECORDED: Final = frozenset({"reading"})
 """Once a second for days."""
+_WITHIN_MM: Final = 0.011
+"""Of the two decimals that M114 reports."""
 
 
 class Standby:
@@ -54,54 +53,49 @@ class Standby:
 
     Attributes
     ----------
+    channel : Channel
+    halt : threading.Event
+        Set to end the move that goes on.
+    position : (x, y, z) or None, mm
+        Where the tip is, asked of the printer, or known more exactly from what it was sent; None
+        where the printer doesn't report it.
+    plunger : float or None, mm
+        E as the printer counts it.
     temperatures : tuple of Temperature
     """
 
     def __init__(self, wiring: Wiring, pace: float, changed: Callable[[], None]) -> None:
-        self._wiring, self._changed = wiring, changed
-        self._dialect = family_of(wiring.printer).dialect(wiring.printer)
+        self._wiring, self.pace, self._changed = wiring, pace, changed
+        self.dialect = family_of(wiring.printer).dialect(wiring.printer)
         self._logbook = Logbook(
             wiring, JobProgress(wiring, Job([], [], "", "no job")), unrecorded=_UNRECORDED
         )
-        self._kill, self._halt, heard = Kill(wiring, changed), threading.Event(), PrinterReplies()
-        queue = RequestQueue()
-        nothing = Interruption(wiring, self._logbook, queue, self._kill, heard)
-        as_print = PrintEvents(wiring, self._logbook, self._kill, queue, heard, nothing)
-        self._events = StandbyEvents(self._logbook, self._halt, self._kill.asked, as_print)
-        self._channel = Channel(wiring, self._logbook, self._kill, self._events, heard)
-        self._gauges = Gauges(self._channel, [Gauge(one) for one in wiring.printer.watch])
-        self._firmware = FirmwareCheck(self._channel, self._gauges)
-        self._tip = Tip(self._channel)
-        self._motion = Mover(self._channel, self._tip, self._events, self._halt, pace, self._attend)
+        self._kill, self.halt = Kill(wiring, changed), threading.Event()
+        self.channel = Channel(wiring, self._logbook, self._kill)
+        self.channel.handler = self._events = StandbyEvents(self.channel, self.halt)
+        self._gauges = [Gauge(one) for one in wiring.printer.watch]
+        self._firmware = FirmwareCheck(self.channel)
         self._poll_due = self._sign_due = 0.0
+        self.position: Place | None = None
+        self.plunger: float | None = None
         self.temperatures: tuple[Temperature, ...] = ()
 
     # --- as it stands ----------------------------------------------------------------------------
 
     @property
-    def position(self) -> Place | None:
-        """Where the tip is, (x, y, z), mm; None where the printer doesn't tell."""
-        return self._tip.position
-
-    @property
-    def plunger(self) -> float | None:
-        """E as the printer counts it, mm; None where it doesn't tell."""
-        return self._tip.plunger
-
-    @property
     def trouble(self) -> str:
-        """What was read above its limit last, or what the printer complained of unasked."""
+        """What was read above its limit last, or what the printer complained of by itself."""
         return self._events.trouble
 
     @property
     def firmware(self) -> Firmware:
-        """What the firmware says of itself."""
+        """What the firmware reports of itself."""
         return self._firmware.firmware
 
     @property
     def readings(self) -> tuple[str, ...]:
         """Last readings of what the profile has watched."""
-        return self._gauges.readings
+        return tuple(str(gauge) for gauge in self._gauges)
 
     @property
     def halt_asked(self) -> bool:
@@ -119,17 +113,17 @@ class Standby:
             As any print's beginning.
         """
         protocol = self._wiring.protocol
-        self._logbook.enter_unrecorded(LinkState.CONNECTING)
-        connect(self._channel)
-        self._logbook.enter_unrecorded(LinkState.CHECKING)
-        self._firmware.check()
-        self._channel.agree(protocol.renumber)
+        self._logbook.state = LinkState.CONNECTING
+        connect(self.channel)
+        self._logbook.state = LinkState.CHECKING
+        self._firmware.check(self._gauges)
+        self.channel.agree(protocol.renumber)
         protocol.load([], 0, 0)
-        self._logbook.enter_unrecorded(LinkState.PAUSED)
-        self._events.found()
+        self._logbook.state = LinkState.PAUSED
+        self._events.found = True
         if link_facts(self._wiring.printer).m84_sets_timeout:
             # else the motors lose their power, and the place its meaning
-            self._channel.command(b"M84 S0")
+            self.channel.command(b"M84 S0")
         self._sign_of_life()
         self._poll()
 
@@ -146,8 +140,8 @@ class Standby:
         self.do(*(command.decode("ascii") for command in heaters_off(self._wiring.printer)))
         self._poll()
         on = [one.name for one in self.temperatures if one.target_c]
-        if not on and self._dialect.idle_timeout and self._dialect.zero_is_off:
-            self.do(self._dialect.idle_timeout.format(seconds="0"))
+        if not on and self.dialect.idle_timeout and self.dialect.zero_is_off:
+            self.do(self.dialect.idle_timeout.format(seconds="0"))
         return on
 
     # --- for any thread --------------------------------------------------------------------------
@@ -157,28 +151,29 @@ class Standby:
         self._kill.strike()
 
     def halt_motion(self) -> None:
-        """End the move that goes on, soon; from any thread. The position stays known."""
-        self._halt.set()
+        """End the move that goes on, soon. The position stays known."""
+        self.halt.set()
 
     def allow_motion(self) -> None:
         """Take back `halt_motion`, before a move is asked for."""
-        self._halt.clear()
+        self.halt.clear()
 
     # --- waiting ---------------------------------------------------------------------------------
 
     def rest(self, seconds: float) -> None:
         """Hear the printer for so long, and ask it what is due."""
-        self._channel.pump(self._wiring.clock.now() + seconds)
-        self._attend()
+        self.channel.pump(self._wiring.clock.now() + seconds)
+        self.attend()
 
     def ask_soon(self) -> None:
         """Have temperatures asked for at the next opportunity."""
         self._poll_due = 0.0
 
-    def _attend(self) -> None:
+    def attend(self) -> None:
+        """Ask the printer what is due; raise PrintEnded where it was halted."""
         now = self._wiring.clock.now()
         if self._kill.asked.is_set():
-            self._channel.await_halt()
+            self.channel.await_halt()
         if now >= self._sign_due:
             self._sign_of_life()
         if now >= self._poll_due:
@@ -187,20 +182,20 @@ class Standby:
     def _poll(self) -> None:
         now = self._wiring.clock.now()
         self._poll_due = now + POLL_S
-        self.temperatures = parse_temperatures(self._channel.ask(b"M105")) or self.temperatures
+        self.temperatures = parse_temperatures(self.channel.ask(b"M105")) or self.temperatures
         self.look()  # somebody may turn the knob on the machine
-        high = self._gauges.too_high(now)
+        high = read_high(self.channel, self._gauges, now)
         if high and high != self.trouble:
             self._logbook.alarm(high)
-        self._events.set_trouble(high or self._logbook.take_fault())
+        self._events.trouble = high or self._logbook.take_fault()
         self._changed()
 
     def _sign_of_life(self) -> None:
         printer = self._wiring.printer
         self._sign_due = self._wiring.clock.now() + SIGN_S
-        if self._dialect.idle_timeout and printer.idle_timeout_s > 0:
+        if self.dialect.idle_timeout and printer.idle_timeout_s > 0:
             seconds = f"{printer.idle_timeout_s:.0f}"
-            self._channel.ask(self._dialect.idle_timeout.format(seconds=seconds).encode("ascii"))
+            self.channel.ask(self.dialect.idle_timeout.format(seconds=seconds).encode("ascii"))
 
     # --- doing -----------------------------------------------------------------------------------
 
@@ -212,16 +207,55 @@ class Standby:
         LinkError
             When the printer complains.
         """
-        return send(self._channel, *commands)
+        heard: list[str] = []
+        for command in commands:
+            for line in self.channel.command(command.encode("ascii")):
+                heard.append(line.decode("ascii", "backslashreplace"))
+            self.raise_fault(command)
+        return heard
 
-    def travel(self, target: Place, speed_mm_s: float) -> bool:
-        """Move the tip in a straight line and wait; see `Motion.travel`."""
-        return self._motion.travel(target, speed_mm_s)
+    def raise_fault(self, what: str) -> None:
+        """Raise `LinkError` where the printer complained of what it was asked for."""
+        text = self._logbook.take_fault()
+        if text:
+            raise LinkError(f"{text} (asked for: {what})")
 
-    def push(self, mm: float, speed_mm_s: float) -> float:
-        """Move the plunger and wait; see `Motion.push`."""
-        return self._motion.push(mm, speed_mm_s)
+    # --- where the tip stands --------------------------------------------------------------------
 
     def look(self) -> None:
-        """Ask where the printer is."""
-        self._tip.look()
+        """Ask where the printer is; keep what M114's two decimals leave out of a known place."""
+        for _ in range(RETRIES):
+            at = parse_position(self.channel.ask(b"M114"))
+            if not {"X", "Y", "Z"} <= set(at):
+                continue
+            place, e = (at["X"], at["Y"], at["Z"]), at.get("E")
+            was, pushed = self.position, self.plunger
+            if was is None or any(abs(a - b) > _WITHIN_MM for a, b in zip(was, place, strict=True)):
+                self.position = place
+            if pushed is None or e is None or abs(pushed - e) > _WITHIN_MM:
+                self.plunger = e
+            return
+        self.position = self.plunger = None
+
+    def expect(self, place: Place) -> None:
+        """See that the printer went where it was sent; go on counting from there exactly.
+
+        Raises
+        ------
+        LinkError
+            When it went elsewhere.
+        """
+        self.position = place
+        self.look()
+        at = self.position
+        if at is None or math.dist(at, place) > 2 * _WITHIN_MM:
+            raise LinkError(
+                f"the printer stands at {_words(at)} and not at {_words(place)}: its own limits "
+                "(soft endstops) or a wrong position keep it from there"
+            )
+
+
+def _words(place: Place | None) -> str:
+    if place is None:
+        return "a place it doesn't tell"
+    return " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", place, strict=True))

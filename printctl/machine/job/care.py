@@ -46,7 +46,7 @@ class Care:
     start_mm : tuple of float or None, mm
         Where the checks took the tip to stand before the first line; None where none was made.
     look_after : MarkKind or None
-        The print is held for a look (`printctl.machine.control.looks`) where each layer or vessel
+        The print is held for a look (`printctl.machine.control.looking`) where each layer or vessel
         ends.
     look_every_mm, look_every_written_s : float; 0 for no
         Also behind so much written way, or time of writing, since the last look, at the first mark

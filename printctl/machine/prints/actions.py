@@ -18,11 +18,8 @@ from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.prints.print_words import state_words
 from printctl.machine.prints.recovery import NoCheckpoint
 from printctl.machine.prints.recovery_file import planned
-from printctl.machine.process.find_link import alive
-from printctl.machine.process.resuming import resumable
-from printctl.machine.process.station_record import LOCK as STATION_LOCK
-from printctl.machine.process.station_record import RECORD as STATION_RECORD
-from printctl.machine.process.station_record import load_station
+from printctl.machine.process.contact import STATION_LOCK, STATION_RECORD, alive, load_station
+from printctl.machine.process.outcome import resumable
 from printctl.machine.records.history import data_folder
 from printctl.machine.records.record import JOURNAL, RECORD, load_record
 from printctl.machine.records.states import LinkState, Status

@@ -10,7 +10,7 @@ from printctl.machine.control.gating import settings_changed_by
 from printctl.machine.errors import JobError, Refused
 from printctl.machine.prints.actions import PrintAction, possible_actions
 from printctl.machine.process.client import attach
-from printctl.machine.process.process import hold_folder
+from printctl.machine.process.contact import hold_folder
 from printctl.machine.records.history import remember_meanwhile
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.journalled_print import read_journal

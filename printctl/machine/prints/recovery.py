@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
+from printctl.machine.control.firmware import mode_lines
 from printctl.machine.errors import LinkError
-from printctl.machine.job.completed_moves import moves_ahead, surely_moved
 from printctl.machine.job.coordinates import (
     HOMING,
     JobFrame,
@@ -38,9 +38,9 @@ from printctl.machine.job.dispensing import (
     reopen,
     shut,
 )
-from printctl.machine.job.firmware import mode_lines
 from printctl.machine.job.job import GrownText, Job, grown_text, with_comment
 from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.job.retreat import Retreat, count_from
 from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.records.journal import Record

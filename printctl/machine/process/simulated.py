@@ -1,24 +1,33 @@
-"""Start the simulated printer as a separate process, behind a pseudo-terminal."""
+"""Simulated printers: start one behind a pseudo-terminal; note that its motion record is whole.
+
+By the note a run takes over what was printed from the operator's page, instead of printing it
+again.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+from design.files import write_text
+from firmware_profiles import Printer
 from printctl.errors import PrinterFailedError
 from printctl.machine.errors import LinkError
 from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.records.record import JOURNAL, SIM_ADDRESS, load_record, reported_port
-from printctl.sources import python_command
+from printctl.sources import python_command, source_digest
 
-__all__ = ["SIMULATED", "simulated_printer"]
-
+EXECUTED: Final = "executed.npz"
 _COMES_UP_S: Final = 120.0
 """It takes one or two; a machine under heavy load needs far longer to import and compile."""
+_CODE: Final = ("sim", "printctl/machine", "firmware_profiles")
+"""What decides what a simulated printer does with a job."""
 
 
 def simulated_printer(
@@ -107,3 +116,53 @@ def was_simulated(folder: Path) -> bool:
         return reported_port(folder, load_record(folder).port) == SIMULATED
     except LinkError:
         return False
+
+
+# --- the record of its motion ------------------------------------------------------------------
+
+
+def record_for(folder: Path) -> Path:
+    """Path of the record of a print in ``folder``: a run's beside the print, else in it."""
+    return folder.parent / EXECUTED if folder.name == "print" else folder / EXECUTED
+
+
+def write_note(record: Path, sha256: str, printer: Printer, blocks: int) -> None:
+    """Say what a whole record is of.
+
+    Parameters
+    ----------
+    record : Path
+    sha256 : str
+        Of the job's file.
+    printer : Printer
+    blocks : int
+        In the record.
+    """
+    write_text(_note(record), json.dumps(_facts(sha256, printer, blocks)) + "\n")
+
+
+def is_complete_record(record: Path, sha256: str, printer: Printer) -> bool:
+    """Whether a record is of this job on this printer, by this version, and whole."""
+    import numpy as np  # A print's clients do without it.
+
+    try:
+        note = json.loads(_note(record).read_text(encoding="utf-8"))
+        with np.load(record) as data:
+            blocks = len(data["line"])
+    except (OSError, ValueError, KeyError):
+        return False
+    return bool(note == _facts(sha256, printer, blocks))
+
+
+def _note(record: Path) -> Path:
+    return record.with_suffix(".json")
+
+
+def _facts(sha256: str, printer: Printer, blocks: int) -> dict[str, Any]:
+    profile = json.dumps(printer.model_dump(mode="json"), sort_keys=True)
+    return {
+        "job": sha256,
+        "printer": hashlib.sha256(profile.encode()).hexdigest(),
+        "code": source_digest(_CODE),
+        "blocks": blocks,
+    }

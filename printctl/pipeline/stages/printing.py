@@ -14,12 +14,12 @@ from printctl.machine.job.care import Care
 from printctl.machine.job.job import GrownText, grown_text, parse_job
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import usable_mm
-from printctl.machine.ports.detection import named_port
+from printctl.machine.ports.detection import SIMULATED, named_port
 from printctl.machine.prints.follow import confirm, follow, retreat_for
 from printctl.machine.process.client import PrintClient
-from printctl.machine.process.executed_note import is_complete_record
-from printctl.machine.process.find import Order, find_or_start, finished
-from printctl.machine.process.simulated import SIMULATED, simulated_printer
+from printctl.machine.process.orders import Order
+from printctl.machine.process.simulated import is_complete_record, simulated_printer
+from printctl.machine.process.starting import find_or_start, finished
 from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.states import PrintOutcome
 from printctl.observe.order import ObserverOrder

@@ -15,10 +15,9 @@ from printctl.checks.gate import RIM_MARGIN_MM, STEP_DOWN_MM
 from printctl.errors import SafetyError
 from printctl.machine.control.station_status import NO_PRINTER, StationState, StationStatus
 from printctl.machine.errors import NoLink
-from printctl.machine.process.client import PrintClient
-from printctl.machine.process.find import Order
-from printctl.machine.process.simulated import SIMULATED
-from printctl.machine.process.station_client import Station, attach
+from printctl.machine.ports.detection import SIMULATED
+from printctl.machine.process.client import PrintClient, Station, attach_station
+from printctl.machine.process.orders import Order
 from printctl.web.errors import ConflictError
 from printctl.web.job.set_up import JobSetUp, Place
 from printctl.web.profile_store import PARTS, ProfileStore
@@ -134,13 +133,13 @@ class StationPrinting:
 
     def _status(self) -> StationStatus | None:
         try:
-            return attach(self._folder).status
+            return attach_station(self._folder).status
         except NoLink:
             return None
 
     def _station(self) -> Station:
         try:
-            return attach(self._folder)
+            return attach_station(self._folder)
         except NoLink as exc:
             raise ConflictError(NO_PRINTER) from exc
 

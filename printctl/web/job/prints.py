@@ -27,9 +27,8 @@ from printctl.machine.prints.state import (
     remaining_of,
 )
 from printctl.machine.process.client import PrintClient, attach
-from printctl.machine.process.find_link import alive
+from printctl.machine.process.contact import STATION_RECORD, alive
 from printctl.machine.process.simulated import was_simulated
-from printctl.machine.process.station_record import RECORD as STATION_RECORD
 from printctl.machine.records.record import JOURNAL, RECORD, load_record
 from printctl.machine.records.states import Status
 from printctl.web.errors import NotFoundError

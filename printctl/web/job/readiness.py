@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 from printctl.checks.set_up import Check
 from printctl.machine.control.station_status import StationState
-from printctl.machine.process.station_orders import ASIDE_MM
+from printctl.machine.process.orders import ASIDE_MM
 from printctl.web.job.aftercare import checklist
 from printctl.web.job.machine import Machine
 from printctl.web.job.preflight import CheckRow, Preflight, PreflightReport, load_table, row

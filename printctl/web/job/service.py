@@ -20,7 +20,8 @@ from printctl.machine.job.job import load_job
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.prints.follow import retreat_for
 from printctl.machine.prints.mend_strokes import MendStrokes, mend_strokes
-from printctl.machine.process.find import Order, running
+from printctl.machine.process.orders import Order
+from printctl.machine.process.starting import running
 from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import load_record
 from printctl.observe.order import ObserverOrder

@@ -17,7 +17,7 @@ from printctl.machine.errors import LinkError
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import load_job
 from printctl.machine.job.syringes import usable_mm
-from printctl.machine.process.station_orders import homing_line
+from printctl.machine.process.orders import homing_line
 from printctl.recipe.making import CarePart
 from printctl.recipe.model import Recipe
 from printctl.run_folder.manifest import Manifest

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from printctl.machine.control.station_status import StationState, StationStatus
 from printctl.machine.errors import LinkError
-from printctl.machine.process.station_client import Station, attach
+from printctl.machine.process.client import Station, attach_station
 
 APART_S: Final = 0.25
 LOOK_AGAIN_S: Final = 2.0
@@ -73,7 +73,7 @@ class Follower:
 
     def _find(self) -> Station | None:
         try:
-            station = attach(self._folder)
+            station = attach_station(self._folder)
             if station.status.state is StationState.CLOSED:
                 return None
         except (LinkError, OSError):

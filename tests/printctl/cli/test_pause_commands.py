@@ -31,7 +31,8 @@ from printctl.cli.running_print import (
 from printctl.errors import PrintctlError, SafetyError, UsageError
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care
-from printctl.machine.process.client import PrintClient, start_print
+from printctl.machine.process.client import PrintClient
+from printctl.machine.process.starting import start_print
 from printctl.machine.records.states import LinkState, PrintOutcome
 from registration.devices.camera_frame import read_frame, write_insert
 from registration.devices.lens import write_lens

@@ -19,8 +19,7 @@ import yaml
 
 from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
-from printctl.machine.process.find_link import alive, has_ended
-from printctl.machine.process.process import hold_folder
+from printctl.machine.process.contact import alive, has_ended, hold_folder
 from printctl.machine.records.record import RECORD
 from printctl.observe import starting, views
 from printctl.observe import views as camera_holds
@@ -38,7 +37,7 @@ from tests.waiting import wait_for
 _OBSERVER = """
 import signal, sys
 from pathlib import Path
-from printctl.machine.process.process import hold_folder
+from printctl.machine.process.contact import hold_folder
 from printctl.observe.__main__ import _leave
 from printctl.observe.devices import DeviceSettings, acquire
 from printctl.observe.records import OBSERVER_LOCK

@@ -22,7 +22,7 @@ from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load
 from firmware_profiles.bead import BeadSection
 from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.machine.job.care import Care
-from printctl.machine.process.find import Order
+from printctl.machine.process.orders import Order
 from printctl.pipeline.heads import Filled
 from printctl.pipeline.lock import is_run_active, run_lock
 from printctl.pipeline.printability import printability

@@ -24,7 +24,7 @@ import pytest
 from printctl.cli import serve as cli_serve
 from printctl.errors import UsageError
 from printctl.machine.errors import LinkError
-from printctl.machine.process.station_client import attach
+from printctl.machine.process.client import attach_station
 from printctl.web.listening import bind
 from printctl.web.serve import Running, check
 from printctl.web.settings import ServeSettings, is_loopback
@@ -357,7 +357,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     workspace = tmp_path_factory.mktemp("api") / "workspace"
     yield served(workspace, sim_speed=0.0)
     with contextlib.suppress(LinkError):  # what was sent may have connected the simulated printer
-        attach(workspace / "station").close()
+        attach_station(workspace / "station").close()
 
 
 def by_token(shared: Served) -> dict[str, str]:

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import PortLost
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.serial_port import SerialTransport
-from printctl.machine.process.client import resume_print, start_print
+from printctl.machine.process.starting import resume_print, start_print
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.board.controller import FaultPlan
 from sim.devices.board.printer import SimulatedPrinter

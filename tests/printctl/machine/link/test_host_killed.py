@@ -13,15 +13,14 @@ import pytest
 
 from printctl.cli.running_print import status_lines
 from printctl.machine.errors import Refused
-from printctl.machine.job.completed_moves import moves_ahead, surely_moved
 from printctl.machine.job.job import Job
+from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.journal_facts import JournalledFacts
 from printctl.machine.prints.recovery import NoCheckpoint, plan_recovery
 from printctl.machine.prints.state import assemble_state
-from printctl.machine.process.find_link import read_outcome
-from printctl.machine.process.resuming import resumable
+from printctl.machine.process.outcome import read_outcome, resumable
 from printctl.machine.records.history_entry import entry_of
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.journalled_print import read_journal

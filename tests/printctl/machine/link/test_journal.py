@@ -25,8 +25,8 @@ from printctl.machine.errors import HistoryError, JournalError, Refused
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.wire_log import RING_BYTES, LoggedTransport, WireLog
 from printctl.machine.prints.recovery import beginning
-from printctl.machine.process.client import start_print
-from printctl.machine.process.resuming import resumable
+from printctl.machine.process.outcome import resumable
+from printctl.machine.process.starting import start_print
 from printctl.machine.records.history import PrintHistory, data_folder, remember
 from printctl.machine.records.history_entry import INTERRUPTED, entry_of
 from printctl.machine.records.history_query import HistoryQuery

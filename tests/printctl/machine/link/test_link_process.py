@@ -28,9 +28,10 @@ from printctl.machine.errors import (
 )
 from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.process import find_link
-from printctl.machine.process.client import PrintClient, attach, resume_print, start_print
-from printctl.machine.process.find_link import alive
+from printctl.machine.process import contact
+from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.contact import alive
+from printctl.machine.process.starting import resume_print, start_print
 from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
@@ -120,7 +121,7 @@ def test_reset_in_mid_print_is_position_unknown(tmp_path, profile):
 
 
 def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile, monkeypatch):
-    monkeypatch.setattr(find_link, "_ENDING_S", 0.1)
+    monkeypatch.setattr(contact, "_ENDING_S", 0.1)
     with held_print(tmp_path, profile) as (_, served, client):
         client.pause()
         served.gate.set()
@@ -182,7 +183,7 @@ def test_print_goes_on_when_its_client_is_killed(tmp_path, profile):
     lines = write_job(tmp_path / "job.gcode", 2000)
     script = (
         "import sys; from pathlib import Path\n"
-        "from printctl.machine.process.client import start_print\n"
+        "from printctl.machine.process.starting import start_print\n"
         f"start_print(Path({str(tmp_path / 'job.gcode')!r}), {profile!r}, sys.argv[1], "
         f"Path({str(tmp_path / 'run')!r}))\n"
         "print('up', flush=True)\n"
@@ -290,7 +291,7 @@ def test_what_cant_be_gone_on_with_is_refused_and_stays_as_it_was(tmp_path, prof
 
 def test_client_whose_connection_broke_finds_the_print_again(tmp_path, profile):
     with held_print(tmp_path, profile) as (_, served, client):
-        client._connection._socket.shutdown(socket.SHUT_RDWR)
+        client._stream.socket.shutdown(socket.SHUT_RDWR)
         client.stop()
         served.gate.set()
         assert client.wait(300).state is LinkState.STOPPED
@@ -325,20 +326,20 @@ def test_insert_outlives_the_process_that_took_it(tmp_path, profile):
         client = start_print(job, profile, served.name, run, care=care)
         look(client, 1)
         with pytest.raises(Refused, match="G28 may not be inserted"):
-            client.looks.insert(1, ["G28"])
-        answer = client.looks.insert(1, lines, "a gap")
+            client.insert(1, ["G28"])
+        answer = client.insert(1, lines, "a gap")
         os.kill(client.record.pid, signal.SIGKILL)
         client.wait(300)
         client = resume_print(run, served.name)
         held = look(client, 1)
         assert (held["inserted"], held["insert_sha256"]) == (11, answer["sha256"])
-        assert client.looks.insert(1, lines, "a gap") == answer
+        assert client.insert(1, lines, "a gap") == answer
         with pytest.raises(Refused, match="has an insert of 11 lines already"):
-            client.looks.insert(1, lines[:3])
-        client.looks.decide(1, LookDecision.GO_ON)
+            client.insert(1, lines[:3])
+        client.decide(1, LookDecision.GO_ON)
         look(client, 2)
-        assert client.looks.decide(1, LookDecision.GO_ON)["decision"] == "go_on"
-        client.looks.decide(2, LookDecision.GO_ON)
+        assert client.decide(1, LookDecision.GO_ON)["decision"] == "go_on"
+        client.decide(2, LookDecision.GO_ON)
         assert client.wait(300).state is LinkState.DONE
     grown = parse_job(data, "a").grown_by(read_journal(run / "journal.log").inserts)
     assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)
@@ -357,13 +358,13 @@ def test_a_stroke_held_within_and_killed_there_is_written_once(tmp_path, profile
         held = look(client, 1)
         assert (held["mark"], held["done"]) == ("end of a part of vessel 0", done)
         inside = [line.replace("Z9.900", "Z10") for line in patch_at(data, done)]
-        client.looks.insert(1, inside, "a gap")
+        client.insert(1, inside, "a gap")
         os.kill(client.record.pid, signal.SIGKILL)
         client.wait(300)
         client = resume_print(run, served.name)
         look(client, 1)
         for number in (1, 2, 3):
-            client.looks.decide(number, LookDecision.GO_ON)
+            client.decide(number, LookDecision.GO_ON)
             if number < 3:
                 look(client, number + 1)
         assert client.wait(300).state is LinkState.DONE

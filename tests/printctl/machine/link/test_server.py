@@ -15,13 +15,15 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.checks.gate import Bounds, Phase, PrinterSituation
-from printctl.machine.control.gating import allowed_command, judge_typed
+from printctl.checks.gate import Bounds, LineOrigin, Phase, PrinterSituation, judge
+from printctl.machine.control.gating import allowed_command
+from printctl.machine.control.known_state import Knowledge
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.process.server import Server, forget, listen
-from printctl.machine.process.socket_clients import MOST_GUESTS
+from printctl.machine.process.machine import Machine
+from printctl.machine.process.plug import Plug
+from printctl.machine.process.socket_server import MAX_CLIENTS, Server, forget, listen
 from printctl.machine.records.states import LinkState, Status
 
 
@@ -32,6 +34,7 @@ class Spy:
         self.requests: list[str] = []
         self.killed = threading.Event()
         self.wiring = SimpleNamespace(printer=load(Printer, "generic_marlin"))
+        self.protocol = SimpleNamespace(report=b"")
         self.status = Status(LinkState.PRINTING, lines_done=5, lines_total=9)
 
     def stop(self) -> None:
@@ -52,19 +55,31 @@ class Spy:
     def alive(self) -> None:
         self.requests.append("alive")
 
-    def insert(self, look, lines, why, done, refused, flow=None, again=False) -> None:
-        self.requests.append(f"insert {look} {len(lines)} {flow}")
-
-    def look_done(self, look, decision, why, done, refused, again=False) -> None:
-        self.requests.append(f"look_done {look} {decision}")
+    def look(self, request) -> None:
+        what = (
+            f"{len(request.lines)} {request.flow}" if request.decision is None else request.decision
+        )
+        sort = "insert" if request.decision is None else "look_done"
+        self.requests.append(f"{sort} {request.look} {what}")
 
     def typed(self, text: str, done, refused) -> None:
         known = PrinterSituation(Bounds(self.wiring.printer), Phase.PRINTING)
-        self.requests.append(allowed_command(judge_typed(text, known)).text)
+        self.requests.append(allowed_command(judge(text, LineOrigin.CONSOLE, known)).text)
         done((b"X:0.00", b"ok"))
 
     def kill(self) -> None:
         self.killed.set()
+
+
+def serving(listener: socket.socket, token: str, spy: Spy) -> Server:
+    """Serve a machine whose print is a spy."""
+    plug = Plug("generic_marlin", "/dev/nowhere", Path("nowhere"))
+    machine = Machine(plug, Knowledge(plug.printer))
+    server = Server(listener, token, machine)
+    machine.serve_by(server, "")
+    machine.begin_print(spy, "a print")  # type: ignore[arg-type]
+    server.start()
+    return server
 
 
 @pytest.fixture(params=["unix", "tcp"])
@@ -76,8 +91,7 @@ def door(request, tmp_path, monkeypatch):
     listener, address, token = listen(tmp_path)
     monkeypatch.undo()
     spy = Spy()
-    server = Server(listener, token, spy)  # type: ignore[arg-type]
-    server.start()
+    server = serving(listener, token, spy)
     guests: list[socket.socket] = []
 
     def enter() -> socket.socket:
@@ -241,7 +255,9 @@ def test_kill_gets_through_beside_guests_that_never_read_or_never_end_a_line(doo
     say(deaf, do="subscribe", token=token)
     endless.sendall(b"x" * 50_000)
     for done in range(5_000):
-        server.publish(Status(LinkState.PRINTING, lines_done=done, message="m" * 100))
+        server.tell(
+            "print", Status(LinkState.PRINTING, lines_done=done, message="m" * 100).to_dict()
+        )
     say(user, do="kill", token=token)
     assert spy.killed.wait(10)
 
@@ -252,14 +268,13 @@ def test_a_stop_of_who_leaves_at_once_is_heard(tmp_path):
         pytest.skip("no Unix sockets here")
     listener, address, token = listen(tmp_path)
     spy = Spy()
-    server = Server(listener, token, spy)  # type: ignore[arg-type]
     with socket.socket(socket.AF_UNIX) as guest:
         guest.connect(address.removeprefix("unix:"))
         say(guest, do="subscribe")
         say(guest, do="status", aside="x" * 6000)  # more than one read: it is answered in between
         say(guest, do="stop")
         say(guest, do="kill")
-    server.start()
+    server = serving(listener, token, spy)
     assert spy.killed.wait(5)
     server.finish()
     forget(address)
@@ -287,8 +302,7 @@ def crowded_door(folder: Path) -> Iterator[tuple[Spy, Server, CountingListener, 
     plain, address, token = listen(folder)
     listener = CountingListener(fileno=plain.detach())
     spy = Spy()
-    server = Server(listener, token, spy)  # type: ignore[arg-type]
-    server.start()
+    server = serving(listener, token, spy)
     try:
         yield spy, server, listener, address.removeprefix("unix:")
     finally:
@@ -316,14 +330,14 @@ def test_a_crowd_that_says_nothing_makes_room_and_who_has_spoken_stays(open_door
             one.connect(path)
         say(watching, do="subscribe")
         assert hear(watching)["state"] == "printing"
-        for _ in range(MOST_GUESTS):
+        for _ in range(MAX_CLIENTS):
             client(stack).connect(path)
         last = client(stack)
         last.connect(path)
         say(last, do="status")
         assert hear(last)["asked"]
         assert silent.recv(1) == b""  # it was the oldest that had said nothing
-        server.publish(Status(LinkState.PAUSED))
+        server.tell("print", Status(LinkState.PAUSED).to_dict())
         assert hear(watching)["state"] == "paused"
         say(last, do="kill")
         assert spy.killed.wait(5)
@@ -332,7 +346,7 @@ def test_a_crowd_that_says_nothing_makes_room_and_who_has_spoken_stays(open_door
 def test_a_crowd_of_subscribers_doesnt_keep_a_kill_out(open_door):
     spy, _, _, path = open_door
     with ExitStack() as stack:
-        for _ in range(MOST_GUESTS):
+        for _ in range(MAX_CLIENTS):
             one = client(stack)
             one.connect(path)
             say(one, do="subscribe")

@@ -35,7 +35,7 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.detection import AUTO, PortInfo, choose_port, matches, rates_to_try
 from printctl.machine.ports.serial_port import SerialTransport, _refusal
 from printctl.machine.ports.transport import open_port, sweep
-from printctl.machine.process.client import start_print
+from printctl.machine.process.starting import start_print
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, write_job

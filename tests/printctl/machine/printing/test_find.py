@@ -20,7 +20,7 @@ from rich.console import Console
 from firmware_profiles import Printer, Syringe, load
 from printctl.checks.preflight import Check, gcode_checks, refuse_failed, syringe_checks
 from printctl.errors import PrintctlError, SafetyError
-from printctl.machine.control.syringe_change import CHANGE
+from printctl.machine.control.excursion import CHANGE
 from printctl.machine.errors import PortMissing, Refused
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import Job
@@ -31,10 +31,10 @@ from printctl.machine.ports.locking import lock
 from printctl.machine.prints.follow import follow
 from printctl.machine.prints.recovery_file import planned, write_rest
 from printctl.machine.prints.state import PrintTruth, read_print
-from printctl.machine.process.find import Order, find_or_start, running
-from printctl.machine.process.find_link import alive
-from printctl.machine.process.process import hold_folder
-from printctl.machine.process.resuming import resumable
+from printctl.machine.process.contact import alive, hold_folder
+from printctl.machine.process.orders import Order
+from printctl.machine.process.outcome import resumable
+from printctl.machine.process.starting import find_or_start, running
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
 from printctl.machine.records.states import LinkState, PrintOutcome, Status

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from printctl.machine.process.station_client import Station, connect
+from printctl.machine.process.client import Station
+from printctl.machine.process.starting import connect
 
 
 @pytest.fixture(scope="module")

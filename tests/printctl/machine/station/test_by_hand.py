@@ -13,15 +13,16 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import LineRefused
 from printctl.checks.gate import Bounds, NotAllowed, PrinterSituation, check_heat
 from printctl.checks.gate.firmware import differences
+from printctl.machine.control.heat import Temperature
 from printctl.machine.control.idle_commands import IdleCommands
-from printctl.machine.control.known_state import Knowledge, heat_limits
-from printctl.machine.control.mounted_profiles import read_mounted_profiles
+from printctl.machine.control.known_state import Knowledge, heat_limits, read_mounted_profiles
 from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
 from printctl.machine.errors import AlreadyPrinting, HandshakeError, Refused
-from printctl.machine.job.temperatures import Temperature
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.process.station_client import attach, connect
+from printctl.machine.ports.detection import PortPrograms
+from printctl.machine.process.client import attach_station
+from printctl.machine.process.starting import connect
 from printctl.machine.records.states import LinkState, PrintEnded
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.motion.hardware import Board
@@ -92,6 +93,18 @@ def test_homing_needs_the_needle_off(at_rest):
     assert status.mounted.needle == ""
 
 
+def test_console_homes_only_once_it_is_known_whether_a_needle_is_on():
+    known = Knowledge(PRINTER_LEVELLING)
+    standing = Standing(MarlinPrinter(PRINTER_LEVELLING, START, Board()))
+    hands = IdleCommands(standing, known)  # type: ignore[arg-type]
+    with pytest.raises(Refused, match=r"isn't known whether a needle is mounted.*Home"):
+        hands.command("G28 X")
+    assert standing.sent == []
+    known.mount({"needle": ""})
+    hands.command("G28 X")
+    assert standing.sent[0] == "G28 X"
+
+
 def test_floor_is_touched_off_and_then_held(at_rest):
     at_rest.mount(needle="25g", dish="petri_60mm", dish_centre_mm=(100, 100))
     at_rest.set_position(z=4)
@@ -137,8 +150,11 @@ def test_heater_is_set_and_told(at_rest):
 
 
 def test_line_that_is_never_taken_ends_the_standby():
-    events = StandbyEvents(MagicMock(), threading.Event(), threading.Event(), MagicMock())
-    events.found()
+    channel = MagicMock()
+    channel.wiring.clock.now.return_value = 0.0
+    channel.wiring.transport.programs.return_value = PortPrograms()
+    events = StandbyEvents(channel, threading.Event())
+    events.found = True
     with pytest.raises(PrintEnded, match=r"didn't take 'M114' in 100 tries.*restart it") as ended:
         events.handle(LineRefused(7, 100, "M114", 0, "Error:checksum mismatch"))
     assert (ended.value.state, ended.value.known) == (LinkState.FAILED, False)
@@ -147,7 +163,7 @@ def test_line_that_is_never_taken_ends_the_standby():
 def test_every_listener_hears_and_a_dead_one_doesnt_matter(at_rest):
     dead = at_rest.events()
     next(dead)
-    other = attach(at_rest.folder)
+    other = attach_station(at_rest.folder)
     heard: list[StationStatus] = []
     listening = threading.Event()
 
@@ -168,7 +184,7 @@ def test_every_listener_hears_and_a_dead_one_doesnt_matter(at_rest):
 
 
 def test_second_station_in_the_folder_is_refused(at_rest, monkeypatch):
-    monkeypatch.setattr("printctl.machine.process.find_link._ENDING_S", 0.1)
+    monkeypatch.setattr("printctl.machine.process.contact._ENDING_S", 0.1)
     with pytest.raises(AlreadyPrinting, match="at 0 times real time, not 30; attach"):
         connect("generic_marlin", "simulated", at_rest.folder, sim_speed=30)
 
@@ -316,7 +332,7 @@ def homed(board: Board) -> tuple[dict[str, Any], Standing]:
     """Home X and Y of a printer by hand; return the answer, and it."""
     standing = Standing(MarlinPrinter(PRINTER_LEVELLING, START, board))
     hands = IdleCommands(standing, Knowledge(PRINTER_LEVELLING))  # type: ignore[arg-type]
-    return hands.requests["home"]({"axes": "xy"}), standing
+    return hands.home(["x", "y"]), standing
 
 
 def test_levelling_that_homing_by_hand_switches_on_is_off_again():

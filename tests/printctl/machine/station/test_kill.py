@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import signal
@@ -16,10 +17,11 @@ import pytest
 from printctl.machine.control.station_status import StationState
 from printctl.machine.errors import NoLink, Refused
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.process.detached_process import spawn
-from printctl.machine.process.find import Order
-from printctl.machine.process.station_client import Station, attach, connect
-from printctl.machine.process.station_record import load_station
+from printctl.machine.process.client import Station, attach_station
+from printctl.machine.process.contact import load_station
+from printctl.machine.process.launch import spawn
+from printctl.machine.process.orders import Order
+from printctl.machine.process.starting import connect
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.waiting import wait_for
@@ -142,7 +144,7 @@ def test_killed_while_it_moves(fake):
     served, station = fake
     station.set_position(100, 100, 100)
     served.hold_at = served.printer.last + 5  # the printer takes a line and says nothing
-    mover = attach(station.folder)
+    mover = attach_station(station.folder)
     ended: list[str] = []
 
     def move() -> None:
@@ -176,19 +178,14 @@ def test_killed_while_it_connects_to_a_printer_that_says_nothing(folder, profile
     master, slave = os.openpty()
     try:
         folder.mkdir()
-        command = [
-            sys.executable,
-            "-m",
-            "printctl.machine.process.station_main",
-            "--printer",
-            profile,
-        ]
-        spawn([*command, "--detach", "--port", os.ttyname(slave), "--folder", str(folder)])
+        command = [sys.executable, "-m", "printctl.machine.process", "--detach", "--station"]
+        plug = {"profile": profile, "port": os.ttyname(slave), "folder": str(folder)}
+        spawn([*command, json.dumps(plug)])
         heard, limit = b"", time.monotonic() + 30
         while b"N" not in heard and time.monotonic() < limit:  # it speaks, so it can be reached
             if select.select([master], [], [], 0.1)[0]:
                 heard += os.read(master, 4096)
-        attach(folder).kill()
+        attach_station(folder).kill()
         heard = b""
         while b"M112" not in heard and time.monotonic() < limit:
             if select.select([master], [], [], 0.1)[0]:
@@ -269,7 +266,7 @@ def test_stopped_move_ends_early_and_is_known(fake):
     _, station = fake
     station.set_position(100, 100, 100)
     moved: list[float] = []
-    other = attach(station.folder)
+    other = attach_station(station.folder)
 
     def move() -> None:
         status = other.jog("x", 90, speed_mm_s=5)

@@ -19,16 +19,23 @@ from printctl.machine.control.station_status import (
     StationStatus,
 )
 from printctl.machine.errors import JobError, LinkError, NoLink, Refused
+from printctl.machine.job.care import NewSyringe
+from printctl.machine.job.job import load_job
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.process import station_process as process
+from printctl.machine.job.syringes import plunger_travel
+from printctl.machine.process import station as process
+from printctl.machine.process.client import PrintClient, Station, attach_station
 from printctl.machine.process.client import attach as attach_print
-from printctl.machine.process.executed_note import is_complete_record
-from printctl.machine.process.find import Order, find_or_start
-from printctl.machine.process.station_client import Station, attach
-from printctl.machine.process.station_process import Opening, serve_station
-from printctl.machine.process.station_record import JOURNAL, StationRecord, load_station
+from printctl.machine.process.contact import STATION_JOURNAL, StationRecord, load_station
+from printctl.machine.process.orders import Order
+from printctl.machine.process.plug import Plug
+from printctl.machine.process.simulated import is_complete_record
+from printctl.machine.process.starting import find_or_start
+from printctl.machine.process.station import serve_station
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.states import LinkState
+from tests.waiting import wait_for
 
 
 def _left_printing(folder: Path, *states: str) -> None:
@@ -36,7 +43,7 @@ def _left_printing(folder: Path, *states: str) -> None:
     status = StationStatus(StationState.PRINTING).to_dict()
     record = StationRecord(0, "", "t", "generic_marlin", "simulated", None, time.time(), status)
     record.save(folder)
-    journal = Journal(folder / JOURNAL)
+    journal = Journal(folder / STATION_JOURNAL)
     for state in states:
         journal.add("state", state=state, message=f"{state} by the journal")
     journal.close()
@@ -44,7 +51,7 @@ def _left_printing(folder: Path, *states: str) -> None:
 
 def test_close_that_only_the_journal_holds_is_told(tmp_path: Path) -> None:
     _left_printing(tmp_path, "ready", "halted", "closed")
-    status = attach(tmp_path).status
+    status = attach_station(tmp_path).status
     assert (status.state, status.message) == (StationState.CLOSED, "closed by the journal")
 
 
@@ -55,23 +62,38 @@ def test_end_without_a_word_is_told_with_the_last_state(
     tmp_path: Path, states: tuple[str, ...], while_: str
 ) -> None:
     _left_printing(tmp_path, *states)
-    status = attach(tmp_path).status
+    status = attach_station(tmp_path).status
     assert status.state is StationState.LOST
     assert f"without a word while {while_}" in status.message
 
 
+def test_place_of_a_station_that_was_killed_is_not_trusted(tmp_path: Path) -> None:
+    status = StationStatus(
+        StationState.READY,
+        position_mm=(1, 2, 3),
+        position_trusted=True,
+        homed=(True, True, True),
+        soft_low_mm=(0, 0, 0),
+        soft_high_mm=(9, 9, 9),
+    )
+    StationRecord(1, "", "", "p", "q", None, 1.0, status.to_dict()).save(tmp_path)
+    found = attach_station(tmp_path).status
+    assert (found.position_mm, found.position_trusted) == (None, False)
+    assert (found.homed, found.soft_low_mm) == ((False, False, False), ())
+
+
 def test_close_of_an_earlier_station_is_not_taken(tmp_path: Path) -> None:
-    journal = Journal(tmp_path / JOURNAL)
+    journal = Journal(tmp_path / STATION_JOURNAL)
     journal.add("state", state="closed", message="earlier")
     journal.close()
     time.sleep(0.01)
     _left_printing(tmp_path)
-    assert attach(tmp_path).status.state is StationState.LOST
+    assert attach_station(tmp_path).status.state is StationState.LOST
 
 
 def test_whatever_is_asked_of_a_station_that_is_gone_is_answered_alike(tmp_path: Path) -> None:
     _left_printing(tmp_path, "ready")
-    station = attach(tmp_path)
+    station = attach_station(tmp_path)
     for ask in (
         lambda: station.jog("x", 1),
         lambda: station.command("M105"),
@@ -103,8 +125,8 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
     return Disk(monkeypatch)
 
 
-def opening(folder: Path) -> Opening:
-    return Opening("generic_marlin", "simulated", folder, None, 1.0, (0.0, 0.0, 0.0))
+def opening(folder: Path) -> Plug:
+    return Plug("generic_marlin", "simulated", folder)
 
 
 def test_a_station_that_cant_write_its_last_record_ends_by_its_status(
@@ -112,7 +134,7 @@ def test_a_station_that_cant_write_its_last_record_ends_by_its_status(
 ) -> None:
     closed = StationStatus(StationState.CLOSED, "closed")
 
-    def served(_: Opening, record: StationRecord, before: object) -> object:
+    def served(_: Plug, record: StationRecord, before: object) -> object:
         ready = StationStatus(StationState.READY, "ready").to_dict()
         good = StationRecord(record.pid, "", "t", "p", "q", None, 1.0, ready, plunger_mm=12.5)
         good.save(tmp_path)
@@ -234,6 +256,36 @@ def test_half_a_print_is_no_whole_one(at_rest, tmp_path, profile):
     assert not is_complete_record(
         tmp_path / "run" / "executed.npz", job.sha256, load(Printer, profile)
     )
+
+
+def test_syringe_put_in_during_a_print_is_mounted_after_it_and_what_was_made_is_counted(
+    at_rest, tmp_path, profile
+):
+    at_rest.mount(syringe="bd_1ml")
+    client = at_rest.print(order(tmp_path / "run", profile, 20_000))
+    wait_for(lambda: client.status.lines_done > 100)
+    client.pause()
+    until(client, LinkState.PAUSED)
+    client.reload()
+    wait_for(lambda: client.status.waits_for == "syringe")
+    client.resume(NewSyringe(5.0, "bd_3ml", 400.0))
+    until(client, LinkState.PRINTING)
+    client.stop()
+    client.wait(300)
+    back(at_rest)
+    journal = read_journal(tmp_path / "run" / "print" / "journal.log")
+    travel = plunger_travel(load_job(tmp_path / "run" / "part.gcode", load(Printer, profile)).lines)
+    changed, made = journal.filled[None].done, client.status.lines_executed
+    status = at_rest.status
+    assert status.mounted.syringe == "bd_3ml"
+    assert status.plunger_mm == pytest.approx(5.0 + travel[made] - travel[changed])
+
+
+def until(client: PrintClient, state: LinkState) -> None:
+    for status in client.events():
+        if status.state is state:
+            return
+        assert not status.ended, status
 
 
 def test_job_for_another_place_printer_or_nonsense_is_refused(at_rest, tmp_path, profile):

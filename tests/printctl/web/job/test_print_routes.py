@@ -11,7 +11,7 @@ import pytest
 
 from firmware_profiles.load import DATA
 from printctl.machine.prints.journal_facts import JournalledFacts
-from printctl.machine.process.station_client import connect
+from printctl.machine.process.starting import connect
 from printctl.machine.records.states import LinkState, Status
 from printctl.web.job.prints import PrintFollower, PrintReport
 from printctl.web.job.service import JobService

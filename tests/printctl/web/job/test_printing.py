@@ -24,8 +24,9 @@ from printctl.errors import SafetyError
 from printctl.machine.errors import Refused
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.actions import PrintAction
-from printctl.machine.process.station_client import Station, connect
-from printctl.machine.process.station_record import load_station
+from printctl.machine.process.client import Station
+from printctl.machine.process.contact import load_station
+from printctl.machine.process.starting import connect
 from printctl.machine.records.history import PrintHistory
 from printctl.machine.records.history_query import HistoryQuery
 from printctl.machine.records.journal import Journal

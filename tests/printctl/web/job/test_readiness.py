@@ -10,7 +10,7 @@ import pytest
 
 from printctl.errors import SafetyError
 from printctl.machine.process.client import PrintClient
-from printctl.machine.process.find import Order
+from printctl.machine.process.orders import Order
 from printctl.web.core import Core
 from printctl.web.job.aftercare import checklist
 from printctl.web.job.machine import Machine, StationPrinting

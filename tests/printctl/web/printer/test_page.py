@@ -9,8 +9,8 @@ from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
 
 from printctl.machine.errors import LinkError
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.process.find import Order
-from printctl.machine.process.station_client import attach
+from printctl.machine.process.client import attach_station
+from printctl.machine.process.orders import Order
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import WIDE
 
@@ -29,7 +29,7 @@ def server(workspace: Path) -> Iterator[Process]:
     with server_process(workspace, "--sim-speed", "20") as server:
         yield server
     with contextlib.suppress(LinkError):  # it outlives its server, as it should
-        attach(workspace / "station").close()
+        attach_station(workspace / "station").close()
 
 
 @pytest.fixture(scope="module")
@@ -268,7 +268,7 @@ def test_a_print_locks_the_page_and_after_a_stop_it_says_what_to_do(
     visit: Open, workspace: Path
 ) -> None:
     page = connected(visit())
-    station = attach(workspace / "station")
+    station = attach_station(workspace / "station")
     station.mount(needle="", dish="")
     station.set_position(0, 0, 0)
     folder = workspace / "runs" / "slow"

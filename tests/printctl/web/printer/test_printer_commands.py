@@ -16,8 +16,9 @@ import pytest
 
 from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
 from printctl.machine.control.station_status import StationState, StationStatus
-from printctl.machine.process import station_client as client
-from printctl.machine.process.station_client import attach, connect
+from printctl.machine.process import starting
+from printctl.machine.process.client import attach_station
+from printctl.machine.process.starting import connect
 from printctl.web.printer import following
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.service import PrinterService
@@ -181,7 +182,7 @@ def test_a_full_disk_is_said_before_a_printer_is_connected(
         def write(self, data: object) -> int:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(client, "TemporaryFile", lambda **_: Full())
+    monkeypatch.setattr(starting, "TemporaryFile", lambda **_: Full())
     answer = idle_api.ask("connect", {"profile": "generic_marlin", "port": "simulated"})
     assert answer.status_code == 507
     message = answer.json()["message"]
@@ -196,7 +197,7 @@ def test_after_a_stop_nobody_knows_where_a_simulated_tip_stands_either(
     assert own_api.get("status")["position_trusted"]
     own_api.do("mount", **IN_DISH)
     touched_off(own_api)
-    attach(Workspace(tmp_path).station).kill()
+    attach_station(Workspace(tmp_path).station).kill()
     waiting.wait_for(lambda: own_api.get("status")["state"] == "halted", told=str)
     status = own_api.do("reconnect")
     assert (status["state"], status["position_trusted"]) == ("ready", False)
@@ -347,9 +348,11 @@ class Dead:
 
 def test_a_dead_station_keeps_no_core_busy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its last word was read thousands of times a second, from a journal that grew."""
-    elsewhere = following.attach  # servers of other tests may still follow theirs
+    elsewhere = following.attach_station  # servers of other tests may still follow theirs
     monkeypatch.setattr(
-        following, "attach", lambda folder: Dead() if folder == tmp_path else elsewhere(folder)
+        following,
+        "attach_station",
+        lambda folder: Dead() if folder == tmp_path else elsewhere(folder),
     )
     monkeypatch.setattr(following, "LOOK_AGAIN_S", 60.0)
     told = threading.Event()

@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from printctl.machine.process.command_socket import listen
+from printctl.machine.process.socket_server import listen
 from printctl.web.print_sockets import PrintSockets
 from printctl.web.security.access import LIFETIME_S, STOP_GRACE_S, Access, make_access
 from printctl.web.settings import ServeSettings

@@ -13,8 +13,9 @@ from PIL import Image, ImageDraw
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.process.client import PrintClient, start_print
-from printctl.machine.process.process import hold_folder
+from printctl.machine.process.client import PrintClient
+from printctl.machine.process.contact import hold_folder
+from printctl.machine.process.starting import start_print
 from printctl.machine.records.states import LinkState
 from printctl.observe.records import OBSERVER_LOCK, LookRecord, look_folder, save_look
 from printctl.web.workspace import Workspace
@@ -62,7 +63,7 @@ def print_held_for_a_look(workspace: Workspace, observed: bool = True) -> Iterat
             _until(client, LinkState.LOOKING)
             picture(folder, 1)
             save_look(folder, record(1, "pause", "mend"))
-            client.looks.decide(1, LookDecision.PAUSE, "1 gap, 0.62 mm in all")
+            client.decide(1, LookDecision.PAUSE, "1 gap, 0.62 mm in all")
             _until(client, LinkState.PAUSED)
             if observed:
                 with hold_folder(folder, OBSERVER_LOCK):

@@ -1,0 +1,387 @@
+"""Compare the position that the printer reports with the job's commanded position.
+
+M114 is answered with the position that the last command taken leads to, not with where the motors
+are: up to a planner's worth of moves may still be ahead of them. It says that what was taken was
+taken as it was meant, and costs a line and its answer; the planner goes on meanwhile. Where the
+motors themselves matter, M400 comes first and waits for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final, NoReturn
+
+from firmware_profiles.families.position_reply import parse_position, parse_shifted
+from printctl.machine.control.channel import Channel
+from printctl.machine.control.firmware import RETRIES
+from printctl.machine.control.frame_check import FrameCheck
+from printctl.machine.families import link_facts
+from printctl.machine.job.coordinates import (
+    AXES,
+    Modal,
+    axes_placed,
+    disagreement,
+    mismatched_axes,
+    modal_state,
+)
+from printctl.machine.job.dispensing import shut_and_wait
+from printctl.machine.records.states import LinkState, PrintEnded
+from sim.gcode.reading import is_motion, read_sent
+
+WITHIN_MM: Final = 0.011
+"""Of the two decimals that M114 tells."""
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """Where a printer stands whose motors were stopped.
+
+    ``at``: of two heights the upper one, so that a way out is never lowered.
+    """
+
+    at: Modal
+    read: bool  # the printer's own word could be read; else it is the job's
+    dropped: bool  # moves of the job weren't made
+    place: Modal = field(default_factory=Modal)  # as reported, where the motors were stopped
+
+    def words(self) -> str:
+        """Return what to add to the message of the end."""
+        if not self.read:
+            return "; its motors were stopped, and where it stands can't be read (M114)"
+        if not self.dropped:
+            return ""
+        place = f"X{self.at.x:.2f} Y{self.at.y:.2f}"
+        return f"; its motors were stopped at {place}, what it held ahead wasn't made"
+
+
+class PositionCheck:
+    """Asks one printer where it is, and compares that with its job.
+
+    ``frame`` finds whether another program has renamed the place.
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel, self._logbook = channel, channel.logbook
+        self._progress, self._printer = channel.logbook.progress, channel.wiring.printer
+        self.frame = FrameCheck(channel)
+
+    # --- where it is -----------------------------------------------------------------------------
+
+    def expected(self, left: Mapping[str, float] | None = None) -> Modal:
+        """Return where the job's text says the printer is.
+
+        What it doesn't say is taken from the place that the needle left for a pause, where there
+        is one, else the printer is asked.
+        """
+        at = self._progress.modal().filled(left or {})
+        asks_e = at.e is None and not self._printer.pneumatic
+        if at.z is None or asks_e:
+            position = parse_position(self._channel.command(b"M114"))
+            at = replace(
+                at,
+                z=position.get("Z") if at.z is None else at.z,
+                e=position.get("E") if asks_e else at.e,
+            )
+        return at
+
+    def actual(self) -> Modal:
+        """Return where the printer says it is, if that isn't the job's place.
+
+        A way out begins there. The needle is never lowered: of two heights the upper one holds.
+        """
+        at = self.expected()
+        wrong, position = self.compare(at)
+        if not wrong or not position:
+            return at
+        if self._was_carried_out(position):
+            return self._progress.modal()
+        self._logbook.alarm(wrong)
+        self._progress.moves_dropped()  # which lines led to where the job says is unknown
+        z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
+        return replace(at, z=z, e=position.get("E", at.e))
+
+    def _was_carried_out(self, position: Mapping[str, float]) -> bool:
+        """Whether the line that seemed refused was carried out: the complaint wasn't of it."""
+        progress = self._progress
+        behind = progress.behind_refused()
+        of_line = progress.about_command and not link_facts(self._printer).complains_to_all
+        if behind is None or of_line or disagreement(behind, dict(position)):
+            return False
+        progress.not_refused()
+        of = "another program's command" if progress.about_command else "a fault of its own"
+        self._logbook.alarm(
+            f"{progress.words()}, the last of them all the same: the printer complained of {of}"
+        )
+        return True
+
+    def height(self) -> float:
+        """Return the needle's height, mm; end the print where it can't be read."""
+        position = self._confirmed_position()
+        if not position:
+            self._channel.commands(shut_and_wait(self._printer))
+            raise PrintEnded(
+                LinkState.POSITION_UNKNOWN,
+                "where the needle stands can't be read (M114), so it wasn't lowered; `printctl "
+                "status` says what next",
+                known=False,
+            )
+        return position["Z"]
+
+    def standing_away(self) -> Standstill:
+        """Return where the printer says it stands, whatever the job's text says."""
+        position = self._confirmed_position()
+        words = {axis.lower(): value for axis, value in position.items() if axis in AXES}
+        return Standstill(Modal(**words), read=bool(position), dropped=False)
+
+    def standstill(self) -> Standstill:
+        """Return where the printer stands after it dropped moves."""
+        at, heights = self._progress.modal(), self._progress.heights()
+        position = self._confirmed_position()
+        if not position:
+            return Standstill(replace(at, z=max(heights, default=None)), read=False, dropped=True)
+        z = position["Z"]
+        if heights and not min(heights) - WITHIN_MM <= z <= max(heights) + WITHIN_MM:
+            self._logbook.alarm(disagreement(Modal(z=at.z), position))
+        x, y, e = position["X"], position["Y"], position.get("E")
+        there = replace(at, x=x, y=y, z=max([z, *heights]), e=e)
+        dropped = bool(disagreement(at, position))
+        return Standstill(there, read=True, dropped=dropped, place=Modal(x=x, y=y, z=z, e=e))
+
+    def made(self) -> bool:
+        """Whether the motors stand where the job's last line leads: nothing is left to be dropped.
+
+        M114 doesn't count the plunger's steps: not behind a line that moves it alone.
+        """
+        moves = (line for line in reversed(self._progress.taken) if is_motion(line))
+        last = read_sent(next(moves, b"")).words
+        return bool(set("XYZ") & last.keys()) and self.frame.stands_at(self._progress.modal())
+
+    def _confirmed_position(self) -> dict[str, float]:
+        """Return the position reported twice running, as no checksum guards it; else empty."""
+        position: dict[str, float] = {}
+        for _ in range(RETRIES):
+            before, position = position, parse_position(self._channel.command(b"M114"))
+            if set("XYZ") <= set(position) and position == before:
+                return position
+        return {}
+
+    # --- whether that is right -------------------------------------------------------------------
+
+    def compare(self, at: Modal) -> tuple[str, dict[str, float]]:
+        """Ask for the position; return what disagrees with ``at`` (empty for nothing), and it.
+
+        Of E of a printer that tells shifts (Klipper) it is what was pushed.
+        """
+        wrong = "its position can't be read (M114)"
+        position: dict[str, float] = {}
+        for _ in range(RETRIES):  # a reply may be garbled, where a line can't be
+            if self.frame.tells_shifts:
+                question = link_facts(self._printer).place_question
+                last = parse_shifted(self._channel.command(question))[0]
+            else:
+                last = parse_position(self._channel.command(b"M114"))
+            position = last or position
+            wrong = disagreement(at, position) if position else wrong
+            if position and not wrong:
+                break
+        return wrong, position
+
+    def missed_height(self, way: Sequence[bytes]) -> str:
+        """Return how far from its end a way out ended, which was acknowledged; '' for nothing."""
+        wrong, position = self.compare(Modal(z=modal_state(way, len(way)).z))
+        return wrong.replace("the job says", "it was sent to") if position else ""
+
+    def verify(self, at: Modal, mark: str = "", stands: bool = False) -> None:
+        """Compare position and job, write both down; end the print where they disagree.
+
+        ``stands``: M400 was just answered, so that all that was taken is made.
+        """
+        wrong, position = self.compare(at)
+        if not wrong and (self._progress.meddled or self.frame.doubtful()):
+            wrong = self.frame.renamed()
+        done = self._progress.done
+        values: dict[str, str | bool] = {"mark": mark} if mark else {}
+        values |= {"stands": True} if stands else {}
+        self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)
+        if wrong:
+            self.end_astray(wrong)
+        if stands:
+            self._progress.compared()
+
+    def verify_in_passing(self) -> None:
+        """Compare positions between two lines; the planner isn't drained for it."""
+        self._channel.settle()
+        self._progress.unverified = False
+        self.verify(self._progress.modal())
+
+    def verify_end(self) -> str:
+        """Compare where the motors rest behind the last move with where the job ends.
+
+        Return what to add to the message of the end where something can't be compared; raise
+        `PrintEnded` where they disagree: the printer didn't make what it acknowledged.
+        """
+        progress, at = self._progress, self._progress.modal()
+        progress.unverified = False
+        wrong, position, by_steps = self.frame.compare_end(at)
+        if not position:
+            words = "; the end's place isn't compared: the printer tells none (M114)"
+        elif not set(position) & set(at.place_axes()):
+            words = "; the end's place isn't compared: the job names none"
+        elif not by_steps:
+            words = (
+                "; the end's place is compared as told, its motors' steps aren't: the printer "
+                "doesn't tell them by axis"
+            )
+        else:
+            words = ""
+        if position and not (self.frame.tells_shifts or self._printer.pneumatic):
+            words += "; the plunger isn't compared"
+        steps = f"place and steps{words}" if by_steps and position else words
+        self._logbook.record(
+            "checkpoint",
+            done=progress.done,
+            position=position,
+            agrees=not wrong,
+            stands=True,
+            compared=steps.removeprefix("; "),
+        )
+        if wrong:
+            progress.not_made()
+            others = progress.foreign_words()
+            raise PrintEnded(
+                LinkState.POSITION_UNKNOWN,
+                f"all {progress.done} lines were acknowledged, but the printer isn't where the job "
+                f"ends: {wrong} (place compared to {WITHIN_MM:g} mm)"
+                f"{f' ({others})' if others else ''}; "
+                "look at the part; `printctl status` says what next",
+                known=False,
+            )
+        return words
+
+    # --- what another program did to it ----------------------------------------------------------
+
+    def refuse_astray(self) -> None:
+        """End the print where place or its name aren't the job's; nothing stands still for it."""
+        wrong, _ = self.compare(self._progress.modal())
+        wrong = wrong or self.frame.renamed()
+        if wrong:
+            self.end_astray(f"{wrong} (another client of this printer wrote to it)")
+
+    def refuse_renamed(self, *, waited: bool = False) -> None:
+        """End the print where another program has renamed the place (`FrameCheck.renamed`)."""
+        wrong = self.frame.renamed(waited=waited)
+        if wrong:
+            self.end_astray(wrong)
+
+    def refuse_pushed(self, left_e_mm: float | None) -> None:
+        """End the print where another program wrote and the plunger's count isn't as it was left.
+
+        Whether that program moved the plunger or renamed its place is unknown: to go back to the
+        job's count would move it by what is unknown.
+        """
+        if left_e_mm is None or not self._progress.meddled:
+            return
+        e = self._confirmed_position().get("E", left_e_mm)
+        if abs(e - left_e_mm) > WITHIN_MM:
+            self.end_astray(f"the plunger is told at E {e:.2f} mm and was left at {left_e_mm:.2f}")
+
+    def end_astray(self, wrong: str) -> NoReturn:
+        """End a print whose printer isn't as its job counts on; its moves are dropped."""
+        self._channel.commands(shut_and_wait(self._printer))
+        others = self._progress.foreign_words()
+        because = f" ({others})" if others else ""
+        raise PrintEnded(
+            LinkState.POSITION_UNKNOWN,
+            f"after line {self._progress.done}: {wrong}{because}{self._drop_moves()}"
+            f"{self._not_lifted()}; `printctl status` says what next",
+            known=False,
+        )
+
+    def _not_lifted(self) -> str:
+        """Return what to do with a needle that was left where the print wrote."""
+        if self._logbook.state is not LinkState.PRINTING:
+            return ""
+        z = self._progress.modal().z
+        where = "" if z is None else f" at Z {z:.2f} mm, the job's height"
+        return (
+            f"; the needle wasn't lifted, it may still be in the ink{where}: lift it straight up "
+            "by hand or by Z alone, before X or Y moves"
+        )
+
+    def _drop_moves(self) -> str:
+        """Have moves that lead astray dropped; return what to add to the message.
+
+        Past the protocol, as the last bytes that are sent: a stop that was requested meanwhile
+        mustn't make a way out from an unknown place.
+        """
+        quickstop = link_facts(self._printer).quickstop
+        if not quickstop:
+            return ""
+        self._channel.wiring.transport.write_urgent(b"\n%b\n" % quickstop)
+        self._progress.moves_dropped()
+        return f"; its motors were told to stop ({quickstop.decode()})"
+
+
+# --- lines that noise garbled despite a valid checksum -------------------------------------------
+
+SOONEST_LINES: Final = 5
+"""So many lines after an error the position is compared: a word garbled past the checksum (X to Z)
+stays wrong until a later line gives it again."""
+CHECK_LINES: Final = 40
+"""Twice as many after each comparison that agrees, up to this."""
+NOISY_LINES: Final = 250
+"""For so many lines after an error a line counts as one that makes errors."""
+AGAIN_LINES: Final = 2
+"""After so many more a position that was wrong is compared again."""
+
+
+class SlipWatch:
+    """Compares the position soon after an error, and often for a while."""
+
+    def __init__(self, channel: Channel, position: PositionCheck) -> None:
+        self._channel, self._position = channel, position
+        self._progress, self._protocol = channel.logbook.progress, channel.wiring.protocol
+        self._checked = self._errors_seen = self._noisy_until = 0
+        self._every = SOONEST_LINES
+        self._slip = ""
+
+    @property
+    def due(self) -> bool:
+        """Whether to compare the position now: an error was made, or a program wrote, lately."""
+        errors, done = self._protocol.line_errors + self._progress.foreign, self._progress.done
+        if errors != self._errors_seen:
+            self._errors_seen, self._noisy_until = errors, done + NOISY_LINES
+            self._every = AGAIN_LINES if self._slip else SOONEST_LINES
+        return done < self._noisy_until and done - self._checked >= self._every
+
+    def next_stop(self, stop: int) -> int:
+        """Return after which line the position is to be compared, at most ``stop``."""
+        done = self._progress.done
+        if done >= self._noisy_until:
+            return stop
+        return min(stop, max(self._checked + self._every, done + 1))
+
+    def look(self) -> None:
+        """Compare the position; where the next lines put it right, again after them.
+
+        A word that was garbled past the checksum and given again since did its harm; the print
+        goes on, with an alarm. One that would stay wrong (a Z within a layer) ends it at once.
+        """
+        self._channel.settle()
+        done = self._checked = self._progress.done
+        at, lines = self._progress.modal(), self._progress.job.lines
+        wrong, position = ("", {}) if self._slip else self._position.compare(at)
+        soon = set(axes_placed(lines[done : done + AGAIN_LINES]))
+        if wrong and position and soon.issuperset(mismatched_axes(at, position)):
+            self._position.refuse_renamed()
+            self._slip = f"after line {done}: {wrong}"
+            self._every, self._noisy_until = AGAIN_LINES, done + NOISY_LINES
+            return
+        self._position.verify(at)
+        self._every = min(2 * self._every, CHECK_LINES)
+        if self._slip:
+            self._channel.logbook.alarm(
+                f"{self._slip}: a line slipped through its checksum; look at the part"
+            )
+            self._slip = ""

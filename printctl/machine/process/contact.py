@@ -1,0 +1,212 @@
+"""Find machine processes: their contact files, the locks that say whether they live, sockets."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
+from printctl.machine.errors import AlreadyPrinting
+from printctl.machine.ports.locking import lock
+from printctl.machine.records.history import data_folder
+from printctl.machine.records.journal import read_records
+from printctl.machine.records.record import LOCK, read_private, save_private
+
+STATION_RECORD: Final = "station.json"
+STATION_JOURNAL: Final = "station.journal"
+STATION_LOG: Final = "station.log"
+STATION_LOCK: Final = "station.lock"
+STATION_SOCKET: Final = "station.sock"
+_DOWN: Final = frozenset({StationState.HALTED, StationState.LOST, StationState.CLOSED})
+_ANSWER_LIMIT_S: Final = 5.0
+_ENDING_S: Final = 2.0
+_LOCK_PATIENCE_S: Final = 0.3
+
+# --- whether a process is alive ------------------------------------------------------------------
+
+
+@contextmanager
+def hold_folder(folder: Path, held: str = LOCK, what: str = "a print is running") -> Iterator[None]:
+    """Hold the folder's lock (the file ``held``), which the system frees when the process dies."""
+    with (folder / held).open("a+b") as handle:
+        limit = time.monotonic() + _LOCK_PATIENCE_S
+        while True:  # a client that looks whether anybody holds it does so for a moment
+            try:
+                lock(handle)
+                break
+            except OSError as exc:
+                if time.monotonic() > limit:
+                    raise AlreadyPrinting(
+                        f"{what} in {folder}; attach to it, or give another folder"
+                    ) from exc
+                time.sleep(0.01)
+        yield
+
+
+def alive(folder: Path, held: str = LOCK) -> bool:
+    """Whether a process holds the folder's lock, which is the file ``held``."""
+    try:
+        with (folder / held).open("a+b") as handle:
+            lock(handle, shared=True)
+    except FileNotFoundError:  # no folder, so nobody works in it
+        return False
+    except OSError:
+        return True
+    return False
+
+
+def stays_alive(folder: Path, held: str = LOCK) -> bool:
+    """Whether a process is at work; one that is just ending is given the time to."""
+    limit = time.monotonic() + _ENDING_S
+    while alive(folder, held):
+        if time.monotonic() > limit:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def has_ended(pid: int) -> bool:
+    """Whether a process has ended, as far as that can be known."""
+    if os.name != "posix":
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def open_address(address: str) -> socket.socket | None:
+    """Connect to an address given by `socket_server.listen`; None when it is dead."""
+    kind, _, rest = address.partition(":")
+    if not kind:
+        return None
+    host, _, port = rest.rpartition(":")
+    tcp = kind == "tcp"
+    connection = socket.socket(socket.AF_INET if tcp else socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.settimeout(_ANSWER_LIMIT_S)
+    try:
+        connection.connect((host, int(port)) if tcp else rest)
+    except OSError:
+        connection.close()
+        return None
+    connection.settimeout(None)
+    return connection
+
+
+# --- a station's contact file; a print's is `printctl.machine.records.record` --------------------
+
+
+@dataclass(frozen=True)
+class StationRecord:
+    """Contact file ``station.json`` of a station.
+
+    Attributes
+    ----------
+    pid : int
+    address, token : str
+        Where it listens; empty once it has ended, or before it does.
+    profile, port : str
+        As they were given.
+    baud : int or None
+    started : float
+        Wall-clock time, s since 1970.
+    status : dict
+        `StationStatus`, as it was when the state last changed.
+    plunger_mm : float or None, mm
+        Of the syringe that is mounted.
+    part_in_dish : bool
+    sim_speed : float or None
+        Of a simulated printer, times real time; None for another.
+    """
+
+    pid: int
+    address: str
+    token: str
+    profile: str
+    port: str
+    baud: int | None
+    started: float
+    status: dict[str, Any] = field(default_factory=dict)
+    plunger_mm: float | None = None
+    part_in_dish: bool = False
+    sim_speed: float | None = None
+
+    def save(self, folder: Path) -> None:
+        """Write it; readable by its owner alone, since it holds the token."""
+        save_private(folder / STATION_RECORD, self)
+
+    @property
+    def last(self) -> StationStatus:
+        """The status in it."""
+        if not self.status:
+            return StationStatus(StationState.CONNECTING, profile=self.profile, port=self.port)
+        return StationStatus.from_dict(self.status)
+
+    @property
+    def mounted(self) -> MountedParts:
+        """What was mounted; heights hung on a count that the printer may have lost."""
+        mounted = self.last.mounted
+        return MountedParts.from_dict({**asdict(mounted), "floor_mm": None, "bath_level_mm": None})
+
+
+def load_station(folder: Path) -> StationRecord:
+    """Read what `StationRecord.save` wrote.
+
+    Raises
+    ------
+    NoLink
+        When no station was ever opened in ``folder``, or the record can't be read.
+    """
+    absent = f"no printer was ever connected in {folder} (no {STATION_RECORD} there); connect first"
+    return read_private(folder / STATION_RECORD, StationRecord, absent)
+
+
+def last_word(folder: Path) -> StationStatus:
+    """Return how a station that has gone stood last, as closed or lost; its place is unknown."""
+    record = load_station(folder)
+    last = record.last
+    if last.state in (StationState.CLOSED, StationState.LOST):
+        return last
+    state: StationState = last.state
+    message, error = "", "LinkError"
+    for kept in _states_since(folder / STATION_JOURNAL, record.started):
+        state, message = StationState(kept["state"]), str(kept.get("message"))
+    if state not in _DOWN:
+        state, message = last.state, ""
+    if state is StationState.CLOSED:  # the disk was full, and its record couldn't be written
+        error = last.error
+    else:
+        message = f"the station ended without a word while {state.value}; connect again"
+        state = StationState.LOST
+    return replace(
+        last,
+        state=state,
+        message=message,
+        error=error,
+        position_mm=None,
+        position_trusted=False,
+        homed=(False, False, False),
+        soft_low_mm=(),
+        soft_high_mm=(),
+    )
+
+
+def _states_since(journal: Path, started: float) -> Iterator[dict[str, Any]]:
+    """Yield a station's records of its state; earlier ones are of others."""
+    with contextlib.suppress(OSError):
+        for record in read_records(journal):
+            if record and record.get("t") == "state" and record.get("at", 0.0) >= started:
+                yield record
+
+
+def usual_folder() -> Path:
+    """Where a station is kept unless another folder is named: one printer, one bench."""
+    return data_folder() / "station"

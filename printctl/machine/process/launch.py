@@ -1,0 +1,105 @@
+"""Processes that outlive their parent: start one and wait for it, or become one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, TypeVar
+
+import printctl
+from printctl.machine.errors import LinkError, NoLink
+from printctl.machine.process.contact import has_ended
+from printctl.sources import python_command
+
+START_LIMIT_S: Final = 60.0
+Found = TypeVar("Found")
+
+
+def spawn(command: list[str]) -> int:
+    """Start a process that detaches itself, and that no one waits for; give its number.
+
+    Raises
+    ------
+    LinkError
+        When it doesn't start.
+    """
+    root = str(Path(printctl.__file__).resolve().parents[1])
+    paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
+    try:
+        started = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+            timeout=START_LIMIT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as exc:
+        raise LinkError(
+            f"the process didn't start within {START_LIMIT_S:g} s: this machine has too much else "
+            "to do; end that, then try again"
+        ) from exc
+    if started.returncode != 0:
+        said = started.stderr.decode(errors="replace").strip()[-500:]
+        raise LinkError(f"the process didn't start: {said}")
+    return int(started.stdout)
+
+
+def await_process(
+    pid: int, name: str, look: Callable[[], Found | None], log: Path, limit_s: float
+) -> Found:
+    """Return what ``look`` finds of a process that was spawned.
+
+    Raises
+    ------
+    LinkError
+        As ``look`` does, or with the process's last words where it has ended.
+    NoLink
+        When nothing was found within ``limit_s``.
+    """
+    limit = time.monotonic() + limit_s
+    while time.monotonic() < limit:
+        over = has_ended(pid)
+        found = look()
+        if found is not None:
+            return found
+        if over:
+            lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+            raise LinkError(f"the {name} ended at once: {lines[-1] if lines else 'no word'}")
+        time.sleep(0.02)
+    raise NoLink(f"the {name} didn't come up within {limit_s:g} s; see {log}")
+
+
+def detach(log: Path, module: str) -> None:
+    """Go on as a process of its own session, which nobody waits for; print its number.
+
+    On Windows there is no fork; a copy of this command is started instead.
+    """
+    if not hasattr(os, "fork"):
+        command = [*python_command(module), *sys.argv[1:]]
+        command.remove("--detach")
+        with log.open("ab") as handle:
+            flags = 0x00000008 | 0x00000200  # DETACHED_PROCESS, CREATE_NEW_PROCESS_GROUP
+            copy = subprocess.Popen(command, stdout=handle, stderr=handle, creationflags=flags)
+        print(copy.pid, flush=True)
+        os._exit(0)
+    pid = os.fork()
+    if pid:
+        print(pid, flush=True)
+        os._exit(0)
+    os.setsid()
+    null, out = os.open(os.devnull, os.O_RDWR), os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    for source, target in ((null, 0), (out, 1), (out, 2)):
+        os.dup2(source, target)
+
+
+def ignore_signals() -> None:
+    """Leave Ctrl-C and hang-ups to the client."""
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)

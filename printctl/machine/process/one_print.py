@@ -1,0 +1,315 @@
+"""Run a print: its folder and link.json, its port where it has one alone, journal and wire log.
+
+`serve_print` is the process of one print, on a port that is opened for it and given up after it. It
+is started detached, ignores Ctrl-C and hang-ups, and goes on when the program that started it dies.
+On a station's printer `printctl.machine.process.station_print` runs a print in the same way.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import secrets
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from firmware_profiles import ProfileError
+from printctl.machine.control.connecting import protocol_for
+from printctl.machine.control.known_state import Knowledge
+from printctl.machine.control.looking import refuse_park
+from printctl.machine.control.station_status import StationState
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.errors import JournalError, LinkError, NoLink
+from printctl.machine.families import refuse_unsent
+from printctl.machine.job.job import load_job
+from printctl.machine.ports.clock import RealClock
+from printctl.machine.ports.wire_log import FILE, LoggedTransport, WireLog
+from printctl.machine.process.contact import hold_folder
+from printctl.machine.process.machine import Machine
+from printctl.machine.process.orders import Order
+from printctl.machine.process.outcome import resumable
+from printctl.machine.process.plug import Plug
+from printctl.machine.process.socket_server import Server, forget, listen
+from printctl.machine.records.history import remember_meanwhile
+from printctl.machine.records.history_entry import this_user
+from printctl.machine.records.journal import Journal, new_print_id
+from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.origin import origin
+from printctl.machine.records.print_notes import archive_journal
+from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.records.states import LinkState, Status
+
+_HISTORY_PATIENCE_S: Final = 5.0
+_AFTERMATH_S: Final = 5.0
+"""Time after an alarm for which traffic is kept as well."""
+
+log = logging.getLogger(__name__)
+
+
+def serve_print(order: Order) -> Status:
+    """Run one print in this process, to its end, on a port of its own.
+
+    Returns
+    -------
+    Status
+        The last one; it is in the folder's ``link.json``, too.
+    """
+    with contact_of(order) as contact:
+        plug = Plug(order.printer, order.port, order.folder, order.baud)
+        machine = Machine(plug, Knowledge(plug.printer))
+        machine.take_signals()
+        contact.status = run_print(machine, order, contact)
+    return contact.status
+
+
+# --- its contact file ----------------------------------------------------------------------------
+
+
+class PrintContact:
+    """The ``link.json`` of a print that is to be run.
+
+    An unfinished print's stays where an attempt ends before it writes to the journal.
+
+    Parameters
+    ----------
+    order : Order
+
+    Attributes
+    ----------
+    status : Status
+        How the print stands, or has ended.
+    begun : bool
+        Whether its journal has begun, and clients find it.
+    """
+
+    def __init__(self, order: Order) -> None:
+        self.status, self.begun = Status(LinkState.CONNECTING), False
+        self._folder, self._before = order.folder, _unfinished(order)
+        now = time.time()
+        before = self._before.print_id if self._before else ""
+        self._record = LinkRecord(
+            pid=os.getpid(),
+            address="",
+            token="",
+            job=str(order.job.resolve()),
+            profile=order.printer,
+            port=order.port,
+            started=now,
+            baud=order.baud if isinstance(order.baud, int) else None,
+            retreat=asdict(order.retreat),
+            care=order.care.to_dict(),
+            print_id=before if order.resume else new_print_id(now),
+            session=secrets.token_hex(8),
+        )
+        self._record.save(order.folder)
+
+    @property
+    def print_id(self) -> str:
+        """Identity of the print; empty for one to be gone on with whose record is an old one."""
+        return self._record.print_id
+
+    def begin(self, print_id: str, address: str, token: str) -> None:
+        """Name the print whose journal has begun, and where its process listens."""
+        self.begun, self._record = True, replace(self._record, print_id=print_id)
+        replace(self._record, address=address, token=token).save(self._folder)
+
+    def fail(self, message: str, error: str, known: bool = True) -> None:
+        """Take this for the print's end."""
+        self.status = Status(LinkState.FAILED, message=message, error=error, position_known=known)
+
+    def end(self) -> None:
+        """Leave the last record; on a full disk the journal must do."""
+        status, record = self.status, replace(self._record, status=self.status.to_dict())
+        if self._before is not None and not self.begun:
+            refused = {"pid": record.pid, "error": status.error, "message": status.message}
+            record = replace(self._before, address="", token="", refused=refused)
+        try:
+            record.save(self._folder)
+        except OSError:
+            log.exception("link.json can't be written")
+
+
+def _unfinished(order: Order) -> LinkRecord | None:
+    """Return the record of the folder's print whose part may be in the dish; None for none."""
+    try:
+        known = read_journal(order.folder / JOURNAL)
+        finished = not known.begun or known.state is LinkState.DONE
+        return None if finished and not order.resume else load_record(order.folder)
+    except (JournalError, NoLink):
+        return None
+
+
+@contextmanager
+def contact_of(order: Order) -> Iterator[PrintContact]:
+    """Hold the print's folder and keep its record; what fails within is the print's end.
+
+    Raises
+    ------
+    AlreadyPrinting
+        When a print holds the folder.
+    """
+    order.folder.mkdir(parents=True, exist_ok=True)
+    with hold_folder(order.folder):
+        contact = PrintContact(order)
+        try:
+            yield contact
+        except (LinkError, ProfileError) as exc:
+            log.error("%s", exc)
+            contact.fail(str(exc), type(exc).__name__)
+        except Exception as exc:
+            log.exception("the link process met an error of its own")
+            message = f"the link process failed: {exc!r}; see link.log"
+            contact.fail(message, "LinkError", known=False)
+            raise
+        finally:
+            contact.end()
+            remember_meanwhile(order.folder).join(_HISTORY_PATIENCE_S)
+
+
+# --- the print -----------------------------------------------------------------------------------
+
+
+def run_print(
+    machine: Machine,
+    order: Order,
+    contact: PrintContact,
+    on_begin: Callable[[Streamer], None] = lambda streamer: None,
+) -> Status:
+    """Print, from handshake to end, on the machine's port.
+
+    A machine without an open port opens it, and a socket in the print's folder, and gives both up
+    after the print.
+
+    Parameters
+    ----------
+    machine : Machine
+    order : Order
+    contact : PrintContact
+    on_begin : callable
+        Given the print's streamer once its clients can reach it.
+
+    Raises
+    ------
+    LinkError, ProfileError
+        When the print can't begin.
+    """
+    printer, plug = machine.plug.printer, machine.plug
+    refuse_unsent(printer, str(order.job))
+    job = load_job(order.job, printer)
+    refuse_park(order.care.look_park_mm, printer)
+    file_lines = len(job)
+    history = resumable(order.folder, job.sha256) if order.resume else None
+    if history is not None:
+        job = job.grown_by(history.inserts)
+    alone = plug.transport is None
+    with ExitStack() as parting:
+        if alone:
+            parting.callback(plug.close)
+        port = plug.transport or plug.open()
+        traffic = WireLog(Path(order.care.wire_log) if order.care.wire_log else None)
+        parting.callback(traffic.close)
+        transport = LoggedTransport(port, traffic)
+        keeper = _WireKeeper(traffic, order.folder / FILE, len(history.alarms) if history else 0)
+        path = order.folder / JOURNAL if order.resume else archive_journal(order.folder)
+        heard = {"heard": path.stat().st_mtime} if order.resume else {}
+        journal = Journal(path, reserve=True)
+        parting.callback(journal.close)
+
+        def on_status(status: Status) -> None:
+            keeper.look(status)
+            if lost := keeper.lost_words():
+                streamer.alarm(lost)
+            machine.publish(status)
+
+        wiring = Wiring(
+            transport=transport,
+            protocol=protocol_for(printer, transport.quiet_s, order.care),
+            clock=RealClock(),
+            journal=journal,
+            printer=printer,
+            retreat=order.retreat,
+            fresh=alone or plug.simulated,
+            on_status=on_status,
+            room=None if alone else lambda: machine.known.limits,
+        )
+        streamer = Streamer(wiring, job, order.care)
+        if alone:
+            _serve_in(machine, order.folder, parting)
+        identity = contact.print_id if history is None else history.print_id
+        journal.add(
+            "job",
+            id=identity,
+            name=job.name,
+            path=str(order.job.resolve()),
+            sha256=job.sha256,
+            lines=file_lines,
+            profile=order.printer,
+            port=order.port,
+            pid=os.getpid(),
+            started=time.time(),
+            **heard,
+            **({"accepted": list(order.care.accepted)} if order.care.accepted else {}),
+            **this_user(),
+            **origin(printer),
+        )
+        remember_meanwhile(order.folder)
+        machine.begin_print(streamer, identity)
+        machine.enter(StationState.PRINTING, f"printing {job.name}", print_folder=str(order.folder))
+        contact.begin(identity, *machine.listens_at)
+        on_begin(streamer)
+        return streamer.run(history)
+
+
+def _serve_in(machine: Machine, folder: Path, parting: ExitStack) -> None:
+    """Have clients reach the machine in the print's folder, to the end of the print."""
+    listener, address, token = listen(folder)
+    server = Server(listener, token, machine)
+    parting.callback(forget, address)
+    parting.callback(server.finish)
+    machine.serve_by(server, address)
+    server.start()
+
+
+@dataclass
+class _WireKeeper:
+    """Keeps the last traffic in the print's folder when something went wrong.
+
+    Attributes
+    ----------
+    traffic : WireLog
+    path : Path
+    alarms : int
+        Those that it was kept for already.
+    """
+
+    traffic: WireLog
+    path: Path
+    alarms: int = 0
+    _again_s: float = math.inf
+    _lost_reported: bool = False
+
+    def look(self, status: Status) -> None:
+        """Write it at each new alarm, what came of it a while later, and at a bad end."""
+        ended_badly = status.ended and status.state is not LinkState.DONE
+        now = time.monotonic()
+        if status.alarms > self.alarms:
+            self._again_s = now + _AFTERMATH_S
+        elif now >= self._again_s or (status.ended and self._again_s < math.inf):
+            self._again_s, ended_badly = math.inf, True
+        if status.alarms > self.alarms or ended_badly:
+            self.alarms = status.alarms
+            with suppress(OSError):  # a full disk is the journal's affair
+                self.traffic.keep(self.path)
+
+    def lost_words(self) -> str:
+        """Return, once, why the log that was asked for ends; else an empty text."""
+        if not self.traffic.lost or self._lost_reported:
+            return ""
+        self._lost_reported = True
+        return f"the wire log (--wire-log) ends here: {self.traffic.lost}; the print goes on"

@@ -1,0 +1,176 @@
+"""Read how a print whose process has gone ended, and whether it can be gone on with."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from firmware_profiles import Printer, ProfileError, load
+from printctl.machine.errors import JournalError, LinkError, Refused
+from printctl.machine.families import link_facts
+from printctl.machine.job.job import Job
+from printctl.machine.job.moves import moves_ahead, surely_moved
+from printctl.machine.records.journalled_print import JournalledPrint, read_journal
+from printctl.machine.records.printed_job import load_printed_job
+from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.records.states import LinkState, Status
+
+_HELD_AS: Final = {LinkState.PAUSED: "paused", LinkState.LOOKING: "held for a look"}
+
+
+def read_outcome(folder: Path) -> Status:
+    """Return how the print in ``folder`` ended, or what its journal says if it just broke off.
+
+    Raises
+    ------
+    NoLink
+        When no print was ever started there.
+    """
+    record = load_record(folder)
+    status = _outcome(folder, record)
+    if record.refused:
+        tried = f"an attempt since came to nothing: {record.refused['message']}"
+        status = replace(status, message=f"{status.message}; {tried}")
+    return status
+
+
+def _outcome(folder: Path, record: LinkRecord) -> Status:
+    if record.status:
+        return Status.from_dict(record.status)
+    try:
+        history = read_journal(folder / JOURNAL)
+    except JournalError:
+        history = JournalledPrint()
+    counts = {
+        "lines_done": history.done,
+        "lines_total": history.total,
+        "inserted": history.positions,
+        **_places(record, history),
+    }
+    if history.end is not None:
+        return Status.from_dict({**history.end, **counts, "alarms": len(history.alarms)})
+    return Status.from_dict(
+        {
+            **counts,
+            "state": LinkState.INTERRUPTED,
+            "message": (
+                f"the process that spoke to the printer ended without a word while "
+                f"{history.state.value}; at least {history.done} of {history.total} lines were "
+                f"acknowledged; {_still_moving(folder, record, history)}"
+            ),
+            "alarms": len(history.alarms),
+            "position_known": False,
+            "error": "LinkError",
+        }
+    )
+
+
+def _still_moving(folder: Path, record: LinkRecord, history: JournalledPrint) -> str:
+    """Say what a printer whose host is gone may go on doing, by its family."""
+    if history.state in _HELD_AS:
+        return f"it was {_HELD_AS[history.state]}, so its motors stood; heaters stay on"
+    if not history.begun:
+        return "the job had not begun, so its motors stood"
+    moves = "it goes on with what it has taken"
+    with contextlib.suppress(ProfileError):
+        moves += f": {_held(load(Printer, record.profile))}"
+    last = time.localtime(history.heard or (folder / JOURNAL).stat().st_mtime)
+    return (
+        f"nothing has stopped its motors: {moves} (last word on "
+        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on. `printctl "
+        "kill`, its own stop or its power ends both"
+    )
+
+
+def _held(printer: Printer) -> str:
+    """Say how much a printer makes of its own accord."""
+    if link_facts(printer).plans_by_time:
+        return "some seconds of moves, longer where the last ones are long"
+    return f"up to {moves_ahead(printer):.0f} moves"
+
+
+def _places(record: LinkRecord, history: JournalledPrint) -> dict[str, int]:
+    """Line of the file, and lines surely made; nothing where the file has changed or is gone."""
+    try:
+        printer = load(Printer, record.profile)
+        job = load_printed_job(Path(record.job), printer, history)
+    except (LinkError, ProfileError):
+        return {}
+    if job.sha256 != history.job.get("sha256"):
+        return {}
+    return {
+        "file_line": job.file_line(history.done),
+        "lines_executed": _made(job, history, printer),
+    }
+
+
+def _made(job: Job, history: JournalledPrint, printer: Printer) -> int:
+    """Lines surely made; at an end that dropped moves, those before the place where it stood."""
+    sure = max(surely_moved(job.lines, history.done, moves_ahead(printer)), history.made)
+    if history.end is None or not history.end.get("position_known"):
+        return sure
+    if history.stood is not None:
+        return int(history.stood["line"]) if history.stood["certain"] else sure
+    dropped = history.state is not LinkState.DONE and bool(link_facts(printer).quickstop)
+    return sure if dropped else history.done
+
+
+def resumable(folder: Path, sha256: str) -> JournalledPrint:
+    """Read the journal of a print that was interrupted.
+
+    Interrupted is a print whose link process died, whose port went away, or whose printer fell
+    silent. The printer itself is asked later.
+
+    Parameters
+    ----------
+    folder : Path
+    sha256 : str
+        Of the job file that is to be gone on with.
+
+    Raises
+    ------
+    Refused
+        When the print has ended in another way, was being ended, was never begun, or was of
+        another file, or when records are missing in its journal.
+    JournalError
+        When there is no journal.
+    """
+    history = read_journal(folder / JOURNAL)
+    end = history.end
+    if end is not None and (end["position_known"] or history.state is not LinkState.FAILED):
+        raise Refused(
+            f"the print in {folder} has ended ({history.state.value}: {history.message}); it "
+            f"can't be gone on with: {_remedy(history)}"
+        )
+    if history.stopping:
+        raise Refused(
+            f"the print in {folder} was being ended ({history.message}): its heaters may be off "
+            "and its needle up; print it anew"
+        )
+    if history.cut_short:
+        raise Refused(
+            f"the disk was full, and how the print in {folder} went on isn't in its journal: its "
+            "needle may be up and its heaters off; look at the part and use `printctl recover`"
+        )
+    if history.gaps:
+        raise Refused(
+            f"the journal in {folder} is damaged in {history.gaps} places, so that its lines can't "
+            "be counted; see `printctl recover`, and to the disk"
+        )
+    if not history.begun:
+        raise Refused(f"no line of the job was sent in {folder}; print it anew")
+    if history.job.get("sha256") != sha256:
+        raise Refused(
+            f"the print in {folder} was of another file ({history.job.get('name')}, hash "
+            "differs); give that file, or print anew in another folder"
+        )
+    return history
+
+
+def _remedy(history: JournalledPrint) -> str:
+    """What is left to do with a print that has ended."""
+    whole = history.state is LinkState.DONE
+    return "print it anew" if whole else "`printctl recover` writes its rest, or print it anew"

@@ -1,0 +1,392 @@
+"""Process of a printer that stays connected: attend to it, grant requests, run prints, reconnect.
+
+It ends when a client closes it. What must outlive it is in ``station.json``, and on a full disk in
+its journal.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_profiles import ProfileError
+from printctl.machine.control.connecting import protocol_for
+from printctl.machine.control.idle_commands import AXES, IdleCommands
+from printctl.machine.control.known_state import Knowledge
+from printctl.machine.control.standby import Standby
+from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.errors import HandshakeError, LinkError, NoLink, PortLost, Refused
+from printctl.machine.families import refuse_unsent
+from printctl.machine.ports.clock import RealClock
+from printctl.machine.process.contact import (
+    STATION_JOURNAL,
+    STATION_LOCK,
+    STATION_RECORD,
+    STATION_SOCKET,
+    StationRecord,
+    hold_folder,
+    load_station,
+)
+from printctl.machine.process.machine import DOWN, Machine, Request
+from printctl.machine.process.plug import Plug
+from printctl.machine.process.socket_server import Server, forget, listen, refusal
+from printctl.machine.process.station_print import print_here
+from printctl.machine.process.vocabulary import WORDS, Idle
+from printctl.machine.records.journal import Journal
+from printctl.machine.records.states import LinkState, PrintEnded, Status
+
+IDLE_S: Final = 0.03
+"""Longest wait for the printer before requests are looked at."""
+_DOWN_S: Final = 0.2
+"""Longest wait for a request while the printer can't be spoken to."""
+
+log = logging.getLogger(__name__)
+
+
+# --- from beginning to end -----------------------------------------------------------------------
+
+
+def serve_station(plug: Plug) -> StationStatus:
+    """Run a station in this process until it is closed.
+
+    Returns
+    -------
+    StationStatus
+        The last one; it is in the folder's ``station.json``, too.
+    """
+    folder = plug.folder
+    folder.mkdir(parents=True, exist_ok=True)
+    with hold_folder(folder, STATION_LOCK, "a printer is connected"):
+        before = _before(folder)
+        record = _first_record(plug, before)
+        try:
+            record.save(folder)  # without it no client would find the station
+        except OSError as exc:
+            raise LinkError(
+                f"{folder / STATION_RECORD} can't be written: {exc.strerror}; free space on the "
+                "disk, or name another folder; nothing was sent to the printer"
+            ) from exc
+        try:
+            record, status = _open(plug, record, before)
+        except (LinkError, ProfileError) as exc:
+            log.error("%s", exc)
+            status = _failed(record, str(exc), type(exc).__name__)
+        except Exception as exc:
+            log.exception("the station met an error of its own")
+            status = _failed(record, f"the station failed: {exc!r}; see station.log", "LinkError")
+            raise
+        finally:
+            _save(replace(record, address="", token="", status=status.to_dict()), folder)
+    return status
+
+
+def _before(folder: Path) -> StationRecord | None:
+    """Return what the last station here knew."""
+    try:
+        return load_station(folder)
+    except NoLink:
+        return None
+
+
+def _first_record(plug: Plug, before: StationRecord | None) -> StationRecord:
+    """Return the record of a station that isn't open yet, with what the last one knew."""
+    record = StationRecord(
+        pid=os.getpid(),
+        address="",
+        token="",
+        profile=plug.profile,
+        port=plug.port,
+        baud=plug.baud if isinstance(plug.baud, int) else None,
+        started=time.time(),
+        sim_speed=plug.sim_speed if plug.simulated else None,
+    )
+    if before is None:
+        return record
+    return replace(  # a station that dies before it is open has learnt nothing else
+        record,
+        status=replace(record.last, mounted=before.mounted).to_dict(),
+        plunger_mm=before.plunger_mm,
+        part_in_dish=before.part_in_dish,
+    )
+
+
+def _save(record: StationRecord, folder: Path) -> None:
+    """Write a record; on a full disk the older one stays, and the journal says the rest."""
+    try:
+        record.save(folder)
+    except OSError:  # a full disk mustn't end a station that holds a needle in a gel
+        log.exception("%s can't be written", STATION_RECORD)
+
+
+def _failed(record: StationRecord, message: str, error: str) -> StationStatus:
+    return StationStatus(
+        StationState.LOST,
+        message,
+        profile=record.profile,
+        port=record.port,
+        error=error,
+        mounted=record.mounted,
+    )
+
+
+def _open(
+    plug: Plug, record: StationRecord, before: StationRecord | None
+) -> tuple[StationRecord, StationStatus]:
+    refuse_unsent(plug.printer)
+    journal = Journal(plug.folder / STATION_JOURNAL)
+    known = Knowledge(plug.printer, before.mounted if before else MountedParts())
+    if before is not None:
+        known.plunger_mm, known.part_in_dish = before.plunger_mm, before.part_in_dish
+    machine = Machine(plug, known, journal)
+    listener, address, token = listen(plug.folder, STATION_SOCKET)
+    server = Server(listener, token, machine)
+    keeper = _Keeper(replace(record, address=address, token=token), machine)
+    try:
+        machine.take_signals()
+        server.start()
+        keeper.save(machine.status)
+        machine.serve_by(server, address)
+        machine.keep = keeper.keep
+        connect(machine)
+        run(machine)
+    finally:
+        server.finish()
+        forget(address)
+        journal.close()
+    return keeper.latest(machine.status), machine.status
+
+
+class _Keeper:
+    """Writes down what must outlive the process."""
+
+    def __init__(self, record: StationRecord, machine: Machine) -> None:
+        self._record, self._machine = record, machine
+        self._kept: tuple[object, ...] = ()
+
+    def keep(self, status: StationStatus) -> None:
+        """Save the record where something has changed that it is for."""
+        known = self._machine.known
+        kept = (status.state, status.mounted, status.plunger_mm, known.part_in_dish)
+        if kept != self._kept:
+            self._kept = kept
+            self.save(status)
+
+    def save(self, status: StationStatus) -> None:
+        """Save the record; see `_save`."""
+        _save(self.latest(status), self._machine.plug.folder)
+
+    def latest(self, status: StationStatus) -> StationRecord:
+        """Return the record as it would be saved now."""
+        known = self._machine.known
+        return replace(
+            self._record,
+            status=status.to_dict(),
+            plunger_mm=known.plunger_mm,
+            part_in_dish=known.part_in_dish,
+        )
+
+
+# --- connecting ----------------------------------------------------------------------------------
+
+
+def connect(machine: Machine, ready: str = "ready", *, trusted: bool = True) -> None:
+    """Open the port, find the printer and check it; ``ready`` is the message once that is done.
+
+    A simulated printer, ``trusted``, stands where it was started; after a stop it isn't: like
+    any board it must be homed then, or told its place.
+
+    Raises
+    ------
+    LinkError
+        When that fails; the port is let go of.
+    """
+    plug = machine.plug
+    machine.switching = True
+    machine.enter(StationState.CONNECTING, f"opening {plug.port}", error="")
+    try:
+        plug.open()
+        stand_by(machine, fresh=True)
+    except (PrintEnded, LinkError) as exc:
+        plug.close()
+        raise exc if isinstance(exc, LinkError) else HandshakeError(exc.message) from exc
+    finally:
+        machine.switching = False
+    if plug.simulated and trusted and machine.idle is not None:
+        machine.idle.declare(plug.start_mm, set(AXES))
+    machine.write_down("state", state="ready", message="connected", port=plug.port)
+    machine.enter(StationState.READY, ready)
+
+
+def stand_by(machine: Machine, fresh: bool) -> None:
+    """Speak through the open port."""
+    transport, printer = machine.plug.opened(), machine.known.printer
+    assert machine.journal is not None  # a print alone doesn't stand by
+    wiring = Wiring(
+        transport=transport,
+        protocol=protocol_for(printer, transport.quiet_s),
+        clock=RealClock(),
+        journal=machine.journal,
+        printer=printer,
+        fresh=fresh,
+    )
+    standby = Standby(wiring, machine.plug.pace, machine.tell_live)
+    machine.stand_by(standby)
+    standby.begin()
+    machine.idle = IdleCommands(standby, machine.known)
+
+
+def _reconnect(machine: Machine) -> None:
+    machine.plug.close()
+    try:
+        connect(machine, trusted=False)
+    except LinkError as exc:
+        go_down(machine, StationState.LOST, str(exc), type(exc).__name__)
+        raise
+
+
+def _end_by(machine: Machine, exc: PrintEnded | PortLost) -> None:
+    """Record that the printer has halted or is gone, and its place with it."""
+    if isinstance(exc, PortLost):
+        go_down(machine, StationState.LOST, str(exc), type(exc).__name__)
+        return
+    lost = exc.state is LinkState.FAILED or exc.error == PortLost.__name__
+    go_down(machine, StationState.LOST if lost else StationState.HALTED, exc.message, exc.error)
+
+
+def go_down(machine: Machine, state: StationState, message: str, error: str = "") -> None:
+    """Record that the printer can't be used until it is connected again."""
+    if state is StationState.LOST:
+        machine.plug.close()
+    if machine.standby is not None and machine.standby.position is not None:
+        machine.plug.start_mm = machine.standby.position
+    remedy = "" if "reconnect" in message else "; see to the printer, then reconnect"
+    waiting = machine.fall_silent(state, message + remedy, error)
+    machine.write_down("state", state=state.value, message=message)
+    machine.tell_live()
+    for request in waiting:
+        request.reply(refusal(LinkError(message)))
+
+
+def _after_print(machine: Machine, status: Status) -> None:
+    """Stand by again where the printer still knows its place; else say why not."""
+    ended = f"print {status.state.value}: {status.message}"
+    if status.state is LinkState.KILLED:
+        go_down(machine, StationState.HALTED, ended, status.error)
+    elif status.error == PortLost.__name__:
+        go_down(machine, StationState.LOST, ended, status.error)
+    elif not status.position_known:
+        go_down(machine, StationState.HALTED, ended, status.error)
+    elif machine.plug.simulated:
+        try:
+            connect(machine, ended, trusted=machine.known.trusted)
+        except LinkError as exc:
+            go_down(machine, StationState.LOST, f"{ended}; {exc}", type(exc).__name__)
+    else:
+        stand_by(machine, fresh=False)
+        if machine.reports and machine.standby is not None:
+            machine.standby.do("M155 S0")
+        machine.enter(StationState.READY, ended)
+
+
+# --- main loop -----------------------------------------------------------------------------------
+
+
+def run(machine: Machine) -> None:
+    """Serve until closed; the printer has been connected (`connect`)."""
+    while not machine.closing:
+        try:
+            if machine.state in DOWN:
+                request = machine.next_request(_DOWN_S)
+            else:
+                request = machine.next_request()
+                if request is None and machine.standby is not None:
+                    machine.standby.rest(IDLE_S)
+            if request is not None:
+                _attend(machine, request)
+        except (PrintEnded, PortLost) as exc:
+            _end_by(machine, exc)
+    if machine.state is not StationState.CLOSED:
+        _close(machine)
+
+
+def _attend(machine: Machine, request: Request) -> None:
+    """Do what is asked for, and answer."""
+    try:
+        if request.do == "print":
+            _after_print(machine, print_here(machine, request))
+        elif request.do == "close":
+            _close(machine)
+            machine.grant(request)
+        elif request.do == "reconnect":
+            if machine.state not in DOWN:
+                raise Refused("the printer is connected; close the station first, or kill")
+            _reconnect(machine)
+            machine.grant(request)
+        elif machine.state in DOWN:
+            _mount(machine, request.values)
+            machine.tell_live()
+            machine.grant(request)
+        else:
+            machine.grant(request, _by_hand(machine, request))
+    except LinkError as exc:
+        machine.answer(request, refusal(exc))
+        if isinstance(exc, PortLost) and machine.state not in DOWN:
+            raise
+    except PrintEnded as exc:
+        machine.answer(request, refusal(LinkError(exc.message)))
+        raise
+
+
+def _by_hand(machine: Machine, request: Request) -> dict[str, Any]:
+    """Have the standing printer do what is asked for; return the answer."""
+    do, before = request.do, machine.message
+    machine.write_down("asked", do=do, values=request.values)
+    if WORDS[do].idle is Idle.MOVES:
+        machine.enter(StationState.BUSY, do)
+    try:
+        if do == "mount":
+            answer = _mount(machine, request.values)
+        else:
+            if machine.idle is None:
+                raise PortLost(f"{machine.plug.port} isn't open")
+            answer = machine.idle.requests[do](**request.values)
+    except PortLost:
+        raise
+    except LinkError as exc:
+        machine.enter(StationState.READY, before if isinstance(exc, Refused) else str(exc))
+        raise
+    machine.enter(StationState.READY, str(answer.get("message") or "ready"))
+    return answer
+
+
+def _mount(machine: Machine, values: dict[str, Any]) -> dict[str, Any]:
+    printer = machine.known.printer
+    if printer.heads and {"needle", "dish", "syringe"} & set(values):
+        raise Refused(
+            f"{printer.name} has several heads; what each of them holds can't be "
+            "told to a station yet, only to a print"
+        )
+    machine.known.mount(values)
+    return {}
+
+
+def _close(machine: Machine) -> None:
+    """Switch the heaters off where the printer answers, and let go of the port."""
+    message, standby = "closed", machine.standby
+    if machine.state not in DOWN and standby is not None:
+        with contextlib.suppress(LinkError, PrintEnded):
+            on = ", ".join(standby.let_go())
+            message = f"closed; {on} stays on (safe_state_on)" if on else "closed; heaters off"
+    machine.closing = True
+    if standby is not None:
+        standby.end()
+    machine.plug.close()
+    machine.known.lose_position()
+    machine.write_down("state", state="closed", message=message)
+    machine.enter(StationState.CLOSED, message, position_mm=None)
