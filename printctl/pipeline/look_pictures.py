@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from PIL import Image, ImageDraw, ImageFont
 
-from printctl.machine.job.inserts import Insert
+from printctl.machine.job.job import Insert
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.observe.records import LookRecord, look_picture, read_looks

@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from design.files import atomic_replacement
-from printctl.machine.job.filling import Filling
-from printctl.machine.job.inserts import Insert, Position, file_count
+from printctl.machine.job.job import Insert, file_count
+from printctl.machine.job.marks import Position
+from printctl.machine.job.syringes import Filling
 from printctl.machine.prints.mends import pushed_mm
 from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import Status

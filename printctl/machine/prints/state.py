@@ -17,13 +17,12 @@ from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError, NoLink, Refused
 from printctl.machine.families import link_facts
 from printctl.machine.job.care import Care
-from printctl.machine.job.filling import Filling
-from printctl.machine.job.inserts import file_count
-from printctl.machine.job.job import load_job
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.job.job import file_count, load_job
+from printctl.machine.job.syringes import Filling
+from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.prints.alerts import Alert, alert_of
 from printctl.machine.prints.progress import JobTable, Progress, Supply, progress
-from printctl.machine.prints.recovery_begin import NoCheckpoint
+from printctl.machine.prints.recovery import NoCheckpoint
 from printctl.machine.prints.recovery_file import planned
 from printctl.machine.prints.words import print_words, progress_words, state_words, tip_words
 from printctl.machine.process.client import PrintClient, attach

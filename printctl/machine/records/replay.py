@@ -11,9 +11,9 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.machine.errors import JournalError
-from printctl.machine.job.filling import Filling
-from printctl.machine.job.inserts import Insert, Position
-from printctl.machine.job.job import Job, load_job
+from printctl.machine.job.job import Insert, Job, load_job
+from printctl.machine.job.marks import Position
+from printctl.machine.job.syringes import Filling
 from printctl.machine.records.journal import (
     RESERVE,
     Record,

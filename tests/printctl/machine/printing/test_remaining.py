@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from printctl.machine.job.filling import Filling
+from printctl.machine.job.syringes import Filling
 from printctl.machine.prints.progress import remaining_time
 from printctl.machine.records.replay import replay
 
