@@ -17,14 +17,13 @@ from printctl.cli.simulate import read_start_position
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
-from printctl.machine.job.syringes import usable_mm, with_reloads_of
-from printctl.machine.ports.port_detection import named_port, read_baud
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.job.syringes import usable_mm, with_reloads
+from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
 from printctl.machine.prints.follow import confirm, follow, retreat_for
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
 from printctl.machine.process.starting import find_or_start, running
-from printctl.machine.records.states import PrintOutcome
+from printctl.machine.records.states import Status
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.progress import StageBars
@@ -118,7 +117,7 @@ def print_job(
         run, job = dry_run(cli.read_gcode_file(file), profile, tip), load_job(file, profile)
         shaft = file_shaft(file, run, set_for, accepted=accept_crossings)
         checks = [*file_checks(run, set_for, file.with_suffix(".map.npz")), *shaft.checks]
-        checks, at, heads = with_reloads_of(checks, job, usable, wanted=reload)
+        checks, at, heads = with_reloads(checks, job, usable, wanted=reload)
         refuse_failed(checks)
         cli.print_notes(warnings(checks))
         care = replace(
@@ -137,9 +136,7 @@ def print_job(
     cli.print_result(facts, [f"{done.state.value}: {done.message}", str(place)], done.proved)
 
 
-def _print(
-    order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool
-) -> PrintOutcome:
+def _print(order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool) -> Status:
     """Start the print, or find it again, and follow it to its end."""
     order.folder.mkdir(parents=True, exist_ok=True)
     bars = StageBars(cli.messages())

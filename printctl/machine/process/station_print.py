@@ -11,18 +11,16 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.machine.control.station_status import Place, StationState
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import BY_NAME, JournalError, LinkError, Refused
-from printctl.machine.job.filling import Filling
 from printctl.machine.job.job import Job, load_job
-from printctl.machine.job.reloading import plunger_travel
+from printctl.machine.job.syringes import Filling, plunger_travel
 from printctl.machine.process.machine import Machine, Request
 from printctl.machine.process.one_print import contact_of, run_print
 from printctl.machine.process.orders import Order, check_homing, check_start, leaves_motors_on
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.simulated import record_for, write_note
 from printctl.machine.process.socket_server import refusal
-from printctl.machine.records.journalled_print import read_journal
-from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import grown_in, read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.gcode.motion.executed import ExecutedMotion
 

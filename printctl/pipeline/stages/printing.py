@@ -11,19 +11,16 @@ from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
-from printctl.machine.job.job import parse_job
+from printctl.machine.job.job import GrownText, grown_text, parse_job
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import usable_mm
-from printctl.machine.ports.port_detection import named_port
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.ports.detection import SIMULATED, named_port
 from printctl.machine.prints.follow import confirm, follow, retreat_for
-from printctl.machine.prints.grown_text import GrownText, grown_text
 from printctl.machine.process.client import PrintClient
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import is_complete_record, simulated_printer
 from printctl.machine.process.starting import find_or_start, finished
-from printctl.machine.records.printed_job import grown_in
-from printctl.machine.records.states import PrintOutcome
+from printctl.machine.records.replay import grown_in
 from printctl.observe.order import ObserverOrder
 from printctl.observe.starting import (
     ObserverError,
@@ -235,7 +232,7 @@ def load_finished_print(context: RunContext) -> tuple[dict[str, Any], Sequence[s
         "printer": context.printer.name,
         "port": part.port,
         "state": client.status.state.value,
-        "proved": PrintOutcome.of(client.status).proved,
+        "proved": client.status.proved,
         "lines": client.status.lines_done,
     }
     if not isinstance(context.scan_part, SimulatedScan):

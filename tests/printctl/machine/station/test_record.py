@@ -21,8 +21,8 @@ from printctl.machine.control.station_status import (
 from printctl.machine.errors import JobError, LinkError, NoLink, Refused
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.job import load_job
-from printctl.machine.job.reloading import plunger_travel
 from printctl.machine.job.retreat import Retreat
+from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.process import station as process
 from printctl.machine.process.client import PrintClient, Station, attach_station
 from printctl.machine.process.client import attach as attach_print
@@ -33,7 +33,7 @@ from printctl.machine.process.simulated import is_complete_record
 from printctl.machine.process.starting import find_or_start
 from printctl.machine.process.station import serve_station
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
 from tests.waiting import wait_for
 
