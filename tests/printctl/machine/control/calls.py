@@ -23,7 +23,7 @@ STEP_CLASSES = {
 """Classes with steps by the names that their objects have in the room and its callers."""
 OTHERS = frozenset(
     {"watch", "logbook", "streamer", "machine", "standstills", "halted", "bell", "keeper"}
-    | {"listener", "handler", "stop", "known", "server", "contact"}
+    | {"listener", "handler", "stop", "known", "server", "contact", "book"}
 )
 """Names of objects without steps, whose methods may be called as a step is."""
 

@@ -1,0 +1,267 @@
+"""Bench: sends events to a print's steps in virtual time, without port, thread or file.
+
+It does what the shell does (`printctl.machine.control.shell`), with a scripted printer for the port
+and a list for the journal. The next event is whatever comes first: the printer's next word, the
+time that the steps wait for, or a request that the test has planned.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from firmware_profiles import Printer, load
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from printctl.machine.control.shell import write_down
+from printctl.machine.control.steps import Record, Urgent
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.errors import JournalError, PortLost
+from printctl.machine.job.care import Care
+from printctl.machine.job.job import Job
+from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.detection import PortPrograms
+from printctl.machine.records.replay import JournalledPrint, replay
+from printctl.machine.records.states import LinkState, Status
+from tests.printctl.machine.control.scripted_printer import ScriptedPrinter
+from tests.printctl.machine.link.jobs import parse_job
+
+PRINTER = load(Printer, "generic_marlin")
+SHORT = Retreat(lift_mm=4.0, park_mm=6.0)
+
+
+class HostDiedError(BaseException):
+    """In place of kill -9."""
+
+
+@dataclass
+class MemoryJournal:
+    """Journal in memory; at its ``full_at``-th record the disk is full, the reserve apart."""
+
+    records: list[dict[str, Any]] = field(default_factory=list)
+    full_at: float = math.inf
+    reserve: int = 1
+    now_s: float = 0.0
+    path: Path = Path("memory")
+
+    def add(self, sort: str, **values: Any) -> None:
+        if len(self.records) >= self.full_at:
+            raise JournalError("journal memory can't be written: disk full; free space")
+        self.records.append({"t": sort, "at": self.now_s, **values})
+
+    def use_reserve(self) -> bool:
+        if self.reserve:
+            self.reserve, self.full_at = 0, math.inf
+            return True
+        return False
+
+    def free_bytes(self) -> int:
+        return 1 << 40
+
+    def history(self) -> JournalledPrint:
+        return replay(self.records)
+
+
+class Wire:
+    """What becomes of bytes on their way; a test overrides it."""
+
+    def down(self, data: bytes) -> bytes:
+        return data
+
+    def up(self, data: bytes) -> bytes:
+        return data
+
+
+class Bench:
+    """One process's print of a job, on a printer and a journal that may outlive it."""
+
+    def __init__(
+        self,
+        job: Job | bytes,
+        printer: ScriptedPrinter | None = None,
+        care: Care | None = None,
+        journal: MemoryJournal | None = None,
+        wire: Wire | None = None,
+        profile: Printer = PRINTER,
+        resume: bool = False,
+    ) -> None:
+        self.job = parse_job(job, "bench.gcode", profile) if isinstance(job, bytes) else job
+        self.printer, self.wire = printer or ScriptedPrinter(), wire or Wire()
+        self.journal = journal or MemoryJournal()
+        self.statuses: list[Status] = []
+        self.told: list[Any] = []
+        self.sent: list[bytes] = []
+        self.known_at: list[int] = []  # records in the journal when each left
+        self.events = self.effects = 0
+        self.dies_at: float = math.inf  # the host, in the effect of this number
+        self.lost_at: float = math.inf  # the port, in the effect of this number
+        self._lost = False
+        self._planned: list[tuple[float, int, Callable[[Streamer], None]]] = []
+        self._order = itertools.count()
+        self._when: dict[LinkState, list[Callable[[Streamer], None]]] = {}
+        self._at_line: dict[int, Callable[[Streamer], None]] = {}
+        history = self.journal.history() if resume else None
+        if history is not None:
+            self.job = self.job.grown_by(history.inserts)
+        record = {"id": "1", "name": self.job.name, "sha256": self.job.sha256}
+        self.journal.add("job", **record, lines=len(self.job), started=0.0)
+        port = SimpleNamespace(name="bench", stolen=0, programs=PortPrograms)
+        wiring = Wiring(
+            transport=port,  # type: ignore[arg-type]
+            protocol=MarlinProtocol(),
+            clock=SimpleNamespace(now=lambda: self.exchange.now_s),  # type: ignore[arg-type]
+            journal=self.journal,  # type: ignore[arg-type]
+            printer=profile,
+            retreat=SHORT,
+            on_status=self._on_status,
+        )
+        self.wiring, self.exchange = wiring, wiring.exchange
+        self.exchange.now_s = self.printer.now
+        self.streamer = Streamer(wiring, self.job, care or Care(checkpoint_s=None))
+        self._steps = self.streamer.steps(history)
+
+    # --- what a test plans -------------------------------------------------------------------
+
+    def at(self, time_s: float, act: Callable[[Streamer], None]) -> None:
+        """Have something done at a time, s."""
+        self._planned.append((time_s, next(self._order), act))
+        self._planned.sort()
+
+    def after(self, seconds: float, act: Callable[[Streamer], None]) -> None:
+        """Have something done so much later."""
+        self.at(self.exchange.now_s + seconds, act)
+
+    def when(self, state: LinkState, *acts: Callable[[Streamer], None]) -> None:
+        """Have things done in turn each time that the print passes to a state."""
+        self._when[state] = list(acts)
+
+    def on_line(self, done: int, act: Callable[[Streamer], None]) -> None:
+        """Have something done once so many of the job's lines are acknowledged."""
+        self._at_line[done] = act
+
+    # --- events ------------------------------------------------------------------------------
+
+    def run(self, limit_s: float = 100_000.0) -> Status:
+        """Send events to the end of the print; return its last status."""
+        try:
+            wait = next(self._steps)
+            while True:
+                try:
+                    self._carry_out()
+                except PortLost as exc:
+                    wait = self._steps.throw(exc)
+                    continue
+                now, data = self._next(wait.until_s)
+                assert now < limit_s, f"it hangs: {self.streamer.status}"
+                self.events += 1
+                self.exchange.now_s = self.journal.now_s = now
+                wait = self._steps.send((now, data))
+                self._look_at_lines()
+        except StopIteration as end:
+            self._carry_out()
+            status: Status = end.value
+            return status
+
+    def _next(self, until_s: float) -> tuple[float, bytes]:
+        now = self.exchange.now_s
+        if until_s == -math.inf:
+            return now, b""
+        planned = self._planned[0][0] if self._planned else math.inf
+        at = max(now, min(self.printer.due_s, until_s, planned))
+        assert at < math.inf, "nothing will ever happen"
+        if planned <= at:
+            self._planned.pop(0)[2](self.streamer)
+        said = self.printer.said(at)
+        return at, self.wire.up(said) if said else b""
+
+    def _carry_out(self) -> None:
+        effects = self.exchange.effects
+        while effects:
+            effect = effects.popleft()
+            self.effects += 1
+            if self.effects == self.dies_at:
+                if isinstance(effect, bytes):
+                    self.printer.take(effect[: len(effect) // 2], self.exchange.now_s)
+                raise HostDiedError
+            if isinstance(effect, Record):
+                write_down(effect, self.wiring)
+            elif isinstance(effect, (bytes, Urgent)):
+                self._write(effect if isinstance(effect, bytes) else effect.data)
+            else:
+                effect()
+
+    def _write(self, data: bytes) -> None:
+        if self.effects >= self.lost_at:
+            raise PortLost("the cable was pulled")
+        self.sent.append(data)
+        self.known_at.append(len(self.journal.records))
+        self.printer.take(self.wire.down(data), self.exchange.now_s)
+
+    def _on_status(self, status: Status) -> None:
+        entered = not self.statuses or self.statuses[-1].state is not status.state
+        entered |= not self.statuses or self.statuses[-1].message != status.message
+        self.statuses.append(status)
+        acts = self._when.get(status.state, []) if entered else []
+        if acts:
+            acts.pop(0)(self.streamer)
+
+    def _look_at_lines(self) -> None:
+        done = self.streamer.protocol.lines_done
+        for line in [line for line in self._at_line if line <= done]:
+            self._at_line.pop(line)(self.streamer)
+
+    # --- what came of it ---------------------------------------------------------------------
+
+    @property
+    def states(self) -> list[LinkState]:
+        """States in their order, each once in a row."""
+        states = [status.state for status in self.statuses]
+        return [state for state, _ in itertools.groupby(states)]
+
+    def recorded(self, sort: str) -> list[dict[str, Any]]:
+        """The journal's records of one sort."""
+        return [record for record in self.journal.records if record["t"] == sort]
+
+
+# --- jobs and what their motors must make -----------------------------------------------------
+
+
+def layers(count: int, moves: int) -> bytes:
+    """Zigzag layers with marks; each motion line is unique, so that a doubled one shows."""
+    text, e = ["G90", "M82", "G92 X50 Y50 Z10 E0"], 0.0
+    for layer in range(count):
+        z = 10.0 + 0.25 * layer
+        if layer:
+            text += [f"G0 X50 Y{50 + layer * 0.003:.3f} F6000", f"G1 E{e + 0.25 - 0.001:.5f} F120"]
+        for k in range(moves):
+            e += 0.0035
+            x, y = 50 + (k + layer + 1) % 2 * 3.5, 50 + k * 0.25 + layer * 0.007
+            text.append(f"G1 X{x:.3f} Y{y:.3f} E{e:.5f} F1800")
+        text += [f"G1 E{e - 0.25:.5f} F120", f"G0 Z{z + 0.25:g} F600"]
+        text += [f";LAYER_END:{layer}", ";RELOAD"]
+    return ("\n".join(text) + "\nM400\n").encode()
+
+
+def motion(job: Job) -> list[str]:
+    """The job's motion lines, by the commands that are sent."""
+    return [line.decode() for line in job.lines if line.startswith((b"G0 ", b"G1 "))]
+
+
+def clean_run(job: Job) -> list[tuple[str, dict[str, float], dict[str, float]]]:
+    """Each motion line of a job, from where to where it leads."""
+    printer = ScriptedPrinter()
+    for line in job.lines:
+        printer._do(line.decode())
+    printer.run_to(1e9)
+    return [(one.line, one.start, one.end) for one in printer.made]
+
+
+def made_of(printer: ScriptedPrinter, job: Job) -> list[tuple[str, Any, Any]]:
+    """What the motors made of a job's own lines, in their order; the link's own moves aside."""
+    own = set(motion(job))
+    return [(one.line, one.start, one.end) for one in printer.made if one.line in own]

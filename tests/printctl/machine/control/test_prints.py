@@ -1,0 +1,565 @@
+"""Prints driven by events alone: pauses, stops, syringes, looks, and what goes wrong."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from printctl.machine.control.look_book import LookDecision, LookRequest
+from printctl.machine.control.streamer import Streamer
+from printctl.machine.errors import Refused
+from printctl.machine.job.care import Care, NewSyringe
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.records.states import LinkState, Status
+from tests.printctl.machine.control.bench import (
+    Bench,
+    HostDiedError,
+    MemoryJournal,
+    Wire,
+    clean_run,
+    layers,
+    made_of,
+    motion,
+)
+from tests.printctl.machine.link.jobs import parse_job
+
+JOB = parse_job(layers(2, 8), "bench.gcode")
+CLEAN = clean_run(JOB)
+LINES = range(1, len(JOB) + 1)
+LOOKS = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=60.0)
+
+
+def resume(streamer: Streamer) -> None:
+    streamer.resume()
+
+
+def stop(streamer: Streamer) -> None:
+    streamer.stop()
+
+
+def pause(streamer: Streamer) -> None:
+    streamer.pause()
+
+
+def assert_exact(bench: Bench, status: Status) -> None:
+    """Each stroke was made once, from where to where the job says, and that is what is told."""
+    assert (status.state, status.position_known) == (LinkState.DONE, True), status.message
+    assert made_of(bench.printer, bench.job) == CLEAN
+    assert status.lines_done == status.lines_executed == len(bench.job)
+
+
+def assert_true(bench: Bench, status: Status) -> None:
+    """What was made is a beginning of the job, and no more is told than is true."""
+    made = made_of(bench.printer, bench.job)
+    assert made == CLEAN[: len(made)]
+    assert len(motion_until(bench, status.lines_executed)) <= len(made)
+    own = set(motion(bench.job))
+    taken = [line for line in bench.printer.taken if line in own]
+    assert len(motion_until(bench, status.lines_done)) <= len(taken)
+
+
+def motion_until(bench: Bench, done: int) -> list[bytes]:
+    return [line for line in bench.streamer.job.lines[:done] if line.startswith((b"G0", b"G1"))]
+
+
+# --- a print that nothing disturbs ------------------------------------------------------------
+
+
+def test_each_line_is_made_once_and_the_states_follow():
+    bench = Bench(JOB)
+    assert_exact(bench, bench.run())
+    assert bench.states == [LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING]
+    assert bench.recorded("end")[0]["done"] == len(JOB)
+
+
+def test_commands_between_lines_are_in_the_journal_before_they_leave():
+    bench = Bench(JOB)
+    for line in (6, 15):
+        bench.on_line(line, pause)
+    bench.when(LinkState.PAUSED, resume, resume)
+    assert_exact(bench, bench.run())
+    own = set(JOB.lines)
+    begun = False
+    for data, known in zip(bench.sent, bench.known_at, strict=True):
+        for number, text in re.findall(rb"N(\d+) (.*?)\*\d+", data):
+            begun |= text in own
+            if begun and text not in own and not text.startswith(b"M118"):
+                found = [one for one in bench.journal.records[:known] if one["t"] == "control"]
+                controls = {one["n"]: one["command"].encode() for one in found}
+                assert controls.get(int(number)) == text
+
+
+# --- pauses -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("line", [3, 4, 7, 12, 14, 20, len(JOB) - 1])
+def test_pause_after_any_line_lifts_the_needle_and_comes_back_to_it(line):
+    bench, seen = Bench(JOB), []
+
+    def look_and_resume(streamer: Streamer) -> None:
+        seen.append((bench.printer.place["Z"], streamer.status.lines_done))
+        streamer.resume()
+
+    bench.on_line(line, pause)
+    bench.when(LinkState.PAUSED, look_and_resume)
+    assert_exact(bench, bench.run())
+    [(z, done)] = seen
+    assert z >= 14.0
+    assert done >= line
+    assert bench.states[-4:] == [
+        LinkState.PAUSING,
+        LinkState.PAUSED,
+        LinkState.RESUMING,
+        LinkState.PRINTING,
+    ]
+
+
+def test_pause_after_a_layer_is_held_at_its_mark():
+    bench = Bench(JOB)
+    bench.on_line(5, lambda streamer: streamer.pause(MarkKind.LAYER))
+    bench.when(LinkState.PAUSED, resume)
+    assert_exact(bench, bench.run())
+    [paused] = [one for one in bench.statuses if one.state is LinkState.PAUSED]
+    assert paused.lines_done == JOB.marks.of(MarkKind.LAYER)[0].index
+    assert "end of layer 0" in paused.message
+
+
+def test_pause_that_is_waited_for_is_in_the_journal_at_once_and_can_be_taken_back():
+    bench = Bench(JOB)
+
+    def want(streamer: Streamer) -> None:
+        streamer.pause(MarkKind.LAYER)
+        assert bench.recorded("wanted")[-1]["after"] == MarkKind.LAYER
+
+    bench.on_line(5, want)
+    bench.on_line(8, resume)
+    assert_exact(bench, bench.run())
+    assert LinkState.PAUSED not in bench.states
+
+
+def test_a_long_pause_shows_that_the_printer_is_there():
+    bench = Bench(JOB)
+    bench.on_line(5, pause)
+    bench.when(LinkState.PAUSED, lambda streamer: bench.after(100.0, resume))
+    assert_exact(bench, bench.run())
+    assert bench.printer.executed.count("M105") >= 5
+
+
+def test_print_that_nobody_confirms_is_held_at_the_next_mark():
+    bench = Bench(JOB, care=Care(checkpoint_s=None, deadman_s=0.5))
+    bench.when(LinkState.PAUSED, resume)
+    assert_exact(bench, bench.run())
+    [paused] = [one for one in bench.statuses if one.state is LinkState.PAUSED]
+    assert "nobody confirmed" in paused.message
+
+
+def test_resume_is_refused_while_the_needle_is_elsewhere():
+    bench, answers = Bench(JOB), list[str]()
+
+    def elsewhere(streamer: Streamer) -> None:
+        bench.printer.at["X"] += 1.0
+        streamer.resume(answer=answers.append)
+
+    def back(streamer: Streamer) -> None:
+        bench.printer.at["X"] -= 1.0
+        streamer.resume(answer=answers.append)
+
+    bench.on_line(9, pause)
+    bench.when(LinkState.PAUSED, elsewhere, back)
+    assert_exact(bench, bench.run())
+    assert answers[0].startswith("not resumed: ")
+    assert answers[1] == ""
+
+
+def test_command_typed_in_a_pause_is_judged_and_answered():
+    bench, replies, refusals = Bench(JOB), list[Any](), list[str]()
+
+    def typed(streamer: Streamer) -> None:
+        streamer.typed("M105", replies.append, refusals.append)
+        streamer.typed("M500", replies.append, refusals.append)
+        bench.after(1.0, resume)
+
+    bench.on_line(9, pause)
+    bench.when(LinkState.PAUSED, typed)
+    assert_exact(bench, bench.run())
+    assert b"T:21.00" in replies[0][0]
+    assert len(replies) == len(refusals) == 1
+
+
+# --- stops ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("state", [LinkState.CONNECTING, LinkState.CHECKING])
+def test_stop_before_the_first_line_sends_none(state):
+    bench = Bench(JOB)
+    bench.when(state, stop)
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, True)
+    assert not bench.printer.taken
+
+
+@pytest.mark.parametrize("state", [LinkState.PAUSING, LinkState.PAUSED, LinkState.RESUMING])
+@pytest.mark.parametrize("line", [6, 14])
+def test_stop_in_a_pause_ends_with_all_that_was_taken_made(state, line):
+    bench = Bench(JOB)
+    bench.on_line(line, pause)
+    bench.when(LinkState.PAUSED, resume)
+    bench.when(state, stop)
+    status = bench.run()
+    assert status.state is LinkState.STOPPED, status.message
+    assert_true(bench, status)
+    assert_stood(bench)
+
+
+@pytest.mark.parametrize("line", [*LINES[3:-1]])
+def test_stop_after_any_line_says_how_far_the_motors_came(line):
+    bench = Bench(JOB)
+    bench.on_line(line, stop)
+    status = bench.run()
+    assert status.state is LinkState.STOPPED, status.message
+    assert status.position_known
+    assert_true(bench, status)
+    assert_stood(bench)
+    assert bench.printer.place["Z"] > 10.2
+
+
+def assert_stood(bench: Bench) -> None:
+    """The line that is told to go on with is the one after those that were wholly made."""
+    [stood] = bench.recorded("stood")
+    made = len(made_of(bench.printer, bench.job))
+    assert stood["certain"]
+    assert len(motion_until(bench, stood["line"])) == made
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.35, 0.6])
+def test_stop_at_any_moment_of_a_pause_leaves_a_needle_that_stands(seconds):
+    bench = Bench(JOB)
+    bench.on_line(10, pause)
+    bench.when(LinkState.PAUSING, lambda streamer: bench.after(seconds, stop))
+    status = bench.run()
+    assert status.state is LinkState.STOPPED
+    assert_true(bench, status)
+
+
+# --- syringes ---------------------------------------------------------------------------------
+
+
+def test_syringe_is_changed_at_the_next_reload_point_and_the_plunger_counted_anew():
+    bench = Bench(JOB)
+    bench.on_line(4, lambda streamer: streamer.reload())
+    bench.when(
+        LinkState.PAUSED,
+        lambda streamer: streamer.resume(NewSyringe(name="", plunger_mm=0.0, capacity_mm=50.0)),
+    )
+    assert_exact(bench, bench.run())
+    [syringe] = bench.recorded("syringe")
+    assert syringe["done"] == JOB.marks.of(MarkKind.RELOAD)[0].index
+    assert syringe["command"].startswith("G92 E")
+    assert bench.printer.by_number[syringe["n"]] == syringe["command"]
+
+
+def test_resume_from_a_change_of_syringe_wants_to_know_what_was_put_in():
+    bench, refusals = Bench(JOB), list[str]()
+
+    def unsaid(streamer: Streamer) -> None:
+        with pytest.raises(Refused, match="--plunger-mm") as refused:
+            streamer.resume()
+        refusals.append(str(refused.value))
+        streamer.resume(unchanged=True)
+
+    bench.on_line(4, lambda streamer: streamer.reload())
+    bench.when(LinkState.PAUSED, unsaid)
+    assert_exact(bench, bench.run())
+    assert refusals
+    assert not bench.recorded("syringe")
+
+
+# --- looks ------------------------------------------------------------------------------------
+
+
+def decide(bench: Bench, decision: LookDecision, **given: Any) -> Callable[[Streamer], None]:
+    def act(streamer: Streamer) -> None:
+        look = streamer.status.look
+        assert look is not None
+        number = look["number"]
+        told = bench.told.append
+        if given:
+            streamer.look(LookRequest(number, told, told, "a gap", **given))
+        streamer.look(LookRequest(number, told, told, "as it is", decision))
+
+    return act
+
+
+def test_print_is_held_for_each_look_and_goes_on_as_it_is_decided():
+    bench = Bench(JOB, care=LOOKS)
+    go_on = decide(bench, LookDecision.GO_ON)
+    bench.when(LinkState.LOOKING, go_on, go_on)
+    assert_exact(bench, bench.run())
+    assert [one["decision"] for one in bench.recorded("looked")] == ["go_on", "go_on"]
+    assert len(bench.told) == 2
+
+
+def test_insert_of_a_look_is_in_the_journal_before_it_is_confirmed_and_made_once():
+    bench = Bench(JOB, care=LOOKS)
+    mark = JOB.marks.of(MarkKind.LAYER)[0].index
+    at = CLEAN[len([one for one in JOB.lines[:mark] if one.startswith((b"G0", b"G1"))]) - 1][2]
+    lines = (
+        "G1 X51.5 Y50.123 F3000",
+        f"G1 E{at['E'] + 0.2:.5f} F60",
+        f"G1 X51.25 E{at['E'] + 0.21:.5f} F600",
+        f"G1 X{at['X']:g} Y{at['Y']:g} F3000",
+        f"G92 E{at['E']:.5f}",
+    )
+    bench.when(
+        LinkState.LOOKING,
+        decide(bench, LookDecision.GO_ON, lines=lines),
+        decide(bench, LookDecision.GO_ON),
+    )
+    status = bench.run()
+    assert status.state is LinkState.DONE, status.message
+    assert made_of(bench.printer, JOB) == CLEAN
+    made = [one.line for one in bench.printer.made]
+    assert [made.count(line) for line in lines[:4]] == [1, 1, 1, 1]
+    [insert] = bench.recorded("insert")
+    assert insert["after"] == mark
+    assert bench.told[0]["lines"] == len(lines)
+
+
+def test_look_that_nobody_decides_becomes_a_pause():
+    bench = Bench(JOB, care=LOOKS)
+    bench.when(LinkState.PAUSED, lambda s: s.resume(unobserved=True))
+    bench.when(LinkState.LOOKING, lambda streamer: None, decide(bench, LookDecision.GO_ON))
+    assert_exact(bench, bench.run())
+    assert bench.recorded("looked")[0]["by"] == "the link"
+
+
+@pytest.mark.parametrize("by", ["observer", "user"])
+def test_stop_in_a_look_leaves_the_needle_up(by):
+    bench = Bench(JOB, care=LOOKS)
+    bench.when(LinkState.LOOKING, stop if by == "user" else decide(bench, LookDecision.STOP))
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, True)
+    assert_true(bench, status)
+    assert_stood(bench)
+
+
+# --- what goes wrong on the line --------------------------------------------------------------
+
+
+class Answers(Wire):
+    """Changes the printer's ``at``-th words."""
+
+    def __init__(self, at: int, change: Callable[[bytes], bytes]) -> None:
+        self.at, self.change = at, change
+
+    def up(self, data: bytes) -> bytes:
+        self.at -= 1
+        return self.change(data) if self.at == 0 else data
+
+
+CHANGES = {
+    "lost": lambda data: b"",
+    "doubled": lambda data: data + b"ok\n",
+    "torn": lambda data: data[:1],
+    "garbled": lambda data: b"oj" + data[2:],
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+@pytest.mark.parametrize("at", [45, 52, 58, 65])
+def test_an_ok_that_is_lost_doubled_or_garbled_costs_no_line(change, at):
+    bench = Bench(JOB, wire=Answers(at, change))
+    status = bench.run()
+    assert made_of(bench.printer, JOB) == CLEAN
+    assert status.state is LinkState.DONE, status.message
+
+
+def test_line_that_noise_garbles_is_sent_again():
+    class Noise(Wire):
+        left = 3
+
+        def down(self, data: bytes) -> bytes:
+            if data.startswith(b"N") and b"G1 X" in data and self.left:
+                self.left -= 1
+                return data.replace(b"G1 X5", b"G1 X7", 1)
+            return data
+
+    bench = Bench(JOB, wire=Noise())
+    status = bench.run()
+    assert_exact(bench, status)
+    assert status.line_errors >= 3
+
+
+def test_many_errors_pause_the_print():
+    class Noise(Wire):
+        count = 0
+
+        def down(self, data: bytes) -> bytes:
+            self.count += 1
+            noisy = data.startswith(b"N") and b"G1 X" in data and self.count % 2
+            return data.replace(b"G1 X5", b"G1 X7", 1) if noisy else data
+
+    bench = Bench(JOB, care=Care(checkpoint_s=None, noise_window=50, noise_limit=4), wire=Noise())
+    bench.when(LinkState.PAUSED, *[resume] * 10)
+    assert_exact(bench, bench.run())
+    assert any("check cable and earthing" in one.message for one in bench.statuses)
+
+
+@pytest.mark.parametrize("seconds", [2.5, 8.0, 30.0])
+def test_printer_that_is_silent_for_a_while_loses_nothing(seconds):
+    bench = Bench(JOB)
+
+    def mute(_: Streamer) -> None:
+        bench.printer.mute = True
+        bench.after(seconds, unmute)
+
+    def unmute(_: Streamer) -> None:
+        bench.printer.mute = False
+
+    bench.on_line(9, mute)
+    assert_exact(bench, bench.run())
+
+
+def test_printer_that_stays_silent_ends_the_print():
+    bench = Bench(JOB)
+
+    def mute(_: Streamer) -> None:
+        bench.printer.mute = True
+
+    bench.on_line(9, mute)
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.FAILED, False)
+    assert "gave no usable answer" in status.message
+    assert_true(bench, status)
+
+
+@pytest.mark.parametrize("line", [5, 14])
+@pytest.mark.parametrize("paused", [False, True])
+def test_reset_leaves_the_position_unknown_and_sends_nothing_more(line, paused):
+    bench = Bench(JOB)
+
+    def reset(_: Streamer) -> None:
+        bench.printer.reset_now()
+
+    bench.on_line(line, pause if paused else reset)
+    bench.when(LinkState.PAUSED, lambda streamer: bench.after(5.0, reset))
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.POSITION_UNKNOWN, False)
+    assert "was reset" in status.message
+    assert_true(bench, status)
+
+
+def test_firmware_that_halts_itself_ends_the_print_as_killed():
+    bench = Bench(JOB)
+    bench.on_line(9, lambda _: bench.printer.take(b"M112\n", bench.exchange.now_s))
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.KILLED, False)
+    assert_true(bench, status)
+
+
+def test_line_that_the_printer_refuses_ends_the_print_before_it():
+    data = layers(1, 8).replace(b"G1 X50.000 Y50.250", b"COLD\nG1 X50.000 Y50.250", 1)
+    job = parse_job(layers(1, 8), "bench.gcode")
+    bench = Bench(job)
+    assert data
+    wrong = job.lines[7].decode()
+
+    def refuse(command: str) -> None:
+        if command == wrong:
+            bench.printer.say(b'echo:Unknown command: "%b"\nok\n' % wrong.encode())
+        else:
+            carry_out(command)
+
+    carry_out = bench.printer._carry_out
+    bench.printer._carry_out = refuse  # type: ignore[method-assign]
+    status = bench.run()
+    assert status.state is LinkState.FAILED, status.message
+    assert "refused line" in status.message
+    assert status.lines_done <= 7
+    assert wrong not in [one.line for one in bench.printer.made]
+
+
+# --- the host's own troubles ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("record", [22, 27, 30])
+@pytest.mark.parametrize("reserve", [0, 1])
+def test_full_disk_ends_the_print_by_a_controlled_stop(record, reserve):
+    journal = MemoryJournal(full_at=record, reserve=reserve)
+    bench = Bench(JOB, journal=journal)
+    bench.on_line(5, pause)
+    bench.when(LinkState.PAUSED, resume)
+    status = bench.run()
+    assert status.state is LinkState.FAILED, status.message
+    assert "disk full" in status.message
+    assert_true(bench, status)
+    assert bool(bench.recorded("end")) == bool(reserve)
+
+
+def test_insert_that_the_disk_has_no_room_for_isnt_taken():
+    journal = MemoryJournal()
+    bench = Bench(JOB, care=LOOKS, journal=journal)
+    insert = decide(bench, LookDecision.GO_ON, lines=("G1 X51.5 Y50.123 F3000", "G1 X50 F3000"))
+
+    def on_a_full_disk(streamer: Streamer) -> None:
+        journal.full_at, journal.reserve = len(journal.records), 0
+        insert(streamer)
+
+    bench.when(LinkState.LOOKING, on_a_full_disk)
+    status = bench.run()
+    assert status.state is LinkState.FAILED
+    assert "G1 X51.5 Y50.123 F3000" not in bench.printer.taken
+    assert "isn't taken" in bench.told[0]
+    assert_true(bench, status)
+
+
+@pytest.mark.parametrize("effect", [40, 70, 80, 88])
+def test_lost_port_ends_the_print_and_says_so(effect):
+    bench = Bench(JOB)
+    bench.lost_at = effect
+    status = bench.run()
+    assert status.state is LinkState.FAILED
+    assert "the cable was pulled" in status.message
+    assert_true(bench, status)
+
+
+@pytest.mark.parametrize("wanted", ["nothing", "pause", "syringe", "look"])
+def test_host_that_dies_in_any_effect_is_gone_on_with_exactly(wanted):
+    """As kill -9 at any write of the port, any record and any word to a client."""
+    care = LOOKS if wanted == "look" else Care(checkpoint_s=None)
+
+    def plan(bench: Bench, attempt: int) -> None:
+        if wanted == "pause" and not attempt:
+            bench.on_line(12, pause)
+        elif wanted == "syringe" and not attempt:
+            bench.on_line(4, lambda streamer: streamer.reload())
+        bench.when(LinkState.PAUSED, *[answer] * 5)
+        bench.when(LinkState.LOOKING, *[decide(bench, LookDecision.GO_ON)] * 5)
+
+    def answer(streamer: Streamer) -> None:
+        changing = streamer.print.change.going_on
+        new = NewSyringe(name="", plunger_mm=0.0, capacity_mm=50.0) if changing else None
+        streamer.resume(new)
+
+    whole = Bench(JOB, care=care)
+    plan(whole, 0)
+    whole.run()
+    first = next(k for k, data in enumerate(whole.sent) if b"G92 X50" in data)
+    for effect in range(1, whole.effects + 1):
+        bench = Bench(JOB, care=care)
+        plan(bench, 0)
+        bench.dies_at = effect
+        with pytest.raises(HostDiedError):
+            bench.run()
+        if not bench.journal.history().begun:
+            continue  # no line of the job may have left
+        bench.printer.said(bench.printer.now + 30.0)
+        again = Bench(JOB, bench.printer, care, bench.journal, resume=True)
+        plan(again, 1)
+        status = again.run()
+        assert status.state is LinkState.DONE, (effect, status.message)
+        assert made_of(again.printer, JOB) == CLEAN, effect
+    assert first
