@@ -32,6 +32,18 @@ LINES = range(1, len(JOB) + 1)
 LOOKS = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=60.0)
 
 
+MARK = JOB.marks.of(MarkKind.LAYER)[0].index
+"""End of the first layer; a mend writes a stroke beside it, and comes back."""
+MEND = (
+    "G1 X51.5 Y50.123 F3000",
+    "G1 E0.04800 F60",
+    "G1 X51.25 E0.04900 F600",
+    "G1 E-0.22200 F60",
+    "G1 X50 Y51.75 F3000",
+    "G1 F600",
+)
+
+
 def resume(streamer: Streamer) -> None:
     streamer.resume()
 
@@ -81,11 +93,11 @@ def test_commands_between_lines_are_in_the_journal_before_they_leave():
         bench.on_line(line, pause)
     bench.when(LinkState.PAUSED, resume, resume)
     assert_exact(bench, bench.run())
-    own = set(JOB.lines)
-    begun = False
+    own, begun = set(JOB.lines), False
     for data, known in zip(bench.sent, bench.known_at, strict=True):
-        for number, text in re.findall(rb"N(\d+) (.*?)\*\d+", data):
-            begun |= text in own
+        for number, written in re.findall(rb"N(\d{1,4}) (.*?)\*\d+", data):
+            text = re.sub(rb"^M0+(?=\d)", b"M", written)
+            begun |= text.startswith(b"G92 X50")
             if begun and text not in own and not text.startswith(b"M118"):
                 found = [one for one in bench.journal.records[:known] if one["t"] == "control"]
                 controls = {one["n"]: one["command"].encode() for one in found}
@@ -124,7 +136,7 @@ def test_pause_after_a_layer_is_held_at_its_mark():
     assert_exact(bench, bench.run())
     [paused] = [one for one in bench.statuses if one.state is LinkState.PAUSED]
     assert paused.lines_done == JOB.marks.of(MarkKind.LAYER)[0].index
-    assert "end of layer 0" in paused.message
+    assert "end of layer 1" in paused.message
 
 
 def test_pause_that_is_waited_for_is_in_the_journal_at_once_and_can_be_taken_back():
@@ -227,11 +239,13 @@ def test_stop_after_any_line_says_how_far_the_motors_came(line):
 
 
 def assert_stood(bench: Bench) -> None:
-    """The line that is told to go on with is the one after those that were wholly made."""
+    """The line that is told to go on with is the one after those that were wholly made.
+
+    Where others pass the same place, within two decimals, it is told as the first of them.
+    """
     [stood] = bench.recorded("stood")
-    made = len(made_of(bench.printer, bench.job))
-    assert stood["certain"]
-    assert len(motion_until(bench, stood["line"])) == made
+    made, told = len(made_of(bench.printer, JOB)), len(motion_until(bench, stood["line"]))
+    assert told == made if stood["certain"] else made - 2 <= told <= made
 
 
 @pytest.mark.parametrize("seconds", [0.05, 0.35, 0.6])
@@ -252,7 +266,7 @@ def test_syringe_is_changed_at_the_next_reload_point_and_the_plunger_counted_ane
     bench.on_line(4, lambda streamer: streamer.reload())
     bench.when(
         LinkState.PAUSED,
-        lambda streamer: streamer.resume(NewSyringe(name="", plunger_mm=0.0, capacity_mm=50.0)),
+        lambda streamer: streamer.resume(NewSyringe()),
     )
     assert_exact(bench, bench.run())
     [syringe] = bench.recorded("syringe")
@@ -304,28 +318,19 @@ def test_print_is_held_for_each_look_and_goes_on_as_it_is_decided():
 
 def test_insert_of_a_look_is_in_the_journal_before_it_is_confirmed_and_made_once():
     bench = Bench(JOB, care=LOOKS)
-    mark = JOB.marks.of(MarkKind.LAYER)[0].index
-    at = CLEAN[len([one for one in JOB.lines[:mark] if one.startswith((b"G0", b"G1"))]) - 1][2]
-    lines = (
-        "G1 X51.5 Y50.123 F3000",
-        f"G1 E{at['E'] + 0.2:.5f} F60",
-        f"G1 X51.25 E{at['E'] + 0.21:.5f} F600",
-        f"G1 X{at['X']:g} Y{at['Y']:g} F3000",
-        f"G92 E{at['E']:.5f}",
-    )
     bench.when(
         LinkState.LOOKING,
-        decide(bench, LookDecision.GO_ON, lines=lines),
+        decide(bench, LookDecision.GO_ON, lines=MEND),
         decide(bench, LookDecision.GO_ON),
     )
     status = bench.run()
     assert status.state is LinkState.DONE, status.message
     assert made_of(bench.printer, JOB) == CLEAN
     made = [one.line for one in bench.printer.made]
-    assert [made.count(line) for line in lines[:4]] == [1, 1, 1, 1]
+    assert [made.count(line) for line in MEND[:-1]] == [1] * 5
     [insert] = bench.recorded("insert")
-    assert insert["after"] == mark
-    assert bench.told[0]["lines"] == len(lines)
+    assert insert["after"] == MARK
+    assert bench.told[0]["count"] == len(MEND)
 
 
 def test_look_that_nobody_decides_becomes_a_pause():
@@ -372,6 +377,7 @@ CHANGES = {
 @pytest.mark.parametrize("at", [45, 52, 58, 65])
 def test_an_ok_that_is_lost_doubled_or_garbled_costs_no_line(change, at):
     bench = Bench(JOB, wire=Answers(at, change))
+    bench.when(LinkState.PAUSED, resume)  # of an answer that is too many
     status = bench.run()
     assert made_of(bench.printer, JOB) == CLEAN
     assert status.state is LinkState.DONE, status.message
@@ -398,9 +404,10 @@ def test_many_errors_pause_the_print():
         count = 0
 
         def down(self, data: bytes) -> bytes:
-            self.count += 1
-            noisy = data.startswith(b"N") and b"G1 X" in data and self.count % 2
-            return data.replace(b"G1 X5", b"G1 X7", 1) if noisy else data
+            if data.startswith(b"N") and b"G1 X" in data:
+                self.count += 1
+                return data.replace(b"G1 X5", b"G1 X7", 1) if self.count % 3 else data
+            return data
 
     bench = Bench(JOB, care=Care(checkpoint_s=None, noise_window=50, noise_limit=4), wire=Noise())
     bench.when(LinkState.PAUSED, *[resume] * 10)
@@ -461,10 +468,8 @@ def test_firmware_that_halts_itself_ends_the_print_as_killed():
 
 
 def test_line_that_the_printer_refuses_ends_the_print_before_it():
-    data = layers(1, 8).replace(b"G1 X50.000 Y50.250", b"COLD\nG1 X50.000 Y50.250", 1)
     job = parse_job(layers(1, 8), "bench.gcode")
     bench = Bench(job)
-    assert data
     wrong = job.lines[7].decode()
 
     def refuse(command: str) -> None:
@@ -502,7 +507,7 @@ def test_full_disk_ends_the_print_by_a_controlled_stop(record, reserve):
 def test_insert_that_the_disk_has_no_room_for_isnt_taken():
     journal = MemoryJournal()
     bench = Bench(JOB, care=LOOKS, journal=journal)
-    insert = decide(bench, LookDecision.GO_ON, lines=("G1 X51.5 Y50.123 F3000", "G1 X50 F3000"))
+    insert = decide(bench, LookDecision.GO_ON, lines=MEND)
 
     def on_a_full_disk(streamer: Streamer) -> None:
         journal.full_at, journal.reserve = len(journal.records), 0
@@ -511,7 +516,7 @@ def test_insert_that_the_disk_has_no_room_for_isnt_taken():
     bench.when(LinkState.LOOKING, on_a_full_disk)
     status = bench.run()
     assert status.state is LinkState.FAILED
-    assert "G1 X51.5 Y50.123 F3000" not in bench.printer.taken
+    assert MEND[0] not in bench.printer.taken
     assert "isn't taken" in bench.told[0]
     assert_true(bench, status)
 
@@ -541,13 +546,12 @@ def test_host_that_dies_in_any_effect_is_gone_on_with_exactly(wanted):
 
     def answer(streamer: Streamer) -> None:
         changing = streamer.print.change.going_on
-        new = NewSyringe(name="", plunger_mm=0.0, capacity_mm=50.0) if changing else None
+        new = NewSyringe() if changing else None
         streamer.resume(new)
 
     whole = Bench(JOB, care=care)
     plan(whole, 0)
     whole.run()
-    first = next(k for k, data in enumerate(whole.sent) if b"G92 X50" in data)
     for effect in range(1, whole.effects + 1):
         bench = Bench(JOB, care=care)
         plan(bench, 0)
@@ -562,4 +566,3 @@ def test_host_that_dies_in_any_effect_is_gone_on_with_exactly(wanted):
         status = again.run()
         assert status.state is LinkState.DONE, (effect, status.message)
         assert made_of(again.printer, JOB) == CLEAN, effect
-    assert first
