@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -76,6 +77,10 @@ class Wire:
     def up(self, data: bytes) -> bytes:
         return data
 
+    def late_s(self) -> float:
+        """By how much the next words come late; they come in their order."""
+        return 0.0
+
 
 class Bench:
     """One process's print of a job, on a printer and a journal that may outlive it."""
@@ -100,7 +105,7 @@ class Bench:
         self.events = self.effects = 0
         self.dies_at: float = math.inf  # the host, in the effect of this number
         self.lost_at: float = math.inf  # the port, in the effect of this number
-        self._lost = False
+        self._late: deque[tuple[float, bytes]] = deque()
         self._planned: list[tuple[float, int, Callable[[Streamer], None]]] = []
         self._order = itertools.count()
         self._when: dict[LinkState, list[Callable[[Streamer], None]]] = {}
@@ -109,7 +114,7 @@ class Bench:
         if history is not None:
             self.job = self.job.grown_by(history.inserts)
         record = {"id": "1", "name": self.job.name, "sha256": self.job.sha256}
-        self.journal.add("job", **record, lines=len(self.job), started=0.0)
+        self.journal.records.append({"t": "job", "at": 0.0, **record, "started": 0.0})
         port = SimpleNamespace(name="bench", stolen=0, programs=PortPrograms)
         wiring = Wiring(
             transport=port,  # type: ignore[arg-type]
@@ -172,12 +177,19 @@ class Bench:
         if until_s == -math.inf:
             return now, b""
         planned = self._planned[0][0] if self._planned else math.inf
-        at = max(now, min(self.printer.due_s, until_s, planned))
+        late = self._late[0][0] if self._late else math.inf
+        at = max(now, min(self.printer.due_s, until_s, planned, late))
         assert at < math.inf, "nothing will ever happen"
         if planned <= at:
             self._planned.pop(0)[2](self.streamer)
         said = self.printer.said(at)
-        return at, self.wire.up(said) if said else b""
+        if said:
+            before = self._late[-1][0] if self._late else at
+            self._late.append((max(at + self.wire.late_s(), before), said))
+        data = b""
+        while self._late and self._late[0][0] <= at:
+            data += self._late.popleft()[1]
+        return at, self.wire.up(data) if data else b""
 
     def _carry_out(self) -> None:
         effects = self.exchange.effects
@@ -249,7 +261,12 @@ def layers(count: int, moves: int) -> bytes:
 
 def motion(job: Job) -> list[str]:
     """The job's motion lines, by the commands that are sent."""
-    return [line.decode() for line in job.lines if line.startswith((b"G0 ", b"G1 "))]
+    return [line.decode() for line in job.lines if moves(line)]
+
+
+def moves(line: bytes) -> bool:
+    """Whether a line moves an axis; one with a feed rate alone may be the link's own, too."""
+    return line.startswith((b"G0 ", b"G1 ")) and not line.startswith(b"G1 F")
 
 
 def clean_run(job: Job) -> list[tuple[str, dict[str, float], dict[str, float]]]:
@@ -258,7 +275,8 @@ def clean_run(job: Job) -> list[tuple[str, dict[str, float], dict[str, float]]]:
     for line in job.lines:
         printer._do(line.decode())
     printer.run_to(1e9)
-    return [(one.line, one.start, one.end) for one in printer.made]
+    own = set(motion(job))
+    return [(one.line, one.start, one.end) for one in printer.made if one.line in own]
 
 
 def made_of(printer: ScriptedPrinter, job: Job) -> list[tuple[str, Any, Any]]:

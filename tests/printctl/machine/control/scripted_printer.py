@@ -179,7 +179,7 @@ class ScriptedPrinter(FakeMarlin):
             self._planner.append(_Planned(command, start, end, begins, begins + seconds))
         else:
             self.made.append(Made(command, start, end))
-        self.at = end
+        self.at = dict(end)
 
     def _reply(self, word: str, command: str) -> str:
         if word != "M114":
