@@ -115,9 +115,7 @@ def _stream(run: Print) -> Steps[None]:
     limit = protocol.limit = _next_stop(run, now)
     taken = protocol.lines_done
     progress.caught_up(now)
-    if not progress.unverified:
-        protocol.held = False
-        protocol.go(now)
+    yield from _go_on_verified(run)
     while protocol.lines_done < limit and not requests and not commands:
         output = take()
         if output:
@@ -141,9 +139,7 @@ def _stream(run: Print) -> Steps[None]:
         if logbook.fault:
             yield from end_on_fault(run)
         if progress.unverified:
-            yield from _verify(run)
-            protocol.held = False
-            protocol.go(exchange.now_s)
+            yield from _go_on_verified(run)
         if killed():
             yield from channel.await_halt()
 
@@ -156,6 +152,14 @@ def _next_stop(run: Print, now: float) -> int:
     if run.slips.due or now >= due_s:
         return done
     return run.slips.next_stop(limit)
+
+
+def _go_on_verified(run: Print) -> Steps[None]:
+    """Let the next line go; compare the place before, as often as there is new doubt of it."""
+    while run.progress.unverified:
+        yield from _verify(run)
+    run.wiring.protocol.held = False
+    run.wiring.protocol.go(run.channel.now)
 
 
 def _verify(run: Print) -> Steps[None]:

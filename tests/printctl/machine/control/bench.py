@@ -17,7 +17,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.shell import write_down
 from printctl.machine.control.steps import Record, Urgent
 from printctl.machine.control.streamer import Streamer
@@ -33,6 +33,7 @@ from tests.printctl.machine.control.scripted_printer import ScriptedPrinter
 from tests.printctl.machine.link.jobs import parse_job
 
 PRINTER = load(Printer, "generic_marlin")
+QUIET_S = 0.05
 SHORT = Retreat(lift_mm=4.0, park_mm=6.0)
 
 
@@ -118,7 +119,7 @@ class Bench:
         port = SimpleNamespace(name="bench", stolen=0, programs=PortPrograms)
         wiring = Wiring(
             transport=port,  # type: ignore[arg-type]
-            protocol=MarlinProtocol(),
+            protocol=protocol_for(profile, QUIET_S, care),
             clock=SimpleNamespace(now=lambda: self.exchange.now_s),  # type: ignore[arg-type]
             journal=self.journal,  # type: ignore[arg-type]
             printer=profile,

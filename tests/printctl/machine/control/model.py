@@ -23,6 +23,7 @@ from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.control.bench import (
+    PRINTER,
     Bench,
     HostDiedError,
     MemoryJournal,
@@ -101,8 +102,13 @@ class Life:
         looks = MarkKind.LAYER if rng.random() < 0.3 else None
         checkpoint_s = 0.0 if rng.random() < 0.3 else None
         self.care = Care(
-            checkpoint_s=checkpoint_s, look_after=looks, look_limit_s=40.0, noise_limit=6
+            checkpoint_s=checkpoint_s,
+            look_after=looks,
+            look_limit_s=40.0,
+            noise_limit=int(rng.choice([4, 30])),
         )
+        in_flight = int(rng.integers(1, 3))
+        self.profile = PRINTER.model_copy(update={"lines_in_flight": in_flight})
         self.printer, self.journal = ScriptedPrinter(rng), MemoryJournal()
         self.wire = RandomWire(rng, self.faults)
         if "full" in self.faults:
@@ -115,7 +121,13 @@ class Life:
         while self.attempts < MOST_ATTEMPTS:
             self.attempts += 1
             bench = Bench(
-                self.job, self.printer, self.care, self.journal, self.wire, resume=again
+                self.job,
+                self.printer,
+                self.care,
+                self.journal,
+                self.wire,
+                self.profile,
+                resume=again,
             )
             self._plan(bench)
             try:
