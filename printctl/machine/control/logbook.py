@@ -150,9 +150,9 @@ class Logbook:
             look=None,
         )
         self.state, self._final = ended.state, status
-        self._exchange.journal_lost = (
-            False  # there may be room again, and this is the one that matters
-        )
+        lost = {"lost": True} if self._exchange.journal_lost else {}
+        # there may be room again, and this is the one that matters
+        self._exchange.journal_lost = False
         refused = self.progress.refused
         for alarm in self._alarms.values():
             if alarm.times > alarm.written:
@@ -164,6 +164,7 @@ class Logbook:
             done=status.lines_done,
             error=ended.error,
             position_known=ended.known,
+            **lost,
             **({} if refused is None else {"refused": refused, "made": status.lines_executed}),
         )
         return status

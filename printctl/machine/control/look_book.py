@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
@@ -112,8 +111,8 @@ class LookBook:
         self.decisions = {int(one["look"]): one for one in decisions}
         self.inserts = {one.look: (one, _texts(one)) for one in inserts}
 
-    def begin(self, done: int, mark: str, layer: int, limit_s: float) -> Look:
-        """Begin the look after the last that was decided.
+    def begin(self, done: int, mark: str, layer: int, since: float, limit_s: float) -> Look:
+        """Begin the look after the last that was decided; ``since``: wall-clock time, s.
 
         Where the print wasn't gone on with since an insert (it died in the pause of that look), the
         insert is this look's as well, so that no client puts in another for the same gap.
@@ -122,7 +121,7 @@ class LookBook:
         for insert, texts in list(self.inserts.values()):
             if insert.after == done:
                 self.inserts[number] = replace(insert, look=number), texts
-        self.current = Look(number, mark, layer, done, time.time(), limit_s)
+        self.current = Look(number, mark, layer, done, since, limit_s)
         return self.current
 
     def failed_before(self, look: Look) -> bool:

@@ -111,7 +111,7 @@ def _look(run: Print) -> Steps[None]:
     here = ", ".join(map(str, run.job.marks.here(done))) or usual
     layer = run.job.marks.last(MarkKind.LAYER, done)
     number = -1 if layer is None else layer.number
-    look = run.book.begin(done, here, number, watch.care.look_limit_s)
+    look = run.book.begin(done, here, number, run.wiring.wall_s(), watch.care.look_limit_s)
     run.logbook.record("look", look=look.number, done=done, mark=look.mark, layer=look.layer)
     park = _park_place(run, watch.care.look_park_mm)
     at = yield from leave(run, "look", park=park)

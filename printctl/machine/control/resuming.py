@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 from printctl.machine.control.context import Print
@@ -64,7 +63,7 @@ def find_again(run: Print, history: JournalledPrint) -> Steps[None]:
     elif done < len(progress.job):
         yield from _rejoin(run, at, history.park, done)
         if history.in_ink:
-            progress.stood_without_host(time.time() - history.written_s)
+            progress.stood_without_host(run.wiring.wall_s() - history.written_s)
     # else it died behind the last line, when settings may be as before the job: no move is left
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -30,6 +31,7 @@ class Wiring:
     fresh: bool = True  # the port has just been opened, so that the board may be starting
     # given every change of state, and progress every `NOTE_S`, in the streamer's thread
     on_status: Callable[[Status], None] = lambda status: None
+    wall_s: Callable[[], float] = time.time  # s since 1970
     # what a station knows of the room around the tip, and of heat
     room: Callable[[], PrinterSituation] | None = None
 

@@ -40,7 +40,8 @@ heat       ``targets``, °C by heater, as this print has set them after ``line``
 stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `StopPlace`; ``done`` lines were
            taken; ``dropped``: whether moves weren't made; ``place`` that the printer told
 end        state, message, done, error, position_known: last; where the printer refused a line of
-           the job: ``refused``, the lines before it, and ``made``, those of them surely made
+           the job: ``refused``, the lines before it, and ``made``, those of them surely made;
+           ``lost`` where records before it couldn't be written
 ========== =====================================================================================
 
 job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, looked, stood and end

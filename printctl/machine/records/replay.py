@@ -66,7 +66,7 @@ class JournalledPrint:
         Lines with a wrong checksum, a torn last one included; those of them after which the same
         link process wrote on: no torn ends, but missing records, so that lines can't be counted.
     cut_short : bool
-        Whether the disk was full, and the print's end isn't there.
+        Whether the disk was full, and the last attempt's end, or what came before it, isn't there.
     written_s : float
         Last word of the print, attempts that didn't find the printer aside; by the file's time.
     last_at : float
@@ -210,7 +210,8 @@ def read_journal(path: Path) -> JournalledPrint:
     except OSError as exc:
         raise JournalError(f"journal {path} can't be read: {exc.strerror}") from exc
     reserve = path.with_name(RESERVE)
-    history.cut_short = history.end is None and reserve.exists() and not bytes_in(reserve)
+    emptied = reserve.exists() and not bytes_in(reserve)
+    history.cut_short = (not history.over and emptied) or bool((history.end or {}).get("lost"))
     return history
 
 

@@ -250,10 +250,10 @@ def layers(count: int, moves: int) -> bytes:
     for layer in range(count):
         z = 10.0 + 0.25 * layer
         if layer:
-            text += [f"G0 X50 Y{50 + layer * 0.003:.3f} F6000", f"G1 E{e + 0.25 - 0.001:.5f} F120"]
+            text += [f"G0 X50 Y{50 + layer * 0.06:.3f} F6000", f"G1 E{e + 0.25 - 0.001:.5f} F120"]
         for k in range(moves):
             e += 0.0035
-            x, y = 50 + (k + layer + 1) % 2 * 3.5, 50 + k * 0.25 + layer * 0.007
+            x, y = 50 + (k + layer + 1) % 2 * 3.5, 50 + k * 0.25 + layer * 0.03
             text.append(f"G1 X{x:.3f} Y{y:.3f} E{e:.5f} F1800")
         text += [f"G1 E{e - 0.25:.5f} F120", f"G0 Z{z + 0.25:g} F600"]
         text += [f";LAYER_END:{layer}", ";RELOAD"]

@@ -8,9 +8,10 @@ own end, and no more is reported than is true.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -42,12 +43,19 @@ from tests.printctl.machine.link.looking import patch_at
 FAULTS = ("noise", "lost", "doubled", "late", "mute", "reset", "full", "port", "dies")
 REQUESTS = ("pause", "pause after", "reload", "stop", "resume", "typed")
 MOST_ATTEMPTS = 6
+LIFTED_MM = 13.9
+"""Height that each way out ends above: of the job's lowest layer and the lift."""
 
 
 @cache
 def job_of(count: int, moves: int) -> tuple[bytes, Job]:
     data = layers(count, moves)
     return data, parse_job(data, "model.gcode")
+
+
+@lru_cache(maxsize=64)
+def expected_of(lines: tuple[bytes, ...]) -> list[tuple[str, Any, Any]]:
+    return clean_run(Job(list(lines), list(range(1, len(lines) + 1)), "", "model.gcode"))
 
 
 class RandomWire(Wire):
@@ -74,7 +82,7 @@ class RandomWire(Wire):
     def up(self, data: bytes) -> bytes:
         if self._hit("noise", 0.02):
             return self._garbled(data)
-        if self._hit("doubled", 0.02) and data.endswith(b"ok\n"):
+        if self._hit("doubled", 0.03) and data.endswith(b"ok\n"):
             return data + b"ok\n"
         if self._hit("lost", 0.015) and data.endswith(b"ok\n"):
             return data[: -len(b"ok\n")]
@@ -97,6 +105,8 @@ class Life:
     def __post_init__(self) -> None:
         rng = self.rng = np.random.default_rng(self.seed)
         self.faults = {one for one in FAULTS if rng.random() < (0.1 if one == "full" else 0.3)}
+        if rng.random() < 0.1:  # an answer too many may stand for a line that was lost
+            self.faults = {"doubled", "lost"}
         self.requests = [one for one in REQUESTS if rng.random() < 0.4]
         self.data, self.job = job_of(int(rng.integers(1, 4)), int(rng.integers(3, 9)))
         looks = MarkKind.LAYER if rng.random() < 0.3 else None
@@ -151,7 +161,8 @@ class Life:
         history = self.journal.history()
         end = history.end
         over = end is not None and (end["position_known"] or history.state is not LinkState.FAILED)
-        lost = end is None and self.status is not None  # its end isn't in the journal: disk full
+        cut = not history.over and not self.journal.reserve  # its disk was full
+        lost = cut or bool((end or {}).get("lost"))
         return history.begun and not (over or lost or history.stopping)
 
     # --- what happens to it ------------------------------------------------------------------
@@ -171,8 +182,15 @@ class Life:
             bench.lost_at = int(rng.integers(20, 250))
         if "dies" in self.faults and rng.random() < 0.6:
             bench.dies_at = int(rng.integers(1, 250))
+            if rng.random() < 0.5:  # where the link moves the needle, or counts a syringe
+                bench.dies_at = math.inf
+                state = LinkState.RESUMING if rng.random() < 0.5 else LinkState.PAUSING
+                bench.when(state, lambda _: self._doom(bench))
         bench.when(LinkState.PAUSED, *[lambda s: self._held(bench, s)] * 50)
         bench.when(LinkState.LOOKING, *[lambda s: self._looked(bench, s)] * 50)
+
+    def _doom(self, bench: Bench) -> None:
+        bench.dies_at = bench.effects + int(self.rng.integers(1, 40))
 
     def _moment(self, bench: Bench) -> float:
         return bench.exchange.now_s + float(self.rng.uniform(0.0, 12.0))
@@ -239,9 +257,11 @@ class Life:
     def _check(self, bench: Bench) -> None:
         history = self.journal.history()
         grown = self.job.grown_by(history.inserts) if history.inserts else self.job
-        expected, made = clean_run(grown), made_of(self.printer, grown)
-        assert made == expected[: len(made)], self._report("lost or doubled", made, expected)
+        expected, made = expected_of(tuple(grown.lines)), made_of(self.printer, grown)
         status = self.status
+        done = status is not None and status.state is LinkState.DONE
+        if not self.printer.fragments or done:  # else the place isn't the job's, as is found
+            assert made == expected[: len(made)], self._report("lost or doubled", made, expected)
         if status is None:
             return
         lines = bench.streamer.job.lines
@@ -253,6 +273,9 @@ class Life:
         if status.state is LinkState.DONE:
             assert len(made) == len(expected), self._report("done and not made", made, expected)
         stood = history.stood
+        if status.state is LinkState.STOPPED and status.position_known and made:
+            height = self.printer.place["Z"]
+            assert height >= LIFTED_MM, self._report("the needle isn't up", height)
         if stood is not None and stood["certain"] and status.position_known:
             told = _moves(lines, stood["line"])
             assert told == len(made), self._report("stood elsewhere", stood, len(made))
@@ -263,10 +286,8 @@ class Life:
 
 
 def _unless_ended(streamer: Streamer, act: Any) -> None:
-    try:
+    with contextlib.suppress(Refused):
         act(streamer)
-    except Refused:
-        pass
 
 
 def _moves(lines: list[bytes], done: int) -> int:

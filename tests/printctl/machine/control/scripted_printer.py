@@ -64,6 +64,8 @@ class ScriptedPrinter(FakeMarlin):
         self.made: list[Made] = []
         self.taken: list[str] = []  # moves that entered the planner
         self.dropped: list[str] = []  # moves that left it unmade
+        # lines that lost their numbers in a flushed buffer: made all the same, as by a real one
+        self.fragments: list[str] = []
         self.now, self.feed = 0.0, 1800.0
         self._queue: deque[str] = deque()
         self._planner: deque[_Planned] = deque()
@@ -149,6 +151,11 @@ class ScriptedPrinter(FakeMarlin):
 
     def _begin_next(self) -> None:
         self._busy_s = self.now + BUSY_S
+
+    def _take(self, line: str) -> bytes:
+        if line.startswith(("G0", "G1", "G92")):
+            self.fragments.append(line)
+        return super()._take(line)
 
     def _do(self, command: str) -> bytes:
         if not self._queue:

@@ -543,3 +543,21 @@ def test_data_folder_is_the_users(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     assert data_folder() == tmp_path / "printctl"
+
+
+def test_attempt_to_go_on_whose_disk_was_full_isnt_gone_on_with_again(tmp_path):
+    """Its commands are missing in the journal, so that the printer's count tells no line."""
+    journal = Journal(tmp_path / "journal.log", reserve=True)
+    journal.add("job", id="1", name="a", sha256="s")
+    journal.add("state", state="printing", message="")
+    end = {"state": "failed", "message": "", "done": 6, "error": "PortLost"}
+    journal.add("end", **end, position_known=False)
+    assert not read_journal(journal.path).cut_short
+    journal.add("job", id="1", name="a", sha256="s")
+    journal.use_reserve()
+    assert read_journal(journal.path).cut_short
+    with pytest.raises(Refused, match="the disk was full"):
+        resumable(tmp_path, "s")
+    journal.add("end", **end, position_known=False, lost=True)
+    assert read_journal(journal.path).cut_short
+    journal.close()

@@ -1,0 +1,33 @@
+"""Random lives of prints: no line lost or doubled, and no more reported than is true."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from printctl.machine.records.states import LinkState
+from tests.printctl.machine.control.model import Life, live_through
+
+PART = 10_000
+
+
+def assert_all_kinds(lives: list[Life]) -> None:
+    """The lives were worth living: they ended in each way, and much went wrong in them."""
+    ends = Counter(life.status.state for life in lives if life.status is not None)
+    assert {LinkState.DONE, LinkState.STOPPED, LinkState.FAILED} <= set(ends)
+    assert sum("host died" in life.log for life in lives) > 0
+    assert any(life.journal.history().inserts for life in lives)
+
+
+@pytest.mark.parametrize("seed", range(0, 10 * PART, PART))
+def test_motors_make_each_line_once_whatever_happens(seed):
+    lives = live_through(PART, seed)
+    assert sum(life.events for life in lives) >= PART
+    assert_all_kinds(lives)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10**6, 10**6 + 100 * PART, PART))
+def test_motors_make_each_line_once_in_a_million_events(seed):
+    live_through(PART, seed)
