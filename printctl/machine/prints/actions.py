@@ -18,7 +18,13 @@ from printctl.machine.ports.port_list import SIMULATED
 from printctl.machine.prints.print_words import state_words
 from printctl.machine.prints.recovery_begin import NoCheckpoint
 from printctl.machine.prints.recovery_file import planned
-from printctl.machine.process.contact import STATION_LOCK, STATION_RECORD, alive, load_station
+from printctl.machine.process.contact import (
+    STATION_LOCK,
+    STATION_RECORD,
+    alive,
+    last_status,
+    load_station,
+)
 from printctl.machine.process.outcome import resumable
 from printctl.machine.records.history import data_folder
 from printctl.machine.records.record import JOURNAL, RECORD, load_record
@@ -170,7 +176,7 @@ def refuse_forgotten(folder: Path, port: str, printer: Printer) -> None:
         )
     for station in stations(folder):
         try:
-            last = load_station(station).last
+            last = last_status(load_station(station))
         except NoLink:  # nothing that can be read: the port itself will tell
             continue
         if last.open and last.port == port and alive(station, STATION_LOCK):

@@ -25,7 +25,7 @@ from printctl.machine.prints.print_words import (
 from printctl.machine.prints.progress import Filling, Progress, predicted_s, progress
 from printctl.machine.prints.remaining import Remaining
 from printctl.machine.process.client import attach
-from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.states import LinkState, Status
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def remaining_of(table: JobTable, journal: JournalledFacts) -> Remaining:
 
 def filling_of(folder: Path, journal: JournalledFacts) -> Filling | None:
     """Return the syringe in use; None where nobody knows it, as of several heads."""
-    record: LinkRecord = load_record(folder)
+    record: ContactRecord = load_record(folder)
     care = Care.from_dict(record.care)
     if care.head_capacity_mm or not care.syringe or not care.capacity_mm:
         return None

@@ -42,7 +42,7 @@ from printctl.machine.records.journal import Journal, new_print_id
 from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.origin import origin
 from printctl.machine.records.print_notes import archive_journal
-from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.states import LinkState, Status
 
 _HISTORY_PATIENCE_S: Final = 5.0
@@ -76,10 +76,6 @@ class PrintContact:
 
     An unfinished print's stays where an attempt ends before it writes to the journal.
 
-    Parameters
-    ----------
-    order : Order
-
     Attributes
     ----------
     status : Status
@@ -93,7 +89,7 @@ class PrintContact:
         self._folder, self._before = order.folder, _unfinished(order)
         now = time.time()
         before = self._before.print_id if self._before else ""
-        self._record = LinkRecord(
+        self._record = ContactRecord(
             pid=os.getpid(),
             address="",
             token="",
@@ -135,7 +131,7 @@ class PrintContact:
             log.exception("link.json can't be written")
 
 
-def _unfinished(order: Order) -> LinkRecord | None:
+def _unfinished(order: Order) -> ContactRecord | None:
     """Return the record of the folder's print whose part may be in the dish; None for none."""
     try:
         known = read_journal(order.folder / JOURNAL)
@@ -149,10 +145,7 @@ def _unfinished(order: Order) -> LinkRecord | None:
 def contact_of(order: Order) -> Iterator[PrintContact]:
     """Hold the print's folder and keep its record; what fails within is the print's end.
 
-    Raises
-    ------
-    AlreadyPrinting
-        When a print holds the folder.
+    AlreadyPrinting when a print holds the folder.
     """
     order.folder.mkdir(parents=True, exist_ok=True)
     with hold_folder(order.folder):
@@ -184,20 +177,8 @@ def run_print(
     """Print, from handshake to end, on the machine's port.
 
     A machine without an open port opens it, and a socket in the print's folder, and gives both up
-    after the print.
-
-    Parameters
-    ----------
-    machine : Machine
-    order : Order
-    contact : PrintContact
-    on_begin : callable
-        Given the print's streamer once its clients can reach it.
-
-    Raises
-    ------
-    LinkError, ProfileError
-        When the print can't begin.
+    after the print. ``on_begin`` is given the print's streamer once its clients can reach it.
+    LinkError or ProfileError when the print can't begin.
     """
     printer, plug = machine.plug.printer, machine.plug
     refuse_unsent(printer, str(order.job))
@@ -282,8 +263,6 @@ class _WireKeeper:
 
     Attributes
     ----------
-    traffic : WireLog
-    path : Path
     alarms : int
         Those that it was kept for already.
     """

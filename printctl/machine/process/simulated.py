@@ -127,17 +127,7 @@ def record_for(folder: Path) -> Path:
 
 
 def write_note(record: Path, sha256: str, printer: Printer, blocks: int) -> None:
-    """Say what a whole record is of.
-
-    Parameters
-    ----------
-    record : Path
-    sha256 : str
-        Of the job's file.
-    printer : Printer
-    blocks : int
-        In the record.
-    """
+    """Write down what a whole record of so many blocks is of; ``sha256`` of the job's file."""
     write_text(_note(record), json.dumps(_facts(sha256, printer, blocks)) + "\n")
 
 

@@ -29,8 +29,8 @@ from printctl.machine.process.contact import (
     STATION_LOCK,
     STATION_RECORD,
     STATION_SOCKET,
-    StationRecord,
     hold_folder,
+    last_status,
     load_station,
 )
 from printctl.machine.process.machine import DOWN, Machine, Request
@@ -39,6 +39,7 @@ from printctl.machine.process.socket_server import Server, forget, listen, refus
 from printctl.machine.process.station_print import print_here
 from printctl.machine.process.vocabulary import WORDS, Idle
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import LinkState, PrintEnded, Status
 
 IDLE_S: Final = 0.03
@@ -66,7 +67,7 @@ def serve_station(plug: Plug) -> StationStatus:
         before = _before(folder)
         record = _first_record(plug, before)
         try:
-            record.save(folder)  # without it no client would find the station
+            record.save(folder, STATION_RECORD)  # without it no client would find the station
         except OSError as exc:
             raise LinkError(
                 f"{folder / STATION_RECORD} can't be written: {exc.strerror}; free space on the "
@@ -86,7 +87,7 @@ def serve_station(plug: Plug) -> StationStatus:
     return status
 
 
-def _before(folder: Path) -> StationRecord | None:
+def _before(folder: Path) -> ContactRecord | None:
     """Return what the last station here knew."""
     try:
         return load_station(folder)
@@ -94,12 +95,13 @@ def _before(folder: Path) -> StationRecord | None:
         return None
 
 
-def _first_record(plug: Plug, before: StationRecord | None) -> StationRecord:
+def _first_record(plug: Plug, before: ContactRecord | None) -> ContactRecord:
     """Return the record of a station that isn't open yet, with what the last one knew."""
-    record = StationRecord(
+    record = ContactRecord(
         pid=os.getpid(),
         address="",
         token="",
+        job="",
         profile=plug.profile,
         port=plug.port,
         baud=plug.baud if isinstance(plug.baud, int) else None,
@@ -110,37 +112,42 @@ def _first_record(plug: Plug, before: StationRecord | None) -> StationRecord:
         return record
     return replace(  # a station that dies before it is open has learnt nothing else
         record,
-        status=replace(record.last, mounted=before.mounted).to_dict(),
+        status=replace(last_status(record), mounted=_mounted(before)).to_dict(),
         plunger_mm=before.plunger_mm,
         part_in_dish=before.part_in_dish,
     )
 
 
-def _save(record: StationRecord, folder: Path) -> None:
+def _save(record: ContactRecord, folder: Path) -> None:
     """Write a record; on a full disk the older one stays, and the journal says the rest."""
     try:
-        record.save(folder)
+        record.save(folder, STATION_RECORD)
     except OSError:  # a full disk mustn't end a station that holds a needle in a gel
         log.exception("%s can't be written", STATION_RECORD)
 
 
-def _failed(record: StationRecord, message: str, error: str) -> StationStatus:
+def _failed(record: ContactRecord, message: str, error: str) -> StationStatus:
     return StationStatus(
         StationState.LOST,
         message,
         profile=record.profile,
         port=record.port,
         error=error,
-        mounted=record.mounted,
+        mounted=_mounted(record),
     )
 
 
+def _mounted(record: ContactRecord) -> MountedParts:
+    """Return what was mounted; heights hung on a count that the printer may have lost."""
+    return replace(last_status(record).mounted, floor_mm=None, bath_level_mm=None)
+
+
 def _open(
-    plug: Plug, record: StationRecord, before: StationRecord | None
-) -> tuple[StationRecord, StationStatus]:
+    plug: Plug, record: ContactRecord, before: ContactRecord | None
+) -> tuple[ContactRecord, StationStatus]:
     refuse_unsent(plug.printer)
     journal = Journal(plug.folder / STATION_JOURNAL)
-    known = Knowledge(plug.printer, before.mounted if before else MountedParts())
+    known = Knowledge(plug.printer, _mounted(before) if before else MountedParts())
     if before is not None:
         known.plunger_mm, known.part_in_dish = before.plunger_mm, before.part_in_dish
     machine = Machine(plug, known, journal)
@@ -165,7 +172,7 @@ def _open(
 class _Keeper:
     """Writes down what must outlive the process."""
 
-    def __init__(self, record: StationRecord, machine: Machine) -> None:
+    def __init__(self, record: ContactRecord, machine: Machine) -> None:
         self._record, self._machine = record, machine
         self._kept: tuple[object, ...] = ()
 
@@ -181,7 +188,7 @@ class _Keeper:
         """Save the record; see `_save`."""
         _save(self.latest(status), self._machine.plug.folder)
 
-    def latest(self, status: StationStatus) -> StationRecord:
+    def latest(self, status: StationStatus) -> ContactRecord:
         """Return the record as it would be saved now."""
         known = self._machine.known
         return replace(
