@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import socket
 import time
@@ -28,6 +29,8 @@ _DOWN: Final = frozenset({StationState.HALTED, StationState.LOST, StationState.C
 _ANSWER_LIMIT_S: Final = 5.0
 _ENDING_S: Final = 2.0
 _LOCK_PATIENCE_S: Final = 0.3
+
+log = logging.getLogger(__name__)
 
 # --- whether a process is alive ------------------------------------------------------------------
 
@@ -115,6 +118,14 @@ def load_station(folder: Path) -> ContactRecord:
     """Read a station's record; NoLink where none was ever opened, or it can't be read."""
     absent = f"no printer was ever connected in {folder} (no {STATION_RECORD} there); connect first"
     return read_contact(folder / STATION_RECORD, absent)
+
+
+def save_station(record: ContactRecord, folder: Path) -> None:
+    """Write a station's record; on a full disk the older one stays, its journal says the rest."""
+    try:
+        record.save(folder, STATION_RECORD)
+    except OSError:  # a full disk mustn't end a station that holds a needle in a gel
+        log.exception("%s can't be written", STATION_RECORD)
 
 
 def last_word(folder: Path) -> StationStatus:

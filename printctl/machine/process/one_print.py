@@ -31,11 +31,10 @@ from printctl.machine.job.job import load_job
 from printctl.machine.ports.clock import RealClock
 from printctl.machine.ports.wire_log import FILE, LoggedTransport, WireLog
 from printctl.machine.process.contact import hold_folder
-from printctl.machine.process.machine import Machine
+from printctl.machine.process.machine import Machine, serve_in
 from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import resumable
 from printctl.machine.process.plug import Plug
-from printctl.machine.process.socket_server import Server, forget, listen
 from printctl.machine.records.history import remember_meanwhile
 from printctl.machine.records.history_entry import this_user
 from printctl.machine.records.journal import Journal, new_print_id
@@ -221,7 +220,7 @@ def run_print(
         )
         streamer = Streamer(wiring, job, order.care)
         if alone:
-            _serve_in(machine, order.folder, parting)
+            serve_in(machine, order.folder, parting)
         identity = contact.print_id if history is None else history.print_id
         journal.add(
             "job",
@@ -245,16 +244,6 @@ def run_print(
         contact.begin(identity, *machine.listens_at)
         on_begin(streamer)
         return streamer.run(history)
-
-
-def _serve_in(machine: Machine, folder: Path, parting: ExitStack) -> None:
-    """Have clients reach the machine in the print's folder, to the end of the print."""
-    listener, address, token = listen(folder)
-    server = Server(listener, token, machine)
-    parting.callback(forget, address)
-    parting.callback(server.finish)
-    machine.serve_by(server, address)
-    server.start()
 
 
 @dataclass

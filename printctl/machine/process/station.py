@@ -10,8 +10,8 @@ import contextlib
 import logging
 import os
 import time
+from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import ProfileError
@@ -19,7 +19,7 @@ from printctl.machine.control.idle_commands import AXES, IdleCommands
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.protocols import protocol_for
 from printctl.machine.control.standby import Standby
-from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
+from printctl.machine.control.station_status import StationState, StationStatus
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import HandshakeError, LinkError, NoLink, PortLost, Refused
 from printctl.machine.families import refuse_unsent
@@ -32,10 +32,11 @@ from printctl.machine.process.contact import (
     hold_folder,
     last_status,
     load_station,
+    save_station,
 )
-from printctl.machine.process.machine import DOWN, Machine, Request
+from printctl.machine.process.machine import DOWN, Machine, Request, serve_in
 from printctl.machine.process.plug import Plug
-from printctl.machine.process.socket_server import Server, forget, listen, refusal
+from printctl.machine.process.socket_server import refusal
 from printctl.machine.process.station_print import print_here
 from printctl.machine.process.vocabulary import WORDS, Idle
 from printctl.machine.records.journal import Journal
@@ -54,18 +55,11 @@ log = logging.getLogger(__name__)
 
 
 def serve_station(plug: Plug) -> StationStatus:
-    """Run a station in this process until it is closed.
-
-    Returns
-    -------
-    StationStatus
-        The last one; it is in the folder's ``station.json``, too.
-    """
+    """Run a station in this process until it is closed; return its last status."""
     folder = plug.folder
     folder.mkdir(parents=True, exist_ok=True)
     with hold_folder(folder, STATION_LOCK, "a printer is connected"):
-        before = _before(folder)
-        record = _first_record(plug, before)
+        record = _first_record(plug)
         try:
             record.save(folder, STATION_RECORD)  # without it no client would find the station
         except OSError as exc:
@@ -74,7 +68,7 @@ def serve_station(plug: Plug) -> StationStatus:
                 "disk, or name another folder; nothing was sent to the printer"
             ) from exc
         try:
-            record, status = _open(plug, record, before)
+            record, status = _open(plug, record)
         except (LinkError, ProfileError) as exc:
             log.error("%s", exc)
             status = _failed(record, str(exc), type(exc).__name__)
@@ -83,20 +77,12 @@ def serve_station(plug: Plug) -> StationStatus:
             status = _failed(record, f"the station failed: {exc!r}; see station.log", "LinkError")
             raise
         finally:
-            _save(replace(record, address="", token="", status=status.to_dict()), folder)
+            save_station(replace(record, address="", token="", status=status.to_dict()), folder)
     return status
 
 
-def _before(folder: Path) -> ContactRecord | None:
-    """Return what the last station here knew."""
-    try:
-        return load_station(folder)
-    except NoLink:
-        return None
-
-
-def _first_record(plug: Plug, before: ContactRecord | None) -> ContactRecord:
-    """Return the record of a station that isn't open yet, with what the last one knew."""
+def _first_record(plug: Plug) -> ContactRecord:
+    """Return the record of a station that isn't open yet, with what the last one here knew."""
     record = ContactRecord(
         pid=os.getpid(),
         address="",
@@ -108,95 +94,38 @@ def _first_record(plug: Plug, before: ContactRecord | None) -> ContactRecord:
         started=time.time(),
         sim_speed=plug.sim_speed if plug.simulated else None,
     )
-    if before is None:
-        return record
-    return replace(  # a station that dies before it is open has learnt nothing else
-        record,
-        status=replace(last_status(record), mounted=_mounted(before)).to_dict(),
-        plunger_mm=before.plunger_mm,
-        part_in_dish=before.part_in_dish,
-    )
-
-
-def _save(record: ContactRecord, folder: Path) -> None:
-    """Write a record; on a full disk the older one stays, and the journal says the rest."""
-    try:
-        record.save(folder, STATION_RECORD)
-    except OSError:  # a full disk mustn't end a station that holds a needle in a gel
-        log.exception("%s can't be written", STATION_RECORD)
+    with contextlib.suppress(NoLink):
+        before = load_station(plug.folder)
+        # Heights hung on a count that the printer may have lost.
+        mounted = replace(last_status(before).mounted, floor_mm=None, bath_level_mm=None)
+        return replace(  # a station that dies before it is open has learnt nothing else
+            record,
+            status=replace(last_status(record), mounted=mounted).to_dict(),
+            plunger_mm=before.plunger_mm,
+            part_in_dish=before.part_in_dish,
+        )
+    return record
 
 
 def _failed(record: ContactRecord, message: str, error: str) -> StationStatus:
-    return StationStatus(
-        StationState.LOST,
-        message,
-        profile=record.profile,
-        port=record.port,
-        error=error,
-        mounted=_mounted(record),
-    )
+    return replace(last_status(record), state=StationState.LOST, message=message, error=error)
 
 
-def _mounted(record: ContactRecord) -> MountedParts:
-    """Return what was mounted; heights hung on a count that the printer may have lost."""
-    return replace(last_status(record).mounted, floor_mm=None, bath_level_mm=None)
-
-
-def _open(
-    plug: Plug, record: ContactRecord, before: ContactRecord | None
-) -> tuple[ContactRecord, StationStatus]:
+def _open(plug: Plug, record: ContactRecord) -> tuple[ContactRecord, StationStatus]:
     refuse_unsent(plug.printer)
-    journal = Journal(plug.folder / STATION_JOURNAL)
-    known = Knowledge(plug.printer, _mounted(before) if before else MountedParts())
-    if before is not None:
-        known.plunger_mm, known.part_in_dish = before.plunger_mm, before.part_in_dish
-    machine = Machine(plug, known, journal)
-    listener, address, token = listen(plug.folder, STATION_SOCKET)
-    server = Server(listener, token, machine)
-    keeper = _Keeper(replace(record, address=address, token=token), machine)
-    try:
+    known = Knowledge(plug.printer, last_status(record).mounted)
+    known.plunger_mm, known.part_in_dish = record.plunger_mm, record.part_in_dish
+    with ExitStack() as parting:
+        journal = Journal(plug.folder / STATION_JOURNAL)
+        parting.callback(journal.close)
+        machine = Machine(plug, known, journal)
         machine.take_signals()
-        server.start()
-        keeper.save(machine.status)
-        machine.serve_by(server, address)
-        machine.keep = keeper.keep
+        serve_in(machine, plug.folder, parting, STATION_SOCKET)
+        address, token = machine.listens_at
+        machine.keep(replace(record, address=address, token=token))
         connect(machine)
         run(machine)
-    finally:
-        server.finish()
-        forget(address)
-        journal.close()
-    return keeper.latest(machine.status), machine.status
-
-
-class _Keeper:
-    """Writes down what must outlive the process."""
-
-    def __init__(self, record: ContactRecord, machine: Machine) -> None:
-        self._record, self._machine = record, machine
-        self._kept: tuple[object, ...] = ()
-
-    def keep(self, status: StationStatus) -> None:
-        """Save the record where something has changed that it is for."""
-        known = self._machine.known
-        kept = (status.state, status.mounted, status.plunger_mm, known.part_in_dish)
-        if kept != self._kept:
-            self._kept = kept
-            self.save(status)
-
-    def save(self, status: StationStatus) -> None:
-        """Save the record; see `_save`."""
-        _save(self.latest(status), self._machine.plug.folder)
-
-    def latest(self, status: StationStatus) -> ContactRecord:
-        """Return the record as it would be saved now."""
-        known = self._machine.known
-        return replace(
-            self._record,
-            status=status.to_dict(),
-            plunger_mm=known.plunger_mm,
-            part_in_dish=known.part_in_dish,
-        )
+        return machine.kept(machine.status) or record, machine.status
 
 
 # --- connecting ----------------------------------------------------------------------------------

@@ -74,8 +74,7 @@ def serving(listener: socket.socket, token: str, spy: Spy) -> Server:
     """Serve a machine whose print is a spy."""
     plug = Plug("generic_marlin", "/dev/nowhere", Path("nowhere"))
     machine = Machine(plug, Knowledge(plug.printer))
-    server = Server(listener, token, machine)
-    machine.serve_by(server, "")
+    machine.server = server = Server(listener, token, machine)
     machine.begin_print(spy, "a print")  # type: ignore[arg-type]
     server.start()
     return server

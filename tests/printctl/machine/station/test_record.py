@@ -143,7 +143,7 @@ def test_a_station_that_cant_write_its_last_record_ends_by_its_status(
 ) -> None:
     closed = StationStatus(StationState.CLOSED, "closed")
 
-    def served(_: Plug, record: ContactRecord, before: object) -> object:
+    def served(_: Plug, record: ContactRecord) -> object:
         ready = StationStatus(StationState.READY, "ready").to_dict()
         good = ContactRecord(record.pid, "", "t", "", "p", "q", 1.0, status=ready, plunger_mm=12.5)
         good.save(tmp_path, STATION_RECORD)
@@ -177,7 +177,7 @@ def test_what_was_known_outlives_a_station_that_dies_before_it_is_open(
     known.save(tmp_path, STATION_RECORD)
     seen = []
     monkeypatch.setattr(
-        process, "_open", lambda _, record, before: seen.append(load_station(tmp_path)) or 1 / 0
+        process, "_open", lambda _, record: seen.append(load_station(tmp_path)) or 1 / 0
     )
     with pytest.raises(ZeroDivisionError):
         serve_station(opening(tmp_path))
