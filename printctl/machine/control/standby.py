@@ -113,13 +113,7 @@ class Standby:
     # --- begin and end ---------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Find the printer, check it, and see where it stands.
-
-        Raises
-        ------
-        PrintEnded, LinkError
-            As any print's beginning.
-        """
+        """Find the printer, check it, and see where it stands; fails as any print's beginning."""
         protocol = self._wiring.protocol
         self._logbook.enter_unrecorded(LinkState.CONNECTING)
         connect(self.channel)
@@ -210,10 +204,7 @@ class Standby:
     def do(self, *commands: str) -> list[str]:
         """Send commands one after the other; return what the printer says to all of them.
 
-        Raises
-        ------
-        LinkError
-            When the printer complains.
+        LinkError when it complains.
         """
         heard: list[str] = []
         for command in commands:
@@ -246,13 +237,7 @@ class Standby:
         self.position = self.plunger = None
 
     def expect(self, place: Place) -> None:
-        """See that the printer went where it was sent; go on counting from there exactly.
-
-        Raises
-        ------
-        LinkError
-            When it went elsewhere.
-        """
+        """Go on counting exactly from where the tip was sent; LinkError when it went elsewhere."""
         self.position = place
         self.look()
         at = self.position

@@ -66,12 +66,7 @@ class Request:
 class Machine:
     """A printer from connecting to parting.
 
-    Parameters
-    ----------
-    plug : Plug
-    known : Knowledge
-    journal : Journal, optional
-        A station's; a print has one of its own.
+    ``journal`` is a station's; a print has one of its own.
 
     Attributes
     ----------
@@ -181,10 +176,7 @@ class Machine:
     def take(self, guest: Guest, request: dict[str, Any]) -> bool:
         """Take a request; return whether it has an answer of its own, given now or later.
 
-        Raises
-        ------
-        Refused
-            When it can't be granted in this mode.
+        Refused when it can't be granted in this mode.
         """
         do, word = request["do"], WORDS[request["do"]]
         guest.known = True
