@@ -15,7 +15,7 @@ from firmware_profiles.families import family_names
 from printctl.checks.gate import Bounds, LineOrigin, PrinterSituation, judge
 from printctl.checks.gate.inputs import AllowedLine
 from printctl.checks.preflight.firmware import firmware_checks
-from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.ports.clock import VirtualClock

@@ -187,7 +187,7 @@ class World:
         if self.watch is not None:
             self.watch.grow(self.job.marks, self.done, len(lines))
             if again:
-                self.watch.look_behind(self.done + len(lines))
+                self.watch.insert_end = self.done + len(lines)
 
     def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
         """Note the decision; the operator clears a clogged needle and approves what is asked."""

@@ -12,8 +12,8 @@ from typing import Final, Literal
 from printctl.cli.declare import command, json_command, wants_json
 from printctl.cli.options import RunArg, messages, print_lines, print_result, refuse_input_as_output
 from printctl.errors import SafetyError, UsageError
-from printctl.machine.control.kill import UNCONFIRMED
-from printctl.machine.control.syringe_change import CHANGE
+from printctl.machine.control.excursion import CHANGE
+from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.errors import LinkError
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints.actions import Possible, PrintAction

@@ -15,7 +15,7 @@ from printctl.cli.declare import json_command, wants_json
 from printctl.cli.kernels_ready import have_kernels
 from printctl.errors import UsageError
 from printctl.failures import error_facts
-from printctl.machine.control.start_checks import ASIDE_MM
+from printctl.machine.control.connecting import ASIDE_MM
 from printctl.machine.errors import LinkError
 from printctl.machine.job.job import parse_job
 from printctl.machine.job.start import declared_start

@@ -116,7 +116,7 @@ Judge = Callable[[GcodeLine, PrinterSituation], AllowedLine]
 Planned = Callable[[PrinterSituation, str], tuple[float, str]]
 """Value of a letter by the profile, and the key that says it."""
 LEAST_TIMEOUT_S: Final = 60.0
-"""Three times the link's interval of signs of life in a pause (`machine.control.pauses`)."""
+"""Three times the link's interval of signs of life in a pause (`machine.control.pausing`)."""
 LONGEST_TIMEOUT_S: Final = 3600.0
 HOTTEST_LEAST_C: Final = 300.0
 """Highest temperature below which a job may forbid the plunger to move (M302 S)."""

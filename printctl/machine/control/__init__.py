@@ -1,5 +1,5 @@
 """Control of one printer: its modes (idle, printing, paused, looking, ending), checks and requests.
 
 Goes in: a job and requests. Comes out: bytes for the printer, records, status. Begin with
-`print_loop.py`.
+`printing.py`.
 """

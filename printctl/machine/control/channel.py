@@ -1,7 +1,7 @@
 """Communication channel to one printer: send commands, match replies, pass on its events.
 
 Everything here runs in one thread, the one that owns the port. Other threads leave requests
-(`printctl.machine.control.requests`), or halt the firmware (`printctl.machine.control.kill`).
+(`printctl.machine.control.requests`), or halt the firmware (`printctl.machine.control.halting`).
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
-from firmware_profiles.families import link_protocol as said
-from printctl.machine.control.kill import Kill
+from firmware_profiles.families import link_protocol as wire
+from printctl.machine.control.halting import Kill
 from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.families import link_facts
@@ -24,36 +24,26 @@ _LAST_BYTES: Final = 80
 class EventHandler(Protocol):
     """What becomes of a printer's events; `Replied` and `Synchronised` are the channel's own."""
 
-    def handle(self, event: said.Event) -> None:
-        """Take notice of an event; raise `PrintEnded` or `LinkError` where it ends all."""
+    def handle(self, event: wire.Event) -> None:
+        """Handle an event; raise `PrintEnded` or `LinkError` where it ends all."""
         ...
 
     def step_made(self) -> None:
-        """Take notice that a step of a wait is over."""
+        """Do what is due after each step of a wait."""
         ...
 
     def between_commands(self) -> None:
-        """Take notice that a command is about to be sent, or was answered; raise to end there."""
+        """Check before a command is sent and once it was answered; raise to end there."""
         ...
 
 
 class PrinterReplies:
-    """What was heard of a printer.
-
-    Attributes
-    ----------
-    count : int
-        Bytes.
-    last : str
-        The last words, for a message.
-    booted : bool
-        Whether its firmware has said that it starts.
-    heard_s : float, s
-        When the last of them came; of a job's lines, too.
-    """
+    """Bytes received from a printer."""
 
     def __init__(self) -> None:
-        self.count, self.booted, self._last, self.heard_s = 0, False, b"", math.inf
+        self.count, self._last = 0, b""
+        self.booted = False  # its firmware has said that it starts
+        self.heard_s = math.inf  # when the last of them came; of a job's lines, too
 
     def add(self, data: bytes, now: float) -> None:
         """Count what came by ``now``, s."""
@@ -63,48 +53,22 @@ class PrinterReplies:
 
     @property
     def last(self) -> str:
-        """See the class."""
-        lines = self._last.split()
-        return b" ".join(lines).decode("ascii", "backslashreplace")
-
-    def boot(self) -> None:
-        """Take notice that the firmware starts."""
-        self.booted = True
+        """The last words, for a message."""
+        return b" ".join(self._last.split()).decode("ascii", "backslashreplace")
 
 
 class Channel:
-    """Communication with one printer.
+    """Communication with one printer."""
 
-    Parameters
-    ----------
-    wiring : Wiring
-    logbook : Logbook
-    kill : Kill
-    handler : EventHandler
-    heard : PrinterReplies
+    handler: EventHandler  # set before anything is sent
 
-    Attributes
-    ----------
-    on_step : callable or None
-        Called in each step of a wait; may raise to end it.
-    troubles : int
-        Events so far beside answers: what came garbled, late or not at all.
-    """
-
-    def __init__(
-        self,
-        wiring: Wiring,
-        logbook: Logbook,
-        kill: Kill,
-        handler: EventHandler,
-        heard: PrinterReplies,
-    ) -> None:
-        self.wiring, self.logbook, self.kill, self.heard = wiring, logbook, kill, heard
-        self._handler = handler
-        self.on_step: Callable[[], None] | None = None
-        self.troubles = 0
+    def __init__(self, wiring: Wiring, logbook: Logbook, kill: Kill) -> None:
+        self.wiring, self.logbook, self.kill = wiring, logbook, kill
+        self.heard = PrinterReplies()
+        self.on_step: Callable[[], None] | None = None  # in each step of a wait; may raise
+        self.troubles = 0  # events beside answers: what came garbled, late or not at all
         self._awaited = -1
-        self._replies: list[said.CommandReplied] = []
+        self._replies: list[wire.CommandReplied] = []
         self._in_step: list[int] = []
 
     # --- one step --------------------------------------------------------------------------------
@@ -128,13 +92,20 @@ class Channel:
             self.handle(protocol.tick(now))
         if now >= self.logbook.next_note:
             self.logbook.note(now)
-        self._handler.step_made()
+        self.handler.step_made()
         if self.on_step is not None:
             self.on_step()
 
+    def listen(self, seconds: float) -> None:
+        """Hear the printer for so long."""
+        clock = self.wiring.clock
+        until = clock.now() + seconds
+        while clock.now() < until:
+            self.pump(until)
+
     def look_around(self) -> None:
         """Have what goes on beside the protocol noticed, where a loop reads by itself."""
-        self._handler.step_made()
+        self.handler.step_made()
 
     def settle(self) -> None:
         """Send no further job line; wait until what is in flight is taken."""
@@ -144,7 +115,7 @@ class Channel:
             self.pump()
 
     def await_halt(self) -> None:
-        """Another thread has halted the firmware: wait for the printer to say so."""
+        """Wait for the printer to say that it was halted, by another thread."""
         self.kill.await_halt(self._hear)
 
     def _hear(self) -> None:
@@ -163,7 +134,7 @@ class Channel:
         Behind M400 the printer has to confirm that it is idle: an ok alone may be another line's.
         """
         protocol = self.wiring.protocol
-        self._handler.between_commands()
+        self.handler.between_commands()
         self._replies.clear()
         self._awaited = protocol.number + 1
         if journalled:
@@ -175,7 +146,7 @@ class Channel:
             self.agree(protocol.confirm)
             self._ask_board(journalled)
             self.logbook.progress.stands_still()
-        self._handler.between_commands()
+        self.handler.between_commands()
         return self._replies[0].lines
 
     def _ask_board(self, journalled: bool) -> None:
@@ -194,7 +165,7 @@ class Channel:
             self.command(text)
 
     def ask(self, text: bytes) -> tuple[bytes, ...]:
-        """Send a command that the journal isn't told of; return the printer's reply."""
+        """Send a command that isn't journalled; return the printer's reply."""
         return self.command(text, journalled=False)
 
     def agree(self, begin: Callable[[float], None]) -> int:
@@ -207,22 +178,19 @@ class Channel:
 
     # --- events ----------------------------------------------------------------------------------
 
-    def handle(self, events: Sequence[said.Event]) -> None:
+    def handle(self, events: Sequence[wire.Event]) -> None:
         """Take what is the channel's own; hand on the rest."""
         for event in events:
-            if isinstance(event, said.CommandReplied):
+            if isinstance(event, wire.CommandReplied):
                 if event.number == self._awaited:  # another's is of a command that was sent again
                     self._replies.append(event)
-            elif isinstance(event, said.Synchronised):
+            elif isinstance(event, wire.Synchronised):
                 self._in_step.append(event.number)
             else:
-                self.troubles += not isinstance(event, said.TokenSent)
-                self._note_own(event)
-                self._handler.handle(event)
-
-    def _note_own(self, event: said.Event) -> None:
-        if isinstance(event, said.LinesResent) and event.controls:
-            # the newest is the one whose reply is waited for
-            self._awaited = event.first + len(event.controls) - 1
-        elif isinstance(event, (said.FirmwareStarted, said.FirmwareReset)):
-            self.heard.boot()
+                self.troubles += not isinstance(event, wire.TokenSent)
+                if isinstance(event, wire.LinesResent) and event.controls:
+                    # the newest is the one whose reply is waited for
+                    self._awaited = event.first + len(event.controls) - 1
+                elif isinstance(event, (wire.FirmwareStarted, wire.FirmwareReset)):
+                    self.heard.booted = True
+                self.handler.handle(event)

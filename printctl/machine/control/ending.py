@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from dataclasses import asdict
 from typing import Final, NoReturn
 
-from printctl.machine.control.channel import Channel
-from printctl.machine.control.excursion import Excursion
-from printctl.machine.control.firmware_check import FirmwareCheck
-from printctl.machine.control.head_choice import HeadChoice
-from printctl.machine.control.interruption import Interruption
-from printctl.machine.control.position_check import PositionCheck, Standstill
-from printctl.machine.control.valve_switch import ValveSwitch
+from printctl.machine.control.context import Print
+from printctl.machine.control.place import Standstill
+from printctl.machine.errors import PortLost
 from printctl.machine.families import link_facts
 from printctl.machine.job.modal import Modal
 from printctl.machine.job.retreat import count_from, heaters_off
 from printctl.machine.job.stop_place import StopPlace
-from printctl.machine.job.valve import shut
+from printctl.machine.job.valve import shut, shut_and_wait
 from printctl.machine.records.states import LinkState, PrintEnded
 
 _OTHERS: Final = (
@@ -30,155 +27,124 @@ _BED: Final = re.compile(rb"\bB\d*: ?-?\d")
 _OWN: Final = "the fault is the printer's own; look at the part"
 
 
-class Ending:
-    """Ends a print whose printer still answers.
+def end_on_fault(run: Print) -> None:
+    """End the print where printer or journal complained of something."""
+    if run.logbook.fault:
+        run.channel.settle()
+        retreat(run, LinkState.FAILED, run.logbook.fault)
 
-    Parameters
-    ----------
-    channel : Channel
-    firmware : FirmwareCheck
-    heads : HeadChoice
-    position : PositionCheck
-    valve : ValveSwitch
-    excursion : Excursion
-    interruption : Interruption
+
+def retreat(run: Print, state: LinkState, message: str) -> NoReturn:
+    """Relieve the plunger, lift the needle, switch off; with nothing in flight."""
+    channel, logbook, progress = run.channel, run.logbook, run.progress
+    run.interruption.disarm()
+    channel.commands(shut(run.printer))
+    logbook.enter(LinkState.STOPPING, message)
+    logbook.take_fault()
+    complaints, refused = logbook.complaints, progress.refused
+    standstill = _stop_motors(run)
+    progress.leaves()
+    carried_out = progress.refused != refused
+    if carried_out:
+        whose = _OTHERS if progress.about_command else _OWN
+        message += f", but the line was carried out: {whose}"
+    message += standstill.words()
+    channel.commands(shut_and_wait(run.printer))
+    if link_facts(run.printer).place_question or progress.meddled:
+        run.firmware.set_modes(journalled=True)  # others may have left them otherwise
+    way = _way_out(run, standstill)
+    channel.commands(way)
+    complaints += _heaters_off(run)
+    channel.command(b"M400")
+    # one that has complained may ignore moves and say ok to them
+    missed = run.position.missed_height(way) if logbook.complaints else ""
+    known = standstill.read and logbook.complaints == complaints and not missed
+    if known and (state is LinkState.STOPPED or logbook.disk_full or carried_out):
+        _record_stood(run, standstill)
+    run.firmware.undo_settings()
+    fault = logbook.fault
+    if fault:
+        message += f"; the way out wasn't made as meant: {fault}"
+    if missed:
+        message += f"; the needle wasn't lifted as told: {missed}"
+    if not known:
+        message += "; where the needle is isn't known: look before anything moves"
+    raise PrintEnded(state, message, known)
+
+
+def _stop_motors(run: Print) -> Standstill:
+    """Have the firmware drop the moves that it holds, where it can."""
+    quickstop, progress = link_facts(run.printer).quickstop, run.progress
+    if run.excursion.going_on:
+        if quickstop:
+            run.channel.command(quickstop)
+        return run.position.standing_away()
+    if not quickstop:
+        return Standstill(run.position.actual(), read=True, dropped=False)
+    if progress.all_made() and run.position.made():
+        progress.stands_still()
+        return run.position.standstill()
+    progress.moves_dropped()
+    run.channel.command(quickstop)
+    return run.position.standstill()
+
+
+def _record_stood(run: Print, standstill: Standstill) -> None:
+    """Write down with which line of the job it can be gone on, and from where."""
+    progress, place = run.progress, standstill.place
+    all_made = run.excursion.going_on or place == Modal()
+    stop_place = StopPlace(progress.done, None, True) if all_made else progress.stood(place)
+    progress.stopped_at(stop_place)
+    run.logbook.record(
+        "stood",
+        done=progress.done,
+        line=stop_place.line,
+        begin_at=None if stop_place.at is None else asdict(stop_place.at),
+        certain=stop_place.certain,
+        dropped=standstill.dropped,
+        place=asdict(place),
+    )
+
+
+def _way_out(run: Print, standstill: Standstill) -> list[bytes]:
+    """Return the commands that relieve the plunger and lift the needle from there."""
+    at, printer = standstill.at, run.printer
+    if run.excursion.going_on:
+        return run.excursion.way_out(at, run.retreat, printer)
+    # what the job had drawn back already is known only where none of its moves was dropped
+    if not standstill.dropped:
+        return run.retreat.leave(at, printer, run.progress.relieved_mm)
+    # M114 rounds E, so it is counted from what was read
+    counted = [] if at.e is None or printer.pneumatic else [count_from(at.e)]
+    return [*counted, *run.retreat.leave(at, printer)]
+
+
+def _heaters_off(run: Print) -> int:
+    """Switch heaters off; return how many refusals came of heaters that it doesn't have."""
+    logbook = run.logbook
+    before, count = logbook.fault, logbook.complaints
+    off = heaters_off(run.printer)
+    if _BED_OFF in off:
+        reply = b" ".join(run.channel.command(b"M105"))
+        if _NOZZLE.search(reply) and not _BED.search(reply):
+            off.remove(_BED_OFF)  # it would be refused
+    run.channel.commands(off)
+    if not logbook.excuse(before) or logbook.fault:
+        return 0
+    return logbook.complaints - count
+
+
+def shut_valve_past_protocol(run: Print, ended: PrintEnded) -> None:
+    """Shut the valve where the protocol can't go on but the wire is there.
+
+    Without number and checksum, twice: the last thing that is sent, whatever the printer makes of
+    it. A firmware that was killed takes nothing; one that was reset may take it.
     """
-
-    def __init__(
-        self,
-        channel: Channel,
-        firmware: FirmwareCheck,
-        heads: HeadChoice,
-        position: PositionCheck,
-        valve: ValveSwitch,
-        excursion: Excursion,
-        interruption: Interruption,
-    ) -> None:
-        self._excursion, self._interruption = excursion, interruption
-        self._channel, self._firmware, self._heads = channel, firmware, heads
-        self._position, self._valve = position, valve
-        self._logbook, self._printer = channel.logbook, channel.wiring.printer
-
-    def stop(self) -> NoReturn:
-        """End the print as somebody asked, wherever the link has the needle.
-
-        Raises
-        ------
-        PrintEnded
-            Always: stopped.
-        """
-        who = self._interruption.stopped_by
-        self.retreat(LinkState.STOPPED, f"stopped by {who}{self._excursion.words()}")
-
-    def retreat(self, state: LinkState, message: str) -> NoReturn:
-        """Relieve the plunger, lift the needle, switch off; nothing may be in flight.
-
-        Raises
-        ------
-        PrintEnded
-            Always, in ``state``.
-        """
-        facts = link_facts(self._printer)
-        self._interruption.disarm()
-        self._channel.commands(shut(self._printer))
-        self._logbook.enter(LinkState.STOPPING, message)
-        self._logbook.take_fault()
-        complaints = self._logbook.complaints
-        refused = self._logbook.progress.refused
-        stop = self._stop_motors()
-        self._logbook.progress.leaves()
-        carried_out = self._logbook.progress.refused != refused
-        if carried_out:
-            whose = _OTHERS if self._logbook.progress.about_command else _OWN
-            message += f", but the line was carried out: {whose}"
-        message += stop.words()
-        self._valve.shut()
-        if facts.place_question or self._logbook.progress.meddled:
-            self._firmware.set_modes(journalled=True)  # others may have left them otherwise
-        way = self._way_out(stop)
-        self._channel.commands(way)
-        complaints += self._heaters_off()
-        self._channel.command(b"M400")
-        # one that has complained may ignore moves and say ok to them
-        missed = self._position.missed_height(way) if self._logbook.complaints else ""
-        known = stop.read and self._logbook.complaints == complaints and not missed
-        if known and (state is LinkState.STOPPED or self._logbook.disk_full or carried_out):
-            self._record_stood(stop)
-        self._firmware.undo_settings()
-        fault = self._logbook.fault
-        if fault:
-            message += f"; the way out wasn't made as meant: {fault}"
-        if missed:
-            message += f"; the needle wasn't lifted as told: {missed}"
-        if not known:
-            message += "; where the needle is isn't known: look before anything moves"
-        raise PrintEnded(state, message, known)
-
-    def _stop_motors(self) -> Standstill:
-        """Have the firmware drop the moves that it holds, where it can."""
-        quickstop = link_facts(self._printer).quickstop
-        if self._excursion.going_on:
-            if quickstop:
-                self._channel.command(quickstop)
-            return self._position.standing_away()
-        if not quickstop:
-            return Standstill(self._position.actual(), read=True, dropped=False)
-        progress = self._logbook.progress
-        if progress.all_made() and self._position.made():
-            progress.stands_still()
-            return self._position.standstill()
-        progress.moves_dropped()
-        self._channel.command(quickstop)
-        return self._position.standstill()
-
-    def _record_stood(self, stop: Standstill) -> None:
-        """Write down with which line of the job it can be gone on, and from where."""
-        progress = self._logbook.progress
-        all_made = self._excursion.going_on or stop.place == Modal()
-        stop_place = (
-            StopPlace(progress.done, None, True) if all_made else progress.stood(stop.place)
-        )
-        progress.stopped_at(stop_place)
-        self._logbook.record(
-            "stood",
-            done=progress.done,
-            line=stop_place.line,
-            begin_at=None if stop_place.at is None else asdict(stop_place.at),
-            certain=stop_place.certain,
-            dropped=stop.dropped,
-            place=asdict(stop.place),
-        )
-
-    def _way_out(self, stop: Standstill) -> list[bytes]:
-        """Commands that relieve the plunger and lift the needle from there.
-
-        M114 rounds E, so it is counted from what was read. What the job had drawn back already is
-        known only where none of its moves was dropped.
-        """
-        at, printer = stop.at, self._printer
-        retreat = self._heads.retreat
-        if self._excursion.going_on:
-            return self._excursion.way_out(at, retreat, printer)
-        if not stop.dropped:
-            return retreat.leave(at, printer, self._logbook.progress.relieved_mm)
-        counted = [] if at.e is None or printer.pneumatic else [count_from(at.e)]
-        return [*counted, *retreat.leave(at, printer)]
-
-    def end_on_fault(self) -> None:
-        """End the print where printer or journal complained of something."""
-        if self._logbook.fault:
-            self._channel.settle()
-            self.retreat(LinkState.FAILED, self._logbook.fault)
-
-    def _heaters_off(self) -> int:
-        """Switch heaters off; return how many refusals came of heaters that it doesn't have."""
-        before, count = self._logbook.fault, self._logbook.complaints
-        off = heaters_off(self._printer)
-        if _BED_OFF in off:
-            told = b" ".join(self._channel.command(b"M105"))
-            if _NOZZLE.search(told) and not _BED.search(told):
-                off.remove(_BED_OFF)  # it would be refused
-        self._channel.commands(off)
-        if not self._logbook.excuse(before) or self._logbook.fault:
-            return 0
-        return self._logbook.complaints - count
+    lost = ended.state not in (LinkState.FAILED, LinkState.POSITION_UNKNOWN)
+    portless = ended.error == PortLost.__name__
+    if lost or ended.known or portless or not run.logbook.begun:
+        return
+    for command in shut(run.printer):
+        run.logbook.notice("the valve is told to shut, past the protocol")
+        with contextlib.suppress(PortLost):
+            run.wiring.transport.write_urgent(b"\n%b\n%b\n" % (command, command))

@@ -1,4 +1,4 @@
-"""Choose a firmware family's fastest safe halt commands; give how long its motors run on.
+"""Emergency halt of the firmware, written to the port at once by any thread.
 
 Marlin's ``kill`` (M112, thermal runaway) leaves its step interrupts on for 0.6 s, so that its
 words get out: what the planner holds goes on being made. The wait is counted in the processor's
@@ -20,44 +20,45 @@ A board that stood still meanwhile finds all of these at once, and looks at M112
 from __future__ import annotations
 
 import math
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 from firmware_profiles import Printer
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.errors import PortLost
 from printctl.machine.families import link_facts
-from printctl.machine.job.motor_run_on import MotorRunOn, unknown_run_on
+from printctl.machine.job.moves import MotorRunOn, unknown_run_on
+from printctl.machine.records.states import LinkState, PrintEnded
+
+KILL_AGAIN_S: Final = 0.02
+"""A line that was cut short or lacks its end is refused, and the first M112 behind it dropped."""
+KILL_REPEAT_S: Final = 0.2
+KILL_ATTEMPTS: Final = 10
+KILL_WAIT_S: Final = 4.0
+WIRE_S: Final = 0.1
+_NO_CONTROLS: Final = dict.fromkeys(range(32), " ")
+UNCONFIRMED: Final = "the printer has NOT confirmed: cut its power"
+HALTED_BEFORE: Final = "killed by the user; the firmware had halted itself before"
 
 
 @dataclass(frozen=True)
 class Halting:
-    """What is written, and what the motors do.
+    """What is written to halt a firmware, and what its motors do."""
 
-    Attributes
-    ----------
-    first : tuple of (bytes, float)
-        Written before, and how long is waited behind each, s.
-    last : bytes
-        Written again and again until the printer has halted.
-    stops_at_once : bool
-        Whether the motors stand when the first has arrived.
-    runs_on_s : float, s
-        For how long they may go on where the firmware halts itself, or they don't stand, at the
-        machine's greatest speed.
-    """
-
-    first: tuple[tuple[bytes, float], ...]
-    last: bytes
-    stops_at_once: bool = False
+    first: tuple[tuple[bytes, float], ...]  # written before, and the wait behind each, s
+    last: bytes  # written again and again until the printer has halted
+    stops_at_once: bool = False  # the motors stand when the first has arrived
+    # how long motors that don't stand, or whose firmware halts itself, may go on, at the machine's
+    # greatest speed
     runs_on_s: float = 0.0
 
-    def told(self, run_on: MotorRunOn | None, stopped: bool) -> str:
+    def words(self, run_on: MotorRunOn | None, stopped: bool) -> str:
         """Say what the motors did, or may have done.
 
-        Parameters
-        ----------
-        run_on : MotorRunOn or None
-            How far they may have run on; None where nobody knows what moved.
-        stopped : bool
-            Whether the printer lived between ``first`` and ``last``.
+        ``run_on``: how far they may have run on, None for unknown; ``stopped``: whether the
+        printer lived between ``first`` and ``last``.
         """
         if self.stops_at_once and stopped:
             return "its motors were stopped before that, by M410"
@@ -72,20 +73,137 @@ class Halting:
 
 
 def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting:
-    """The way for a printer.
+    """Return the fastest safe way to halt a printer's firmware, at the end by ``kill``.
 
-    Parameters
-    ----------
-    printer : Printer
-    kill : bytes
-        What halts its firmware.
-    emergency_parser : bool
-        Whether it looks at M410 and M112 at once: what it says of itself, else its profile.
+    ``emergency_parser``: whether it looks at M410 and M112 at once: what it says of itself, else
+    its profile.
     """
-    link = link_facts(printer)
-    if not link.quickstop or not emergency_parser:
+    quickstop = link_facts(printer).quickstop
+    if not quickstop or not emergency_parser:
         return Halting((), kill, runs_on_s=unknown_run_on(printer))
-    at_once = b"\n%b\n" % link.quickstop
+    at_once = b"\n%b\n" % quickstop
     between = ((at_once, 1.0),) * (printer.lines_in_flight - 1)
-    first = ((at_once, 0.5), *between, (at_once, 1.3))
-    return Halting(first, kill, True, unknown_run_on(printer))
+    return Halting(((at_once, 0.5), *between, (at_once, 1.3)), kill, True, unknown_run_on(printer))
+
+
+class Kill:
+    """Emergency halt of one printer.
+
+    ``asked`` is set once a halt was requested: nothing else is sent from then on. ``awaiting`` is
+    called then, by the thread that speaks to the printer, before it waits for the printer's
+    confirmation. ``halted_itself``: the firmware had halted itself before a halt was requested.
+    """
+
+    def __init__(self, wiring: Wiring, awaiting: Callable[[], None] = lambda: None) -> None:
+        self._wiring, self._awaiting = wiring, awaiting
+        self.asked: Final = threading.Event()
+        self._halted, self._ended = threading.Event(), threading.Event()
+        self._parser = wiring.printer.emergency_parser
+        self._asked_s = self._left = 0.0
+        self._left_s: dict[str, float] = {}
+        self._sent = self._alive = self.halted_itself = False
+
+    @property
+    def halting(self) -> Halting:
+        """How the firmware is halted: by what it says of itself (M115), else by its profile."""
+        wiring = self._wiring
+        return halting_of(wiring.printer, wiring.protocol.kill_bytes, self._parser)
+
+    def learn(self, capabilities: dict[str, bool]) -> None:
+        """Take what the firmware says of its emergency parser (M115)."""
+        profile = self._wiring.printer.emergency_parser
+        self._parser = capabilities.get("EMERGENCY_PARSER", profile)
+
+    # --- for any thread --------------------------------------------------------------------------
+
+    def strike(self) -> None:
+        """Halt the firmware at once, from any thread and any state.
+
+        The family's `halting` goes to the wire before anything else is done. M112 is repeated
+        until the printer says that it has halted; after `KILL_ATTEMPTS` the reset line is pulled.
+        """
+        if self._ended.is_set():
+            return
+        wiring = self._wiring
+        self._left = wiring.clock.now()
+        if not self.asked.is_set():
+            self._asked_s = self._left
+        self.asked.set()
+        halting = self.halting
+        halts = ((halting.last, KILL_AGAIN_S), *((halting.last, KILL_REPEAT_S),) * KILL_ATTEMPTS)
+        for attempt, (data, wait_s) in enumerate((*halting.first, *halts)):
+            self._sent |= self._write(data) and data == halting.last
+            if attempt == 0:
+                self._left = wiring.clock.now()
+            if self._halted.wait(wait_s) or self._ended.is_set():
+                return
+        self._sent = True
+        wiring.transport.reset()
+
+    def _write(self, data: bytes) -> bool:
+        """Write at once; note when each command left first. Return whether the port took it."""
+        clock, what = self._wiring.clock, data.decode("ascii").translate(_NO_CONTROLS)
+        what = " ".join(what.split())
+        first = what not in self._left_s
+        if first:  # before it is written: the answer may come before the next line is reached
+            self._left_s[what] = clock.now()
+        try:
+            self._wiring.transport.write_urgent(data)
+        except PortLost:  # it may be full: the wire's end is found elsewhere
+            if first:
+                del self._left_s[what]
+            return False
+        if first:
+            self._left_s[what] = clock.now()
+        return True
+
+    def end(self) -> None:
+        """Record that no thread speaks to the printer any more: a later `strike` is no use."""
+        self._ended.set()
+
+    # --- for the thread that speaks to the printer -----------------------------------------------
+
+    def halted(self) -> None:
+        """Record that the printer says that it has halted."""
+        self.halted_itself |= not (self.asked.is_set() or self._halted.is_set())
+        self._halted.set()
+
+    def heard(self) -> None:
+        """Record that the printer says something, after `strike`.
+
+        What it said before may still be on the wire for `WIRE_S`.
+        """
+        late = self._wiring.clock.now() - self._left > WIRE_S
+        self._alive |= late and not self._sent
+
+    def words(self, run_on: MotorRunOn | None) -> str:
+        """Return what was sent and how soon it worked, once the printer has halted."""
+        asked, left = self._asked_s, dict(self._left_s)
+        each = [
+            f"{what} left the host after {(at - asked) * 1e3:.1f} ms" for what, at in left.items()
+        ]
+        sent = ", ".join(each) or "nothing left the host"
+        printer_s = self._wiring.clock.now() - max(left.values(), default=asked)
+        return (
+            f"killed by the user; {sent}, the printer said {printer_s * 1e3:.0f} ms "
+            f"later that it has halted; {self.halting.words(run_on, self._alive)}"
+        )
+
+    def await_halt(self, hear: Callable[[], None]) -> None:
+        """Wait for the printer to say that it has halted; send nothing more; end the print.
+
+        ``hear`` reads what the printer says, waiting for it, and handles it.
+        """
+        self._awaiting()
+        clock = self._wiring.clock
+        limit = clock.now() + KILL_WAIT_S
+        while clock.now() < limit or not self._sent:
+            if not self._sent:
+                limit = clock.now() + KILL_WAIT_S
+            try:
+                hear()
+            except PortLost:
+                break
+        # halted without a reason
+        why = HALTED_BEFORE if self._halted.is_set() else f"killed by the user; {UNCONFIRMED}"
+        raise PrintEnded(LinkState.KILLED, why, known=False)

@@ -25,12 +25,12 @@ from printctl.checks.gate import (
 )
 from printctl.checks.gate.firmware import LISTED, levelling_is_on, questions
 from printctl.machine.control.gating import allowed_command
+from printctl.machine.control.heat import target_command
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.manual_motion import push, travel
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.station_status import Place
 from printctl.machine.errors import LinkError, Refused
-from printctl.machine.job.temperatures import target_command
 
 AXES: Final = "xyz"
 UNNAMED_UL_S: Final = 1.0

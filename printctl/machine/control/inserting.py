@@ -1,142 +1,79 @@
-"""Insert a client's G-code lines into a job held for inspection, after journalling them."""
+"""Answer clients' inserts and decisions in a held print; put inserts, once journalled, into it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-
-from printctl.machine.control.channel import Channel
-from printctl.machine.control.look_book import LookBook, LookWord, insert_answer
-from printctl.machine.control.requests import RequestQueue
-from printctl.machine.control.syringe_changer import SyringeChanger
-from printctl.machine.control.watch import Watch
+from printctl.machine.control.context import Print
+from printctl.machine.control.look_book import LookRequest, insert_answer
+from printctl.machine.control.syringes import replanned
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.flow_check import check_factor, check_flow
-from printctl.machine.job.frame import frame_at
 from printctl.machine.job.insert_check import InsertPlace, judged_lines
 from printctl.machine.job.inserts import Insert
-from printctl.machine.job.job import Job
 from printctl.machine.job.modal import Modal
-from printctl.machine.job.reach import JobReach
 from printctl.machine.job.valve import is_open
 
 
-@dataclass
-class Inserting:
-    """Answers what clients say of looks, while the print is held.
+def answer_clients(run: Print, at: Modal) -> LookRequest | None:
+    """Answer what clients request; return a decision of theirs, which is still to be made.
 
-    Attributes
-    ----------
-    channel : Channel
-    queue : RequestQueue
-    watch : Watch
-    changer : SyringeChanger
-    book : LookBook
-    job : Job
-        Its own lines are what counts.
+    ``at``: where the print is held, mm.
     """
+    while run.queue.looks:
+        request = run.queue.looks.popleft()
+        try:
+            answer = run.book.repeated(request)
+            if answer is None and request.decision is not None:
+                return request
+            request.done(answer or _insert(run, request, at))
+        except LinkError as exc:
+            request.refused(str(exc))
+    return None
 
-    channel: Channel
-    queue: RequestQueue
-    watch: Watch
-    changer: SyringeChanger
-    book: LookBook
-    job: Job
 
-    @cached_property
-    def reach(self) -> JobReach:
-        """Space that the job's own moves keep to, counted from the touch-off.
+def refuse_rest(run: Print) -> None:
+    """Answer what came too late: the print goes on or ends."""
+    while run.queue.looks:
+        request = run.queue.looks.popleft()
+        try:
+            answer = run.book.repeated(request)
+            request.done(answer) if answer else request.refused("the print goes on")
+        except Refused as exc:
+            request.refused(str(exc))
 
-        Raises
-        ------
-        LinkError
-            Where the job calls places otherwise in a way that nobody can follow.
-        """
-        own, start = self.job.own, self.watch.care.start_mm
-        frame = frame_at(own, len(own), self.channel.wiring.printer, start)
-        return JobReach.of(own.lines, start, frame.shift_at)
 
-    def shift_mm(self) -> tuple[float, float, float]:
-        """Return what the job calls places here beyond the count from the touch-off, mm.
+def _insert(run: Print, request: LookRequest, at: Modal) -> dict[str, object]:
+    """Judge an insert, write it down, and let the job grow by it.
 
-        Raises
-        ------
-        LinkError
-            As `reach`.
-        """
-        progress, start = self.channel.logbook.progress, self.watch.care.start_mm
-        frame = frame_at(progress.job, progress.done, self.channel.wiring.printer, start)
-        return frame.shift_at(progress.done - 1)
-
-    def answer_all(self, at: Modal) -> LookWord | None:
-        """Answer what clients have said; return a decision of theirs, which is still to be made.
-
-        Parameters
-        ----------
-        at : Modal
-            Where the print is held, mm.
-        """
-        while (word := self.queue.take_look()) is not None:
-            try:
-                answer = self.book.answer(word)
-                if answer is None and word.decision is not None:
-                    return word
-                word.done(answer or self._insert(word, at))
-            except LinkError as exc:
-                word.refused(str(exc))
-        return None
-
-    def refuse_rest(self) -> None:
-        """Answer what came too late: the print goes on or ends."""
-        while (word := self.queue.take_look()) is not None:
-            try:
-                answer = self.book.answer(word)
-                word.done(answer) if answer else word.refused("the print goes on")
-            except Refused as exc:
-                word.refused(str(exc))
-
-    def _insert(self, word: LookWord, at: Modal) -> dict[str, object]:
-        """Judge an insert, write it down, and let the job grow by it.
-
-        Raises
-        ------
-        LinkError
-            Where it isn't taken; nothing has changed then.
-        """
-        channel, progress = self.channel, self.channel.logbook.progress
-        done, name = progress.done, f"the insert of look {word.look}"
-        place = self._place(at, name)
-        lines: tuple[bytes, ...] = ()
-        if word.lines or word.flow is None:
-            lines = judged_lines(word.lines, place, name)
-        if word.flow is not None:
-            check_factor(word.flow, place, name)
-        flow = progress.job.flow if word.flow is None else word.flow
-        insert = Insert(word.look, done, lines, word.why, flow, word.again and bool(lines))
-        grown = progress.job.grown(insert)
-        if word.flow is not None:
-            check_flow(progress.job, grown, place, name)
-        plan = self.changer.replanned(grown)
-        channel.logbook.refuse_without_room(insert.to_record(), name)
-        if channel.logbook.fault:
-            raise Refused(f"{name} isn't taken: {channel.logbook.fault}")
-        written = channel.logbook.record(
-            "insert", **insert.to_record(), reload_at=plan[0], reload_heads=plan[1]
-        )
-        if not written:
-            raise Refused(f"{name} isn't taken: the journal can't be written")
-        progress.grow(grown)
-        self.watch.grow(progress.job.marks, done, len(lines))
-        self.watch.plan(*plan)
-        if insert.again:
-            self.watch.look_behind(done + len(lines))
-        channel.wiring.protocol.grow(progress.job.lines)
-        self.book.insert(insert, word.lines)
-        return insert_answer(insert)
-
-    def _place(self, at: Modal, name: str) -> InsertPlace:
-        wiring, progress = self.channel.wiring, self.channel.logbook.progress
-        if is_open(progress.job.lines, progress.done, wiring.printer):
-            raise Refused(f"{name} isn't taken: the job has the valve open there")
-        bears = wiring.limits().plunger_mm_s
-        return InsertPlace(at, self.reach, wiring.printer, bears, self.shift_mm())
+    Where it isn't taken (`LinkError`) nothing has changed.
+    """
+    logbook, progress, watch = run.logbook, run.progress, run.watch
+    done, name = progress.done, f"the insert of look {request.look}"
+    if is_open(progress.job.lines, done, run.printer):
+        raise Refused(f"{name} isn't taken: the job has the valve open there")
+    bears = run.wiring.limits().plunger_mm_s
+    place = InsertPlace(at, run.reach, run.printer, bears, run.shift_mm())
+    lines: tuple[bytes, ...] = ()
+    if request.lines or request.flow is None:
+        lines = judged_lines(request.lines, place, name)
+    if request.flow is not None:
+        check_factor(request.flow, place, name)
+    flow = progress.job.flow if request.flow is None else request.flow
+    again = request.again and bool(lines)
+    insert = Insert(request.look, done, lines, request.why, flow, again)
+    grown = progress.job.grown(insert)
+    if request.flow is not None:
+        check_flow(progress.job, grown, place, name)
+    plan = replanned(run, grown)
+    logbook.refuse_without_room(insert.to_record(), name)
+    if logbook.fault:
+        raise Refused(f"{name} isn't taken: {logbook.fault}")
+    if not logbook.record("insert", **insert.to_record(), reload_at=plan[0], reload_heads=plan[1]):
+        raise Refused(f"{name} isn't taken: the journal can't be written")
+    progress.grow(grown)
+    watch.grow(progress.job.marks, done, len(lines))
+    watch.reload_at, watch.reload_heads = plan
+    if insert.again:
+        watch.insert_end = done + len(lines)
+    run.wiring.protocol.grow(progress.job.lines)
+    run.book.inserts[insert.look] = insert, request.lines
+    return insert_answer(insert)

@@ -7,7 +7,7 @@ import math
 import re
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from printctl.machine.control.progress import JobProgress
@@ -20,92 +20,67 @@ from printctl.machine.records.states import EARLY, LinkState, PrintEnded, Status
 
 NOTE_S: Final = 0.25
 """Interval of progress records and progress events."""
-_TOLD: Final = 3
-"""Complaints told in one message."""
-_REMARKS: Final = 1000
+MAX_FAULTS: Final = 3
+"""Complaints given in one message."""
+MAX_REMARKS: Final = 1000
 """Unknown replies counted."""
-MOST_STANDSTILLS: Final = 100
+MAX_STANDSTILLS: Final = 100
 """Written down one by one; further ones are counted."""
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 
 
+@dataclass
 class _Alarm:
     """An alarm's first and last words, how often it came, and how often was written down."""
 
-    def __init__(self, text: str) -> None:
-        self.first = self.text = text
-        self.times, self.written = 0, 1
-
-
-def _as_it_is(status: Status) -> Status:
-    return status
-
-
-def _never() -> float:
-    return math.inf
+    first: str
+    text: str
+    times: int = 0
+    written: int = 1
 
 
 class Logbook:
-    """State of one print, told and written down; the only one that writes to the journal.
+    """State of one print, reported and written down; the only one that writes to the journal.
 
-    Parameters
-    ----------
-    wiring : Wiring
-    progress : JobProgress
-    details : callable
-        Adds to a status what other parts know.
-    next_due : callable
-        When something else is due, s: `note` is due then at the latest.
-    unrecorded : frozenset of str
-        Sorts of records that aren't written down.
-
-    Attributes
-    ----------
-    next_note : float, s
-        When `note` is due.
-    resumed : bool
-        Whether the print was begun by a process that died.
+    ``details`` adds to a status what other parts know; `note` is due at ``next_due``, s, at the
+    latest; records of the sorts in ``unrecorded`` aren't written down.
     """
 
     def __init__(
         self,
         wiring: Wiring,
         progress: JobProgress,
-        details: Callable[[Status], Status] = _as_it_is,
-        next_due: Callable[[], float] = _never,
+        details: Callable[[Status], Status] = lambda status: status,
+        next_due: Callable[[], float] = lambda: math.inf,
         unrecorded: frozenset[str] = frozenset(),
     ) -> None:
         self.progress = progress
         self._wiring, self._unrecorded = wiring, unrecorded
         self._details, self._next_due = details, next_due
-        self._state, self._message = LinkState.CONNECTING, ""
-        self._noted = self._alarms = 0
+        self.state, self._message = LinkState.CONNECTING, ""
+        self.next_note = 0.0  # s: when `note` is due
+        self.resumed = False  # begun by a process that died
+        self.complaints = 0  # how often the printer has complained
+        self.disk_full = False  # a record couldn't be written at once
+        self._noted = self._alarm_count = 0
         self._open: list[tuple[str, bool]] = []
-        self._complaints = 0
         self._remarks: list[str] = []
-        self._told: dict[str, _Alarm] = {}
+        self._alarms: dict[str, _Alarm] = {}
         self._standstills: list[Standstill] = []
         self._final: Status | None = None
-        self._journal_lost = self._disk_full = False
-        self.next_note = 0.0
-        self.resumed = False
+        self._journal_lost = False
 
     # --- as it stands, for any thread ------------------------------------------------------------
 
     @property
-    def state(self) -> LinkState:
-        """Where the print stands."""
-        return self._state
-
-    @property
     def begun(self) -> bool:
         """Whether the printer may have lines of the job."""
-        return self.resumed or self._state not in EARLY
+        return self.resumed or self.state not in EARLY
 
     @property
     def fault(self) -> str:
         """The complaints, of the printer or the journal, that end the print; or empty."""
-        return "; ".join(list(dict.fromkeys(text for text, _ in self._open))[:_TOLD])
+        return "; ".join(list(dict.fromkeys(text for text, _ in self._open))[:MAX_FAULTS])
 
     @property
     def remarks(self) -> str:
@@ -117,16 +92,6 @@ class Logbook:
         return f"; the printer said {first!r}{more}, unknown to printctl: see its manual"
 
     @property
-    def complaints(self) -> int:
-        """How often the printer has complained."""
-        return self._complaints
-
-    @property
-    def disk_full(self) -> bool:
-        """Whether a record couldn't be written at once."""
-        return self._disk_full
-
-    @property
     def status(self) -> Status:
         """The print as it stands."""
         if self._final is not None:
@@ -134,14 +99,14 @@ class Logbook:
         progress, (done, made) = self.progress, self.progress.known
         return self._details(
             Status(
-                state=self._state,
+                state=self.state,
                 lines_done=done,
                 lines_executed=made,
                 lines_total=len(progress.job),
                 file_line=progress.job.file_line(done),
                 message=self._message,
                 line_errors=self._wiring.protocol.line_errors,
-                alarms=self._alarms,
+                alarms=self._alarm_count,
                 inserted=progress.job.positions,
             )
         )
@@ -150,7 +115,7 @@ class Logbook:
 
     def go_on(self, history: JournalledPrint) -> None:
         """Go on with a print that was begun by a process that died, from what its journal says."""
-        self.resumed, self._alarms = True, len(history.alarms)
+        self.resumed, self._alarm_count = True, len(history.alarms)
         self.progress.restore(history.done, history.made)
         self._noted = history.done
 
@@ -162,18 +127,14 @@ class Logbook:
             standstills.begin(self._wiring.protocol.lines_done, now)
         elif state in (LinkState.PAUSING, LinkState.STOPPING):
             standstills.end_at_rest()
-        self._state, self._message = state, message
+        self.state, self._message = state, message
         self.record("state", state=state, message=message)
         self._wiring.on_status(self.status)
-
-    def enter_unrecorded(self, state: LinkState) -> None:
-        """Pass to a state that nobody is told of."""
-        self._state = state
 
     def end(self, ended: PrintEnded) -> Status:
         """Write down how the print ended; return the last status."""
         self._note_standstills()
-        # Whoever asks meanwhile must see the print either running or ended with all that is known.
+        # a client that asks meanwhile must see the print either running, or ended with all
         status = replace(
             self.status,
             state=ended.state,
@@ -182,12 +143,12 @@ class Logbook:
             error=ended.error,
             look=None,
         )
-        self._state, self._final = ended.state, status
+        self.state, self._final = ended.state, status
         self._journal_lost = False  # there may be room again, and this is the one that matters
         refused = self.progress.refused
-        for told in self._told.values():
-            if told.times > told.written:
-                self._record_times(told)
+        for alarm in self._alarms.values():
+            if alarm.times > alarm.written:
+                self._record_times(alarm)
         self.record(
             "end",
             state=status.state,
@@ -202,30 +163,25 @@ class Logbook:
     # --- the journal -----------------------------------------------------------------------------
 
     def record(self, sort: str, **values: Any) -> bool:
-        """Add to the journal; a full disk is a fault that ends the print by a controlled stop.
+        """Add to the journal; return whether the record is there.
 
-        Returns
-        -------
-        bool
-            Whether the record is there.
+        A full disk is a fault that ends the print by a controlled stop.
         """
         if self._journal_lost or sort in self._unrecorded:
             return False
         try:
             self._wiring.journal.add(sort, **values)
         except JournalError as exc:
-            self._disk_full = True
+            self.disk_full = True
             self._open = [(str(exc), False), *(one for one in self._open if one[0] != str(exc))]
             self._journal_lost = not self._wiring.journal.use_reserve()
             return self.record(sort, **values)
         return True
 
     def refuse_without_room(self, values: dict[str, Any], name: str) -> None:
-        """Refuse a large record that the disk hasn't room for: one that fails costs the reserve.
+        """Raise `Refused` for a large record that the disk hasn't room for.
 
-        Raises
-        ------
-        Refused
+        One that fails costs the reserve.
         """
         size = len(json.dumps(values)) + RESERVE_BYTES
         free = shutil.disk_usage(self._wiring.journal.path.parent).free
@@ -238,6 +194,13 @@ class Logbook:
     def record_control(self, number: int, command: bytes) -> None:
         """Write down a command between two lines of the job, before it is sent."""
         self.record("control", n=number, command=command.decode("ascii"))
+
+    def record_back(self, number: int, controls: Sequence[bytes]) -> None:
+        """Write down that the last line taken was ``number``, and which commands go again."""
+        self._noted = self.progress.known[0]
+        self.record("back", done=self._noted, n=number)
+        for count, command in enumerate(controls, number + 1):
+            self.record_control(count, command)
 
     def note(self, now: float) -> None:
         """Write down progress and tell the clients."""
@@ -257,7 +220,7 @@ class Logbook:
             count = len(self._standstills)
             self.alarm(
                 f"the ink stood still {self.progress.standstill_words(one)}; look at the part",
-                kind=f"standstill {min(count, MOST_STANDSTILLS)}",
+                kind=f"standstill {min(count, MAX_STANDSTILLS)}",
             )
         found.clear()
 
@@ -273,34 +236,24 @@ class Logbook:
         many = f"{len(self._standstills)} times, {total:.1f} s in all"
         return f"; the ink stood still {many}, the longest {where}"
 
-    def record_back(self, number: int, controls: Sequence[bytes]) -> None:
-        """Write down that the last line taken was ``number``, and which commands go again."""
-        self._noted = self.progress.known[0]
-        self.record("back", done=self._noted, n=number)
-        for count, command in enumerate(controls, number + 1):
-            self.record_control(count, command)
+    # --- what a person should see ----------------------------------------------------------------
 
     def alarm(self, text: str, kind: str = "") -> None:
         """Write down what a person must see; the same alarm again is counted.
 
-        Parameters
-        ----------
-        text : str
-        kind : str
-            Alarms of one kind are the same; by default those that differ in numbers alone.
+        Alarms of one ``kind`` are the same; by default those that differ in numbers alone.
         """
-        kind = kind or _NUMBER.sub("0", text)
-        told = self._told.setdefault(kind, _Alarm(text))
-        told.text, told.times = text, told.times + 1
-        if told.times == 1:
-            self._alarms += 1
+        alarm = self._alarms.setdefault(kind or _NUMBER.sub("0", text), _Alarm(text, text))
+        alarm.text, alarm.times = text, alarm.times + 1
+        if alarm.times == 1:
+            self._alarm_count += 1
             self.record("alarm", text=text)
-        elif told.times & (told.times - 1) == 0:  # the 2nd, 4th, 8th: thousands fill no disk
-            self._record_times(told)
+        elif alarm.times & (alarm.times - 1) == 0:  # the 2nd, 4th, 8th: thousands fill no disk
+            self._record_times(alarm)
 
-    def _record_times(self, told: _Alarm) -> None:
-        told.written = told.times
-        self.record("repeated", first=told.first, text=told.text, times=told.times)
+    def _record_times(self, alarm: _Alarm) -> None:
+        alarm.written = alarm.times
+        self.record("repeated", first=alarm.first, text=alarm.text, times=alarm.times)
 
     def notice(self, text: str) -> None:
         """Write down what needs no action."""
@@ -311,29 +264,24 @@ class Logbook:
         if known:
             self.alarm(f"the printer says {text!r}")
             return
-        if len(self._remarks) < _REMARKS:
+        if len(self._remarks) < MAX_REMARKS:
             self._remarks.append(text)
         self.alarm(f"the printer says {text!r}, which printctl doesn't know", kind="unknown reply")
-
-    # --- complaints ------------------------------------------------------------------------------
 
     def complain(self, text: str, about_command: bool = False) -> None:
         """Keep a complaint that ends the print; ``about_command``: it may be excused."""
         self._open.append((text, about_command))
-        self._complaints += 1
+        self.complaints += 1
 
     def take_fault(self) -> str:
         """Return the complaints, and forget them."""
         text, self._open = self.fault, []
         return text
 
-    def excuse(self, before: str) -> str:
+    def excuse(self, before: str = "") -> str:
         """Forget complaints about one command, not about the printer; return them.
 
-        Parameters
-        ----------
-        before : str
-            The complaints before that command was sent.
+        None are forgotten where there were complaints ``before`` that command was sent.
         """
         if before:
             return ""

@@ -12,26 +12,21 @@ from typing import Final
 
 from firmware_profiles.families import family_of
 from firmware_profiles.families.position_reply import parse_position
-from printctl.machine.control.channel import Channel, PrinterReplies
+from printctl.machine.control.channel import Channel
 from printctl.machine.control.connecting import connect
-from printctl.machine.control.firmware_check import FirmwareCheck
-from printctl.machine.control.gauges import Gauge, Gauges
-from printctl.machine.control.interruption import Interruption
-from printctl.machine.control.kill import Kill
+from printctl.machine.control.firmware import RETRIES, Firmware, FirmwareCheck
+from printctl.machine.control.gauges import Gauge, read_high
+from printctl.machine.control.halting import Kill
+from printctl.machine.control.heat import Temperature, parse_temperatures
 from printctl.machine.control.logbook import Logbook
-from printctl.machine.control.position_check import RETRIES
-from printctl.machine.control.print_events import PrintEvents
 from printctl.machine.control.progress import JobProgress
-from printctl.machine.control.requests import RequestQueue
 from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import Place
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import LinkError
 from printctl.machine.families import link_facts
-from printctl.machine.job.firmware import Firmware
 from printctl.machine.job.job import Job
 from printctl.machine.job.retreat import heaters_off
-from printctl.machine.job.temperatures import Temperature, parse_temperatures
 from printctl.machine.records.states import LinkState
 
 POLL_S: Final = 1.0
@@ -75,14 +70,11 @@ class Standby:
         self._logbook = Logbook(
             wiring, JobProgress(wiring, Job([], [], "", "no job")), unrecorded=_UNRECORDED
         )
-        self._kill, self.halt, heard = Kill(wiring, changed), threading.Event(), PrinterReplies()
-        queue = RequestQueue()
-        nothing = Interruption(wiring, self._logbook, queue, self._kill, heard)
-        as_print = PrintEvents(wiring, self._logbook, self._kill, queue, heard, nothing)
-        self._events = StandbyEvents(self._logbook, self.halt, self._kill.asked, as_print)
-        self.channel = Channel(wiring, self._logbook, self._kill, self._events, heard)
-        self._gauges = Gauges(self.channel, [Gauge(one) for one in wiring.printer.watch])
-        self._firmware = FirmwareCheck(self.channel, self._gauges)
+        self._kill, self.halt = Kill(wiring, changed), threading.Event()
+        self.channel = Channel(wiring, self._logbook, self._kill)
+        self.channel.handler = self._events = StandbyEvents(self.channel, self.halt)
+        self._gauges = [Gauge(one) for one in wiring.printer.watch]
+        self._firmware = FirmwareCheck(self.channel)
         self._poll_due = self._sign_due = 0.0
         self.position: Place | None = None
         self.plunger: float | None = None
@@ -103,7 +95,7 @@ class Standby:
     @property
     def readings(self) -> tuple[str, ...]:
         """Last readings of what the profile has watched."""
-        return self._gauges.readings
+        return tuple(str(gauge) for gauge in self._gauges)
 
     @property
     def halt_asked(self) -> bool:
@@ -115,13 +107,13 @@ class Standby:
     def begin(self) -> None:
         """Find the printer, check it, and see where it stands; fails as any print's beginning."""
         protocol = self._wiring.protocol
-        self._logbook.enter_unrecorded(LinkState.CONNECTING)
+        self._logbook.state = LinkState.CONNECTING
         connect(self.channel)
-        self._logbook.enter_unrecorded(LinkState.CHECKING)
-        self._firmware.check()
+        self._logbook.state = LinkState.CHECKING
+        self._firmware.check(self._gauges)
         self.channel.agree(protocol.renumber)
         protocol.load([], 0, 0)
-        self._logbook.enter_unrecorded(LinkState.PAUSED)
+        self._logbook.state = LinkState.PAUSED
         self._events.found = True
         if link_facts(self._wiring.printer).m84_sets_timeout:
             # else the motors lose their power, and the place its meaning
@@ -186,7 +178,7 @@ class Standby:
         self._poll_due = now + POLL_S
         self.temperatures = parse_temperatures(self.channel.ask(b"M105")) or self.temperatures
         self.look()  # somebody may turn the knob on the machine
-        high = self._gauges.too_high(now)
+        high = read_high(self.channel, self._gauges, now)
         if high and high != self.trouble:
             self._logbook.alarm(high)
         self._events.trouble = high or self._logbook.take_fault()

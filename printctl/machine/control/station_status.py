@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any, Final
 
-from printctl.machine.job.temperatures import Temperature
+from printctl.machine.control.heat import Temperature
 
 Place = tuple[float, float, float]
 

@@ -1,19 +1,24 @@
 """Stream one job to a printer: one thread runs the print, any thread may query or stop it.
 
 The states are in ``docs/link_reference.md``; the sequence is in
-`printctl.machine.control.print_loop`, its parts are put together in
-`printctl.machine.control.print_parts`.
+`printctl.machine.control.printing`, its context in `printctl.machine.control.context`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
-from printctl.machine.control.look_book import Answer, LookDecision
-from printctl.machine.control.print_loop import PrintLoop
-from printctl.machine.control.print_parts import assemble
+from printctl.checks.gate import LineOrigin, judge
+from printctl.machine.control.context import Print
+from printctl.machine.control.ending import shut_valve_past_protocol
+from printctl.machine.control.excursion import CHANGE
+from printctl.machine.control.gating import allowed_command
+from printctl.machine.control.look_book import LookRequest
+from printctl.machine.control.pausing import want_pause
+from printctl.machine.control.printing import run_print
+from printctl.machine.control.requests import ManualCommand, Request, ResumeRequest
 from printctl.machine.control.wiring import Wiring
-from printctl.machine.errors import HandshakeError, LinkError, PortLost
+from printctl.machine.errors import HandshakeError, LinkError, PortLost, Refused
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
@@ -24,93 +29,104 @@ __all__ = ["Streamer", "Wiring"]
 
 
 class Streamer:
-    """One printer and one job.
+    """Door to one print: a request is checked at once, then queued for the next gap of two lines.
 
-    Parameters
-    ----------
-    wiring : Wiring
-    job : Job
-        With the inserts of the journal, where a print is gone on with.
-    care : Care, optional
-
-    Attributes
-    ----------
-    parts : PrintParts
+    ``job`` has the inserts of the journal, where a print is gone on with.
     """
 
     def __init__(self, wiring: Wiring, job: Job, care: Care | None = None) -> None:
         self.wiring, self.protocol = wiring, wiring.protocol
-        self.parts = assemble(wiring, job, care or Care())
-        self._logbook, self._kill = self.parts.channel.logbook, self.parts.channel.kill
-        self._requests = self.parts.requests
+        self.print = Print(wiring, job, care or Care())
 
     def run(self, history: JournalledPrint | None = None) -> Status:
-        """Print, from handshake to end.
+        """Print, from handshake to end; return the last status. No fault of the printer raises.
 
-        Parameters
-        ----------
-        history : JournalledPrint, optional
-            Journal of the same job, whose link process died: go on from the printer's last line.
-
-        Returns
-        -------
-        Status
-            The last one; nothing that a printer or a cable does raises.
+        With a history, of the same job whose process died, go on from the printer's last line.
         """
+        run = self.print
         try:
             try:
-                PrintLoop(self.parts).run(history)
+                run_print(run, history)
             except LinkError as exc:
                 raise self._ended_by(exc) from exc
         except PrintEnded as ended:
-            self.parts.valve.shut_past_protocol(ended)
-            status = self._logbook.end(ended)
-        self._kill.end()
+            shut_valve_past_protocol(run, ended)
+            status = run.logbook.end(ended)
+        run.channel.kill.end()
         self.wiring.on_status(status)
         return status
 
     def _ended_by(self, exc: LinkError) -> PrintEnded:
-        name = type(exc).__name__
-        if self._kill.asked.is_set():
+        name, logbook = type(exc).__name__, self.print.logbook
+        if self.print.channel.kill.asked.is_set():
             return PrintEnded(LinkState.KILLED, f"killed by the user; {exc}", False, name)
         if isinstance(exc, PortLost):
-            words = self._logbook.progress.words()
+            words = logbook.progress.words()
             message = f"{exc}; {words}, the next may have been taken; position unknown"
             return PrintEnded(LinkState.FAILED, message, False, name)
-        known = isinstance(exc, HandshakeError) and not self._logbook.resumed
+        known = isinstance(exc, HandshakeError) and not logbook.resumed
         return PrintEnded(LinkState.FAILED, str(exc), known, name)
 
     def alarm(self, text: str) -> None:
         """Write down what a person must see, found outside of the print itself."""
-        self._logbook.alarm(text)
+        self.print.logbook.alarm(text)
 
-    # --- for any thread --------------------------------------------------------------------------
+    # --- for any thread
 
     @property
     def job(self) -> Job:
         """The job as it has grown."""
-        return self._logbook.progress.job
+        return self.print.job
 
     @property
     def status(self) -> Status:
         """The print as it stands."""
-        return self._logbook.status
+        return self.print.logbook.status
 
     def kill(self) -> None:
         """Halt the firmware at once; see `Kill.strike`."""
-        self._kill.strike()
+        self.print.channel.kill.strike()
 
     def stop(self) -> None:
-        """Ask for a controlled stop."""
-        self._requests.stop()
+        """Request a controlled stop."""
+        self.print.queue.add(Request.STOP)
 
     def pause(self, after: MarkKind | None = None) -> None:
-        """Ask for a pause; see `PrintRequests.pause`."""
-        self._requests.pause(after)
+        """Request a pause: now, or at the next mark of a kind; `Refused` with none ahead."""
+        run = self.print
+        if after is None:
+            run.queue.add(Request.PAUSE)
+            return
+        job, done = run.job, run.progress.done
+        if job.marks.next(after, done) is None:
+            change = after is MarkKind.RELOAD
+            what = "safe reload point" if change else f"end of a {after}"
+            then = ", then `printctl reload RUN` makes room there" if change else ""
+            raise Refused(
+                f"{job.name} marks no {what} after line {job.file_line(done)}; pause at once "
+                f"instead (`printctl pause RUN`){then}"
+            )
+        want_pause(run, after)
+        run.queue.add(Request.LOOK)
 
     def reload(self, head: int | None = None) -> None:
-        """Ask for a change of syringe; see `PrintRequests.reload`."""
-        self._requests.reload(head)
+        """Request a change of syringe: at the next reload point, or here when it is paused.
+
+        Of several heads that of ``head``, or of the one in use there. `Refused` when the job has no
+        reload point ahead, or the printer no such head.
+        """
+        run = self.print
+        count = len(run.printer.heads)
+        if head is not None and not 0 <= head < count:
+            raise Refused(
+                f"there is no head {head} to change the syringe of: {run.printer.name} "
+                + (f"has 0 to {count - 1}" if count else "has one alone; don't name it")
+            )
+        run.change.wanted_head = head
+        if run.logbook.state in (LinkState.PAUSED, LinkState.LOOKING):
+            run.queue.add(Request.RELOAD)
+        else:
+            self.pause(MarkKind.RELOAD)
 
     def resume(
         self,
@@ -119,41 +135,52 @@ class Streamer:
         unobserved: bool = False,
         answer: Callable[[str], None] = lambda why: None,
     ) -> None:
-        """Ask to go on after a pause; see `PrintRequests.resume`."""
-        self._requests.resume(change, unchanged, unobserved, answer)
+        """Request to go on after a pause; takes back a pause that is still waited for.
 
-    def insert(
-        self,
-        look: int,
-        lines: Sequence[str],
-        why: str,
-        done: Callable[[Answer], None],
-        refused: Callable[[str], None],
-        flow: float | None = None,
-        again: bool = False,
-    ) -> None:
-        """Ask for lines to be put into the job; see `LookRequests.insert`."""
-        self.parts.look_requests.insert(look, lines, why, done, refused, flow, again)
+        In a pause for a change of syringe ``change`` is what was put in, or nothing was with
+        ``unchanged``; else it is `Refused`. With ``unobserved`` a failed look isn't made again;
+        ``answer``: see `ResumeRequest`.
+        """
+        run, state = self.print, self.print.logbook.state
+        changing = run.change.going_on
+        if changing and state is LinkState.PAUSED and not (change or unchanged):
+            raise Refused(f"the print is paused for a change of syringe: {CHANGE}")
+        if change and not changing:
+            raise Refused(
+                "the print isn't paused for a change of syringe: `printctl reload RUN` first, so "
+                "that the change is in the journal"
+            )
+        if change and state is LinkState.PAUSING:
+            raise Refused(
+                "the print isn't paused yet: the needle is being lifted for the change; tell the "
+                "new syringe once `printctl status RUN` says paused"
+            )
+        run.watch.unobserved = unobserved
+        # where it isn't paused yet, a syringe would be of the next change
+        given = (change, unchanged) if state is LinkState.PAUSED else (None, False)
+        run.queue.add(ResumeRequest(*given, answer))
 
-    def look_done(
-        self,
-        look: int,
-        decision: LookDecision,
-        why: str,
-        done: Callable[[Answer], None],
-        refused: Callable[[str], None],
-        again: bool = False,
-    ) -> None:
-        """Ask for a look to end; see `LookRequests.decide`."""
-        self.parts.look_requests.decide(look, decision, why, done, refused, again)
+    def look(self, request: LookRequest) -> None:
+        """Request an insert where the print is held for a look, or the look's end.
+
+        `Refused` for another look, or where it contradicts what was requested before.
+        """
+        run = self.print
+        if run.logbook.status.ended:
+            raise Refused("the print has ended")
+        answer = run.book.repeated(request)
+        if answer is not None:
+            request.done(answer)
+        else:
+            run.queue.looks.append(request)
 
     def alive(self) -> None:
-        """Confirm that somebody is there."""
-        self._requests.alive()
+        """Confirm that somebody is there: the dead-man's time begins anew."""
+        self.print.watch.confirmed = self.wiring.clock.now()
 
     def command(self, text: bytes, done: Callable[[tuple[bytes, ...]], None]) -> None:
-        """Ask for a command of the product's own; see `PrintRequests.command`."""
-        self._requests.command(text, done)
+        """Request a command of the product's own between two lines; ``done`` gets the reply."""
+        self.print.queue.commands.append(ManualCommand(text.decode("ascii"), done))
 
     def typed(
         self,
@@ -161,5 +188,8 @@ class Streamer:
         done: Callable[[tuple[bytes, ...]], None],
         refused: Callable[[str], None],
     ) -> None:
-        """Ask for a command that a person typed; see `PrintRequests.typed`."""
-        self._requests.typed(text, done, refused)
+        """Request a command that a person typed; the gate judges it now and when it is sent."""
+        if self.print.logbook.state is not LinkState.PAUSED:
+            known = self.wiring.printing_limits()
+            text = allowed_command(judge(text, LineOrigin.CONSOLE, known)).text
+        self.print.queue.commands.append(ManualCommand(text, done, refused))

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence, Set
 from enum import Enum, auto
 from typing import Final
 
 from printctl.machine.job.care import Care
 from printctl.machine.job.inserts import Position, behind
 from printctl.machine.job.look_places import LookPlaces, Written, look_places
-from printctl.machine.job.marks import Mark, MarkKind, Marks
+from printctl.machine.job.marks import MarkKind, Marks
 
 _AHEAD: Final = 2
 """Most lines in flight: a mark nearer than that may be passed before it is looked at."""
-_ENDS: Final = (MarkKind.LAYER, MarkKind.VESSEL)
-_PAUSES: Final = (*_ENDS, MarkKind.RELOAD)
+_ENDS: Final = frozenset({MarkKind.LAYER, MarkKind.VESSEL})
+_PAUSES: Final = _ENDS | {MarkKind.RELOAD}
 """Where the needle has left the ink: a pause within a vessel is made only where it is asked for."""
 
 
 class DueTask(Enum):
-    """What is to be done between two lines."""
+    """Task between two lines."""
 
     NOTHING = auto()
     LOOK = auto()
@@ -31,28 +30,14 @@ class DueTask(Enum):
     CHECKPOINT = auto()
 
 
+_Task = tuple[DueTask, Set[MarkKind], tuple[int, ...]]
+
+
 class Watch:
-    """Knows which mark comes next at which something is to be done.
+    """Marks and times at which something is to be done.
 
-    Parameters
-    ----------
-    marks : Marks
-    care : Care
-    lines : sequence of bytes
-        The (grown) job's, needed where a look is due by what was written.
-    inserts : sequence of (after, count)
-        Which of them were put in.
-
-    Attributes
-    ----------
-    after : MarkKind or None
-        What the user wants ended before the next pause.
-    confirmed : float, s
-        When somebody was last heard of; any thread may set it.
-    reload_at, reload_heads : tuple of int
-        As in `Care`.
-    unobserved : bool
-        Whether the print goes on without an observer; any thread may set it.
+    ``lines`` of the (grown) job, and which of them are ``inserts``, are needed where a look is due
+    by what was written.
     """
 
     def __init__(
@@ -63,13 +48,15 @@ class Watch:
         inserts: Sequence[Position] = (),
     ) -> None:
         self.marks, self.care = marks, care
-        self.after: MarkKind | None = None
-        self.confirmed = self._checkpoint_due = 0.0
+        self.after: MarkKind | None = None  # what the user wants ended before the next pause
+        self.confirmed = 0.0  # s: when somebody was last heard of; any thread may set it
         self.reload_at, self.reload_heads = care.reload_at, care.reload_heads
-        self._seen = self._looked = -1
+        self.unobserved = False  # the print goes on without an observer; any thread may set it
+        self.look_again = False  # make the look here that wasn't decided, or that failed
+        self.insert_end = -1  # lines after which an insert ends that wants a look
+        self._insert_looked, self._checkpoint_due = -1, 0.0
+        self._checked = self._looked = -1
         self._look_due, self._looked_at = math.inf, Written()
-        self._look_again = self.unobserved = False
-        self._look_behind = self._looked_behind = -1
         self._places = LookPlaces([], [], [])
         if care.looks_by_writing:
             within = bool(care.look_every_mm or care.look_every_written_s)
@@ -81,18 +68,6 @@ class Watch:
         self._checkpoint_due = now + (self.care.checkpoint_s or 0.0)
         self._count_to_look(now)
 
-    def confirm(self, now: float) -> None:
-        """Take notice that somebody is there; from any thread."""
-        self.confirmed = now
-
-    def pause_after(self, kind: MarkKind | None) -> None:
-        """Have the print held after the next mark of a kind; None for no longer."""
-        self.after = kind
-
-    def plan(self, reload_at: tuple[int, ...], reload_heads: tuple[int, ...]) -> None:
-        """Plan the changes of syringe that are still to come."""
-        self.reload_at, self.reload_heads = reload_at, reload_heads
-
     def deadman_left(self, now: float) -> float | None:
         """Seconds until somebody must confirm; None for an attended print."""
         if not self.care.deadman_s:
@@ -100,73 +75,46 @@ class Watch:
         return max(0.0, self.confirmed + self.care.deadman_s - now)
 
     def next_stop(self, now: float, done: int, idle: bool, total: int) -> int:
-        """Command lines after which to look at `due` again; ``total`` when there is nothing.
+        """Return after which of ``total`` lines to look at `due` again; ``done`` are taken.
 
-        Parameters
-        ----------
-        now : float, s
-        done : int
-            Command lines taken.
-        idle : bool
-            Whether nothing is in flight.
-        total : int
-            Command lines of the job.
+        ``idle``: nothing is in flight.
         """
         first = done + (1 if idle else _AHEAD)
-        wanted = [mark.index for mark in self._wanted(now, first) if mark is not None]
-        wanted += self._next_look(now, first)
-        place = bisect_left(self.reload_at, first)
-        wanted += self.reload_at[place : place + 1]
-        if self._overdue(now) and not self._any_from(first):
-            wanted.append(first)
-        return min([*wanted, total])
+        stops = [total]
+        for _, kinds, lines in self._tasks(now, first):
+            marks = [self.marks.next(kind, first) for kind in kinds]
+            stops += [mark.index for mark in marks if mark is not None]
+            stops += [line for line in lines if line >= first]
+        return min(stops)
 
     def due(self, now: float, done: int) -> DueTask:
-        """What is to be done now, with nothing in flight after ``done`` lines."""
-        kinds = {mark.kind for mark in self.marks.here(done)}
-        if self._wants_look(now, done, kinds):
+        """Return what is to be done now, with nothing in flight after ``done`` lines."""
+        if self.look_again or done == self.insert_end:
             return DueTask.LOOK
-        if done in self.reload_at or (self.after is MarkKind.RELOAD and self.after in kinds):
-            return DueTask.RELOAD
-        if self.after in kinds:
-            return DueTask.PAUSE
-        if self._overdue(now) and (kinds - {MarkKind.PART} or not self._any_from(done)):
-            return DueTask.DEADMAN
-        if self._wants_checkpoint(now) and done != self._seen and kinds & set(_ENDS):
-            return DueTask.CHECKPOINT
+        here = {mark.kind for mark in self.marks.here(done)}
+        did = {DueTask.LOOK: self._looked, DueTask.CHECKPOINT: self._checked}
+        for task, kinds, lines in self._tasks(now, done):
+            if (here & kinds or done in lines) and done != did.get(task):
+                return task
         return DueTask.NOTHING
 
-    def paused(self, done: int) -> None:
-        """Take notice that the print is held after ``done`` lines, for whatever reason."""
-        self.after = None
-        left = [k for k, index in enumerate(self.reload_at) if index > done]
-        self.reload_heads = tuple(self.reload_heads[k] for k in left if self.reload_heads)
-        self.reload_at = tuple(self.reload_at[k] for k in left)
-
-    def looked(self, now: float, done: int) -> None:
-        """Take notice that a look after ``done`` lines was decided."""
-        self._looked, self._look_again = done, False
-        if 0 <= self._look_behind <= done:
-            self._looked_behind, self._look_behind = self._look_behind, -1
-        self._looked_at = self._places.at(done)
-        self._count_to_look(now)
-
-    def look_again(self) -> None:
-        """Have the look made here that nobody has decided, or that failed."""
-        self._look_again = True
-
-    def look_behind(self, done: int) -> None:
-        """Have a look made after ``done`` lines, where an insert ends."""
-        self._look_behind = done
-
-    def is_behind_insert(self, done: int) -> bool:
-        """Whether a look after ``done`` lines is due, or was made, since an insert ends there."""
-        return done in (self._look_behind, self._looked_behind)
-
-    def grow(self, marks: Marks, after: int, count: int) -> None:
-        """Take notice that ``count`` lines were put into the job behind the first ``after``."""
-        self.marks, self._places = marks, self._places.shifted(after, count)
-        self.reload_at = tuple(behind(index, after, count) for index in self.reload_at)
+    def _tasks(self, now: float, first: int) -> Iterator[_Task]:
+        """Yield tasks in their order, with the marks and lines from ``first`` on for them."""
+        after, looks = self.care.look_after, set[MarkKind]()
+        if after:
+            looks = {after, MarkKind.PART} if after is MarkKind.VESSEL else {after}
+        if now >= self._look_due:
+            looks = set(MarkKind)
+        written = self._places.next_due(first, self._looked_at, self.care)
+        yield DueTask.LOOK, looks, (self.insert_end, *(() if written is None else (written,)))
+        paused = {self.after} if self.after else set[MarkKind]()
+        yield DueTask.RELOAD, paused & {MarkKind.RELOAD}, self.reload_at
+        yield DueTask.PAUSE, paused, ()
+        if self.deadman_left(now) == 0.0:
+            none_left = all(self.marks.next(kind, first) is None for kind in _PAUSES)
+            yield DueTask.DEADMAN, _PAUSES, (first,) if none_left else ()
+        if self.care.checkpoint_s is not None and now >= self._checkpoint_due:
+            yield DueTask.CHECKPOINT, _ENDS, ()
 
     def reload_head(self, done: int) -> int | None:
         """Whose syringe is to be changed after ``done`` lines, of several heads; None else."""
@@ -174,53 +122,34 @@ class Watch:
             return None
         return self.reload_heads[self.reload_at.index(done)]
 
-    def checked(self, now: float, done: int) -> None:
-        """Take notice that a checkpoint was made."""
-        self._seen, self._checkpoint_due = done, now + (self.care.checkpoint_s or 0.0)
+    def is_behind_insert(self, done: int) -> bool:
+        """Whether a look after ``done`` lines is due, or was made, since an insert ends there."""
+        return done in (self.insert_end, self._insert_looked)
+
+    def paused(self, done: int) -> None:
+        """Record that the print is held after ``done`` lines, for whatever reason."""
+        self.after = None
+        left = [k for k, index in enumerate(self.reload_at) if index > done]
+        self.reload_heads = tuple(self.reload_heads[k] for k in left if self.reload_heads)
+        self.reload_at = tuple(self.reload_at[k] for k in left)
+
+    def looked(self, now: float, done: int) -> None:
+        """Record that a look after ``done`` lines was decided."""
+        self._looked, self.look_again = done, False
+        if 0 <= self.insert_end <= done:
+            self._insert_looked, self.insert_end = self.insert_end, -1
+        self._looked_at = self._places.at(done)
+        self._count_to_look(now)
 
     def _count_to_look(self, now: float) -> None:
         every_s = self.care.look_every_s
         self._look_due = now + every_s if every_s else math.inf
 
-    def _wants_look(self, now: float, done: int, kinds: set[MarkKind]) -> bool:
-        """Whether a look is due after ``done`` lines, where marks of these kinds stand."""
-        if self._look_again or done == self._look_behind:
-            return True
-        if done == self._looked:
-            return False
-        by_mark = bool(self._look_kinds & kinds) or (bool(kinds) and now >= self._look_due)
-        return by_mark or self._places.next_due(done, self._looked_at, self.care) == done
+    def checked(self, now: float, done: int) -> None:
+        """Record that a checkpoint was made."""
+        self._checked, self._checkpoint_due = done, now + (self.care.checkpoint_s or 0.0)
 
-    @property
-    def _look_kinds(self) -> set[MarkKind]:
-        """Marks at each of which a look is due; looks after vessels are due within them, too."""
-        after = self.care.look_after
-        parts = {MarkKind.PART} if after is MarkKind.VESSEL else set()
-        return parts | {after} if after else set()
-
-    def _next_look(self, now: float, first: int) -> list[int]:
-        """Lines ahead after which a look may be due."""
-        marks = [self.marks.next(kind, first) for kind in self._look_kinds]
-        if now >= self._look_due:
-            marks += [self.marks.next(kind, first) for kind in MarkKind]
-        far = self._places.next_due(first, self._looked_at, self.care)
-        ends = [self._look_behind] if self._look_behind >= first else []
-        ends += [] if far is None else [far]
-        return [mark.index for mark in marks if mark is not None] + ends
-
-    def _wanted(self, now: float, first: int) -> list[Mark | None]:
-        marks = [self.marks.next(self.after, first)] if self.after else []
-        if self._overdue(now):
-            marks += [self.marks.next(kind, first) for kind in _PAUSES]
-        if self._wants_checkpoint(now):
-            marks += [self.marks.next(kind, first) for kind in _ENDS]
-        return marks
-
-    def _any_from(self, index: int) -> bool:
-        return any(self.marks.next(kind, index) is not None for kind in _PAUSES)
-
-    def _overdue(self, now: float) -> bool:
-        return self.deadman_left(now) == 0.0
-
-    def _wants_checkpoint(self, now: float) -> bool:
-        return self.care.checkpoint_s is not None and now >= self._checkpoint_due
+    def grow(self, marks: Marks, after: int, count: int) -> None:
+        """Record that ``count`` lines were put into the job behind the first ``after``."""
+        self.marks, self._places = marks, self._places.shifted(after, count)
+        self.reload_at = tuple(behind(index, after, count) for index in self.reload_at)

@@ -17,23 +17,7 @@ from printctl.machine.records.states import Status
 
 @dataclass(frozen=True)
 class Wiring:
-    """What a print, or a station between prints, is given.
-
-    Attributes
-    ----------
-    transport : Transport
-    protocol : LinkProtocol
-    clock : Clock
-    journal : Journal
-    printer : Printer
-    retreat : Retreat
-    fresh : bool
-        Whether the port has just been opened, so that the board may be starting.
-    on_status : callable
-        Told of every change of state and of progress every `NOTE_S`, in the streamer's thread.
-    room : callable or None
-        What a station knows of the room around the tip, and of heat.
-    """
+    """What a print, or a station between prints, is given."""
 
     transport: Transport
     protocol: LinkProtocol
@@ -41,12 +25,14 @@ class Wiring:
     journal: Journal
     printer: Printer
     retreat: Retreat = field(default_factory=Retreat)
-    fresh: bool = True
+    fresh: bool = True  # the port has just been opened, so that the board may be starting
+    # given every change of state, and progress every `NOTE_S`, in the streamer's thread
     on_status: Callable[[Status], None] = lambda status: None
+    # what a station knows of the room around the tip, and of heat
     room: Callable[[], PrinterSituation] | None = None
 
     def printing_limits(self) -> PrinterSituation:
-        """Return the same for the time in which the job's lines go out, or a look is made."""
+        """Return `limits` for the time in which the job's lines go out, or a look is made."""
         return replace(self.limits(), phase=Phase.PRINTING)
 
     def limits(self) -> PrinterSituation:

@@ -52,7 +52,7 @@ class Care:
     start_mm : tuple of float or None, mm
         Where the checks took the tip to stand before the first line; None where none was made.
     look_after : MarkKind or None
-        The print is held for a look (`printctl.machine.control.looks`) where each layer or vessel
+        The print is held for a look (`printctl.machine.control.looking`) where each layer or vessel
         ends.
     look_every_mm : float, mm
         Also behind so much written way since the last look, at the first mark of any kind or, in

@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 import yaml
 
-from printctl.machine.control.kill import UNCONFIRMED
+from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.errors import PortLost
 from printctl.machine.records.states import LinkState, Status
 

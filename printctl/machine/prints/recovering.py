@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
+from printctl.machine.control.firmware import mode_lines
 from printctl.machine.errors import LinkError
-from printctl.machine.job.firmware import mode_lines
 from printctl.machine.job.frame import JobFrame, Place, frame_at
 from printctl.machine.job.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.machine.job.job import Job

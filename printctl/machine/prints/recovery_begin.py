@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from firmware_profiles import Printer
 from printctl.machine.errors import LinkError
-from printctl.machine.job.completed_moves import moves_ahead, surely_moved
 from printctl.machine.job.job import Job
 from printctl.machine.job.modal import Modal, modal_state, relieved_mm
+from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.records.journal import Record
 from printctl.machine.records.journalled_print import JournalledPrint
 

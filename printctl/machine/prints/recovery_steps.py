@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from firmware_profiles import Printer
-from printctl.machine.job.completed_moves import moves_ahead, surely_moved
 from printctl.machine.job.frame import JobFrame
 from printctl.machine.job.heads import head_at
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.prints.recovery_begin import RestStart
 from printctl.machine.prints.written_twice import describe_rewritten_ink
 from printctl.machine.records.journalled_print import JournalledPrint

@@ -259,7 +259,7 @@ class PrintClient(Client):
         unchanged: bool = False,
         unobserved: bool = False,
     ) -> None:
-        """Go on after a pause; `PrintRequests.resume` says what may be given.
+        """Go on after a pause; `Streamer.resume` says what may be told.
 
         Returns once the print goes on, or has ended. Refused, with the reason, when it stays
         paused; LinkError when it hasn't gone on within `PATIENCE_S`.

@@ -11,8 +11,8 @@ from pathlib import Path
 from firmware_profiles import Printer, load
 from firmware_profiles.families import link_protocol as said
 from printctl.machine.control.channel import POLL_S
-from printctl.machine.control.kill import UNCONFIRMED, Kill
-from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.connecting import protocol_for
+from printctl.machine.control.halting import UNCONFIRMED, Kill
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import JournalError, LinkError, PortError
 from printctl.machine.ports.clock import RealClock
@@ -22,8 +22,6 @@ from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, load_record
 from printctl.machine.records.states import LinkState, PrintEnded, Status
-
-_STARTED = "its board started anew when its port was opened, which drops all it held"
 
 
 def kill_unlinked(folder: Path) -> Status:
@@ -44,12 +42,12 @@ def kill_unlinked(folder: Path) -> Status:
             raise LinkError(f"not halted, cut the printer's power: {exc}") from exc
         with closing(transport), closing(_journal(folder)) as journal:
             protocol = protocol_for(printer, transport.quiet_s)
-            ended = _halted(Wiring(transport, protocol, RealClock(), journal, printer))
-            if UNCONFIRMED in str(ended):
+            message = _halt(Wiring(transport, protocol, RealClock(), journal, printer))
+            if UNCONFIRMED in message:
                 with suppress(JournalError):
-                    journal.add("alarm", text=str(ended))
-                raise LinkError(str(ended))
-            message = f"{ended}; before, the print was {before.state.value}"
+                    journal.add("alarm", text=message)
+                raise LinkError(message)
+            message += f"; before, the print was {before.state.value}"
             status = replace(
                 before, state=LinkState.KILLED, message=message, position_known=False, error=""
             )
@@ -75,8 +73,8 @@ def _journal(folder: Path) -> Journal:
         return Journal(Path(os.devnull))
 
 
-def _halted(wiring: Wiring) -> PrintEnded:
-    """Halt the firmware; return what came of it."""
+def _halt(wiring: Wiring) -> str:
+    """Halt the firmware; return what came of it, in words."""
     kill = Kill(wiring)
 
     def hear() -> None:
@@ -89,14 +87,15 @@ def _halted(wiring: Wiring) -> PrintEnded:
                 raise PrintEnded(LinkState.KILLED, kill.words(None), known=False)
             if isinstance(event, (said.FirmwareStarted, said.FirmwareReset)):
                 kill.halted()
-                raise PrintEnded(LinkState.KILLED, f"killed by the user; {_STARTED}", known=False)
+                started = "its board started anew when its port was opened, which drops all it held"
+                raise PrintEnded(LinkState.KILLED, f"killed by the user; {started}", known=False)
 
     striking = threading.Thread(target=kill.strike)
     striking.start()
     try:
         kill.await_halt(hear)
     except PrintEnded as ended:
-        return ended
+        return str(ended)
     finally:
         kill.end()
         striking.join()

@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.checks.gate import Bounds, reach
+from printctl.machine.control.heat import parse_temperatures
 from printctl.machine.control.idle_commands import IdleCommands
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.station_status import Place, StationState, StationStatus
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import JournalError, PortLost, Refused
-from printctl.machine.job.temperatures import parse_temperatures
 from printctl.machine.process.contact import save_station
 from printctl.machine.process.launch import ignore_signals
 from printctl.machine.process.plug import Plug

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Final
 
 from firmware_profiles import ProfileError
+from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.known_state import Knowledge
-from printctl.machine.control.parking import refuse_park
-from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.looking import refuse_park
 from printctl.machine.control.station_status import StationState
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.control.wiring import Wiring

@@ -11,8 +11,8 @@ from typing import Final
 from firmware_profiles import Printer, ProfileError, load
 from printctl.machine.errors import JournalError, LinkError, Refused
 from printctl.machine.families import link_facts
-from printctl.machine.job.completed_moves import moves_ahead, surely_moved
 from printctl.machine.job.job import Job
+from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.records.journalled_print import JournalledPrint, read_journal
 from printctl.machine.records.printed_job import load_printed_job
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record

@@ -1,4 +1,4 @@
-"""Where a printer is plugged in: its port, open or not; a simulated one is started for it."""
+"""A printer's port, open or not; a simulated printer is started for it."""
 
 from __future__ import annotations
 

@@ -15,9 +15,9 @@ from dataclasses import replace
 from typing import Any, Final
 
 from firmware_profiles import ProfileError
+from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.idle_commands import AXES, IdleCommands
 from printctl.machine.control.known_state import Knowledge
-from printctl.machine.control.protocols import protocol_for
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.station_status import StationState, StationStatus
 from printctl.machine.control.wiring import Wiring

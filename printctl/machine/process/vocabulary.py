@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from enum import Enum, StrEnum, auto
 from typing import Any, Final
 
-from printctl.machine.control.look_book import LookDecision
+from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import Refused
 from printctl.machine.job.care import NewSyringe
@@ -142,16 +142,11 @@ def _command(streamer: Streamer, asked: Asked) -> None:
     streamer.typed(typed, done, asked.refuse)
 
 
-def _insert(streamer: Streamer, asked: Asked) -> None:
-    given = asked.values
-    what = given["look"], given["lines"], given["why"]
-    streamer.insert(*what, asked.reply, asked.refuse, given["flow"], given["again"])
-
-
-def _look_done(streamer: Streamer, asked: Asked) -> None:
-    given = asked.values
-    what = given["look"], given["decision"], given["why"]
-    streamer.look_done(*what, asked.reply, asked.refuse, given["again"])
+def _look(streamer: Streamer, asked: Asked) -> None:
+    """Request an insert or a look's end; each has values of its own."""
+    given = dict(asked.values)
+    lines = tuple(given.pop("lines", ()))
+    streamer.look(LookRequest(done=asked.reply, refused=asked.refuse, lines=lines, **given))
 
 
 # --- the table -----------------------------------------------------------------------------------
@@ -224,7 +219,7 @@ WORDS: Final[dict[str, Word]] = {
             "flow": Value(_perhaps(_number)),
             "again": Value(_flag, False),
         },
-        _insert,
+        _look,
         answers=True,
     ),
     "look_done": Word(
@@ -234,7 +229,7 @@ WORDS: Final[dict[str, Word]] = {
             "why": Value(_text, ""),
             "again": Value(_flag, False),
         },
-        _look_done,
+        _look,
         answers=True,
     ),
     # --- to either

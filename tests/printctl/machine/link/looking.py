@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer
-from printctl.machine.control.look_book import LookDecision
+from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.care import Care
 from printctl.machine.job.inserts import Insert
@@ -96,15 +96,20 @@ class Observer:
 
     def insert(self, number: int, lines: list[str]) -> None:
         assert self.streamer is not None
-        told = self.answers.append, self.refusals.append
-        self.streamer.insert(number, lines, "a gap", *told, self.flows.get(number),
-                             number in self.looks_behind)  # fmt: skip
+        self.streamer.look(
+            LookRequest(
+                number, self.answers.append, self.refusals.append, "a gap", lines=tuple(lines),
+                flow=self.flows.get(number), again=number in self.looks_behind,
+            )
+        )  # fmt: skip
 
     def decide(self, number: int, decision: LookDecision) -> None:
         assert self.streamer is not None
-        self.streamer.look_done(
-            number, decision, "looked at", self.answers.append, self.refusals.append,
-            number in self.fails,
+        self.streamer.look(
+            LookRequest(
+                number, self.answers.append, self.refusals.append, "looked at", decision,
+                again=number in self.fails,
+            )
         )  # fmt: skip
 
     @property

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from firmware_profiles import Printer, WatchedGauge, load
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.cli.running_print import waiting_lines
-from printctl.machine.control import kill
+from printctl.machine.control import halting
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import PortLost, Refused
 from printctl.machine.job.care import Care, NewSyringe
@@ -118,7 +118,7 @@ class FullWire(FakeTransport):
 
 
 def test_kill_is_tried_again_on_a_wire_that_takes_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(kill, "KILL_REPEAT_S", 0.001)
+    monkeypatch.setattr(halting, "KILL_REPEAT_S", 0.001)
     printer = FakeMarlin()
     transport = FullWire(printer, VirtualClock())
     threads: list[threading.Thread] = []

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import PortLost
 from printctl.machine.ports.clock import VirtualClock

@@ -488,7 +488,7 @@ def shutting_down(folder):
     streamer = streamer_of("klipper", fake, folder)
     wire = LateWire(fake.receive, clock)
     wiring = replace(streamer.wiring, transport=wire, clock=clock)
-    return Streamer(wiring, streamer.parts.channel.logbook.progress.job), wire, fake
+    return Streamer(wiring, streamer.job), wire, fake
 
 
 def test_a_printer_that_has_shut_down_before_is_known_by_its_first_answer() -> None:

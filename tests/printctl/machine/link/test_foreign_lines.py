@@ -13,7 +13,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import StrayOk
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.port_list import PortPrograms

@@ -18,7 +18,7 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.facts import crc16
-from printctl.machine.control.protocols import protocol_for
+from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from printctl.cli.running_print import waiting_lines
-from printctl.machine.control.look_book import LookDecision
+from printctl.machine.control.frame_check import FrameCheck
+from printctl.machine.control.look_book import LookDecision, LookRequest
+from printctl.machine.control.progress import JobProgress
 from printctl.machine.errors import Refused
 from printctl.machine.job.flow_check import check_factor, check_flow
 from printctl.machine.job.frame import frame_at
@@ -18,6 +21,7 @@ from printctl.machine.job.modal import Modal
 from printctl.machine.job.reach import JobReach
 from printctl.machine.job.reloading import plunger_travel
 from printctl.machine.job.retreat import Retreat
+from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.actions import possible_actions
 from printctl.machine.prints.inserted_ink import filling_in_file, inserted_ink
 from printctl.machine.prints.progress import Filling
@@ -186,7 +190,7 @@ def test_only_the_look_that_goes_on_takes_one_insert(tmp_path):
     assert len(read_journal(tmp_path / "journal.log").inserts) == 1
     streamer = observer.streamer
     with pytest.raises(Refused, match="has ended"):
-        streamer.insert(1, good, "", print, print)
+        streamer.look(LookRequest(1, print, print, lines=tuple(good)))
 
 
 @pytest.mark.parametrize(
@@ -229,3 +233,26 @@ G1 X{10 + x} Y{10 + y}
         judged_lines([f"G1 X{19 + x} Y{1 + y}", *back], place, "it")
     with pytest.raises(Refused, match=r"Z 0\.4 mm is below 0\.5 mm"):
         judged_lines([f"G1 Z{0.4 + z:.3f} F300", *back], place, "it")
+
+
+def test_a_place_isnt_taken_as_renamed_before_the_jobs_own_renaming_behind_an_insert():
+    """The frame was read once: an insert moved the renaming further down than was known."""
+    job = parse_job(b"G92 X0 Y0 Z1\nG1 X10 F600\nG92 X0\nG1 X5\nG92 X0\nG1 X5\n", "a")
+    protocol, x, steps_x = SimpleNamespace(lines_done=0, line_errors=0), 0.0, 0.0
+    wiring = SimpleNamespace(protocol=protocol, printer=PRINTER, clock=VirtualClock())
+    progress = JobProgress(wiring, job)
+
+    def command(text: bytes, journalled: bool = True) -> tuple[bytes, ...]:
+        steps = int(steps_x * PRINTER.steps_per_mm.x)
+        return (f"X:{x:.2f} Y:0.00 Z:1.00 E:0.00 Count X:{steps} Y:0 Z:400".encode(),)
+
+    logbook = SimpleNamespace(
+        progress=progress, fault="", excuse=lambda before: "", record=lambda sort, **values: True
+    )
+    frame = FrameCheck(SimpleNamespace(logbook=logbook, wiring=wiring, command=command))
+    frame.begin()
+    protocol.lines_done, x, steps_x = 4, 5.0, 15.0
+    assert not frame.renamed()
+    progress.grow(job.grown(Insert(1, 4, (b"G1 X7", b"G1 X9"))))
+    protocol.lines_done, x, steps_x = 6, 9.0, 19.0
+    assert not frame.renamed()

@@ -14,17 +14,15 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.machine.control.halting import halting_of
-from printctl.machine.control.kill import Kill
+from printctl.machine.control.connecting import protocol_for
+from printctl.machine.control.halting import Kill, halting_of
 from printctl.machine.control.progress import JobProgress
-from printctl.machine.control.protocols import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job import modal
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.job import Job
 from printctl.machine.job.modal import Modal
-from printctl.machine.job.motor_run_on import MotorRunOn
-from printctl.machine.job.planned_moves import planned_moves
+from printctl.machine.job.moves import MotorRunOn, planned_moves
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.states import LinkState, Status
@@ -45,7 +43,7 @@ def test_message_tells_the_time_that_was_measured(feed: int, real_s: float) -> N
     printer = load(Printer, "marlin_avr")
     halting = halting_of(printer, b"M112\n", emergency_parser=False)
     lines = [b"G92 X0 Y0 Z1", b"G1 X300 Y300 F%d" % feed, b"G1 X0 Y0"]
-    told = halting.told(progress_of(lines, 2, printer).run_on(0.0), stopped=False)
+    told = halting.words(progress_of(lines, 2, printer).run_on(0.0), stopped=False)
     found = re.search(r"up to ([\d.]+) s", told)
     assert found is not None
     assert real_s <= float(found[1]) + 0.005 <= 1.2 * real_s
@@ -207,7 +205,7 @@ def test_told_time_is_true_within_a_fifth_and_never_too_short(make, seed: int) -
     clock: list[float] = []
     true_s = killed(lines, progress, taken, rng, clock)
     halting = halting_of(PRINTER, b"M112\n", emergency_parser=False)
-    found = re.search(r"up to ([\d.]+) s", halting.told(progress.run_on(clock[0]), stopped=False))
+    found = re.search(r"up to ([\d.]+) s", halting.words(progress.run_on(clock[0]), stopped=False))
     assert found is not None
     assert true_s <= float(found[1]) <= 1.2 * true_s
 

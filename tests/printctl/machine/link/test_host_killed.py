@@ -13,8 +13,8 @@ import pytest
 
 from printctl.cli.running_print import status_lines
 from printctl.machine.errors import Refused
-from printctl.machine.job.completed_moves import moves_ahead, surely_moved
 from printctl.machine.job.job import Job
+from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.journal_facts import JournalledFacts

@@ -17,15 +17,17 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families.position_reply import parse_position
 from printctl.checks.preflight.firmware import firmware_checks
+from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.watch import DueTask, Watch
 from printctl.machine.errors import JobError, LinkError, Refused
 from printctl.machine.job.care import Care
-from printctl.machine.job.completed_moves import CompletedMoves
+from printctl.machine.job.job import Job
 from printctl.machine.job.look_places import Written, look_places
 from printctl.machine.job.marks import Mark, MarkKind, Marks
 from printctl.machine.job.modal import Modal, ModalTrail, disagreement, modal_state, relieved_mm
 from printctl.machine.job.retreat import Retreat, heaters_off
 from printctl.machine.job.start import declared_start
+from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.process.orders import Order
 from printctl.machine.process.starting import find_or_start
 from printctl.pipeline.stages import printing
@@ -161,11 +163,17 @@ AHEAD = MARLIN.planner_blocks + MARLIN.command_queue
 lines = st.lists(st.sampled_from([b"G1 X1", b"G0 Z2", b"M105", b"G4 P10"]), max_size=80)
 
 
+def progress_of(job: list[bytes], printer: Printer, taken: int = 0) -> JobProgress:
+    protocol = SimpleNamespace(lines_done=taken, line_errors=0)
+    wiring = SimpleNamespace(printer=printer, protocol=protocol, clock=VirtualClock())
+    return JobProgress(wiring, Job(job, list(range(1, len(job) + 1)), "", "a"))
+
+
 @given(lines, st.data())
 def test_as_many_moves_as_planner_and_queue_hold_may_be_ahead(job, data):
-    made, last = CompletedMoves(job, MARLIN), 0
+    progress, last = progress_of(job, MARLIN), 0
     for taken in sorted(data.draw(st.lists(st.integers(0, len(job)), max_size=6))):
-        found = made.after(taken)
+        found = progress.executed(taken)
         ahead = sum(line[:1] == b"G" and line[:2] != b"G4" for line in job[found:taken])
         assert last <= found <= taken
         assert found == 0 or ahead == AHEAD
@@ -175,10 +183,10 @@ def test_as_many_moves_as_planner_and_queue_hold_may_be_ahead(job, data):
 @pytest.mark.parametrize("taken", [1, 40])
 def test_of_a_planner_by_time_only_a_standstill_counts(taken):
     klipper = MARLIN.model_copy(update={"firmware": "klipper"})
-    made = CompletedMoves([b"G1 X1"] * 50, klipper)
-    assert made.after(taken) == 0
-    made.waited(taken)
-    assert made.after(taken) == taken
+    progress = progress_of([b"G1 X1"] * 50, klipper, taken)
+    assert progress.executed(taken) == 0
+    progress.stands_still()
+    assert progress.executed(taken) == taken
 
 
 # --- interruption marks in a job (ours and slicers'), and holds at them

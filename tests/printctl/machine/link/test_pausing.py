@@ -256,7 +256,7 @@ def test_host_killed_in_a_pause_after_a_layer_goes_on_exactly(tmp_path, last):
 
     def status(one):
         if one.state is LinkState.PRINTING and not script.armed and script.streamer:
-            script.streamer.parts.watch.pause_after(MarkKind.LAYER)
+            script.streamer.print.watch.after = MarkKind.LAYER
         pause_at_once(one)
 
     script.status = status  # type: ignore[method-assign]
@@ -374,7 +374,7 @@ def test_resuming_without_a_word_about_the_syringe_is_refused(tmp_path):
             with pytest.raises(LinkError, match="paused for a change of syringe"):
                 streamer.resume()
             refused.append(True)
-            streamer.parts.queue.add(ResumeRequest())  # the printer's own button
+            streamer.print.queue.add(ResumeRequest())  # the printer's own button
         else:
             assert "not resumed" in streamer.status.message
             streamer.resume(unchanged=True)

@@ -10,9 +10,9 @@ from printctl.checks.preflight import gcode_checks
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import Care
-from printctl.machine.job.completed_moves import moves_ahead, surely_moved
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.modal import Modal
+from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.stop_place import StopPlace, find_stop_line
 from printctl.machine.ports.clock import VirtualClock

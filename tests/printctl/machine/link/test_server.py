@@ -15,8 +15,8 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.checks.gate import Bounds, Phase, PrinterSituation
-from printctl.machine.control.gating import allowed_command, judge_typed
+from printctl.checks.gate import Bounds, LineOrigin, Phase, PrinterSituation, judge
+from printctl.machine.control.gating import allowed_command
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import NewSyringe
@@ -55,15 +55,16 @@ class Spy:
     def alive(self) -> None:
         self.requests.append("alive")
 
-    def insert(self, look, lines, why, done, refused, flow=None, again=False) -> None:
-        self.requests.append(f"insert {look} {len(lines)} {flow}")
-
-    def look_done(self, look, decision, why, done, refused, again=False) -> None:
-        self.requests.append(f"look_done {look} {decision}")
+    def look(self, request) -> None:
+        what = (
+            f"{len(request.lines)} {request.flow}" if request.decision is None else request.decision
+        )
+        sort = "insert" if request.decision is None else "look_done"
+        self.requests.append(f"{sort} {request.look} {what}")
 
     def typed(self, text: str, done, refused) -> None:
         known = PrinterSituation(Bounds(self.wiring.printer), Phase.PRINTING)
-        self.requests.append(allowed_command(judge_typed(text, known)).text)
+        self.requests.append(allowed_command(judge(text, LineOrigin.CONSOLE, known)).text)
         done((b"X:0.00", b"ok"))
 
     def kill(self) -> None:

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printctl.machine.control.print_parts import EVERY_S
-from printctl.machine.control.slips import SOONEST_LINES
+from printctl.machine.control.place import SOONEST_LINES
+from printctl.machine.control.printing import COUNT_ANSWERS_S
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
@@ -49,7 +49,7 @@ def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
     assert same_motion(transport.printer.executed(), foreseen(data))
     steps = np.diff(transport.printer.executed().line)
     assert set(steps) <= {1, 2}  # nothing between the moves but a token
-    assert np.count_nonzero(steps == 2) <= transport.clock.now() / EVERY_S
+    assert np.count_nonzero(steps == 2) <= transport.clock.now() / COUNT_ANSWERS_S
 
 
 def test_reset_during_the_handshake_ends_as_failed_and_moves_nothing(tmp_path):

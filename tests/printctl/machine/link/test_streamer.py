@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles.families.link_protocol import MAX_REFUSALS
-from printctl.machine.control import kill
+from printctl.machine.control import halting
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import PortLost, Refused
 from printctl.machine.job.job import Job
@@ -220,7 +220,7 @@ def test_answers_to_the_kills_own_quickstop_are_no_other_program(tmp_path):
 
 
 def test_kill_without_an_answer_pulls_the_reset_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(kill, "KILL_REPEAT_S", 0.001)
+    monkeypatch.setattr(halting, "KILL_REPEAT_S", 0.001)
     printer, clock = FakeMarlin(), VirtualClock()
     transport = FakeTransport(printer, clock)
 

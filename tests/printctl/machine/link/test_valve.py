@@ -136,7 +136,7 @@ def test_a_position_that_is_wrong_ends_the_print_with_the_valve_shut(tmp_path):
     def push(streamer: Streamer) -> None:
         printer.at["Z"] += 1.0
         moved.append(True)
-        streamer.parts.channel.logbook.progress.doubt()  # as after a stray ok
+        streamer.print.progress.unverified = True  # as after a stray ok
 
     script = Script(at_line={within_a_path(): push})
     printer = Airy(job=JOB, script=script)

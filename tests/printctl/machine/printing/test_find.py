@@ -20,7 +20,7 @@ from rich.console import Console
 from firmware_profiles import Printer, Syringe, load
 from printctl.checks.preflight import Check, gcode_checks, refuse_failed, syringe_checks
 from printctl.errors import PrintctlError, SafetyError
-from printctl.machine.control.syringe_change import CHANGE
+from printctl.machine.control.excursion import CHANGE
 from printctl.machine.errors import PortMissing, Refused
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import Job

@@ -19,9 +19,9 @@ from printctl.machine.probing import (
     compare,
     corrected_profile,
     query_settings,
+    query_transport,
     read_settings,
 )
-from printctl.machine.probing.queries import query_transport
 from sim.devices.families.registry import simulated_printer
 from tests.printctl.machine.link.protocols import made_protocol
 from tests.printctl.machine.link.sim_transport import SimTransport

@@ -13,13 +13,14 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import LineRefused
 from printctl.checks.gate import Bounds, NotAllowed, PrinterSituation, check_heat
 from printctl.checks.gate.firmware import differences
+from printctl.machine.control.heat import Temperature
 from printctl.machine.control.idle_commands import IdleCommands
 from printctl.machine.control.known_state import Knowledge, heat_limits, read_mounted_profiles
 from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
 from printctl.machine.errors import AlreadyPrinting, HandshakeError, Refused
-from printctl.machine.job.temperatures import Temperature
 from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.port_list import PortPrograms
 from printctl.machine.process.client import attach_station
 from printctl.machine.process.starting import connect
 from printctl.machine.records.states import LinkState, PrintEnded
@@ -149,7 +150,10 @@ def test_heater_is_set_and_told(at_rest):
 
 
 def test_line_that_is_never_taken_ends_the_standby():
-    events = StandbyEvents(MagicMock(), threading.Event(), threading.Event(), MagicMock())
+    channel = MagicMock()
+    channel.wiring.clock.now.return_value = 0.0
+    channel.wiring.transport.programs.return_value = PortPrograms()
+    events = StandbyEvents(channel, threading.Event())
     events.found = True
     with pytest.raises(PrintEnded, match=r"didn't take 'M114' in 100 tries.*restart it") as ended:
         events.handle(LineRefused(7, 100, "M114", 0, "Error:checksum mismatch"))

@@ -94,7 +94,7 @@ def with_a_simulator(folder: Path) -> bool:
 
 def with_a_link_that_does_not_listen_yet(folder: Path) -> bool:
     """Whether the link process is there; it is held up, so that it begins behind the stop."""
-    for pid in processes(folder / "print", "printctl.machine.link"):
+    for pid in processes(folder / "print", "printctl.machine.process"):
         with contextlib.suppress(ProcessLookupError):  # the one that starts it ends at once
             if os.getsid(pid) == pid:
                 os.kill(pid, signal.SIGSTOP)

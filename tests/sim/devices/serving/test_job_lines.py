@@ -78,7 +78,7 @@ def test_ink_of_a_print_with_checkpoints_lies_by_the_lines_that_came(tmp_path) -
 
 
 def test_lines_that_the_journal_says_were_inserted_are_the_jobs_from_then_on(tmp_path):
-    """The journal is written by `machine.link.journal`; the simulated printer only reads it."""
+    """The journal is written by `machine.records.journal`; the simulated printer only reads it."""
     own = [b"G1 X1 Y1 F600", b"G1 X2 Y1", b"G1 X3 Y1"]
     put_in = [b"G1 Y2", b"G1 Y1"]
     journal = Journal(tmp_path / "journal.log")

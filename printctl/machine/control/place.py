@@ -14,15 +14,21 @@ from typing import Final, NoReturn
 
 from firmware_profiles.families.position_reply import parse_position, parse_shifted
 from printctl.machine.control.channel import Channel
+from printctl.machine.control.firmware import RETRIES
 from printctl.machine.control.frame_check import FrameCheck
-from printctl.machine.control.valve_switch import ValveSwitch
 from printctl.machine.families import link_facts
-from printctl.machine.job.modal import AXES, Modal, disagreement, modal_state
+from printctl.machine.job.modal import (
+    AXES,
+    Modal,
+    axes_placed,
+    disagreement,
+    mismatched_axes,
+    modal_state,
+)
+from printctl.machine.job.valve import shut_and_wait
 from printctl.machine.records.states import LinkState, PrintEnded
 from sim.gcode.reading import is_motion, read_sent
 
-RETRIES: Final = 8
-"""So often a question is asked whose answer may be garbled."""
 WITHIN_MM: Final = 0.011
 """Of the two decimals that M114 tells."""
 
@@ -31,22 +37,13 @@ WITHIN_MM: Final = 0.011
 class Standstill:
     """Where a printer stands whose motors were stopped.
 
-    Attributes
-    ----------
-    at : Modal
-        Of two heights the upper one, so that a way out is never lowered.
-    read : bool
-        Whether the printer's own word could be read; else it is the job's.
-    dropped : bool
-        Whether moves of the job weren't made.
-    place : Modal
-        What the printer told, where its motors were stopped.
+    ``at``: of two heights the upper one, so that a way out is never lowered.
     """
 
     at: Modal
-    read: bool
-    dropped: bool
-    place: Modal = field(default_factory=Modal)
+    read: bool  # the printer's own word could be read; else it is the job's
+    dropped: bool  # moves of the job weren't made
+    place: Modal = field(default_factory=Modal)  # as reported, where the motors were stopped
 
     def words(self) -> str:
         """Return what to add to the message of the end."""
@@ -59,20 +56,17 @@ class Standstill:
 
 
 class PositionCheck:
-    """Asks one printer where it is.
+    """Asks one printer where it is, and compares that with its job.
 
-    Parameters
-    ----------
-    channel : Channel
-    valve : ValveSwitch
-        Shut where the position is wrong.
-    frame : FrameCheck
-        Looks whether another program has renamed the place.
+    ``frame`` finds whether another program has renamed the place.
     """
 
-    def __init__(self, channel: Channel, valve: ValveSwitch, frame: FrameCheck) -> None:
-        self._channel, self._valve, self._frame = channel, valve, frame
-        self._logbook, self._progress = channel.logbook, channel.logbook.progress
+    def __init__(self, channel: Channel) -> None:
+        self._channel, self._logbook = channel, channel.logbook
+        self._progress, self._printer = channel.logbook.progress, channel.wiring.printer
+        self.frame = FrameCheck(channel)
+
+    # --- where it is -----------------------------------------------------------------------------
 
     def expected(self, left: Mapping[str, float] | None = None) -> Modal:
         """Return where the job's text says the printer is.
@@ -81,7 +75,7 @@ class PositionCheck:
         is one, else the printer is asked.
         """
         at = self._progress.modal().filled(left or {})
-        asks_e = at.e is None and not self._channel.wiring.printer.pneumatic
+        asks_e = at.e is None and not self._printer.pneumatic
         if at.z is None or asks_e:
             position = parse_position(self._channel.command(b"M114"))
             at = replace(
@@ -100,39 +94,32 @@ class PositionCheck:
         wrong, position = self.compare(at)
         if not wrong or not position:
             return at
-        if self._was_of_others(position):
+        if self._was_carried_out(position):
             return self._progress.modal()
         self._logbook.alarm(wrong)
-        self._progress.moves_dropped()  # nobody knows which lines led to where the job says
+        self._progress.moves_dropped()  # which lines led to where the job says is unknown
         z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
         return replace(at, z=z, e=position.get("E", at.e))
 
-    def _was_of_others(self, position: Mapping[str, float]) -> bool:
+    def _was_carried_out(self, position: Mapping[str, float]) -> bool:
         """Whether the line that seemed refused was carried out: the complaint wasn't of it."""
-        behind = self._progress.behind_refused()
-        facts = link_facts(self._channel.wiring.printer)
-        of_line = self._progress.about_command and not facts.complains_to_all
+        progress = self._progress
+        behind = progress.behind_refused()
+        of_line = progress.about_command and not link_facts(self._printer).complains_to_all
         if behind is None or of_line or disagreement(behind, dict(position)):
             return False
-        self._progress.not_refused()
-        of = "another program's command" if self._progress.about_command else "a fault of its own"
+        progress.not_refused()
+        of = "another program's command" if progress.about_command else "a fault of its own"
         self._logbook.alarm(
-            f"{self._progress.words()}, the last of them all the same: the printer complained of "
-            f"{of}"
+            f"{progress.words()}, the last of them all the same: the printer complained of {of}"
         )
         return True
 
     def height(self) -> float:
-        """Return the needle's height, mm.
-
-        Raises
-        ------
-        PrintEnded
-            Where it can't be read.
-        """
-        position = self._said_twice()
+        """Return the needle's height, mm; end the print where it can't be read."""
+        position = self._confirmed_position()
         if not position:
-            self._valve.shut()
+            self._channel.commands(shut_and_wait(self._printer))
             raise PrintEnded(
                 LinkState.POSITION_UNKNOWN,
                 "where the needle stands can't be read (M114), so it wasn't lowered; `printctl "
@@ -143,23 +130,14 @@ class PositionCheck:
 
     def standing_away(self) -> Standstill:
         """Return where the printer says it stands, whatever the job's text says."""
-        position = self._said_twice()
+        position = self._confirmed_position()
         words = {axis.lower(): value for axis, value in position.items() if axis in AXES}
         return Standstill(Modal(**words), read=bool(position), dropped=False)
-
-    def made(self) -> bool:
-        """Whether the motors stand where the job's last line leads: nothing is left to be dropped.
-
-        M114 doesn't count the plunger's steps: not behind a line that moves it alone.
-        """
-        moves = (line for line in reversed(self._progress.taken) if is_motion(line))
-        last = read_sent(next(moves, b"")).words
-        return bool(set("XYZ") & last.keys()) and self._frame.stands_at(self._progress.modal())
 
     def standstill(self) -> Standstill:
         """Return where the printer stands after it dropped moves."""
         at, heights = self._progress.modal(), self._progress.heights()
-        position = self._said_twice()
+        position = self._confirmed_position()
         if not position:
             return Standstill(replace(at, z=max(heights, default=None)), read=False, dropped=True)
         z = position["Z"]
@@ -170,8 +148,17 @@ class PositionCheck:
         dropped = bool(disagreement(at, position))
         return Standstill(there, read=True, dropped=dropped, place=Modal(x=x, y=y, z=z, e=e))
 
-    def _said_twice(self) -> dict[str, float]:
-        """Return the position once it was said twice running: no checksum guards it; else empty."""
+    def made(self) -> bool:
+        """Whether the motors stand where the job's last line leads: nothing is left to be dropped.
+
+        M114 doesn't count the plunger's steps: not behind a line that moves it alone.
+        """
+        moves = (line for line in reversed(self._progress.taken) if is_motion(line))
+        last = read_sent(next(moves, b"")).words
+        return bool(set("XYZ") & last.keys()) and self.frame.stands_at(self._progress.modal())
+
+    def _confirmed_position(self) -> dict[str, float]:
+        """Return the position reported twice running, as no checksum guards it; else empty."""
         position: dict[str, float] = {}
         for _ in range(RETRIES):
             before, position = position, parse_position(self._channel.command(b"M114"))
@@ -179,59 +166,40 @@ class PositionCheck:
                 return position
         return {}
 
+    # --- whether that is right -------------------------------------------------------------------
+
     def compare(self, at: Modal) -> tuple[str, dict[str, float]]:
-        """Ask for the position; return what disagrees with ``at`` (empty for nothing), and it."""
+        """Ask for the position; return what disagrees with ``at`` (empty for nothing), and it.
+
+        Of E of a printer that tells shifts (Klipper) it is what was pushed.
+        """
         wrong = "its position can't be read (M114)"
         position: dict[str, float] = {}
         for _ in range(RETRIES):  # a reply may be garbled, where a line can't be
-            position = self._last_place() or position
+            if self.frame.tells_shifts:
+                question = link_facts(self._printer).place_question
+                last = parse_shifted(self._channel.command(question))[0]
+            else:
+                last = parse_position(self._channel.command(b"M114"))
+            position = last or position
             wrong = disagreement(at, position) if position else wrong
             if position and not wrong:
                 break
         return wrong, position
 
-    def _last_place(self) -> dict[str, float]:
-        """Return where the last command leads, mm, by axis; of E what was pushed, where told."""
-        if not self._frame.tells_shifts:
-            return parse_position(self._channel.command(b"M114"))
-        question = link_facts(self._channel.wiring.printer).place_question
-        return parse_shifted(self._channel.command(question))[0]
-
     def missed_height(self, way: Sequence[bytes]) -> str:
         """Return how far from its end a way out ended, which was acknowledged; '' for nothing."""
-        wrong, told = self.compare(Modal(z=modal_state(way, len(way)).z))
-        return wrong.replace("the job says", "it was sent to") if told else ""
-
-    def note_plunger(self) -> None:
-        """Take the plunger's count as the link has set it; see `FrameCheck.note_plunger`."""
-        self._frame.note_plunger()
-
-    def refuse_astray(self) -> None:
-        """Compare place and name of the place with the job's; nothing stands still for it.
-
-        Raises
-        ------
-        PrintEnded
-            Where they disagree.
-        """
-        wrong, _ = self.compare(self._progress.modal())
-        wrong = wrong or self._frame.renamed()
-        if wrong:
-            self.end_astray(f"{wrong} (another client of this printer wrote to it)")
+        wrong, position = self.compare(Modal(z=modal_state(way, len(way)).z))
+        return wrong.replace("the job says", "it was sent to") if position else ""
 
     def verify(self, at: Modal, mark: str = "", stands: bool = False) -> None:
-        """Compare the printer's position with the job's text; write both down.
+        """Compare position and job, write both down; end the print where they disagree.
 
         ``stands``: M400 was just answered, so that all that was taken is made.
-
-        Raises
-        ------
-        PrintEnded
-            Where they disagree.
         """
         wrong, position = self.compare(at)
-        if not wrong and (self._progress.meddled or self._frame.doubtful()):
-            wrong = self._frame.renamed()
+        if not wrong and (self._progress.meddled or self.frame.doubtful()):
+            wrong = self.frame.renamed()
         done = self._progress.done
         values: dict[str, str | bool] = {"mark": mark} if mark else {}
         values |= {"stands": True} if stands else {}
@@ -241,25 +209,24 @@ class PositionCheck:
         if stands:
             self._progress.compared()
 
+    def verify_in_passing(self) -> None:
+        """Compare positions between two lines; the planner isn't drained for it."""
+        self._channel.settle()
+        self._progress.unverified = False
+        self.verify(self._progress.modal())
+
     def verify_end(self) -> str:
         """Compare where the motors rest behind the last move with where the job ends.
 
-        Returns
-        -------
-        str
-            What to add to the message of the end where something can't be compared.
-
-        Raises
-        ------
-        PrintEnded
-            Where they disagree: the printer didn't make what it acknowledged.
+        Return what to add to the message of the end where something can't be compared; raise
+        `PrintEnded` where they disagree: the printer didn't make what it acknowledged.
         """
         progress, at = self._progress, self._progress.modal()
-        progress.verified()
-        wrong, told, by_steps = self._frame.compare_end(at)
-        if not told:
+        progress.unverified = False
+        wrong, position, by_steps = self.frame.compare_end(at)
+        if not position:
             words = "; the end's place isn't compared: the printer tells none (M114)"
-        elif not set(told) & set(at.place_axes()):
+        elif not set(position) & set(at.place_axes()):
             words = "; the end's place isn't compared: the job names none"
         elif not by_steps:
             words = (
@@ -268,15 +235,16 @@ class PositionCheck:
             )
         else:
             words = ""
-        if told and not (self._frame.tells_shifts or self._channel.wiring.printer.pneumatic):
+        if position and not (self.frame.tells_shifts or self._printer.pneumatic):
             words += "; the plunger isn't compared"
+        steps = f"place and steps{words}" if by_steps and position else words
         self._logbook.record(
             "checkpoint",
             done=progress.done,
-            position=told,
+            position=position,
             agrees=not wrong,
             stands=True,
-            compared=(f"place and steps{words}" if by_steps and told else words).removeprefix("; "),
+            compared=steps.removeprefix("; "),
         )
         if wrong:
             progress.not_made()
@@ -291,43 +259,36 @@ class PositionCheck:
             )
         return words
 
-    def refuse_renamed(self, *, waited: bool = False) -> None:
-        """Compare what the printer calls its place with its steps; see `FrameCheck.renamed`.
+    # --- what another program did to it ----------------------------------------------------------
 
-        Raises
-        ------
-        PrintEnded
-            Where another program has renamed the place.
-        """
-        wrong = self._frame.renamed(waited=waited)
+    def refuse_astray(self) -> None:
+        """End the print where place or its name aren't the job's; nothing stands still for it."""
+        wrong, _ = self.compare(self._progress.modal())
+        wrong = wrong or self.frame.renamed()
+        if wrong:
+            self.end_astray(f"{wrong} (another client of this printer wrote to it)")
+
+    def refuse_renamed(self, *, waited: bool = False) -> None:
+        """End the print where another program has renamed the place (`FrameCheck.renamed`)."""
+        wrong = self.frame.renamed(waited=waited)
         if wrong:
             self.end_astray(wrong)
 
     def refuse_pushed(self, left_e_mm: float | None) -> None:
-        """Compare the plunger's count with what it was left at, where another program wrote.
+        """End the print where another program wrote and the plunger's count isn't as it was left.
 
-        Whether that program moved the plunger or renamed its place nobody tells.
-
-        Raises
-        ------
-        PrintEnded
-            Where they disagree: to go back to the job's count would move it by what is unknown.
+        Whether that program moved the plunger or renamed its place is unknown: to go back to the
+        job's count would move it by what is unknown.
         """
         if left_e_mm is None or not self._progress.meddled:
             return
-        e = self._said_twice().get("E", left_e_mm)
+        e = self._confirmed_position().get("E", left_e_mm)
         if abs(e - left_e_mm) > WITHIN_MM:
             self.end_astray(f"the plunger is told at E {e:.2f} mm and was left at {left_e_mm:.2f}")
 
     def end_astray(self, wrong: str) -> NoReturn:
-        """End a print whose printer isn't as its job counts on; its moves are dropped.
-
-        Raises
-        ------
-        PrintEnded
-            Always: position unknown.
-        """
-        self._valve.shut()
+        """End a print whose printer isn't as its job counts on; its moves are dropped."""
+        self._channel.commands(shut_and_wait(self._printer))
         others = self._progress.foreign_words()
         because = f" ({others})" if others else ""
         raise PrintEnded(
@@ -351,19 +312,76 @@ class PositionCheck:
     def _drop_moves(self) -> str:
         """Have moves that lead astray dropped; return what to add to the message.
 
-        Past the protocol, as the last thing that is said: a stop that was asked for meanwhile
-        mustn't make a way out from a place that nobody knows.
+        Past the protocol, as the last bytes that are sent: a stop that was requested meanwhile
+        mustn't make a way out from an unknown place.
         """
-        wiring = self._channel.wiring
-        quickstop = link_facts(wiring.printer).quickstop
+        quickstop = link_facts(self._printer).quickstop
         if not quickstop:
             return ""
-        wiring.transport.write_urgent(b"\n%b\n" % quickstop)
+        self._channel.wiring.transport.write_urgent(b"\n%b\n" % quickstop)
         self._progress.moves_dropped()
         return f"; its motors were told to stop ({quickstop.decode()})"
 
-    def verify_in_passing(self) -> None:
-        """Compare positions between two lines; the planner isn't drained for it."""
+
+# --- lines that noise garbled despite a valid checksum -------------------------------------------
+
+SOONEST_LINES: Final = 5
+"""So many lines after an error the position is compared: a word garbled past the checksum (X to Z)
+stays wrong until a later line gives it again."""
+CHECK_LINES: Final = 40
+"""Twice as many after each comparison that agrees, up to this."""
+NOISY_LINES: Final = 250
+"""For so many lines after an error a line counts as one that makes errors."""
+AGAIN_LINES: Final = 2
+"""After so many more a position that was wrong is compared again."""
+
+
+class SlipWatch:
+    """Compares the position soon after an error, and often for a while."""
+
+    def __init__(self, channel: Channel, position: PositionCheck) -> None:
+        self._channel, self._position = channel, position
+        self._progress, self._protocol = channel.logbook.progress, channel.wiring.protocol
+        self._checked = self._errors_seen = self._noisy_until = 0
+        self._every = SOONEST_LINES
+        self._slip = ""
+
+    @property
+    def due(self) -> bool:
+        """Whether to compare the position now: an error was made, or a program wrote, lately."""
+        errors, done = self._protocol.line_errors + self._progress.foreign, self._progress.done
+        if errors != self._errors_seen:
+            self._errors_seen, self._noisy_until = errors, done + NOISY_LINES
+            self._every = AGAIN_LINES if self._slip else SOONEST_LINES
+        return done < self._noisy_until and done - self._checked >= self._every
+
+    def next_stop(self, stop: int) -> int:
+        """Return after which line the position is to be compared, at most ``stop``."""
+        done = self._progress.done
+        if done >= self._noisy_until:
+            return stop
+        return min(stop, max(self._checked + self._every, done + 1))
+
+    def look(self) -> None:
+        """Compare the position; where the next lines put it right, again after them.
+
+        A word that was garbled past the checksum and given again since did its harm; the print
+        goes on, with an alarm. One that would stay wrong (a Z within a layer) ends it at once.
+        """
         self._channel.settle()
-        self._progress.verified()
-        self.verify(self._progress.modal())
+        done = self._checked = self._progress.done
+        at, lines = self._progress.modal(), self._progress.job.lines
+        wrong, position = ("", {}) if self._slip else self._position.compare(at)
+        soon = set(axes_placed(lines[done : done + AGAIN_LINES]))
+        if wrong and position and soon.issuperset(mismatched_axes(at, position)):
+            self._position.refuse_renamed()
+            self._slip = f"after line {done}: {wrong}"
+            self._every, self._noisy_until = AGAIN_LINES, done + NOISY_LINES
+            return
+        self._position.verify(at)
+        self._every = min(2 * self._every, CHECK_LINES)
+        if self._slip:
+            self._channel.logbook.alarm(
+                f"{self._slip}: a line slipped through its checksum; look at the part"
+            )
+            self._slip = ""

@@ -1,0 +1,284 @@
+"""Hold a print at marks, on request or by dead-man's time: leave, wait, come back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final
+
+from firmware_profiles.families import family_of
+from firmware_profiles.families.position_reply import parse_position
+from printctl.checks.gate import LineOrigin, PrinterSituation, Refusal, judge
+from printctl.machine.control.context import Print
+from printctl.machine.control.ending import end_on_fault, retreat
+from printctl.machine.control.excursion import CHANGE, Excursion
+from printctl.machine.control.gating import paused_situation
+from printctl.machine.control.inserting import answer_clients, refuse_rest
+from printctl.machine.control.interruption import StopRequested
+from printctl.machine.control.look_book import LookRequest
+from printctl.machine.control.others import own_modes, take_back
+from printctl.machine.control.requests import Request, ResumeRequest
+from printctl.machine.control.syringes import (
+    begin_change,
+    count_plunger,
+    replan,
+    take_head,
+)
+from printctl.machine.control.watch import DueTask
+from printctl.machine.errors import LinkError
+from printctl.machine.families import link_facts
+from printctl.machine.job.care import NewSyringe
+from printctl.machine.job.marks import MarkKind
+from printctl.machine.job.modal import Modal, last_of
+from printctl.machine.job.valve import reopen, shut_and_wait
+from printctl.machine.records.states import LinkState
+
+PAUSE_SIGN_S: Final = 20.0
+"""Interval of the sign of life in a pause."""
+
+
+def pause_where_due(run: Print) -> None:
+    """Do what is due after the lines that were taken, but for looks; nothing is in flight."""
+    watch, done, change = run.watch, run.progress.done, run.change
+    due = watch.due(run.wiring.clock.now(), done)
+    where = ", ".join(str(mark) for mark in run.job.marks.here(done)) or f"line {done}"
+    if due is DueTask.RELOAD:
+        planned = done in watch.reload_at
+        change.planned_head = watch.reload_head(done) if planned else change.wanted_head
+        pause(run, f"paused at the {where}: {change.words(run.printer)}", changing=True)
+    elif due is DueTask.PAUSE:
+        pause(run, f"paused at the {where}")
+    elif due is DueTask.DEADMAN:
+        message = f"nobody confirmed for {watch.care.deadman_s / 60:g} min (dead-man)"
+        run.logbook.alarm(message)
+        if watch.care.deadman_stops:
+            retreat(run, LinkState.STOPPED, message)
+        pause(run, f"{message}; `printctl resume RUN` goes on")
+    elif due is DueTask.CHECKPOINT:
+        # stand still for it where nothing else can tell what was made
+        stands = link_facts(run.printer).plans_by_time
+        if stands:
+            run.channel.command(b"M400")
+        run.position.verify(run.progress.modal(), mark=where, stands=stands)
+        watch.checked(run.wiring.clock.now(), done)
+
+
+def want_pause(run: Print, after: MarkKind | None) -> None:
+    """Have the print held at the next mark of a kind, None for no longer; write it down."""
+    run.watch.after = after
+    head = {} if after is not MarkKind.RELOAD else {"head": run.change.wanted_head}
+    run.logbook.record("wanted", after=after or "", **head)
+
+
+def pause(run: Print, message: str, changing: bool = False) -> None:
+    """Leave the bath, wait for the word to go on, and come back."""
+    run.watch.paused(run.progress.done)
+    at = leave(run, "pause", changing)
+    wait_and_come_back(run, at, message)
+
+
+def leave(
+    run: Print,
+    mark: str,
+    changing: bool = False,
+    park: tuple[float, float, float] | None = None,
+) -> Modal:
+    """Let the planner run empty, compare the place, relieve the plunger, lift the needle.
+
+    Returns the job's place. ``mark``: what the print is held for, for the journal; ``park``, mm:
+    where the needle will be led from above the place.
+    """
+    logbook, channel = run.logbook, run.channel
+    logbook.enter(
+        LinkState.PAUSING,
+        "the moves that the printer holds are made; then the plunger is relieved, the needle "
+        "lifted",
+    )
+    channel.command(b"M400")
+    shut_valve(run)  # what was taken is written; nothing more
+    at = run.position.expected()
+    run.position.verify(at, mark=mark, stands=True)
+    logbook.record("left", place=at.place(), **({} if park is None else {"park": park}))
+    own_modes(run)
+    relieved = run.progress.relieved_mm
+    run.excursion = Excursion(True, at, relieved, _top(run, at, changing))
+    channel.commands(run.retreat.leave(at, run.printer, relieved))
+    if changing:
+        begin_change(run, at)
+    channel.command(b"M400")
+    return at
+
+
+def _top(run: Print, at: Modal, changing: bool) -> float | None:
+    """Return the greatest height of the way out of ``at``, mm."""
+    if at.z is None:
+        return None
+    lift = max(run.retreat.lift_mm, run.wiring.retreat.park_mm if changing else 0.0)
+    return max(at.z, min(at.z + lift, run.printer.z_mm.high))
+
+
+def wait_and_come_back(run: Print, at: Modal, message: str) -> None:
+    """Wait for the word to go on; then count a new syringe, and come back to ``at``."""
+    run.logbook.enter(LinkState.PAUSED, message)
+    run.excursion.rests = True
+    resume = _stay_paused(run, at)
+    run.logbook.enter(LinkState.RESUMING, "returning to where the print was left")
+    resume.answer("")
+    new = resume.change if run.change.going_on else None
+    if new or (run.change.going_on and run.change.idle_head is not None):
+        count_plunger(run, at, new or NewSyringe())
+    come_back(run, at, run.retreat.prime_mm, by_person=True)
+
+
+def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = False) -> None:
+    """Take back what others have set, lower the needle to ``at``, and go on printing.
+
+    ``by_person``: it was a person's word, so that somebody is there (dead-man's time).
+    """
+    run.position.refuse_pushed(run.excursion.plunger_e(run.retreat))
+    take_back(run)
+    own_modes(run)
+    run.position.refuse_renamed(waited=True)  # before the needle is lowered by that name
+    take_head(run)
+    lower(run, at, prime_mm)
+    run.change.going_on, run.change.planned_head = False, None
+    run.position.frame.note_plunger()
+    run.book.current = None
+    refuse_rest(run)
+    if by_person:
+        run.watch.confirmed = run.wiring.clock.now()
+    run.logbook.enter(LinkState.PRINTING, "printing")
+    reopen_valve(run)
+
+
+def lower(run: Print, at: Modal, prime_mm: float = 0.0) -> None:
+    """Lower the needle to ``at``, push the plunger to its place, and compare both.
+
+    Each step of the way down is waited for, so that a stop finds no further one ahead.
+    """
+    channel, height = run.channel, run.position.height()
+    run.excursion.come_back(height)
+    for move in run.retreat.lower(at, run.printer, height):
+        channel.command(move)
+        channel.command(b"M400")
+    channel.commands(run.retreat.rejoin(replace(at, z=None), run.printer, prime_mm))
+    channel.command(b"M400")
+    run.position.verify(at)
+    run.excursion.going_on = False
+
+
+def _stay_paused(run: Print, at: Modal) -> ResumeRequest:
+    """Wait for a request to go on that can be granted, and return it; refuse the others."""
+    change = run.change
+    while True:
+        word = await_word(run, at)
+        if isinstance(word, LookRequest):  # of a look that became a pause without any decision
+            word.refused("the print is paused; `printctl resume RUN` goes on")
+        elif word is Request.RELOAD and not change.going_on:
+            change.planned_head = change.wanted_head
+            begin_change(run, at)
+            run.logbook.enter(LinkState.PAUSED, change.words(run.printer))
+        elif isinstance(word, ResumeRequest):
+            problem = _why_not_resume(run, at, word)
+            if not problem:
+                return word
+            run.logbook.alarm(problem)
+            run.logbook.enter(LinkState.PAUSED, problem)
+            word.answer(problem)
+        sign_of_life(run)
+
+
+def _why_not_resume(run: Print, at: Modal, request: ResumeRequest) -> str:
+    """Return what keeps the needle from coming down; empty for nothing."""
+    if run.change.going_on and not (request.change or request.unchanged):
+        return f"not resumed: {CHANGE}"
+    wrong, _ = run.position.compare(Modal(x=at.x, y=at.y))
+    if wrong:
+        return f"not resumed: {wrong}; bring the needle back above that place first"
+    if run.change.going_on and request.change:
+        try:
+            replan(run, request.change)
+        except LinkError as exc:
+            return f"not resumed: {exc}"
+    return ""
+
+
+def await_word(
+    run: Print, at: Modal, until: float = math.inf
+) -> LookRequest | ResumeRequest | Request | None:
+    """Wait for a decision or a request while held at ``at``; None at ``until``, s.
+
+    Inserts are taken meanwhile, manual commands sent; a stop raises `StopRequested`.
+    """
+    clock, queue = run.wiring.clock, run.queue
+    while True:
+        limit = min(clock.now() + PAUSE_SIGN_S, until)
+        while clock.now() < limit and not queue.waiting:
+            run.channel.pump(limit)
+            end_on_fault(run)
+        send_manual(run)
+        end_on_fault(run)
+        word = answer_clients(run, at) or queue.take()
+        if word is Request.STOP:
+            raise StopRequested
+        if word is not None or clock.now() >= until:
+            return word
+        sign_of_life(run)
+
+
+def sign_of_life(run: Print) -> None:
+    """Show that the printer is there, and begin its own switch-off time anew.
+
+    Only moves and the command that sets that time begin it anew; M105 doesn't.
+    """
+    code = family_of(run.printer).timeout_code
+    codes = (code.encode("ascii"),) if code else ()
+    run.channel.command(last_of(run.job.lines, run.progress.done, codes) or b"M105")
+
+
+def send_manual(run: Print) -> None:
+    """Send the waiting manual commands that the gate lets pass; a complaint ends no print."""
+    while run.queue.commands:
+        manual = run.queue.commands.popleft()
+        if manual.refused is None:
+            manual.done(run.channel.command(manual.text.encode("ascii")))
+            continue
+        verdict = judge(manual.text, LineOrigin.CONSOLE, _situation(run))
+        if isinstance(verdict, Refusal):
+            run.logbook.notice(verdict.message)
+            manual.refused(verdict.message)
+            continue
+        before = run.logbook.fault
+        try:
+            lines = run.channel.command(verdict.text.encode("ascii"))
+        except StopRequested:
+            manual.refused("the print is being stopped")
+            raise
+        complaint = run.logbook.excuse(before)
+        if not complaint:
+            run.heat.set_by_hand(verdict)
+        manual.done((*lines, complaint.encode("ascii", "replace")) if complaint else lines)
+
+
+def _situation(run: Print) -> PrinterSituation:
+    """Return what the gate judges by; in a pause the printer is asked where it stands."""
+    if run.logbook.state is not LinkState.PAUSED:
+        return run.wiring.printing_limits()
+    at, excursion = parse_position(run.channel.command(b"M114")), run.excursion
+    if excursion.clear_mm is None and {"X", "Y", "Z"} <= set(at):
+        excursion.clear_mm = at["Z"]
+    return paused_situation(run.wiring.limits(), at, excursion.clear_mm)
+
+
+def shut_valve(run: Print) -> None:
+    """Shut a pneumatic head's valve: before the needle is lifted, and before questions."""
+    for command in shut_and_wait(run.printer):
+        run.channel.command(command)
+        run.valve_shut = True
+
+
+def reopen_valve(run: Print) -> None:
+    """Open it again where the link had shut it within a path, with the tip back in place."""
+    if run.valve_shut:
+        run.channel.commands(reopen(run.job.lines, run.progress.done, run.printer))
+    run.valve_shut = False
