@@ -52,13 +52,7 @@ log = logging.getLogger(__name__)
 
 
 def serve_print(order: Order) -> Status:
-    """Run one print in this process, to its end, on a port of its own.
-
-    Returns
-    -------
-    Status
-        The last one; it is in the folder's ``link.json``, too.
-    """
+    """Run one print in this process, on a port of its own; return its last status."""
     with contact_of(order) as contact:
         plug = Plug(order.printer, order.port, order.folder, order.baud)
         machine = Machine(plug, Knowledge(plug.printer))

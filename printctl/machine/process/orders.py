@@ -37,10 +37,6 @@ class Order:
         As the user named it.
     folder : Path
         For journal and record.
-    retreat : Retreat
-        How the needle leaves the bath.
-    care : Care
-        How the print is watched over.
     baud : int, "auto" or None
         In place of the profile's.
     resume : bool

@@ -50,8 +50,6 @@ def simulated_printer(
 
     Parameters
     ----------
-    profile : str
-        Printer profile.
     start_mm : (3,) mm
         Where the tip stands at power-up, printer's frame.
     job : Path or None
@@ -64,7 +62,7 @@ def simulated_printer(
     speed : float
         Times real time; 0 for virtual time, as fast as it can.
     journal : Path, optional
-        Of the print, which tells what is inserted into the job; the one in ``folder`` by default.
+        Of the print, which has what is inserted into the job; the one in ``folder`` by default.
     faults : Path or None
         A fault file (`sim.devices.faults`).
     detached : bool

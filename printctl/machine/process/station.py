@@ -135,12 +135,7 @@ def connect(machine: Machine, ready: str = "ready", *, trusted: bool = True) -> 
     """Open the port, find the printer and check it; ``ready`` is the message once that is done.
 
     A simulated printer, ``trusted``, stands where it was started; after a stop it isn't: like
-    any board it must be homed then, or told its place.
-
-    Raises
-    ------
-    LinkError
-        When that fails; the port is let go of.
+    any board it must be homed then, or told its place. LinkError when it fails; the port is closed.
     """
     plug = machine.plug
     machine.switching = True
@@ -212,11 +207,9 @@ def go_down(machine: Machine, state: StationState, message: str, error: str = ""
 def _after_print(machine: Machine, status: Status) -> None:
     """Stand by again where the printer still knows its place; else say why not."""
     ended = f"print {status.state.value}: {status.message}"
-    if status.state is LinkState.KILLED:
-        go_down(machine, StationState.HALTED, ended, status.error)
-    elif status.error == PortLost.__name__:
+    if status.error == PortLost.__name__ and status.state is not LinkState.KILLED:
         go_down(machine, StationState.LOST, ended, status.error)
-    elif not status.position_known:
+    elif status.state is LinkState.KILLED or not status.position_known:
         go_down(machine, StationState.HALTED, ended, status.error)
     elif machine.plug.simulated:
         try:
