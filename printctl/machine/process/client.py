@@ -348,9 +348,8 @@ class PrintClient(Client):
             answer = self.request("status", _STATUS_S, of="print")
             if answer is not None:
                 return self._hear(Status.from_dict(answer))
-            if self._contact() is None or not self._alive():
+            if self._over():
                 return self._hear(read_outcome(self.folder))
-            time.sleep(_AGAIN_S)  # it is over, and its end is being written down
         return self._last
 
     def events(self) -> Iterator[Status]:
@@ -390,8 +389,20 @@ class PrintClient(Client):
             if stream.open:
                 return None
             self.detach()
-            time.sleep(_AGAIN_S)
+            if self._over():
+                break
         return self._hear(read_outcome(self.folder))
+
+    def _over(self) -> bool:
+        """Whether the process that hung up has done with the print; else give it a moment.
+
+        On a full disk its record doesn't say so, and a station goes on listening at its address:
+        then the folder's lock does.
+        """
+        if self._contact() is None or not self._alive():
+            return True
+        time.sleep(_AGAIN_S)
+        return False
 
     def _subscribed(self) -> Connection | None:
         """Return the connection by which it hears of the print, made anew where it broke."""

@@ -180,7 +180,7 @@ class Machine:
         """
         do, word = request["do"], WORDS[request["do"]]
         guest.known = True
-        values = read_values(request)
+        values, streamer = read_values(request), self.streamer
         reply = partial(self._post, guest)
         own = bool(request.get("print")) and do != "kill"
         if own and request["print"] != self._print_id:  # of one that is over
@@ -196,11 +196,11 @@ class Machine:
             return False
         elif do == "stop_motion":
             self._stop_motion(reply)
-        elif self.streamer is not None and word.on_print is not None:
+        elif streamer is not None and word.on_print is not None:
             guest.of_print = guest.of_print or own or word.answers
-            word.on_print(self.streamer, Asked(values, reply))
+            word.on_print(streamer, Asked(values, reply))
             if do in ("pause", "reload"):
-                self.publish(self.streamer.status)
+                self.publish(streamer.status)
             return word.answers
         else:
             self._queue(Request(do, values, reply))

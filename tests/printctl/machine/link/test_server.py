@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,9 +23,11 @@ from printctl.machine.control.station_status import StationState
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.marks import MarkKind
+from printctl.machine.process.client import PrintClient
 from printctl.machine.process.machine import Machine
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.socket_server import MAX_CLIENTS, Server, forget, listen
+from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import LinkState, Status
 
 
@@ -296,6 +299,21 @@ def test_request_for_another_print_is_hung_up_on_and_reaches_none(door):
     assert hear(own) == {"event": "heard", "do": "stop"}
     server.machine.end_print()
     assert own.recv(1) == late.recv(1) == b""
+
+
+def test_client_of_a_print_that_is_over_where_the_station_goes_on_reads_its_journal(tmp_path):
+    """A full disk kept its end out of link.json, which names the station's socket."""
+    listener, address, token = listen(tmp_path)
+    server = serving(listener, token, Spy())
+    own = {"print_id": "an earlier print", "address": address, "token": token}
+    job = tmp_path / "gone.gcode"
+    record = ContactRecord(0, "", "", str(job), "generic_marlin", "", 0.0)
+    replace(record, **own).save(tmp_path)
+    client = PrintClient(tmp_path)
+    assert client.wait(5).state is LinkState.INTERRUPTED
+    assert PrintClient(tmp_path).status.state is LinkState.INTERRUPTED
+    server.finish()
+    forget(address)
 
 
 def test_request_of_another_mode_is_refused(door):
