@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from kernels import cache_dir
-from printctl.machine.ports.port_list import PortInfo, list_ports
+from printctl.machine.ports.detection import PortInfo, list_ports
 from printctl.machine.records.history import data_folder
 
 DEVELOPMENT: Final = {"test", "release", "docs"}

@@ -24,8 +24,7 @@ from benchmarks.common import Row, at_least, limited, row, scratch
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.machine.control.watch import DueTask, Watch
 from printctl.machine.job.care import Care
-from printctl.machine.job.inserts import Insert
-from printctl.machine.job.job import Job, load_job
+from printctl.machine.job.job import Insert, Job, load_job
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL
 from printctl.observe.deciding import Decider, FlowControl, Limits

@@ -22,8 +22,7 @@ from benchmarks.observe.prints import (
     observed,
 )
 from firmware_profiles import Printer, load
-from printctl.machine.job.inserts import file_count
-from printctl.machine.job.job import parse_job
+from printctl.machine.job.job import file_count, parse_job
 from printctl.machine.job.look_places import look_places
 from printctl.machine.job.marks import Mark, MarkKind, Marks
 from sim.gcode.deposit.ink_faults import Drift, InkFaults

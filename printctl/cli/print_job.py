@@ -17,9 +17,8 @@ from printctl.cli.simulate import read_start_position
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
-from printctl.machine.job.syringes import usable_mm, with_reloads_of
-from printctl.machine.ports.port_detection import named_port, read_baud
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.job.syringes import usable_mm, with_reloads
+from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
 from printctl.machine.prints.follow import confirm, follow, retreat_for
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
@@ -118,7 +117,7 @@ def print_job(
         run, job = dry_run(cli.read_gcode_file(file), profile, tip), load_job(file, profile)
         shaft = file_shaft(file, run, set_for, accepted=accept_crossings)
         checks = [*file_checks(run, set_for, file.with_suffix(".map.npz")), *shaft.checks]
-        checks, at, heads = with_reloads_of(checks, job, usable, wanted=reload)
+        checks, at, heads = with_reloads(checks, job, usable, wanted=reload)
         refuse_failed(checks)
         cli.print_notes(warnings(checks))
         care = replace(

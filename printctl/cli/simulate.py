@@ -17,8 +17,8 @@ from printctl.errors import UsageError
 from printctl.failures import error_facts
 from printctl.machine.control.connecting import ASIDE_MM
 from printctl.machine.errors import LinkError
+from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import parse_job
-from printctl.machine.job.start import declared_start
 from printctl.pipeline.bead_choices import BeadChoices, BeadOptions
 from printctl.settings import opt, three_numbers
 from sim.gcode.dry_run.run import dry_run

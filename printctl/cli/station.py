@@ -15,8 +15,8 @@ from printctl.cli.declare import command, group, json_command, wants_json
 from printctl.cli.options import PrinterOption, print_lines, print_note, print_result
 from printctl.errors import PrintctlError, UsageError
 from printctl.machine.control.station_status import StationStatus
-from printctl.machine.ports.port_detection import AUTO, locate, matches, read_baud
-from printctl.machine.ports.port_list import list_ports
+from printctl.machine.ports.detection import AUTO, list_ports, matches, read_baud
+from printctl.machine.ports.transport import locate
 from printctl.machine.process.client import Station, attach_station
 from printctl.machine.process.contact import usual_folder
 from printctl.machine.process.starting import connect as open_station

@@ -18,7 +18,7 @@ from firmware_profiles.strict_model import Facts
 from printctl.history.plain_zip import blocks_of, read_members
 from printctl.history.signing import MANIFEST, RecordsError
 from printctl.history.verify import verify_bundle
-from printctl.machine.ports.port_list import list_ports
+from printctl.machine.ports.detection import list_ports
 from printctl.machine.records.history_entry import PrintEntry
 from printctl.machine.records.origin import digest_of, profile_digest, version
 from printctl.pipeline.evidence import Evidence, evidence

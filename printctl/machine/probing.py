@@ -35,7 +35,7 @@ from printctl.machine.errors import LinkError
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.job import Job
 from printctl.machine.ports.clock import RealClock
-from printctl.machine.ports.port_detection import named_port
+from printctl.machine.ports.detection import named_port
 from printctl.machine.ports.transport import open_port
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.states import PrintEnded

@@ -17,7 +17,7 @@ from typing import Any, Final, Protocol
 from design.files import write_text
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import LinkError, NoLink, Refused
-from printctl.machine.job.inserts import file_count
+from printctl.machine.job.job import file_count
 from printctl.machine.prints.journal_facts import read_journal_facts
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import alive, hold_folder

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from PIL import Image, ImageDraw, ImageFont
 
-from printctl.machine.job.inserts import Insert
+from printctl.machine.job.job import Insert
 from printctl.machine.prints.journal_facts import read_journal_facts
 from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL

@@ -16,8 +16,7 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.errors import wording
 from printctl.checks.set_up import of_each
 from printctl.errors import UsageError
-from printctl.machine.job.job import parse_job
-from printctl.machine.prints.grown_text import grown_text
+from printctl.machine.job.job import grown_text, parse_job
 from printctl.machine.process.simulated import EXECUTED, record_for
 from printctl.machine.records.history_entry import PrintEntry
 from printctl.machine.records.printed_job import grown_in

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from kernels.arrays import FloatArray, IntArray
-from printctl.machine.job.inserts import Insert
+from printctl.machine.job.job import Insert
 from printctl.observe.records import LookRecord
 from printctl.pipeline.tracing import Job, layer_tops
 

@@ -15,7 +15,7 @@ from printctl.machine.control.channel import Channel
 from printctl.machine.errors import HandshakeError
 from printctl.machine.families import link_facts, unsent
 from printctl.machine.job.care import Care
-from printctl.machine.job.modal import places
+from printctl.machine.job.coordinates import places
 
 BOOT_LISTEN_S: Final = 1.0
 BOOT_QUIET_S: Final = 0.5

@@ -22,10 +22,10 @@ from printctl.machine.control.requests import RequestQueue
 from printctl.machine.control.watch import Watch
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.job.care import Care
-from printctl.machine.job.frame import frame_at
+from printctl.machine.job.coordinates import frame_at
+from printctl.machine.job.insert_check import JobReach
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.reach import JobReach
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.records.states import LinkState, Status
 

@@ -11,10 +11,10 @@ from printctl.machine.control.context import Print
 from printctl.machine.control.place import Standstill
 from printctl.machine.errors import PortLost
 from printctl.machine.families import link_facts
-from printctl.machine.job.modal import Modal
+from printctl.machine.job.coordinates import Modal
+from printctl.machine.job.dispensing import shut, shut_and_wait
 from printctl.machine.job.retreat import count_from, heaters_off
 from printctl.machine.job.stop_place import StopPlace
-from printctl.machine.job.valve import shut, shut_and_wait
 from printctl.machine.records.states import LinkState, PrintEnded
 
 _OTHERS: Final = (

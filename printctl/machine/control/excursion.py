@@ -7,9 +7,9 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.machine.control.progress import JobProgress
-from printctl.machine.job.filling import Filling
-from printctl.machine.job.modal import Modal
+from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.retreat import Retreat, count_from
+from printctl.machine.job.syringes import Filling
 
 M114_ROUNDING_MM: Final = 0.0051
 """Half of the last digit of M114's positions."""

@@ -16,7 +16,7 @@ from printctl.machine.control.gating import settings_changed_by
 from printctl.machine.control.gauges import Gauge, check_at_rest
 from printctl.machine.errors import HandshakeError
 from printctl.machine.families import link_facts
-from printctl.machine.job.valve import shut
+from printctl.machine.job.dispensing import shut
 
 RETRIES: Final = 8
 """So often a question is asked whose answer may be garbled."""

@@ -29,14 +29,15 @@ from firmware_profiles.families.position_reply import (
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.firmware import RETRIES
 from printctl.machine.families import link_facts
-from printctl.machine.job.frame import Renaming, renamings
-from printctl.machine.job.modal import (
+from printctl.machine.job.coordinates import (
     HOMING,
     Modal,
+    Renaming,
     declared_axes,
     disagreement,
     modal_state,
     places,
+    renamings,
 )
 from sim.gcode.reading import code_of, is_motion, read_sent
 

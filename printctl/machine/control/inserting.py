@@ -6,11 +6,10 @@ from printctl.machine.control.context import Print
 from printctl.machine.control.look_book import LookRequest, insert_answer
 from printctl.machine.control.syringes import replanned
 from printctl.machine.errors import LinkError, Refused
-from printctl.machine.job.flow_check import check_factor, check_flow
-from printctl.machine.job.insert_check import InsertPlace, judged_lines
-from printctl.machine.job.inserts import Insert
-from printctl.machine.job.modal import Modal
-from printctl.machine.job.valve import is_open
+from printctl.machine.job.coordinates import Modal
+from printctl.machine.job.dispensing import is_open
+from printctl.machine.job.insert_check import InsertPlace, check_factor, check_flow, judged_lines
+from printctl.machine.job.job import Insert
 
 
 def answer_clients(run: Print, at: Modal) -> LookRequest | None:

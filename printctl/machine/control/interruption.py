@@ -14,7 +14,7 @@ from typing import Final
 from printctl.machine.control.channel import Channel
 from printctl.machine.control.requests import Request, RequestQueue
 from printctl.machine.families import link_facts
-from printctl.machine.job.valve import shut
+from printctl.machine.job.dispensing import shut
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded
 
 AGAIN_S: Final = 3.0

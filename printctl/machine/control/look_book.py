@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import Any
 
 from printctl.machine.errors import Refused
-from printctl.machine.job.inserts import Insert
+from printctl.machine.job.job import Insert
 
 Answer = dict[str, Any]
 

@@ -34,8 +34,8 @@ from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.syringes import begin_change
 from printctl.machine.control.watch import DueTask
 from printctl.machine.errors import LinkError, Refused
+from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.modal import Modal
 from printctl.machine.records.journalled_print import JournalledPrint
 from printctl.machine.records.states import LinkState
 

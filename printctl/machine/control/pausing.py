@@ -28,9 +28,9 @@ from printctl.machine.control.watch import DueTask
 from printctl.machine.errors import LinkError
 from printctl.machine.families import link_facts
 from printctl.machine.job.care import NewSyringe
+from printctl.machine.job.coordinates import Modal, last_of
+from printctl.machine.job.dispensing import reopen, shut_and_wait
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.modal import Modal, last_of
-from printctl.machine.job.valve import reopen, shut_and_wait
 from printctl.machine.records.states import LinkState
 
 PAUSE_SIGN_S: Final = 20.0

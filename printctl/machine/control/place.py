@@ -17,7 +17,7 @@ from printctl.machine.control.channel import Channel
 from printctl.machine.control.firmware import RETRIES
 from printctl.machine.control.frame_check import FrameCheck
 from printctl.machine.families import link_facts
-from printctl.machine.job.modal import (
+from printctl.machine.job.coordinates import (
     AXES,
     Modal,
     axes_placed,
@@ -25,7 +25,7 @@ from printctl.machine.job.modal import (
     mismatched_axes,
     modal_state,
 )
-from printctl.machine.job.valve import shut_and_wait
+from printctl.machine.job.dispensing import shut_and_wait
 from printctl.machine.records.states import LinkState, PrintEnded
 from sim.gcode.reading import is_motion, read_sent
 

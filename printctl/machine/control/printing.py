@@ -18,8 +18,8 @@ from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.resuming import find_again
 from printctl.machine.errors import HandshakeError, LinkError
 from printctl.machine.families import link_facts
+from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.start import declared_start
 from printctl.machine.records.journalled_print import JournalledPrint
 from printctl.machine.records.states import LinkState, PrintEnded
 

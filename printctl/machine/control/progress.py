@@ -7,10 +7,10 @@ from typing import Final
 
 from printctl.machine.control.standstill import Standstill, StandstillWatch
 from printctl.machine.control.wiring import Wiring
-from printctl.machine.job.heads import head_at
+from printctl.machine.job.coordinates import Modal, ModalTrail, modal_state, relieved_mm
+from printctl.machine.job.dispensing import head_at
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.machine.job.moves import (
     Answers,
     MotorRunOn,

@@ -12,9 +12,9 @@ from printctl.machine.control.others import set_anew
 from printctl.machine.control.pausing import lower, shut_valve, wait_and_come_back
 from printctl.machine.control.syringes import find_change_again, take_head
 from printctl.machine.families import link_facts
+from printctl.machine.job.coordinates import Modal
+from printctl.machine.job.dispensing import is_open
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.modal import Modal
-from printctl.machine.job.valve import is_open
 from printctl.machine.records.journalled_print import JournalledPrint
 from printctl.machine.records.states import LinkState, PrintEnded
 

@@ -22,7 +22,7 @@ from itertools import pairwise
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.machine.job.modal import modal_state
+from printctl.machine.job.coordinates import modal_state
 from printctl.machine.job.moves import FAR_MM, motion_of, moves_ahead, planned_moves
 from sim.gcode.reading import is_motion, read_sent
 

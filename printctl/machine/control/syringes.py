@@ -9,12 +9,11 @@ from __future__ import annotations
 from printctl.machine.control.context import Print
 from printctl.machine.control.firmware import RETRIES
 from printctl.machine.job.care import NewSyringe
-from printctl.machine.job.filling import Filling, Plan, grown_plan
-from printctl.machine.job.heads import choose, confirms, keep_raised
+from printctl.machine.job.coordinates import Modal
+from printctl.machine.job.dispensing import choose, confirms, keep_raised
 from printctl.machine.job.job import Job
-from printctl.machine.job.modal import Modal
-from printctl.machine.job.reloading import plan_reloads
 from printctl.machine.job.retreat import count_from
+from printctl.machine.job.syringes import Filling, Plan, grown_plan, plan_reloads
 from printctl.machine.records.states import LinkState, PrintEnded
 
 

@@ -8,9 +8,8 @@ from enum import Enum, auto
 from typing import Final
 
 from printctl.machine.job.care import Care
-from printctl.machine.job.inserts import Position, behind
 from printctl.machine.job.look_places import LookPlaces, Written, look_places
-from printctl.machine.job.marks import MarkKind, Marks
+from printctl.machine.job.marks import MarkKind, Marks, Position, behind
 
 _AHEAD: Final = 2
 """Most lines in flight: a mark nearer than that may be passed before it is looked at."""

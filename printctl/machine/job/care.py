@@ -14,7 +14,7 @@ _LOOK_KINDS = (None, MarkKind.LAYER, MarkKind.VESSEL)
 
 @dataclass(frozen=True)
 class Care:
-    """What the link does beside sending lines.
+    """What the link does beside sending lines; raises `Refused` where no look could be made so.
 
     Attributes
     ----------
@@ -26,20 +26,16 @@ class Care:
         mark; 0 for an attended print.
     deadman_stops : bool
         End it by a controlled stop there instead.
-    syringe : str
-        Profile of the syringe in use, by name or path; empty where nobody said.
-    capacity_mm : float, mm
-        Plunger travel of a full syringe of this sort; 0 where unknown.
-    used_mm : float, mm
-        Travel that its plunger had used up at the start, as far as the station knew.
-    reload_at : tuple of int
-        Reload points, by the command lines before them, at which the syringe must be changed.
-    reload_heads : tuple of int
-        Of several heads, whose syringe at each; empty where there is one.
-    head_syringes : tuple of str
-        As `syringe`, of each of several heads.
-    head_capacity_mm : tuple of float, mm
-        As `capacity_mm`, of each of several heads.
+    syringe, capacity_mm, used_mm : str, float, float
+        Profile of the syringe in use, by name or path; plunger travel of a full one of its sort;
+        travel used up at the start, as far as the station knew. Empty or 0 where unknown.
+    reload_at, reload_heads : tuple of int
+        Reload points, by the command lines before them, at which the syringe must be changed; of
+        several heads, whose syringe at each.
+    head_syringes, head_capacity_mm : tuple of str, tuple of float
+        As `syringe` and `capacity_mm`, of each of several heads.
+    accepted : tuple of str
+        Checks that failed, and that the user accepts all the same; for the journal.
     silent_limit_s : float or None, s
         Without any usable answer for so long a print in progress counts as lost; None for the
         firmware family's own: 60 s, or 1800 s for one line of a firmware that can't be asked.
@@ -47,32 +43,22 @@ class Care:
         More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
     wire_log : str
         File or folder that all traffic is written to; empty for the last of it, kept in memory.
-    accepted : tuple of str
-        Checks that failed, and that the user told to print with all the same; for the journal.
     start_mm : tuple of float or None, mm
         Where the checks took the tip to stand before the first line; None where none was made.
     look_after : MarkKind or None
         The print is held for a look (`printctl.machine.control.looking`) where each layer or vessel
         ends.
-    look_every_mm : float, mm
-        Also behind so much written way since the last look, at the first mark of any kind or, in
-        layers, end of a line; 0 for no.
-    look_every_written_s : float, s
-        The same behind so much time of writing.
-    look_every_height_mm : float, mm
-        Also at the first mark where the part has become so much higher since the last look.
-    look_every_s : float, s
-        Also at the first mark of any kind so long after the last look; 0 for no.
+    look_every_mm, look_every_written_s : float; 0 for no
+        Also behind so much written way, or time of writing, since the last look, at the first mark
+        of any kind or, in layers, end of a line.
+    look_every_height_mm, look_every_s : float; 0 for no
+        Also at the first mark where the part is so much higher than at the last look, or so long
+        after it.
     look_limit_s : float, s
-        A look that nobody has decided by then becomes a pause for the operator, with an alarm.
+        A look that is still undecided then becomes a pause for the operator, with an alarm.
     look_park_mm : (x, y, z) or None, mm
         Where the needle waits in a look, counted from the touch-off as the job's checks count;
         None for straight above.
-
-    Raises
-    ------
-    Refused
-        When what is said of looks makes no sense.
     """
 
     checkpoint_s: float | None = 30.0
@@ -102,13 +88,8 @@ class Care:
     def __post_init__(self) -> None:
         if self.look_after not in _LOOK_KINDS:
             raise Refused(f"looks can't be made after each {self.look_after}: layer or vessel")
-        intervals = {
-            "mm": self.look_every_mm,
-            "s of writing": self.look_every_written_s,
-            "mm of height": self.look_every_height_mm,
-            "s": self.look_every_s,
-        }
-        for what, value in intervals.items():
+        intervals = zip(("mm", "s of writing", "mm of height", "s"), self._intervals, strict=True)
+        for what, value in intervals:
             if not 0 <= value < math.inf:
                 raise Refused(f"a look every {value!r} {what} is no length of 0 or more")
         if not 0 < self.look_limit_s < math.inf:
@@ -128,49 +109,38 @@ class Care:
     @property
     def looks_by_writing(self) -> bool:
         """Whether looks are due by what was written since the last one."""
-        every = (self.look_every_mm, self.look_every_written_s, self.look_every_height_mm)
-        return any(one > 0 for one in every)
+        return any(one > 0 for one in self._intervals[:3])
+
+    @property
+    def _intervals(self) -> tuple[float, ...]:
+        by_writing = self.look_every_mm, self.look_every_written_s, self.look_every_height_mm
+        return *by_writing, self.look_every_s
 
     def of_head(self, number: int | None) -> tuple[str, float]:
-        """Syringe and capacity of a head; of the only one for None."""
+        """Return syringe and capacity of a head; of the only one for None."""
         if number is None or number >= len(self.head_capacity_mm):
             return self.syringe, self.capacity_mm
         return self.head_syringes[number], self.head_capacity_mm[number]
 
     def to_dict(self) -> dict[str, Any]:
-        """As a JSON object."""
+        """Return it as a JSON object."""
         return asdict(self)
 
     @staticmethod
     def from_dict(data: dict[str, Any]) -> Care:
         """Read `to_dict`."""
-        lists = ("reload_at", "reload_heads", "head_syringes", "head_capacity_mm", "accepted")
-        start, park, after = (data.get(key) for key in ("start_mm", "look_park_mm", "look_after"))
-        told = {
-            "start_mm": tuple(start) if start else None,
-            "look_park_mm": tuple(park) if park else None,
-            "look_after": MarkKind(after) if after else None,
-        }
-        return Care(**{**data, **{name: tuple(data.get(name, ())) for name in lists}, **told})
+        after = data.get("look_after")
+        lists = {key: tuple(value) for key, value in data.items() if isinstance(value, list)}
+        return Care(**{**data, **lists, "look_after": MarkKind(after) if after else None})
 
 
 @dataclass(frozen=True)
 class NewSyringe:
-    """What was put in at a change of syringe.
+    """What was put in at a change of syringe; raises `Refused` for a length below 0 or none.
 
-    Attributes
-    ----------
-    plunger_mm : float, mm
-        Where its plunger stands: travel that is used up already, 0 for a full one.
-    name : str
-        Its profile; empty for one like the last.
-    capacity_mm : float, mm
-        Travel when full; with a name above 0, without one 0: the same as the last.
-
-    Raises
-    ------
-    Refused
-        When a length is negative or none, or the name and its capacity don't come together.
+    ``plunger_mm`` is travel that is used up already, 0 for a full one; ``name`` is its profile,
+    ``capacity_mm`` travel when full: refused as well where only one of the two is given; with
+    neither it is one like the last.
     """
 
     plunger_mm: float = 0.0

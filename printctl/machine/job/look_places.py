@@ -10,38 +10,39 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 from printctl.machine.job.care import Care
-from printctl.machine.job.inserts import Position, behind
-from printctl.machine.job.marks import MarkKind, Marks
-from sim.gcode.reading import is_motion, read_sent
+from printctl.machine.job.coordinates import Move, Spot, moves_of
+from printctl.machine.job.marks import MarkKind, Marks, Position, behind
+from sim.gcode.reading import is_motion
 
 
 @dataclass(frozen=True)
 class Written:
     """What a job has written before a place, without what was put into it.
 
-    Attributes
-    ----------
-    way_mm : float, mm
-        Of the moves that push the plunger; of a job that never moves it (a pneumatic head's), of
-        all moves along X and Y. Straight lengths are counted, of an arc its chord.
-    time_s : float, s
-        Of these moves at the speeds that the job asks for.
-    top_mm : float, mm
-        Highest of them; -inf before the first.
+    Counted are moves that push the plunger; of a job that never moves it (a pneumatic head's), all
+    moves along X and Y. ``way_mm`` adds straight lengths, of an arc its chord; ``time_s`` is at the
+    speeds that the job asks for; ``top_mm`` is the highest of them, -inf before the first.
     """
 
     way_mm: float = 0.0
     time_s: float = 0.0
     top_mm: float = -math.inf
 
+    def after(self, move: Move) -> Written:
+        """Return what is written after one more move."""
+        way, begin, end = move.way_mm, move.begin, move.end
+        seconds = way / (end.f / 60) if end.f > 0 else 0.0
+        top_mm = max(self.top_mm, begin.z, end.z)
+        return Written(self.way_mm + way, self.time_s + seconds, top_mm)
 
-_SAME_MM: Final = 1e-6
-_SOONEST_S: Final = 10.0
+
+_ROUNDING_MM: Final = 1e-6
+_FIRST_INTERVAL_S: Final = 10.0
 """Writing time to the first look, where looks are due by writing time, and to that behind a mend
 or correction; from there each interval is as long as all before it, up to what was asked for."""
 
@@ -50,15 +51,9 @@ or correction; from there each interval is as long as all before it, up to what 
 class LookPlaces:
     """Places at which looks may be due, in the job's order.
 
-    Attributes
-    ----------
-    index : list of int
-        Command lines before each.
-    written : list of Written
-    marked : list of bool
-        Marks; the others are ends of lines within a layer.
-    changed_s : tuple of float, s
-        Writing time at which something was put into the job: what it cures may not be over.
+    ``index`` are the command lines before each, ``written`` what is written there; ``marked`` tells
+    marks from ends of lines within a layer. ``changed_s`` are writing times at which something was
+    put into the job: what it cures may not be over.
     """
 
     index: list[int]
@@ -73,12 +68,12 @@ class LookPlaces:
         return LookPlaces(index, self.written, self.marked, changed)
 
     def at(self, done: int) -> Written:
-        """What was written up to the last place at or before ``done``."""
+        """Return what was written up to the last place at or before ``done``."""
         place = bisect_right(self.index, done)
         return self.written[place - 1] if place else Written()
 
     def next_due(self, first: int, looked: Written, care: Care) -> int | None:
-        """First place from ``first`` on at which enough was written since the last look."""
+        """Return the first place from ``first`` on by which enough is written since a look."""
         low, places = bisect_left(self.index, first), list[int]()
         if care.look_every_mm:
             least = looked.way_mm + care.look_every_mm
@@ -88,7 +83,7 @@ class LookPlaces:
             places.append(bisect_left(self.written, least, low, key=lambda one: one.time_s))
         if care.look_every_height_mm and self.index:
             base = max(looked.top_mm, self.written[0].top_mm)  # at first the first layer's
-            least = base + care.look_every_height_mm - _SAME_MM
+            least = base + care.look_every_height_mm - _ROUNDING_MM
             high = bisect_left(self.written, least, low, key=lambda one: one.top_mm)
             places += [k for k in range(high, len(self.index)) if self.marked[k]][:1]
         due = min(places, default=len(self.index))
@@ -97,28 +92,20 @@ class LookPlaces:
     def _interval_s(self, looked: Written, most_s: float) -> float:
         """Writing time from a look to the next: short where trouble is likely, or just seen."""
         since = looked.time_s - max(self.changed_s, default=0.0)
-        return min(most_s, max(_SOONEST_S, since))
+        return min(most_s, max(_FIRST_INTERVAL_S, since))
 
 
 def look_places(
     lines: Sequence[bytes], marks: Marks, inserts: Sequence[Position], *, within: bool
 ) -> LookPlaces:
-    """Return a job's places.
+    """Return the places of a (grown) job's ``lines``.
 
-    Parameters
-    ----------
-    lines : sequence of bytes
-        The (grown) job's.
-    marks : Marks
-    inserts : sequence of (after, count)
-        Lines that were put in; what they write isn't counted.
-    within : bool
-        Whether lines' ends within layers are wanted.
+    What its ``inserts`` write isn't counted. ``within`` is whether lines' ends within layers are
+    wanted.
     """
     marked = sorted({mark.index for mark in marks.all})
     layers = bool(marks.of(MarkKind.LAYER)) and not marks.of(MarkKind.VESSEL)
-    inserted = {k for after, count in inserts for k in range(after, after + count)}
-    written = _read(lines, marked, inserted, ends_too=within and layers)
+    written = _read(lines, marked, inserts, ends_too=within and layers)
     known = set(marked)
     index = sorted(written)
     places = LookPlaces(index, [written[k] for k in index], [k in known for k in index])
@@ -126,79 +113,34 @@ def look_places(
 
 
 def _read(
-    lines: Sequence[bytes], marked: Sequence[int], inserted: Collection[int], *, ends_too: bool
+    lines: Sequence[bytes], marked: Sequence[int], inserts: Sequence[Position], *, ends_too: bool
 ) -> dict[int, Written]:
     """Return what is written before each mark and, where wanted, before each end of a line."""
     written, waiting = dict[int, Written](), list(reversed(marked))
-    moves = _Moves(any(b" E" in line and is_motion(line) for line in lines))
+    inserted = {k for after, count in inserts for k in range(after, after + count)}
+    held = [after for after, count in reversed(inserts) if count]
+    # Of a job that moves a plunger only what pushes it writes.
+    by_plunger = any(b" E" in line and is_motion(line) for line in lines)
+    now = Written()
     end: int | None = None  # of the line that was written last, where it may still come later
     wrote = False
-    for index, line in enumerate(lines):
-        if waiting and waiting[-1] == index:
-            written[waiting.pop()] = moves.written
+    for move in moves_of(lines, at=Spot(0.0, 0.0, 0.0, 0.0, 0.0)):
+        index, begin, to, _ = move
+        while waiting and waiting[-1] <= index:
+            written[waiting.pop()] = now
             end, wrote = None, False  # nothing is written from here to the next line's begin
-        before = moves.written
-        step = moves.follow(line, counts=index not in inserted)
-        if not ends_too:
+        while held and held[-1] <= index:
+            after = held.pop()
+            end = after if wrote and end is None else end
+        if index in inserted:
             continue
-        if index in inserted:  # it was held here
-            end = index if wrote and end is None else end
-        elif step.writes:
-            if end is not None:
-                written[end] = before
-            end, wrote = None, True
-        elif step.relieves:
+        aside = math.dist(begin[:2], to[:2]) > 0
+        if to.e > begin.e and move.way_mm > 0 if by_plunger else aside:
+            if end is not None and ends_too:
+                written[end] = now
+            end, wrote, now = None, True, now.after(move)
+        elif by_plunger and to.e < begin.e:
             end = None  # it is better to rise behind it, off a wall and without pressure
-        elif step.aside and wrote and end is None:
+        elif aside and wrote and end is None:
             end = index
-    return written | dict.fromkeys(waiting, moves.written)
-
-
-@dataclass(frozen=True)
-class _Step:
-    """What a line does: goes along X and Y, writes, draws the plunger back."""
-
-    aside: bool = False
-    writes: bool = False
-    relieves: bool = False
-
-
-class _Moves:
-    """Follows a job's moves, and sums up those that write.
-
-    Parameters
-    ----------
-    by_plunger : bool
-        Whether the job moves a plunger: only what pushes it writes then.
-
-    Attributes
-    ----------
-    written : Written
-    """
-
-    def __init__(self, by_plunger: bool) -> None:
-        self.written = Written()
-        self._by_plunger = by_plunger
-        self._at = dict.fromkeys("XYZEF", 0.0)
-
-    def follow(self, line: bytes, *, counts: bool) -> _Step:
-        """Take a line; ``counts`` is whether what it writes is summed up."""
-        before = dict(self._at)
-        moves = is_motion(line)
-        if moves or line.startswith(b"G92 "):
-            words = read_sent(line).words
-            self._at |= {
-                axis: to for axis, to in words.items() if axis in before and to is not None
-            }
-        if not moves:
-            return _Step()
-        now = self._at
-        aside = math.dist([before["X"], before["Y"]], [now["X"], now["Y"]]) > 0
-        way = math.dist([before[axis] for axis in "XYZ"], [now[axis] for axis in "XYZ"])
-        writes = way > 0 and (now["E"] > before["E"] if self._by_plunger else aside)
-        if writes and counts:
-            told = self.written
-            seconds = way / (now["F"] / 60) if now["F"] > 0 else 0.0
-            top = max(told.top_mm, before["Z"], now["Z"])
-            self.written = Written(told.way_mm + way, told.time_s + seconds, top)
-        return _Step(aside, writes, self._by_plunger and now["E"] < before["E"])
+    return written | dict.fromkeys(waiting, now)

@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 
 from firmware_profiles import Axes, Printer
 from printctl.machine.families import link_facts
-from printctl.machine.job.modal import Modal, declared_axes
+from printctl.machine.job.coordinates import Modal, declared_axes
 from sim.gcode.reading import GcodeLine, is_motion, read_sent
 
 _AXES: Final = "XYZE"

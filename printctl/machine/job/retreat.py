@@ -1,8 +1,8 @@
 """Commands to relieve the plunger or shut the valve, lift and return the needle, heaters off.
 
 A plunger is relieved and primed again; a pneumatic head's valve is shut
-(`printctl.machine.job.valve`), and no E is sent to it. Opening it again is left to who comes back:
-only when the tip is in place.
+(`printctl.machine.job.dispensing`), and no E is sent to it. Opening it again is left to who comes
+back: only when the tip is in place.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.machine.job.modal import Modal
-from printctl.machine.job.valve import shut
+from printctl.machine.job.coordinates import Modal
+from printctl.machine.job.dispensing import shut
 
 _NOTHING_MM: Final = 1e-6
 LOWERING_STEP_MM: Final = 2.0
@@ -24,23 +24,12 @@ LOWERING_STEP_MM: Final = 2.0
 class Retreat:
     """Relieve the plunger or shut the valve, then lift straight up, the way that is free.
 
-    A needle under pressure in the bath goes on writing, so that comes first. The shaft
-    stands straight above the tip already, so straight up it meets nothing that it hasn't passed.
-
-    Attributes
-    ----------
-    relief_mm : float, mm
-        Plunger travel back (the ink's ``retract_ul`` over the syringe's area).
-    relief_mm_s : float, mm/s
-    lift_mm : float, mm
-        Upwards, ended by the top of the axis.
-    lift_mm_s : float, mm/s
-    park_mm : float, mm
-        Upwards for a change of syringe, ended by the top of the axis.
-    prime_mm : float, mm
-        Plunger travel pushed in addition on coming back from a pause.
-    others : tuple of Retreat
-        Those of the second and further heads, which have inks and syringes of their own.
+    A needle under pressure in the bath goes on writing, so that comes first. The shaft stands
+    straight above the tip already, so straight up it meets nothing that it hasn't passed.
+    ``relief_mm`` is plunger travel back (the ink's ``retract_ul`` over the syringe's area);
+    ``prime_mm`` is pushed in addition on coming back from a pause. ``lift_mm`` upwards, or
+    ``park_mm`` for a change of syringe, is ended by the top of the axis. ``others`` are those of
+    the second and further heads, which have inks and syringes of their own.
     """
 
     relief_mm: float = 0.1
@@ -56,18 +45,13 @@ class Retreat:
         object.__setattr__(self, "others", tuple(others))  # JSON knows no dataclass
 
     def of_head(self, number: int | None) -> Retreat:
-        """That of one head; the first one's where nobody said another."""
+        """Return that of one head; the first one's where no other is given."""
         return self.others[number - 1] if number and number <= len(self.others) else self
 
     def leave(self, at: Modal, printer: Printer, relieved_mm: float = 0.0) -> list[bytes]:
-        """Commands that leave ``at``; words that the job never gave are left out.
+        """Return commands that leave ``at``; words that the job never gave are left out.
 
-        Parameters
-        ----------
-        at : Modal
-        printer : Printer
-        relieved_mm : float, mm
-            What the job itself has drawn back already.
+        ``relieved_mm`` is what the job itself has drawn back already, mm.
         """
         commands = shut(printer)
         relieves = not printer.pneumatic and self.relief_mm - relieved_mm > _NOTHING_MM
@@ -76,22 +60,22 @@ class Retreat:
         return commands + self.rise(at, printer, self.lift_mm)
 
     def relieved_e(self, e: float, relieved_mm: float = 0.0) -> float:
-        """Where the plunger of a needle that left stands, mm, after the job left it at ``e``."""
+        """Return where the plunger stands once the needle has left ``e``, mm."""
         return e - max(0.0, self.relief_mm - relieved_mm)
 
     def relieve_to(self, e_mm: float, printer: Printer) -> bytes:
-        """Command that draws the plunger back to ``e_mm``."""
+        """Return the command that draws the plunger back to ``e_mm``."""
         return _move("E", e_mm, self._relief_speed(printer))
 
     def rise(self, at: Modal, printer: Printer, by_mm: float) -> list[bytes]:
-        """Commands that go straight up from ``at``, at most to the top of the axis."""
+        """Return commands that go straight up from ``at``, at most to the top of the axis."""
         if at.z is None or by_mm <= 0:
             return []
         top = max(at.z, min(at.z + by_mm, printer.z_mm.high))
         return [_move("Z", top, self._lift_speed(printer))]
 
     def lower(self, at: Modal, printer: Printer, from_z: float) -> list[bytes]:
-        """Commands that come down (or up) to ``at`` from ``from_z``, mm, none by a longer step."""
+        """Return commands that come down (or up) to ``at`` from ``from_z``, mm, in short steps."""
         if at.z is None:
             return []
         steps = max(1, math.ceil((from_z - at.z) / LOWERING_STEP_MM - _NOTHING_MM))
@@ -100,16 +84,10 @@ class Retreat:
         return [_move("Z", height, speed) for height in (*heights, at.z)]
 
     def rejoin(self, at: Modal, printer: Printer, prime_mm: float = 0.0) -> list[bytes]:
-        """Commands that come back to ``at``: down, prime again, feed rate as it was.
+        """Return commands that come back to ``at``: down, prime again, feed rate as it was.
 
-        A pneumatic head's valve stays shut.
-
-        Parameters
-        ----------
-        at : Modal
-        printer : Printer
-        prime_mm : float, mm
-            Pushed beyond where the plunger was; it is then counted as where it was.
+        A pneumatic head's valve stays shut. ``prime_mm`` is pushed beyond where the plunger was;
+        it is then counted as where it was.
         """
         commands = []
         if at.z is not None:
@@ -130,10 +108,10 @@ class Retreat:
 
 
 def heaters_off(printer: Printer) -> list[bytes]:
-    """Commands of the safe state: ``safe_state_off``, then the heaters but for what must stay on.
+    """Return commands of the safe state: ``safe_state_off``, then the heaters off.
 
-    ``ink ...`` in ``safe_state_on`` keeps the tool's temperature, ``bath ...`` the bed's. Of
-    several heads each is told: without a number it is the one in use that goes off.
+    ``ink ...`` in ``safe_state_on`` keeps the tool's temperature, ``bath ...`` the bed's. Each of
+    several heads is named: without a number it is the one in use that goes off.
     """
     commands = [command.encode("ascii") for command in printer.safe_state_off]
     if not any(item.startswith("ink") for item in printer.safe_state_on):
@@ -145,7 +123,7 @@ def heaters_off(printer: Printer) -> list[bytes]:
 
 
 def count_from(e_mm: float) -> bytes:
-    """Command that calls the plunger's place ``e_mm`` without moving it."""
+    """Return the command that calls the plunger's place ``e_mm`` without moving it."""
     return b"G92 E%.5f" % e_mm
 
 

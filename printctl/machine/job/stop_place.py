@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from printctl.machine.job.modal import Modal, declared_axes, modal_state
-from printctl.machine.job.reloading import plunger_travel
+from printctl.machine.job.coordinates import Modal, declared_axes, modal_state
+from printctl.machine.job.syringes import plunger_travel
 from sim.gcode.reading import code_of, is_motion
 
 NEAR_MM: Final = 0.02

@@ -11,7 +11,7 @@ class Clock(Protocol):
     """Seconds since some start, never going back."""
 
     def now(self) -> float:
-        """Time in s."""
+        """Return the time in s."""
         ...
 
     def sleep(self, seconds: float) -> None:
@@ -27,7 +27,7 @@ class RealClock:
 
     def __init__(self) -> None:
         boot = getattr(time, "CLOCK_BOOTTIME", None)
-        # bound once: it is asked for every line
+        # bound once: every line reads it
         self.now = time.monotonic if boot is None else partial(time.clock_gettime, boot)
 
     def sleep(self, seconds: float) -> None:
@@ -42,7 +42,7 @@ class VirtualClock:
         self._now = start
 
     def now(self) -> float:
-        """Virtual time in s."""
+        """Return the virtual time in s."""
         return self._now
 
     def sleep(self, seconds: float) -> None:

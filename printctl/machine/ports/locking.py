@@ -6,7 +6,6 @@ import contextlib
 import os
 import socket
 import tempfile
-from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
@@ -15,19 +14,10 @@ from printctl.machine.errors import PortInUse, PortMissing
 
 
 def lock(handle: IO[bytes], shared: bool = False) -> None:
-    """Lock a file until it is closed.
+    """Lock a file until it is closed; raises `OSError` where another process holds it.
 
-    Parameters
-    ----------
-    handle : file
-    shared : bool
-        Let others have a shared lock meanwhile, as several do who only look whether anybody holds
-        it. Windows has none through this door: there two who look can meet.
-
-    Raises
-    ------
-    OSError
-        When another process holds it.
+    ``shared`` lets others have a shared lock meanwhile, as several do who only look whether anybody
+    holds it. Windows has none through this door: there two who look can meet.
     """
     if os.name == "nt":
         import msvcrt  # only there
@@ -41,36 +31,22 @@ def lock(handle: IO[bytes], shared: bool = False) -> None:
 
 
 def hold_address(host: str, port: int, name: str) -> ExitStack:
-    """Hold a printer's network address, under whatever name, until the stack is closed.
+    """Hold a printer's network address until the stack is closed; users know it by ``name``.
 
     Taken before anything is sent there: many bridges serve one client, and drop the first when a
-    second one calls. Another machine isn't kept out; only the bridge itself could do that.
-
-    Parameters
-    ----------
-    host : str
-    port : int
-    name : str
-        As the user knows it.
-
-    Raises
-    ------
-    PortMissing
-        When the host's name can't be resolved.
-    PortInUse
-        When a process of this machine holds it, whoever's it is.
+    second one calls. Another machine isn't kept out; only the bridge itself could do that. Raises
+    `PortMissing` where the host's name can't be resolved, `PortInUse` where any process of this
+    machine holds it, under whatever name.
     """
     try:
         addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except OSError as exc:
         raise PortMissing(f"nobody is called {host} ({exc}); check the host of {name}") from exc
-    return _hold(sorted({str(entry[4][0]) for entry in addresses}), port, name)
-
-
-def _hold(addresses: Sequence[str], port: int, name: str) -> ExitStack:
     with ExitStack() as held:
-        for address in addresses:
-            handle = held.enter_context(_open(_path(address, port)))
+        for address in sorted({str(entry[4][0]) for entry in addresses}):
+            plain = "".join(letter if letter.isalnum() else "-" for letter in address)
+            path = Path(tempfile.gettempdir()) / f"printctl-tcp-{plain}-{port}.lock"
+            handle = held.enter_context(_open(path))
             try:
                 lock(handle)
             except OSError as exc:
@@ -81,13 +57,8 @@ def _hold(addresses: Sequence[str], port: int, name: str) -> ExitStack:
         return held.pop_all()
 
 
-def _path(address: str, port: int) -> Path:
-    plain = "".join(letter if letter.isalnum() else "-" for letter in address)
-    return Path(tempfile.gettempdir()) / f"printctl-tcp-{plain}-{port}.lock"
-
-
 def _open(path: Path) -> IO[bytes]:
-    """A file that every user of the machine can lock; nothing is ever written into it."""
+    """Open a file that every user of the machine can lock; nothing is ever written into it."""
     flags = os.O_CLOEXEC | os.O_NOFOLLOW if os.name != "nt" else 0
     try:
         descriptor = os.open(path, os.O_RDONLY | flags)

@@ -22,7 +22,7 @@ from typing import Final
 import serial
 
 from printctl.machine.errors import PortDenied, PortError, PortInUse, PortLost, PortMissing
-from printctl.machine.ports.port_list import PortPrograms, ports_found, programs_at
+from printctl.machine.ports.detection import PortPrograms, list_ports, programs_at
 
 if sys.platform != "win32":
     import fcntl
@@ -33,7 +33,7 @@ else:
     termios_error = OSError
 
 WRITE_LIMIT_S: Final = 5.0
-_CHUNK: Final = 65536
+CHUNK_BYTES: Final = 65536
 _RESET_PULSE_S: Final = 0.25
 _TERMINALS: Final = "/dev/pts/"
 """Of programs: a simulated printer's port is one."""
@@ -47,9 +47,10 @@ def _refusal(name: str, exc: OSError) -> PortError:
                 f"port {name} doesn't exist any more: it was a simulated printer's, which has "
                 "ended; what it had printed is gone with it, so print anew"
             )
+        ports = ", ".join(info.device for info in list_ports()) or "none"
         return PortMissing(
-            f"port {name} doesn't exist (ports found: {ports_found()}); check the cable and the "
-            "power, or give another --port"
+            f"port {name} doesn't exist (ports found: {ports}); check the cable and the power, or "
+            "give another --port"
         )
     if exc.errno in (errno.EACCES, errno.EPERM):
         return PortDenied(
@@ -62,20 +63,10 @@ def _refusal(name: str, exc: OSError) -> PortError:
 
 
 class SerialTransport:
-    """See the module, and `printctl.machine.ports.transport.Transport`.
+    """Connection by a serial port; see `printctl.machine.ports.transport.Transport`.
 
-    Parameters
-    ----------
-    name : str
-        Device.
-    baud : int
-    dtr, rts : bool
-        State of the modem lines while the port is open. On Linux opening raises both all the
-        same; a line that should be low falls at once.
-
-    Raises
-    ------
-    PortError
+    ``dtr`` and ``rts`` are the state of the modem lines while the port is open. On Linux opening
+    raises both all the same; a line that should be low falls at once. Raises `PortError`.
     """
 
     quiet_s: float = 0.05
@@ -93,17 +84,14 @@ class SerialTransport:
             raise _refusal(name, exc if isinstance(exc, OSError) else OSError(str(exc))) from exc
         self._fd = -1 if sys.platform == "win32" else self._serial.fileno()
         if self._fd >= 0:
-            self._hold_dtr_on_close()
+            if sys.platform != "win32":  # closing leaves DTR as it is
+                settings = termios.tcgetattr(self._fd)
+                settings[2] &= ~termios.HUPCL
+                termios.tcsetattr(self._fd, termios.TCSANOW, settings)
             self._keep_others_out(True)
             self._readable, self._writable = select.poll(), select.poll()
             self._readable.register(self._fd, select.POLLIN)
             self._writable.register(self._fd, select.POLLOUT)
-
-    def _hold_dtr_on_close(self) -> None:
-        if sys.platform != "win32":
-            settings = termios.tcgetattr(self._fd)
-            settings[2] &= ~termios.HUPCL
-            termios.tcsetattr(self._fd, termios.TCSANOW, settings)
 
     def _keep_others_out(self, out: bool) -> None:
         """Have the system refuse further programs; pyserial's lock binds those alone that look.
@@ -117,7 +105,7 @@ class SerialTransport:
                 fcntl.ioctl(self._fd, termios.TIOCEXCL if out else termios.TIOCNXCL)
 
     def programs(self) -> PortPrograms:
-        """See `printctl.machine.ports.transport.Transport`."""
+        """Find the other programs that have the port open; some 10 ms."""
         try:
             return programs_at(self._fd) if self._fd >= 0 else PortPrograms()
         except OSError:
@@ -127,11 +115,12 @@ class SerialTransport:
         """Give what has come, waiting at most ``timeout`` s for it; empty for nothing."""
         try:
             if self._fd < 0:
-                return self._read_windows(timeout)
+                self._serial.timeout = max(0.0, timeout)
+                return bytes(self._serial.read(max(1, self._serial.in_waiting)))
             seen = self._readable.poll(max(0.0, timeout) * 1000.0)
             if not seen:
                 return b""
-            data = os.read(self._fd, _CHUNK)
+            data = os.read(self._fd, CHUNK_BYTES)
             if not data and not seen[0][1] & ~select.POLLIN:
                 self.stolen += 1  # there was something, and another reader has it
                 return b""
@@ -139,15 +128,13 @@ class SerialTransport:
             self.stolen += 1
             return b""
         except (OSError, TypeError, ValueError) as exc:
-            raise PortLost(f"port {self.name} went away: {exc}") from exc
+            raise self._lost(exc) from exc
         if not data:
             raise PortLost(f"port {self.name} went away (end of file)")
         return data
 
-    def _read_windows(self, timeout: float) -> bytes:
-        self._serial.timeout = max(0.0, timeout)
-        data: bytes = self._serial.read(max(1, self._serial.in_waiting))
-        return data
+    def _lost(self, exc: Exception) -> PortLost:
+        return PortLost(f"port {self.name} went away: {exc}")
 
     def write(self, data: bytes) -> None:
         """Write all of ``data``, or raise `PortLost` within `WRITE_LIMIT_S`."""
@@ -161,7 +148,7 @@ class SerialTransport:
         except BlockingIOError:
             self._write_rest(data)
         except (OSError, TypeError, ValueError) as exc:
-            raise PortLost(f"port {self.name} went away: {exc}") from exc
+            raise self._lost(exc) from exc
 
     def _write_rest(self, data: bytes) -> None:
         limit = time.monotonic() + WRITE_LIMIT_S
@@ -175,7 +162,7 @@ class SerialTransport:
             except BlockingIOError:
                 continue
             except OSError as exc:
-                raise PortLost(f"port {self.name} went away: {exc}") from exc
+                raise self._lost(exc) from exc
 
     def write_urgent(self, data: bytes) -> None:
         """Drop what hasn't left yet and write ``data`` at once, from any thread."""
@@ -187,15 +174,10 @@ class SerialTransport:
                 else:
                     os.write(self._fd, data)
         except (OSError, TypeError, ValueError) as exc:
-            raise PortLost(f"port {self.name} went away: {exc}") from exc
+            raise self._lost(exc) from exc
 
     def set_baud(self, baud: int) -> None:
-        """Change the rate while the port is open, and forget what came at another.
-
-        Raises
-        ------
-        PortLost
-        """
+        """Change the rate while the port is open, and forget what came at another."""
         try:
             self._serial.baudrate = baud
             self._serial.reset_input_buffer()

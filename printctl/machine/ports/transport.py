@@ -1,37 +1,52 @@
-"""`Transport` interface, and its factory by port name.
+"""`Transport` interface, TCP, opening a port by name, and finding port and baud rate.
 
 A port is named ``/dev/ttyUSB0`` or ``COM3`` (serial, pseudo-terminals too), or
 ``tcp:HOST:PORT`` or ``socket://HOST:PORT``.
+
+The one port that matches a profile is then asked: by the print's own handshake, or here where the
+baud rate is to be found as well. What is asked here is the link's own question: a line with a
+number far too high. Some families refuse it, others give their temperatures; nothing moves. At a
+wrong baud rate it arrives as other bytes, none of which reads as a command
+(`tests/printctl/machine/link/test_transport.py` samples its waveform at every other rate). The port
+is opened once, so that a board resets once at most; the rate is changed while it is open.
 """
 
 from __future__ import annotations
 
 import re
-from typing import Protocol
+import select
+import socket
+import threading
+import time
+from collections.abc import Sequence
+from typing import Final, NamedTuple, Protocol
 
 from firmware_profiles import Printer
-from printctl.machine.errors import PortError
-from printctl.machine.ports.port_list import PortPrograms
-from printctl.machine.ports.serial_port import SerialTransport
-from printctl.machine.ports.tcp_port import TcpTransport
+from firmware_profiles.families.link_protocol import QUESTION
+from printctl.machine.errors import HandshakeError, PortError, PortLost, PortMissing
+from printctl.machine.ports.clock import Clock, RealClock
+from printctl.machine.ports.detection import AUTO, PortPrograms, named_port, rates_to_try
+from printctl.machine.ports.locking import hold_address
+from printctl.machine.ports.serial_port import CHUNK_BYTES, WRITE_LIMIT_S, SerialTransport
 
-_TCP = re.compile(r"(?:tcp:|socket://)(?P<host>\[.+\]|[^:]+):(?P<port>\d+)$")
+CONNECT_LIMIT_S: Final = 5.0
+ANSWER_S: Final = 0.6
+ROUNDS: Final = 2
+FIRST_WORD_S: Final = 2.0
+BOOT_QUIET_S: Final = 0.5
+BOOT_LIMIT_S: Final = 10.0
+_TCP: Final = re.compile(r"(?:tcp:|socket://)(?P<host>\[.+\]|[^:]+):(?P<port>\d+)$")
+_ANSWER: Final = re.compile(
+    rb"(?m)^(?:Error:.*Last Line: \d+|Resend: ?\d+|ok(?: [ -~]*)?|echo:busy: [ -~]+)\r?$"
+)
 
 
 class Transport(Protocol):
-    """Connection to a printer that carries bytes.
+    """Connection to a printer that carries bytes; users know it by ``name``.
 
     One thread reads and writes; `write_urgent` and `reset` may be called by another at any
-    moment, and neither waits for the first.
-
-    Attributes
-    ----------
-    name : str
-        As the user knows it.
-    quiet_s : float
-        Of silence after which no reply is under way; longer than the wire's latency.
-    stolen : int
-        Times that another program read what had come; 0 where that can't be noticed.
+    moment, and neither waits for the first. After ``quiet_s`` of silence no reply is under way:
+    longer than the wire's latency.
     """
 
     name: str
@@ -39,7 +54,7 @@ class Transport(Protocol):
 
     @property
     def stolen(self) -> int:
-        """See the class."""
+        """Count of another program's reads of what had come; 0 where that can't be noticed."""
         ...
 
     def programs(self) -> PortPrograms:
@@ -67,22 +82,89 @@ class Transport(Protocol):
         ...
 
 
+class TcpTransport:
+    """Connection by TCP: a network bridge, or the simulated printer without a pty.
+
+    There is no reset line, and nothing that a firmware could tell a new connection by. As with a
+    serial port one process of this machine alone may be connected: raises `PortInUse`, or
+    `PortMissing` where nothing listens.
+    """
+
+    quiet_s: float = 0.25
+    stolen: int = 0
+
+    def __init__(self, host: str, port: int, name: str) -> None:
+        self.name = name
+        self._held = hold_address(host, port, self.name)
+        try:
+            self._socket = socket.create_connection((host, port), CONNECT_LIMIT_S)
+        except OSError as exc:
+            self._held.close()
+            raise PortMissing(
+                f"nobody answers at {self.name} ({exc}); check host and port, and that the "
+                "printer is on"
+            ) from exc
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.setblocking(False)
+        self._lock = threading.Lock()
+
+    def programs(self) -> PortPrograms:
+        """Return none: no program reads another's connection."""
+        return PortPrograms()
+
+    def read(self, timeout: float) -> bytes:
+        """Give what has come, waiting at most ``timeout`` s for it; empty for nothing."""
+        try:
+            ready, _, _ = select.select([self._socket], [], [], max(0.0, timeout))
+            data = self._socket.recv(CHUNK_BYTES) if ready else None
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError) as exc:
+            raise self._lost(exc) from exc
+        if data == b"":
+            raise PortLost(f"connection {self.name} was closed by the printer")
+        return data or b""
+
+    def write(self, data: bytes) -> None:
+        """Write all of ``data``, or raise `PortLost` within `WRITE_LIMIT_S`."""
+        limit = time.monotonic() + WRITE_LIMIT_S
+        while data:
+            try:
+                with self._lock:
+                    data = data[self._socket.send(data) :]
+            except BlockingIOError:
+                left = max(0.0, limit - time.monotonic())
+                if not select.select([], [self._socket], [], left)[1]:
+                    raise PortLost(
+                        f"connection {self.name} took no byte for {WRITE_LIMIT_S:g} s"
+                    ) from None
+            except (OSError, ValueError) as exc:
+                raise self._lost(exc) from exc
+
+    def write_urgent(self, data: bytes) -> None:
+        """Write ``data`` at once, from any thread; what TCP has already taken goes before it."""
+        try:
+            self._socket.send(data)
+        except (OSError, ValueError) as exc:
+            raise self._lost(exc) from exc
+
+    def _lost(self, exc: Exception) -> PortLost:
+        return PortLost(f"connection {self.name} went away: {exc}")
+
+    def reset(self) -> bool:
+        """Do nothing: there is no reset line."""
+        return False
+
+    def close(self) -> None:
+        """Let go of the connection; closing twice does no harm."""
+        self._socket.close()
+        self._held.close()
+
+
 def open_port(name: str, printer: Printer, baud: int | None = None) -> Transport:
-    """Open the port called ``name`` for a printer.
+    """Open the port called ``name`` for a printer, at ``baud`` in place of its profile's rate.
 
-    Parameters
-    ----------
-    name : str
-        See the module.
-    printer : Printer
-        Profile: baud rate, and what opening does to the board.
-    baud : int, optional
-        In place of the profile's.
-
-    Raises
-    ------
-    PortError
-        Missing, denied or in use; the message says which and the remedy.
+    Raises `PortError`: missing, denied or in use; the message says which and the remedy.
     """
     tcp = _TCP.match(name)
     if tcp:
@@ -90,3 +172,58 @@ def open_port(name: str, printer: Printer, baud: int | None = None) -> Transport
     if "://" in name or name.startswith("tcp:"):
         raise PortError(f"port {name!r} isn't tcp:HOST:PORT, socket://HOST:PORT or a device")
     return SerialTransport(name, baud or printer.baud, printer.dtr, printer.rts)
+
+
+class PrinterPort(NamedTuple):
+    """Port and baud rate at which a printer answers."""
+
+    port: str
+    baud: int
+
+
+def locate(port: str, baud: int | str | None, printer: Printer) -> PrinterPort:
+    """Find port and baud rate where one or both are `AUTO`; opens the port for `AUTO` rates only.
+
+    A ``baud`` of None is the profile's. Raises `PortError` where no port, or more than one, can be
+    the printer's, or it can't be opened; `HandshakeError` where nothing answers at any rate tried.
+    (A rate that is given isn't tried here: the print's own handshake does it.)
+    """
+    name = named_port(port, printer)
+    if baud != AUTO:
+        return PrinterPort(name, int(baud or printer.baud))
+    rates = rates_to_try(printer)
+    wire = open_port(name, printer, rates[0])
+    try:
+        if isinstance(wire, SerialTransport):
+            return PrinterPort(name, sweep(wire, rates, RealClock(), printer.resets_on_connect))
+        return PrinterPort(name, rates[0])  # TCP: whoever bridges it has chosen the rate
+    except HandshakeError as exc:
+        raise HandshakeError(f"{name}: {exc}") from exc
+    finally:
+        wire.close()
+
+
+def sweep(wire: SerialTransport, rates: Sequence[int], clock: Clock, resets: bool) -> int:
+    """Ask at one rate after the other; return the first at which a firmware answers.
+
+    ``wire`` is open at the first rate. A board that ``resets`` when its port opens is given time to
+    start. Raises `HandshakeError` where nothing answers, `PortLost` where the port goes away.
+    """
+    wait, limit = FIRST_WORD_S, clock.now() + BOOT_LIMIT_S
+    # Wait for the first sign of a start, and until it is over; at whatever rate, it is a sign.
+    while resets and clock.now() < limit and wire.read(wait):
+        wait = BOOT_QUIET_S
+    heard_bytes = 0
+    for rate in [*rates] * ROUNDS:
+        wire.set_baud(rate)
+        wire.write(QUESTION)
+        reply, limit = b"", clock.now() + ANSWER_S
+        while (left := limit - clock.now()) > 0:
+            reply += wire.read(left)
+            if _ANSWER.search(reply[: reply.rfind(b"\n") + 1]):
+                return rate
+        heard_bytes += len(reply)
+    raise HandshakeError(
+        f"no firmware answers at {', '.join(map(str, rates))} Bd ({heard_bytes} bytes heard); "
+        "check that the printer is on and no other program speaks to it, or give --baud"
+    )

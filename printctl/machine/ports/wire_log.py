@@ -14,15 +14,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final, TextIO
 
-from printctl.machine.ports.port_list import PortPrograms
+from printctl.machine.ports.detection import PortPrograms
 from printctl.machine.ports.transport import Transport
 
 RING_BYTES: Final = 256 * 1024
-_OVERHEAD: Final = 32
-_MOST: Final = RING_BYTES // _OVERHEAD
-"""More entries than ever fit into `RING_BYTES`."""
-_LONG: Final = 512
-"""Bytes; entries longer than that could outgrow memory, and are rare."""
+_OVERHEAD_BYTES: Final = 32
+_MAX_ENTRIES: Final = RING_BYTES // _OVERHEAD_BYTES
+_LONG_BYTES: Final = 512
+"""Entries longer than that could outgrow memory, and are rare."""
 FILE: Final = "wire.log"
 FLUSH_S: Final = 0.5
 _Note = tuple[float, str, bytes]
@@ -31,19 +30,12 @@ _Note = tuple[float, str, bytes]
 class WireLog:
     """The last traffic, `RING_BYTES` at most.
 
-    Parameters
-    ----------
-    path : Path, optional
-        Everything goes there as well; a folder gets a file ``wire.log``.
-
-    Attributes
-    ----------
-    lost : str
-        Why nothing more is written to that file (disk full); empty while it is.
+    Everything goes to a file ``path`` as well, where given; a folder gets a file ``wire.log``.
+    ``lost`` says why nothing more is written to it (disk full); empty while it is.
     """
 
     def __init__(self, path: Path | None = None) -> None:
-        self._last: deque[_Note] = deque(maxlen=_MOST)
+        self._last: deque[_Note] = deque(maxlen=_MAX_ENTRIES)
         self._zero, self._lock = time.monotonic(), threading.Lock()
         self._began: _Note = (self._zero, "#", b"%.6f" % time.time())
         self._file: TextIO | None = None
@@ -58,7 +50,7 @@ class WireLog:
         """Note bytes; from any thread. Part of the link's hot path: twice a line."""
         note = time.monotonic(), sort, data
         self._last.append(note)  # atomic; what is too much for the limit is left out on keeping
-        if len(data) > _LONG:
+        if len(data) > _LONG_BYTES:
             self._drop_oldest()
         if self._file is not None:
             self._write(note)
@@ -72,9 +64,9 @@ class WireLog:
     def _drop_oldest(self) -> None:
         """Forget what is more than `RING_BYTES`."""
         with self._lock:
-            size = sum(len(data) + _OVERHEAD for _, _, data in self._last.copy())
+            size = sum(len(data) + _OVERHEAD_BYTES for _, _, data in self._last.copy())
             while size > RING_BYTES:
-                size -= len(self._last.popleft()[2]) + _OVERHEAD
+                size -= len(self._last.popleft()[2]) + _OVERHEAD_BYTES
 
     def _write(self, note: _Note) -> None:
         with self._lock:
@@ -105,13 +97,7 @@ class WireLog:
 
 
 class LoggedTransport:
-    """A wire that is logged; see `printctl.machine.ports.transport.Transport`.
-
-    Parameters
-    ----------
-    transport : Transport
-    log : WireLog
-    """
+    """A wire that is logged; see `printctl.machine.ports.transport.Transport`."""
 
     def __init__(self, transport: Transport, log: WireLog) -> None:
         self._transport, self._log = transport, log
@@ -120,11 +106,11 @@ class LoggedTransport:
 
     @property
     def stolen(self) -> int:
-        """See `printctl.machine.ports.transport.Transport`."""
+        """Times that another program read what had come."""
         return self._transport.stolen
 
     def programs(self) -> PortPrograms:
-        """See `printctl.machine.ports.transport.Transport`."""
+        """Find the other programs that have the port open."""
         return self._transport.programs()
 
     def write(self, data: bytes) -> None:

@@ -14,9 +14,9 @@ from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError, NoLink, Refused
 from printctl.machine.families import link_facts
 from printctl.machine.job.job import load_job
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.prints.print_words import state_words
-from printctl.machine.prints.recovery_begin import NoCheckpoint
+from printctl.machine.prints.recovery import NoCheckpoint
 from printctl.machine.prints.recovery_file import planned
 from printctl.machine.process.contact import (
     STATION_LOCK,

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from printctl.machine.job.inserts import Insert, file_count
-from printctl.machine.job.reloading import plunger_travel
+from printctl.machine.job.job import Insert, file_count
+from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.prints.progress import Filling
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.files import atomic_replacement
-from printctl.machine.prints.recovering import Recovery
+from printctl.machine.prints.recovery import Recovery
 
 MAP: Final = ".map.npz"
 OF_LINES: Final = ("source", "move", "kind")

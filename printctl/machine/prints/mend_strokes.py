@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from printctl.machine.job.inserts import Insert
-from printctl.machine.job.job import Job
-from printctl.machine.job.modal import AXES, modal_state
+from printctl.machine.job.coordinates import AXES, modal_state
+from printctl.machine.job.job import Insert, Job
 from sim.gcode.reading import code_of, read_sent
 
 Place = tuple[float, float, float]

@@ -13,8 +13,7 @@ from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import Care
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.prints.recovering import Recovery, plan_recovery
-from printctl.machine.prints.recovery_begin import NoCheckpoint
+from printctl.machine.prints.recovery import NoCheckpoint, Recovery, plan_recovery
 from printctl.machine.process.contact import stays_alive
 from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.printed_job import load_printed_job
@@ -40,20 +39,9 @@ def _ul_per_mm(care: Care) -> float | None:
 def planned(folder: Path, from_line: int | None = None) -> Recovery:
     """Plan how to go on with the print in ``folder``; nothing is written or sent.
 
-    Parameters
-    ----------
-    folder : Path
-    from_line : int, optional
-        Line of the job's file to begin with, in place of the last checkpoint.
-
-    Raises
-    ------
-    NoCheckpoint
-        When a person must say where to begin.
-    PrintctlError
-        When there is nothing to recover, or it can't be.
-    LinkError
-        When the print or its job can't be read.
+    ``from_line`` of the job's file is where to begin, in place of the last checkpoint. Raises
+    `NoCheckpoint` where a person must say where to begin, `PrintctlError` where there is nothing to
+    recover, or it can't be, `LinkError` where the print or its job can't be read.
     """
     record = load_record(folder)
     if stays_alive(folder):
@@ -88,15 +76,8 @@ def planned(folder: Path, from_line: int | None = None) -> Recovery:
 def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[str, Any]:
     """Write the rest of a print's job; return where, what to do first, and how to print it.
 
-    With its map, where the job has one: the needle's shaft is checked by it.
-
-    Parameters
-    ----------
-    folder : Path
-        The print's.
-    plan : Recovery
-    file : Path, optional
-        ``NAME.rest.gcode`` beside the job by default.
+    To ``NAME.rest.gcode`` beside the job by default, with its map, where the job has one: the
+    needle's shaft is checked by it.
     """
     record = load_record(folder)
     place = file or Path(record.job).with_suffix(".rest.gcode")

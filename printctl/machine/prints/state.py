@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from firmware_profiles import Syringe, load
 from printctl.machine.job.care import Care
-from printctl.machine.job.inserts import file_count
+from printctl.machine.job.job import file_count
 from printctl.machine.prints.actions import Possible, PrintAction, possible_actions
 from printctl.machine.prints.alerts import Alert, alert_of
 from printctl.machine.prints.inserted_ink import filling_in_file

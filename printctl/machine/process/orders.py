@@ -13,10 +13,9 @@ from printctl.machine.control.station_status import Place
 from printctl.machine.errors import Refused
 from printctl.machine.families import link_facts
 from printctl.machine.job.care import Care
+from printctl.machine.job.coordinates import declared_start, last_of
 from printctl.machine.job.job import Job
-from printctl.machine.job.modal import last_of
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.job.start import declared_start
 from sim.gcode.reading import code_of
 
 ASIDE_MM: Final = 0.05

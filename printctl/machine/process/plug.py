@@ -11,9 +11,8 @@ from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
 from printctl.machine.control.station_status import Place
 from printctl.machine.errors import PortError, PortLost
-from printctl.machine.ports.port_detection import locate
-from printctl.machine.ports.port_list import SIMULATED
-from printctl.machine.ports.transport import Transport, open_port
+from printctl.machine.ports.detection import SIMULATED
+from printctl.machine.ports.transport import Transport, locate, open_port
 from printctl.machine.process.simulated import simulated_printer
 
 

@@ -19,7 +19,7 @@ from design.files import write_text
 from firmware_profiles import Printer
 from printctl.errors import PrinterFailedError
 from printctl.machine.errors import LinkError
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.records.record import JOURNAL, SIM_ADDRESS, load_record, reported_port
 from printctl.sources import python_command, source_digest
 

@@ -19,8 +19,8 @@ from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.ports.port_detection import AUTO, locate
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.ports.detection import AUTO, SIMULATED
+from printctl.machine.ports.transport import locate
 from printctl.machine.process.client import (
     CHECK_S,
     PrintClient,

@@ -11,9 +11,8 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.machine.control.station_status import Place, StationState
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import BY_NAME, JournalError, LinkError, Refused
-from printctl.machine.job.filling import Filling
 from printctl.machine.job.job import Job, load_job
-from printctl.machine.job.reloading import plunger_travel
+from printctl.machine.job.syringes import Filling, plunger_travel
 from printctl.machine.process.machine import Machine, Request
 from printctl.machine.process.one_print import contact_of, run_print
 from printctl.machine.process.orders import Order, check_homing, check_start, leaves_motors_on

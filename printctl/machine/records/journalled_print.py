@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from printctl.machine.errors import JournalError
-from printctl.machine.job.filling import Filling
-from printctl.machine.job.inserts import Insert, Position
+from printctl.machine.job.job import Insert
+from printctl.machine.job.marks import Position
+from printctl.machine.job.syringes import Filling
 from printctl.machine.records.journal import RESERVE, Record, bytes_in, print_id, read_records
 from printctl.machine.records.states import EARLY, LinkState
 

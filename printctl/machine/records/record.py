@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from design.files import write_text
 from printctl.machine.errors import NoLink
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.ports.detection import SIMULATED
 
 RECORD = "link.json"
 JOURNAL = "journal.log"

@@ -13,7 +13,7 @@ import numpy as np
 
 from kernels.arrays import FloatArray
 from printctl.checks.gate import refused_lines
-from printctl.machine.job.modal import modal_state
+from printctl.machine.job.coordinates import modal_state
 from printctl.observe.mending.gap import Gap
 from printctl.observe.mending.held_print import HeldPrint, WrittenPath, written_paths
 from printctl.observe.mending.insert import InsertRun, needle_rows, run_insert, sections

@@ -15,7 +15,7 @@ from firmware_profiles import Ink, Needle, Printer, Syringe
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.bead import lag_of
 from printctl.errors import PrintctlError
-from printctl.machine.job.modal import Modal, modal_state, relieved_mm
+from printctl.machine.job.coordinates import Modal, modal_state, relieved_mm
 from sim.gcode.deposit.written import level_areas, level_heights, written_levels
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE

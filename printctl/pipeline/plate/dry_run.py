@@ -30,7 +30,7 @@ from printctl.checks.preflight import (
 )
 from printctl.errors import PrintctlError
 from printctl.machine.job.job import parse_job
-from printctl.machine.job.syringes import usable_mm, with_reloads_of
+from printctl.machine.job.syringes import usable_mm, with_reloads
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun, relative
@@ -78,7 +78,7 @@ def check_job(run: PlateRun, report: Report) -> tuple[dict[str, Any], Sequence[s
     report(0.4, "looking at each well")
     of_line = _well_of_line(whole.folder / LINE_MAP)
     times = well_times(run, checked, of_line)
-    checks, reload_at, reload_heads = with_reloads_of(
+    checks, reload_at, reload_heads = with_reloads(
         _checks(run, checked, of_line, times),
         parse_job(data, GCODE, whole.printer),
         [usable_mm(whole.syringe, whole.printer)],

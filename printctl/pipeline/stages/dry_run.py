@@ -45,7 +45,7 @@ from printctl.checks.preflight import (
 )
 from printctl.checks.preflight.bore import line_checks
 from printctl.machine.job.job import parse_job
-from printctl.machine.job.syringes import usable_mm, with_reloads_of
+from printctl.machine.job.syringes import usable_mm, with_reloads
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.stage import Stage
@@ -184,7 +184,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     data = (context.folder / GCODE).read_bytes()
     run = dry_run(data, context.printer, (x, y, z))
     machines = [context.printer.of_head(k) for k in range(context.printer.head_count)]
-    checks, reload_at, reload_heads = with_reloads_of(
+    checks, reload_at, reload_heads = with_reloads(
         all_checks(context, run),
         parse_job(data, GCODE, context.printer),
         [usable_mm(one.syringe, of) for one, of in zip(context.loads, machines, strict=True)],

@@ -11,13 +11,11 @@ from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
 from printctl.machine.families import refuse_unsent
 from printctl.machine.job.care import Care
-from printctl.machine.job.job import parse_job
+from printctl.machine.job.job import GrownText, grown_text, parse_job
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import usable_mm
-from printctl.machine.ports.port_detection import named_port
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.ports.detection import SIMULATED, named_port
 from printctl.machine.prints.follow import confirm, follow, retreat_for
-from printctl.machine.prints.grown_text import GrownText, grown_text
 from printctl.machine.process.client import PrintClient
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import is_complete_record, simulated_printer

@@ -24,7 +24,7 @@ from printctl.checks.preflight.shaft import file_shaft
 from printctl.errors import UsageError
 from printctl.failures import message_and_code
 from printctl.machine.job.job import parse_job
-from printctl.machine.job.syringes import with_reloads_of
+from printctl.machine.job.syringes import with_reloads
 from printctl.pipeline.job_table import make_table
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import lower_priority
@@ -47,7 +47,7 @@ def check_job(gcode: Path, set_up: JobSetUp, table_file: Path) -> dict[str, Any]
     job = parse_job(data, gcode.name, mounted.printer)
     shaft = file_shaft(gcode, run, mounted, accepted=set_up.accept_crossings)
     results = [*file_checks(run, mounted, gcode.with_suffix(".map.npz")), *shaft.checks]
-    checks, at, heads = with_reloads_of(
+    checks, at, heads = with_reloads(
         [one for one in results if _BUDGET not in one.check],
         job,
         set_up.usable_mm(mounted),

@@ -15,7 +15,7 @@ from printctl.checks.gate import RIM_MARGIN_MM, STEP_DOWN_MM
 from printctl.errors import SafetyError
 from printctl.machine.control.station_status import NO_PRINTER, StationState, StationStatus
 from printctl.machine.errors import NoLink
-from printctl.machine.ports.port_list import SIMULATED
+from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.process.client import PrintClient, Station, attach_station
 from printctl.machine.process.orders import Order
 from printctl.web.errors import ConflictError

@@ -14,8 +14,8 @@ from firmware_profiles.tools import THINNEST_BORE
 from printctl.checks.set_up import Budget, ProfileNames, SetUp, budget_of, set_up
 from printctl.errors import PrintctlError
 from printctl.machine.errors import LinkError
+from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.job import load_job
-from printctl.machine.job.start import declared_start
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.process.orders import homing_line
 from printctl.recipe.making import CarePart

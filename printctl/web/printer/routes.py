@@ -9,8 +9,7 @@ from fastapi import APIRouter
 from pydantic import Field
 
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, ProfileError, Syringe
-from printctl.machine.ports.port_detection import matches, rates_to_try
-from printctl.machine.ports.port_list import PortInfo, list_ports
+from printctl.machine.ports.detection import PortInfo, list_ports, matches, rates_to_try
 from printctl.web.printer.calibration import MM, WIZARDS, Calibrating, Wizard
 from printctl.web.printer.console import Console, Macros
 from printctl.web.printer.part_change import Changing, Guide, Name, NameOrNone, Push

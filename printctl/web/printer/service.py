@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from firmware_profiles import Printer
 from printctl.machine.control.station_status import NO_PRINTER, StationStatus
-from printctl.machine.ports.port_detection import AUTO
+from printctl.machine.ports.detection import AUTO
 from printctl.machine.process.client import Station
 from printctl.machine.process.starting import connect
 from printctl.web.controls import Principal

@@ -24,7 +24,7 @@ from printctl.cli.commands import COMMANDS, LazyGroup
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.main import app
 from printctl.doctor import extras, permission_findings, udev_rule
-from printctl.machine.ports.port_list import PortInfo
+from printctl.machine.ports.detection import PortInfo
 from printctl.progress_file import ProgressFile
 from printctl.system_errors import explain
 from printctl.web.detached_runs import read_progress

@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from printctl.machine.job.inserts import Insert
-from printctl.machine.job.job import parse_job
+from printctl.machine.job.job import Insert, parse_job
 from printctl.machine.job.marks import Marks
 from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.devices import DeviceError

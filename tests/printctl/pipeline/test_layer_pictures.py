@@ -21,7 +21,7 @@ from design.network_files.csv_format import write_network_csv
 from kernels.arrays import FloatArray, IntArray
 from printctl.analysis.flow import ONE_D, ONE_D_WAVES, TABLE, steady_conditions
 from printctl.analysis.flow.conditions import Driven
-from printctl.machine.job.inserts import Insert
+from printctl.machine.job.job import Insert
 from printctl.machine.records.journal import encode
 from printctl.machine.records.record import JOURNAL
 from printctl.observe.records import LookRecord, look_folder, save_look

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.ports.port_list import PortPrograms
+from printctl.machine.ports.detection import PortPrograms
 
 
 class FakeMarlin:

@@ -11,7 +11,7 @@ from firmware_profiles import Printer
 from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.care import Care
-from printctl.machine.job.inserts import Insert
+from printctl.machine.job.job import Insert
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.states import LinkState, Status

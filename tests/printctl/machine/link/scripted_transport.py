@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.ports.port_list import PortPrograms
+from printctl.machine.ports.detection import PortPrograms
 
 
 class ScriptedTransport:

@@ -10,7 +10,7 @@ import numpy as np
 
 from printctl.machine.errors import PortLost
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.ports.port_list import PortPrograms
+from printctl.machine.ports.detection import PortPrograms
 from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.faults import FaultyCable, Pace, PermanentFaults
 

@@ -20,7 +20,7 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.state import QUESTION
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.facts import RrfProtocol
-from printctl.machine.job.modal import places
+from printctl.machine.job.coordinates import places
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.states import LinkState, Status

@@ -16,7 +16,7 @@ from firmware_profiles.families.link_protocol import MAX_REFUSALS, Halting
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.prints.recovering import plan_recovery
+from printctl.machine.prints.recovery import plan_recovery
 from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper

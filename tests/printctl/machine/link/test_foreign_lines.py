@@ -16,7 +16,7 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.ports.port_list import PortPrograms
+from printctl.machine.ports.detection import PortPrograms
 from printctl.machine.records.journalled_print import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.klipper.printer import KlipperPrinter

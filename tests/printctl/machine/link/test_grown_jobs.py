@@ -12,20 +12,23 @@ from printctl.machine.control.frame_check import FrameCheck
 from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.errors import Refused
-from printctl.machine.job.flow_check import check_factor, check_flow
-from printctl.machine.job.frame import frame_at
-from printctl.machine.job.insert_check import InsertPlace, judged_lines
-from printctl.machine.job.inserts import Insert
+from printctl.machine.job.coordinates import Modal, frame_at
+from printctl.machine.job.insert_check import (
+    InsertPlace,
+    JobReach,
+    check_factor,
+    check_flow,
+    judged_lines,
+)
+from printctl.machine.job.job import Insert
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.modal import Modal
-from printctl.machine.job.reach import JobReach
-from printctl.machine.job.reloading import plunger_travel
 from printctl.machine.job.retreat import Retreat
+from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.actions import possible_actions
 from printctl.machine.prints.inserted_ink import filling_in_file, inserted_ink
 from printctl.machine.prints.progress import Filling
-from printctl.machine.prints.recovering import plan_recovery
+from printctl.machine.prints.recovery import plan_recovery
 from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.journalled_print import JournalledPrint, read_journal
@@ -203,6 +206,24 @@ def test_flow_out_of_bounds_is_refused(flow, why):
     with pytest.raises(Refused, match=why):
         check_factor(flow, PLACE, "it")
         check_flow(job, job.grown(Insert(1, 2, (), "", flow)), PLACE, "it")
+
+
+def test_flow_counts_arcs_with_their_length_and_goes_on_from_their_ends():
+    """A half circle of 31.4 mm round X20 Y10, then 1 mm: pushes of 0.31 and 0.4 mm/s at flow 1."""
+    text = "G92 X10 Y10 Z2 E1\nG1 F600 X10\nG3 X30 Y10 I10 J0 E2\nG1 X31 Y10 E2.04\n"
+    job = parse_job(text.encode(), "a")
+    place = InsertPlace(AT, REACH, PRINTER, plunger_mm_s=0.85)
+    check_flow(job, job.grown(Insert(1, 2, (), "", 2.0)), place, "it")
+    with pytest.raises(Refused, match=r"the plunger would go 0\.88 mm/s"):
+        check_flow(job, job.grown(Insert(1, 2, (), "", 2.2)), place, "it")
+
+
+def test_reach_holds_the_touch_off_where_the_first_move_writes_and_the_fastest_push():
+    """A count of the plunger before (G92 E) hides neither."""
+    job = parse_job(b"G92 X10 Y10 Z2 E0\nG1 X30 Y10 E1 F600\nG1 X30 Y30 E1.5\n", "a")
+    reach = JobReach.of(job.lines, (10.0, 10.0, 2.0))
+    assert set(reach.hull_mm) == {(10.0, 10.0), (30.0, 10.0), (30.0, 30.0)}
+    assert reach.push_mm_s == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("by", [(0.0, 0.0, 0.0), (5.0, -3.0, 1.5)])

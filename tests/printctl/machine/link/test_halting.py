@@ -18,10 +18,10 @@ from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.halting import Kill, halting_of
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.streamer import Streamer
-from printctl.machine.job import modal
+from printctl.machine.job import coordinates
 from printctl.machine.job.care import NewSyringe
+from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.job import Job
-from printctl.machine.job.modal import Modal
 from printctl.machine.job.moves import MotorRunOn, planned_moves
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
@@ -228,7 +228,7 @@ def test_places_under_way_are_found_with_each_line_read_about_once(monkeypatch) 
         count += 1
         return read_sent(line)
 
-    monkeypatch.setattr(modal, "read_sent", counted)
+    monkeypatch.setattr(coordinates, "read_sent", counted)
     assert progress.places_under_way()[-1] == {"x": 5.0, "y": 5.0, "e": 299.0}
     assert count <= len(lines) + 100
     assert set(progress.heights()) == set()

@@ -18,8 +18,7 @@ from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.journal_facts import JournalledFacts
-from printctl.machine.prints.recovering import plan_recovery
-from printctl.machine.prints.recovery_begin import NoCheckpoint
+from printctl.machine.prints.recovery import NoCheckpoint, plan_recovery
 from printctl.machine.prints.state import assemble_state
 from printctl.machine.process.outcome import read_outcome, resumable
 from printctl.machine.records.history_entry import entry_of

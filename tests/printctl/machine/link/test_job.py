@@ -21,12 +21,18 @@ from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.watch import DueTask, Watch
 from printctl.machine.errors import JobError, LinkError, Refused
 from printctl.machine.job.care import Care
+from printctl.machine.job.coordinates import (
+    Modal,
+    ModalTrail,
+    declared_start,
+    disagreement,
+    modal_state,
+    relieved_mm,
+)
 from printctl.machine.job.job import Job
 from printctl.machine.job.look_places import Written, look_places
 from printctl.machine.job.marks import Mark, MarkKind, Marks
-from printctl.machine.job.modal import Modal, ModalTrail, disagreement, modal_state, relieved_mm
 from printctl.machine.job.retreat import Retreat, heaters_off
-from printctl.machine.job.start import declared_start
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.process.orders import Order
 from printctl.machine.process.starting import find_or_start

@@ -24,7 +24,7 @@ from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import HistoryError, JournalError, Refused
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.wire_log import RING_BYTES, LoggedTransport, WireLog
-from printctl.machine.prints.recovery_begin import beginning
+from printctl.machine.prints.recovery import beginning
 from printctl.machine.process.outcome import resumable
 from printctl.machine.process.starting import start_print
 from printctl.machine.records.history import PrintHistory, data_folder, remember

@@ -24,8 +24,8 @@ from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.reloading import plan_reloads, plunger_travel
 from printctl.machine.job.retreat import Retreat
+from printctl.machine.job.syringes import plan_reloads, plunger_travel
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.journalled_print import read_journal

@@ -24,7 +24,7 @@ from firmware_profiles.families.link_protocol import (
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.facts import RrfProtocol
-from printctl.machine.job.modal import places
+from printctl.machine.job.coordinates import places
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, slips_through, zigzag
 from tests.slower import examples

@@ -10,14 +10,13 @@ from printctl.checks.preflight import gcode_checks
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import Care
+from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.modal import Modal
 from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.stop_place import StopPlace, find_stop_line
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.prints.recovering import Recovery, plan_recovery
-from printctl.machine.prints.recovery_begin import NoCheckpoint
+from printctl.machine.prints.recovery import NoCheckpoint, Recovery, plan_recovery
 from printctl.machine.records.journalled_print import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter

@@ -29,13 +29,12 @@ from printctl.machine.errors import (
     PortLost,
     PortMissing,
 )
-from printctl.machine.ports import port_detection
+from printctl.machine.ports import detection
 from printctl.machine.ports import serial_port as transport_serial
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.ports.port_detection import AUTO, choose_port, matches, rates_to_try, sweep
-from printctl.machine.ports.port_list import PortInfo
+from printctl.machine.ports.detection import AUTO, PortInfo, choose_port, matches, rates_to_try
 from printctl.machine.ports.serial_port import SerialTransport, _refusal
-from printctl.machine.ports.transport import open_port
+from printctl.machine.ports.transport import open_port, sweep
 from printctl.machine.process.starting import start_print
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
@@ -339,7 +338,7 @@ def test_auto_port_and_rate_start_a_print(tmp_path, monkeypatch, profile):
     thread = threading.Thread(target=serve, daemon=True)
     thread.start()
     port = PortInfo(os.ttyname(slave), "board", "2341:0042", "1")
-    monkeypatch.setattr(port_detection, "list_ports", lambda: [OTHER, port])
+    monkeypatch.setattr(detection, "list_ports", lambda: [OTHER, port])
     write_job(tmp_path / "job.gcode", 20)
     try:
         client = start_print(tmp_path / "job.gcode", profile, AUTO, tmp_path / "run", baud=AUTO)

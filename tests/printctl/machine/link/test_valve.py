@@ -8,13 +8,12 @@ import pytest
 from firmware_profiles.families.marlin.sender import guard_command
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.care import Care, NewSyringe
-from printctl.machine.job.heads import head_at
+from printctl.machine.job.dispensing import head_at, is_open
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.reloading import plan_head_reloads, plunger_travel
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.job.valve import is_open
+from printctl.machine.job.syringes import plan_head_reloads, plunger_travel
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.prints.recovering import plan_recovery
+from printctl.machine.prints.recovery import plan_recovery
 from printctl.machine.records.journalled_print import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState
 from sim.devices.families.marlin.printer import MarlinPrinter

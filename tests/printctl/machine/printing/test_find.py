@@ -205,21 +205,21 @@ def job() -> Job:
 
 
 def test_job_that_needs_more_is_refused_with_the_lines_of_a_change():
-    told, reload_at = with_reloads(checks(), job(), 0.5, wanted=False)
+    told, reload_at, _ = with_reloads(checks(), job(), (0.5,), wanted=False)
     assert reload_at == ()
     with pytest.raises(SafetyError, match=r"give --reload: the syringe is then changed before l"):
         refuse_failed(told)
 
 
 def test_change_that_is_agreed_to_satisfies_the_checks_it_concerns_and_no_other():
-    told, reload_at = with_reloads(checks(), job(), 0.5, wanted=True)
+    told, reload_at, _ = with_reloads(checks(), job(), (0.5,), wanted=True)
     refuse_failed(told)
     points = [mark.index for mark in job().marks.all]
     assert len(reload_at) >= 2
     assert set(reload_at) <= set(points)
     wrong = Check("x, highest", 300.0, 200.0, "mm", False)
     with pytest.raises(SafetyError, match="x, highest"):
-        refuse_failed(with_reloads([wrong, *checks()], job(), 0.5, wanted=True)[0])
+        refuse_failed(with_reloads([wrong, *checks()], job(), (0.5,), wanted=True)[0])
 
 
 # --- syringe change reported to a print whose link process died beforehand

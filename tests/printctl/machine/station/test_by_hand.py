@@ -20,7 +20,7 @@ from printctl.machine.control.standby_events import StandbyEvents
 from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
 from printctl.machine.errors import AlreadyPrinting, HandshakeError, Refused
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.ports.port_list import PortPrograms
+from printctl.machine.ports.detection import PortPrograms
 from printctl.machine.process.client import attach_station
 from printctl.machine.process.starting import connect
 from printctl.machine.records.states import LinkState, PrintEnded

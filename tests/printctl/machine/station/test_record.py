@@ -21,8 +21,8 @@ from printctl.machine.control.station_status import (
 from printctl.machine.errors import JobError, LinkError, NoLink, Refused
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.job import load_job
-from printctl.machine.job.reloading import plunger_travel
 from printctl.machine.job.retreat import Retreat
+from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.process import station as process
 from printctl.machine.process.client import PrintClient, Station, attach_station
 from printctl.machine.process.client import attach as attach_print

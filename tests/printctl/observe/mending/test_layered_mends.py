@@ -14,10 +14,9 @@ from design.network_files.csv_format import read_network_csv
 from design.toolpath.priming import Purge
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from firmware_profiles.materials import MeasuredLag
-from printctl.machine.job.insert_check import InsertPlace, judged_lines
+from printctl.machine.job.insert_check import InsertPlace, JobReach, judged_lines
 from printctl.machine.job.job import load_job
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.job.reach import JobReach
 from printctl.observe.mending import (
     Gap,
     HeldPrint,

@@ -1,0 +1,141 @@
+"""Heads and valve of a job: which head is in use, is the valve open, and commands for both.
+
+Each command states a target: sent twice it does no harm. Whether the firmware chose a head some
+families say (`Family.head_confirms`), others are silent. What switches a pneumatic head's valve the
+profile says (`dispenser`: opens, closes); a line of the job is about the valve if it has the same
+command and the words that both have in common (a fan, a pin), in any order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache
+
+from firmware_profiles import Printer
+from firmware_profiles.families import family_of, meanings
+from firmware_profiles.families.grammar import Meaning
+from sim.gcode.reading import read_sent
+
+
+def head_chosen(line: bytes) -> int | None:
+    """Return the head that a line chooses; None for any other line."""
+    if line[:1] in (b"G", b"M", b""):
+        return None
+    read = read_sent(line)
+    if read.code[:1] == "T" and read.code[1:].isdigit():
+        return int(read.code[1:])
+    name = read.parameters.get("EXTRUDER", "").lower()
+    number = name.removeprefix("extruder")
+    chooses = meanings().get(read.code) is Meaning.CHOOSES and name.startswith("extruder")
+    return int(number or 0) if chooses and (not number or number.isdigit()) else None
+
+
+def head_at(lines: Sequence[bytes], done: int) -> int | None:
+    """Return the head in use after ``done`` lines; None where the job hasn't chosen one."""
+    chosen = map(head_chosen, reversed(lines[:done]))
+    return next((number for number in chosen if number is not None), None)
+
+
+def choose(printer: Printer, number: int) -> bytes:
+    """Return the command that has E move that head's plunger."""
+    return printer.heads[number].select.encode("ascii")
+
+
+def confirms(replies: Sequence[bytes], printer: Printer, number: int) -> bool:
+    """Whether the firmware says that it uses that head; true of one that says nothing of it."""
+    ways = family_of(printer).head_confirms(number)
+    return not ways or any(text.endswith(ways) for text in replies)
+
+
+def keep_raised(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:
+    """Commands that raise once more the heads that the job has raised, and left so."""
+    commands = []
+    for head in printer.heads:
+        raises, lowers = ((text or "").encode("ascii") for text in (head.raises, head.lowers))
+        last = next((line for line in reversed(lines[:done]) if line in (raises, lowers)), b"")
+        commands += [raises] if last and last == raises else []
+    return commands
+
+
+def all_raised(printer: Printer) -> list[bytes]:
+    """Commands that raise every head that can be, and wait until they are up."""
+    moving = [head for head in printer.heads if head.raises is not None]
+    commands = [(head.raises or "").encode("ascii") for head in moving]
+    return commands + _dwell(max((head.moving_s for head in moving), default=0.0))
+
+
+def lowered(printer: Printer, number: int | None) -> list[bytes]:
+    """Commands that lower a head, once the motors stand, and wait until it is down."""
+    if number is None or not printer.heads or printer.heads[number].lowers is None:
+        return []
+    head = printer.heads[number]
+    return [b"M400", (head.lowers or "").encode("ascii"), *_dwell(head.moving_s)]
+
+
+def is_about_heads(line: bytes, printer: Printer) -> bool:
+    """Whether a line chooses, raises or lowers a head."""
+    if not printer.heads:
+        return False
+    moves = (one for head in printer.heads for one in (head.raises, head.lowers))
+    return head_chosen(line) is not None or line in {one.encode("ascii") for one in moves if one}
+
+
+def shut(printer: Printer) -> list[bytes]:
+    """Commands that shut the valve; none without a valve."""
+    head = printer.pneumatic
+    return [] if head is None else [head.closes.encode("ascii")]
+
+
+def shut_and_wait(printer: Printer) -> list[bytes]:
+    """Shut it, and wait until no ink flows any more."""
+    head = printer.pneumatic
+    return [] if head is None else [*shut(printer), *_dwell(head.closing_delay_s)]
+
+
+def reopen(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:
+    """Open it again if it stood open after ``done`` of the job's lines; wait until ink flows."""
+    head = printer.pneumatic
+    if head is None or not is_open(lines, done, printer):
+        return []
+    return [head.opens.encode("ascii"), *_dwell(head.opening_delay_s)]
+
+
+def is_open(lines: Sequence[bytes], done: int, printer: Printer) -> bool:
+    """Whether the last of ``done`` lines that is about the valve is the profile's ``opens``."""
+    head = printer.pneumatic
+    if head is None:
+        return False
+    about = (line for line in reversed(lines[:done]) if is_about_valve(line, printer))
+    last = next(about, None)
+    return last is not None and _words(last) == _profiles(head.opens)
+
+
+def is_about_valve(line: bytes, printer: Printer) -> bool:
+    """Whether a line sets the valve, be it to something between open and closed."""
+    head = printer.pneumatic
+    if head is None or line[:1].upper() != head.opens[:1].upper().encode("ascii"):
+        return False
+    (code, opens), (_, closes) = _profiles(head.opens), _profiles(head.closes)
+    own_code, own = _words(line)
+    return own_code == code and opens & closes <= own
+
+
+_Words = frozenset[tuple[str, float | str | None]]
+
+
+def _words(text: bytes) -> tuple[str, _Words]:
+    """Code and words of a command."""
+    read = read_sent(text)
+    named = ((key, value.upper()) for key, value in read.parameters.items())
+    return read.code, frozenset({*read.words.items(), *named})
+
+
+@cache
+def _profiles(text: str) -> tuple[str, _Words]:
+    """A command of the profile."""
+    return _words(text.encode("ascii"))
+
+
+def _dwell(seconds: float) -> list[bytes]:
+    return [b"G4 P%d" % math.ceil(seconds * 1e3)] if seconds > 0 else []
