@@ -20,7 +20,7 @@ from typing import Any, Final
 
 from kernels import cache_dir
 from printctl.machine.ports.detection import PortInfo, list_ports
-from printctl.machine.records.history import data_folder
+from printctl.machine.records.folders import data_folder
 
 DEVELOPMENT: Final = {"test", "release", "docs"}
 """Extras for those who work on printctl."""

@@ -23,7 +23,7 @@ from printctl.machine.errors import PortLost
 from printctl.machine.job.job import parse_job
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import PermanentFaults

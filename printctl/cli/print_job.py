@@ -23,7 +23,7 @@ from printctl.machine.prints.follow import confirm, follow, retreat_for
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
 from printctl.machine.process.starting import find_or_start, running
-from printctl.machine.records.states import PrintOutcome
+from printctl.machine.records.states import Status
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.progress import StageBars
@@ -136,9 +136,7 @@ def print_job(
     cli.print_result(facts, [f"{done.state.value}: {done.message}", str(place)], done.proved)
 
 
-def _print(
-    order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool
-) -> PrintOutcome:
+def _print(order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool) -> Status:
     """Start the print, or find it again, and follow it to its end."""
     order.folder.mkdir(parents=True, exist_ok=True)
     bars = StageBars(cli.messages())

@@ -16,18 +16,23 @@ from printctl.machine.control.excursion import CHANGE
 from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.errors import LinkError
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.prints.actions import Possible, PrintAction
 from printctl.machine.prints.give_up import give_up as give_up_print
-from printctl.machine.prints.journal_facts import read_journal_facts
-from printctl.machine.prints.print_folder import print_folder, running_print
-from printctl.machine.prints.print_words import alarm_words
 from printctl.machine.prints.recovery_file import planned, write_rest
-from printctl.machine.prints.state import PrintTruth, read_print
+from printctl.machine.prints.state import (
+    Possible,
+    PrintAction,
+    PrintTruth,
+    print_folder,
+    read_print,
+    running_print,
+)
+from printctl.machine.prints.words import alarm_words
 from printctl.machine.process.client import attach
 from printctl.machine.process.contact import alive
-from printctl.machine.records.history_entry import this_user
+from printctl.machine.records.journal import this_user
 from printctl.machine.records.record import JOURNAL, load_record
-from printctl.machine.records.states import LinkState, PrintOutcome, Status
+from printctl.machine.records.replay import read_journal_if_any
+from printctl.machine.records.states import LinkState, Status
 from printctl.observe import records
 from printctl.observe.continue_print import continue_print
 from printctl.observe.look_words import proposal_words, seen_words, total_words
@@ -37,7 +42,7 @@ from printctl.settings import arg, opt
 
 def _looks(folder: Path) -> list[records.LookRecord]:
     """What was seen of the print whose journal is in a folder."""
-    return records.read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    return records.read_looks(folder, read_journal_if_any(folder / JOURNAL).started)
 
 
 _COMMANDS = {
@@ -156,7 +161,7 @@ def kill(run: RunArg) -> None:
         # The link itself: slow to import.
         from printctl.machine.process.kill_unlinked import kill_unlinked
 
-        outcome = PrintOutcome.of(kill_unlinked(client.folder))
+        outcome = kill_unlinked(client.folder)
     before = "" if outcome.state is LinkState.KILLED else "not halted, for the print had ended: "
     print_lines(f"{before}{outcome.state.value}: {outcome.message}")
 

@@ -9,10 +9,10 @@ from printctl.cli.declare import json_command
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import print_note, print_result
 from printctl.errors import UsageError
-from printctl.machine.prints.print_folder import print_folder
-from printctl.machine.records.history import PrintHistory
-from printctl.machine.records.history_entry import PrintEntry, entry_of
+from printctl.history.index import PrintHistory
+from printctl.machine.prints.state import print_folder
 from printctl.machine.records.record import JOURNAL
+from printctl.pipeline.past_print import PrintEntry, entry_of
 from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.settings import arg, of, opt, settings, three_numbers, two_numbers
 from registration.files import readers

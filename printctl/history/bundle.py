@@ -24,9 +24,9 @@ from printctl.history.signing import (
 )
 from printctl.history.table import outcome
 from printctl.machine.process.contact import alive
-from printctl.machine.records.history_entry import INTERRUPTED, PrintEntry
-from printctl.machine.records.origin import version
+from printctl.machine.records.journal import version
 from printctl.pipeline.evidence import Evidence, evidence
+from printctl.pipeline.past_print import INTERRUPTED, PrintEntry
 
 # Pack a print's files and their cover page into one signed bundle.
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from design.files import write_text
 from printctl.errors import UsageError
-from printctl.machine.records.print_identity import print_identity
+from printctl.machine.records.folders import print_identity
 from printctl.pipeline.verdict import verdict
 from printctl.run_folder.artefacts import JOURNAL_FOLDER, NUMBERS
 from printctl.run_folder.artefacts import JSON as REPORT

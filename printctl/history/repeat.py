@@ -19,9 +19,9 @@ from printctl.history.plain_zip import blocks_of, read_members
 from printctl.history.signing import MANIFEST, RecordsError
 from printctl.history.verify import verify_bundle
 from printctl.machine.ports.detection import list_ports
-from printctl.machine.records.history_entry import PrintEntry
-from printctl.machine.records.origin import digest_of, profile_digest, version
+from printctl.machine.records.journal import digest_of, profile_digest, version
 from printctl.pipeline.evidence import Evidence, evidence
+from printctl.pipeline.past_print import PrintEntry
 from printctl.run_folder.manifest import digest_file
 
 MAP: Final = ".map.npz"

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from firmware_profiles.errors import wording
 from printctl.errors import PrintctlError
-from printctl.machine.records.history import data_folder
+from printctl.machine.records.folders import data_folder
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from printctl.machine.records.history_entry import plain_text
+from printctl.machine.records.folders import plain_text
 from printctl.machine.records.journal import Record, read_records
-from printctl.machine.records.journalled_print import times_words
 from printctl.machine.records.record import reported_port
+from printctl.machine.records.replay import times_words
 
 MOST: Final = 2000
 """Events that are told; a print with more has them in its journal."""

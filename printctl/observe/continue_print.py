@@ -10,13 +10,12 @@ from printctl.errors import PrintctlError, UsageError
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.syringes import usable_mm
-from printctl.machine.prints.actions import refuse_forgotten
-from printctl.machine.prints.journal_facts import read_journal_facts
+from printctl.machine.prints.state import refuse_forgotten
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import alive
 from printctl.machine.process.starting import resume_print
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.records import OBSERVER_LOCK, asking_look, read_looks
 from printctl.observe.starting import end_idle_observer, ensure_observer
@@ -116,7 +115,7 @@ def awaits_observer(folder: Path, status: Status, started: bool) -> bool:
     """
     if not started or status.state is LinkState.LOOKING:
         return started
-    looks = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    looks = read_looks(folder, read_journal_if_any(folder / JOURNAL).started)
     return not status.waits_for and asking_look(looks, status) is not None
 
 

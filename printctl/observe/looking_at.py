@@ -21,8 +21,8 @@ from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from kernels.arrays import FloatArray
 from printctl.machine.job.job import Job, load_job
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import read_journal
 from printctl.observe.deciding.evidence import Thin, UnseenPath
 from printctl.observe.devices import DeviceError, Place, Region
 from printctl.observe.expected import ExpectedInk, expected_ink

@@ -18,11 +18,10 @@ from design.files import write_text
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.errors import LinkError, NoLink, Refused
 from printctl.machine.job.job import file_count
-from printctl.machine.prints.journal_facts import read_journal_facts
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import alive, hold_folder
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import PICTURES, DeviceError, DeviceSettings, acquire
@@ -234,7 +233,7 @@ def held_look(status: Status) -> dict[str, Any] | None:
 
 def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
     folder, order = job.folder, job.order
-    begun = job.begun = read_journal_facts(folder / JOURNAL).started
+    begun = job.begun = read_journal_if_any(folder / JOURNAL).started
     return Observer(
         folder=folder,
         link=LinkWords(words),

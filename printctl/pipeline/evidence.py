@@ -12,11 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.machine.prints.films import TIMELAPSE, film_file
-from printctl.machine.records.history_entry import PrintEntry
+from printctl.machine.records.folders import NOTED, TIMELAPSE, film_file, notes_path, read_notes
 from printctl.machine.records.journal import read_records
-from printctl.machine.records.print_notes import NOTED, notes_path, read_notes
 from printctl.machine.records.record import JOURNAL
+from printctl.pipeline.past_print import PrintEntry
 from printctl.run_folder.artefacts import HTML, JSON, PDF
 from printctl.run_folder.manifest import MANIFEST, Manifest, digest_file
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from kernels.arrays import FloatArray, IntArray
 from printctl.machine.job.job import Job
-from printctl.machine.prints.job_table import NONE, JobTable
+from printctl.machine.prints.progress import NONE, JobTable
 from registration.report.gcode import Act, GcodeJob
 from sim.gcode.dry_run.run import DryRun
 

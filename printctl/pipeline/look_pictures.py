@@ -12,9 +12,8 @@ from typing import Any, Final
 from PIL import Image, ImageDraw, ImageFont
 
 from printctl.machine.job.job import Insert
-from printctl.machine.prints.journal_facts import read_journal_facts
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.observe.records import LookRecord, look_picture, read_looks
 from registration.report.look_figure import LookRow, look_figure
 
@@ -49,7 +48,7 @@ def look_pictures(
     dict of caption to PNG and SVG
         Empty for a print that nobody observed.
     """
-    looks = read_looks(print_folder, read_journal_facts(print_folder / JOURNAL).started)
+    looks = read_looks(print_folder, read_journal_if_any(print_folder / JOURNAL).started)
     if not looks:
         return {}
     scanned = {row["look"]: _share(row["scan_ink"]) for row in scan_rows}

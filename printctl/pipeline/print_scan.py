@@ -18,11 +18,11 @@ from printctl.checks.set_up import of_each
 from printctl.errors import UsageError
 from printctl.machine.job.job import grown_text, parse_job
 from printctl.machine.process.simulated import EXECUTED, record_for
-from printctl.machine.records.history_entry import PrintEntry
-from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.replay import grown_in
 from printctl.pipeline.context import LIGHT_REACHES_MM
 from printctl.pipeline.evidence import Evidence, evidence
+from printctl.pipeline.past_print import PrintEntry
 from printctl.pipeline.simulated_scan import (
     PrintedInk,
     deposit_voxel_mm,

@@ -13,7 +13,7 @@ from design.files import write_text
 from design.measures.morphometry import network_strahler_orders
 from design.network import VesselNetwork
 from design.solids import Solid
-from printctl.machine.records.print_identity import print_identity
+from printctl.machine.records.folders import print_identity
 from printctl.observe.records import LOOKS
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record

@@ -181,8 +181,8 @@ def _printed(model: Path, named: Path | None) -> dict[str, Any] | None:
     if named is None and not model.is_dir():
         return None
     # Only prints have journals; a lone STL doesn't wait for the link's modules.
-    from printctl.machine.prints.print_folder import print_folder
-    from printctl.machine.records.print_identity import print_identity
+    from printctl.machine.prints.state import print_folder
+    from printctl.machine.records.folders import print_identity
 
     identity = print_identity(print_folder(named or model))
     if identity is None and named is not None:

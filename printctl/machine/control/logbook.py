@@ -15,7 +15,7 @@ from printctl.machine.control.standstill import Standstill
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import JournalError, Refused
 from printctl.machine.records.journal import RESERVE_BYTES
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import EARLY, LinkState, PrintEnded, Status
 
 NOTE_S: Final = 0.25

@@ -36,7 +36,7 @@ from printctl.machine.control.watch import DueTask
 from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState
 
 OBSERVER: Final = "the observer"

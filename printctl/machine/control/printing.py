@@ -20,7 +20,7 @@ from printctl.machine.errors import HandshakeError, LinkError
 from printctl.machine.families import link_facts
 from printctl.machine.job.coordinates import declared_start
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, PrintEnded
 
 COUNT_ANSWERS_S: Final = 5.0

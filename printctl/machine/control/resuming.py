@@ -15,7 +15,7 @@ from printctl.machine.families import link_facts
 from printctl.machine.job.coordinates import Modal
 from printctl.machine.job.dispensing import is_open
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, PrintEnded
 
 

@@ -22,7 +22,7 @@ from printctl.machine.errors import HandshakeError, LinkError, PortLost, Refused
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, PrintEnded, Status
 
 __all__ = ["Streamer", "Wiring"]

@@ -30,19 +30,9 @@ _POSITION_LOST: Final = (
 
 @dataclass(frozen=True)
 class Alert:
-    """The one thing of a print that somebody must know.
+    """What of a print somebody must know: what happened, what it means, what to do.
 
-    Attributes
-    ----------
-    what : str
-        What happened.
-    means : str
-        What it means for the print; empty where that is clear.
-    remedy : str
-        What to do; empty for nothing.
-    detail : str
-        The same in the words of the link, with codes and places.
-    tone : "info", "warn" or "bad"
+    ``means`` and ``remedy`` may be empty; ``detail`` says the same with codes and places.
     """
 
     what: str
@@ -55,13 +45,7 @@ class Alert:
 def alert_of(status: Status, last_alarm: str, may_go_on: bool) -> Alert | None:
     """Return the alert of a print: its end where that wasn't as meant, else its last alarm.
 
-    Parameters
-    ----------
-    status : Status
-    last_alarm : str
-        As it was journalled.
-    may_go_on : bool
-        Whether an interrupted print can be gone on with.
+    ``last_alarm`` is as journalled; ``may_go_on``: whether an interrupted print can be resumed.
     """
     if status.ended and status.state is not LinkState.DONE:
         return _of_end(status, may_go_on)
@@ -87,26 +71,23 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
     if status.state is LinkState.GIVEN_UP:
         return Alert("The print was given up", "It can't be gone on with.", "", detail, "info")
     if status.state is LinkState.INTERRUPTED:
-        means = "The printer has made the moves that it held, and stands still in the part."
-        remedy = (
-            "If it kept its power and nobody moved the needle: Go on. Else: Recover."
-            if may_go_on
-            else "It can't go on from here by itself: Recover plans the rest as a job of its own."
-        )
         what = "The program that spoke to the printer ended in the middle of the print"
-        return Alert(what, means, remedy, detail, "bad")
-    if status.error == PortLost.__name__:
+        means = "The printer has made the moves that it held, and stands still in the part."
+        remedy = "It can't go on from here by itself: Recover plans the rest as a job of its own."
+        if may_go_on:
+            remedy = "If it kept its power and nobody moved the needle: Go on. Else: Recover."
+    elif status.error == PortLost.__name__:
         what = "The connection to the printer was lost"
         means = "It makes the moves that it still holds, then stands still in the part."
         remedy = "See its power and its cable. " + _LIFT
-        return Alert(what, means, remedy, detail, "bad")
-    if status.state is LinkState.POSITION_UNKNOWN or not known:
+    elif status.state is LinkState.POSITION_UNKNOWN or not known:
         what = "The printer doesn't know for sure where its needle is"
-        means = "The print was ended, so that nothing is written beside its place."
-        return Alert(what, means, _LIFT, detail, "bad")
-    means = "The print was ended; the plunger was relieved and the needle lifted."
-    remedy = "See the details for the cause; look at the part before anything moves."
-    return Alert("A fault ended the print", means, remedy, detail, "bad")
+        means, remedy = "The print was ended, so that nothing is written beside its place.", _LIFT
+    else:
+        what = "A fault ended the print"
+        means = "The print was ended; the plunger was relieved and the needle lifted."
+        remedy = "See the details for the cause; look at the part before anything moves."
+    return Alert(what, means, remedy, detail, "bad")
 
 
 def _killed(detail: str) -> Sentences:

@@ -10,11 +10,11 @@ import sys
 from firmware_profiles import Ink, Syringe
 from printctl.errors import PrintctlError, PrinterFailedError, SafetyError
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.prints.journal_facts import read_journal_facts
-from printctl.machine.prints.print_words import alarm_words
+from printctl.machine.prints.words import alarm_words
 from printctl.machine.process.client import PrintClient
 from printctl.machine.records.record import JOURNAL
-from printctl.machine.records.states import LinkState, PrintOutcome, Status
+from printctl.machine.records.replay import read_journal_if_any
+from printctl.machine.records.states import LinkState, Status
 from printctl.progress import Report, StageBars
 
 _QUESTION = """
@@ -30,12 +30,7 @@ def confirm(port: str, bars: StageBars, assume_yes: bool) -> None:
     """Have a person say that a real machine may move now.
 
     A changed recipe or a new version of the product makes the print stage run again; that alone
-    mustn't move a needle.
-
-    Raises
-    ------
-    SafetyError
-        When the answer isn't yes, or nobody can be asked.
+    mustn't move a needle. Raises `SafetyError` when the answer isn't yes, or without a terminal.
     """
     if assume_yes:
         return
@@ -50,9 +45,7 @@ def confirm(port: str, bars: StageBars, assume_yes: bool) -> None:
         raise SafetyError(f"the print on {port} wasn't started; answer yes, or give --yes")
 
 
-def follow(
-    client: PrintClient, report: Report, bars: StageBars, goes_on: bool = True
-) -> PrintOutcome:
+def follow(client: PrintClient, report: Report, bars: StageBars, goes_on: bool = True) -> Status:
     """Show progress until the print is over; on Ctrl-C ask: detach, stop or kill.
 
     Nothing is asked of a print that doesn't go on by itself: Ctrl-C ends it.
@@ -67,12 +60,12 @@ def follow(
     if sys.stdin.isatty():
         # A parent that ignores Ctrl-C (a shell's background job) bequeathes that.
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    alarms, waits = _Alarms(client, bars), _Waits(client, bars)
+    last = Status(LinkState.CONNECTING)
     while True:
         try:
             for status in client.events():
-                alarms.tell(status.alarms)
-                waits.tell(status)
+                _remark_news(client, bars, last, status)
+                last = status
                 done = status.lines_done / max(status.lines_total, 1)
                 held = status.state in (LinkState.PAUSED, LinkState.LOOKING, LinkState.STOPPING)
                 lines = f"{status.lines_done} of {status.lines_total} lines"
@@ -94,6 +87,23 @@ def follow(
     return outcome
 
 
+def _remark_news(client: PrintClient, bars: StageBars, last: Status, status: Status) -> None:
+    """Show a new alarm in words, and what a pause is for with the command that goes on."""
+    if status.alarms > last.alarms:
+        alarm = read_journal_if_any(client.folder / JOURNAL).last_alarm
+        bars.remark("print", alarm_words(status.alarms, alarm))
+    words = status.message
+    paused_before = last.state is LinkState.PAUSED and last.message == words
+    if status.state is LinkState.PAUSED and words and not paused_before:
+        run = shlex.quote(str(client.folder.absolute()))
+        go_on = "" if "printctl resume" in words else f"; `printctl resume {run}` goes on"
+        bars.remark(
+            "print",
+            f"it waits for you: {words.replace(' RUN', f' {run}')}{go_on}. Type that in "
+            f"another terminal; `printctl status {run}` tells more, and what a look asks",
+        )
+
+
 def retreat_for(syringe: Syringe, ink: Ink, lift_mm: float, prime_ul: float = 0.0) -> Retreat:
     """Out of the bath: relieve the plunger as the ink's profile says, then straight up.
 
@@ -108,44 +118,8 @@ def retreat_for(syringe: Syringe, ink: Ink, lift_mm: float, prime_ul: float = 0.
     )
 
 
-class _Alarms:
-    """Tells each new alarm of a print in words, which a count alone doesn't."""
-
-    def __init__(self, client: PrintClient, bars: StageBars) -> None:
-        self._journal, self._bars = client.folder / JOURNAL, bars
-        self._count = 0
-
-    def tell(self, count: int) -> None:
-        """Show the last alarm where there are more than before."""
-        if count > self._count:
-            self._count = count
-            self._bars.remark(
-                "print", alarm_words(count, read_journal_facts(self._journal).last_alarm)
-            )
-
-
-class _Waits:
-    """Tells once what a paused print waits for, and the command that goes on."""
-
-    def __init__(self, client: PrintClient, bars: StageBars) -> None:
-        self._run, self._bars = shlex.quote(str(client.folder.absolute())), bars
-        self._told = ""
-
-    def tell(self, status: Status) -> None:
-        """Show what a pause is for where it is another than before."""
-        words = status.message if status.state is LinkState.PAUSED else ""
-        if words and words != self._told:
-            go_on = "" if "printctl resume" in words else f"; `printctl resume {self._run}` goes on"
-            self._bars.remark(
-                "print",
-                f"it waits for you: {words.replace(' RUN', f' {self._run}')}{go_on}. Type that in "
-                f"another terminal; `printctl status {self._run}` tells more, and what a look asks",
-            )
-        self._told = words
-
-
 def _ask(bars: StageBars) -> str:
-    """d, s or k; without a terminal nobody can be asked, and the print isn't touched."""
+    """d, s or k; without a terminal the print isn't touched."""
     if not sys.stdin.isatty():
         return "d"
     try:

@@ -8,30 +8,22 @@ from pathlib import Path
 from firmware_profiles import Printer, ProfileError, load
 from printctl.machine.control.gating import settings_changed_by
 from printctl.machine.errors import JobError, Refused
-from printctl.machine.prints.actions import PrintAction, possible_actions
+from printctl.machine.prints.state import PrintAction, possible_actions
 from printctl.machine.process.client import attach
 from printctl.machine.process.contact import hold_folder
-from printctl.machine.records.history import remember_meanwhile
+from printctl.machine.records.folders import remember_folder
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import read_journal
-from printctl.machine.records.printed_job import load_printed_job
 from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.replay import load_printed_job, read_journal
 from printctl.machine.records.states import LinkState, Status
 
-_PATIENCE_S = 5.0
+_LIST_LIMIT_S = 5.0
 _UNDER_WAY = 32
 """Lines behind the last that is known to be taken, which may have been."""
 
 
 def give_up(folder: Path, who: str) -> Status:
-    """End the record of an interrupted print; nothing is sent to the printer.
-
-    Parameters
-    ----------
-    folder : Path
-        The print's.
-    who : str
-        Who says so.
+    """End the record of an interrupted print, as ``who`` says; nothing is sent to the printer.
 
     Raises
     ------
@@ -66,7 +58,7 @@ def give_up(folder: Path, who: str) -> Status:
         journal.close()
         record = replace(load_record(folder), address="", token="", refused={})
         replace(record, status=status.to_dict()).save(folder)
-    remember_meanwhile(folder).join(_PATIENCE_S)
+    remember_folder(folder).join(_LIST_LIMIT_S)
     return status
 
 

@@ -1,33 +1,116 @@
-"""Compute a print's progress (time, layer, vessel, ink) from the commands executed so far."""
+"""Progress of a print: time, layer, vessel and ink, by its job's dry run and its journal.
+
+Remaining time is the simulated time, corrected by the time taken so far. What is printed is cut
+into stretches of equal time in the dry run, at the journal's checkpoints. Of each the ratio of real
+to predicted time is kept, pauses left out; what remains is taken to go on like their mean. Were the
+stretches' ratios independent, of standard deviation s over n stretches, the time of the m
+stretches still to come would be known to c s sqrt(m + m²/n), c being a stretch's time: the spread
+of those m, and that of the mean. Twice that is the error reported (about 95 of 100).
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from printctl.machine.prints.remaining import Estimate
+from design.files import atomic_replacement
+from printctl.machine.job.job import Insert, file_count
+from printctl.machine.job.marks import Position
+from printctl.machine.job.syringes import Filling
+from printctl.machine.prints.mends import pushed_mm
+from printctl.machine.records.replay import JournalledPrint
+from printctl.machine.records.states import Status
 
 if TYPE_CHECKING:
-    from printctl.machine.prints.job_table import JobTable
+    from kernels.arrays import FloatArray, IntArray
+
+NONE: Final = -1
+"""In a table: no layer or vessel."""
+_STRETCHES: Final = 100
+"""Of a whole print; a stretch lasts two seconds at least, in the dry run's time."""
+_MIN_STRETCH_S: Final = 2.0
+_MIN_STRETCHES: Final = 3
+"""Before the dry run's own time is corrected."""
 
 
-@dataclass(frozen=True)
-class Filling:
-    """Ink left in the syringe in use.
+@dataclass(frozen=True, eq=False)
+class JobTable:
+    """How things stand when k commands of the job's file have been executed, in row k.
 
     Attributes
     ----------
-    command : int
-        Commands executed when it was put in.
-    left_mm : float or None, mm
-        Plunger travel it had then; None where nobody knows.
-    ul_per_mm : float, µL/mm
+    time_s : (n + 1,) float64, s
+        Of the dry run; waits for heat count as nothing.
+    ink_ul : (n + 1,) float64, µL
+        Written so far, by all heads.
+    plunger_mm : (n + 1,) float64, mm
+        Travel of the plunger since the start, new syringes not counted.
+    file_line : (n + 1,) int64
+        Of the last command executed; 0 before the first.
+    layer, vessel : (n + 1,) int64
+        Which is being written, from 0; `NONE` for none. Of a job without levels a layer is a pass.
+    layers_done, vessels_done : (n + 1,) int64
+        How many have nothing left to be written.
+    tip_mm : (n + 1, 3) float64, mm
+        Where the tip stands, as the firmware counts.
+    layer_count, vessel_count : () int64
+    passes : () bool
+        Whether layers are passes.
     """
 
-    command: int
-    left_mm: float | None
+    time_s: FloatArray
+    ink_ul: FloatArray
+    plunger_mm: FloatArray
+    file_line: IntArray
+    layer: IntArray
+    vessel: IntArray
+    layers_done: IntArray
+    vessels_done: IntArray
+    tip_mm: FloatArray
+    layer_count: int = 0
+    vessel_count: int = 0
+    passes: bool = False
+
+    def __len__(self) -> int:
+        """Commands of the job."""
+        return len(self.time_s) - 1
+
+    def save(self, path: Path) -> None:
+        """Write it as ``.npz``."""
+        import numpy as np
+
+        with atomic_replacement(path) as draft:
+            np.savez(draft, **{one.name: getattr(self, one.name) for one in fields(self)})
+
+    @staticmethod
+    def load(path: Path) -> JobTable:
+        """Read what `save` wrote."""
+        import numpy as np  # most prints have no table, and their status needs none of it
+
+        with np.load(path, allow_pickle=False) as arrays_file:
+            rows = {one.name: arrays_file[one.name] for one in fields(JobTable)}
+        return JobTable(**{k: row if row.ndim else row.item() for k, row in rows.items()})
+
+
+class Supply(NamedTuple):
+    """Syringe with which a print of one head began, and its ink per travel, µL/mm."""
+
+    filling: Filling
     ul_per_mm: float
+
+
+class Estimate(NamedTuple):
+    """Remaining time, and twice its standard deviation, s; None while too little is printed.
+
+    ``ratio`` is the real time over the dry run's, so far.
+    """
+
+    remaining_s: float
+    error_s: float | None
+    ratio: float
 
 
 @dataclass(frozen=True)
@@ -38,26 +121,21 @@ class Progress:
     ----------
     commands, commands_total : int
         Executed, and in the job.
-    file_line : int
     share : float
-        Of the dry run's time, 0 to 1.
-    predicted_s, predicted_total_s : float, s
+        Of the dry run's time, 0 to 1; that is ``predicted_s``.
     active_s : float, s
         Real time so far, pauses left out.
-    remaining_s : float, s
-    remaining_error_s : float or None, s
-    ratio : float
-        Real time over the dry run's.
+    remaining_s, remaining_error_s, ratio
+        As `Estimate`.
     ends_at : float
         Wall-clock time, s since 1970, if nothing holds the print any more.
     layer, layers, layers_done : int
-        Layer being written, from 1 (0 for none), how many there are, how many are whole.
+        Layer being written, from 1 (0 for none), how many there are, how many are whole; so of
+        vessels.
     passes : bool
         Whether these are passes of an embedded print.
-    vessel, vessels, vessels_done : int
-    ink_ul, ink_total_ul : float, µL
     ink_left_ul : float or None, µL
-        In the syringe, but for its dead volume; None where nobody knows.
+        In the syringe, but for its dead volume; None where that is unknown.
     tip_mm : (x, y, z), mm
         Where the executed lines lead; a pause or a stop has raised the tip from there.
     """
@@ -90,36 +168,23 @@ class Progress:
         return asdict(self)
 
 
-def predicted_s(table: JobTable, executed: int) -> float:
-    """The dry run's time of so many commands, s."""
-    return float(table.time_s[min(max(executed, 0), len(table))])
-
-
 def progress(
-    table: JobTable,
-    executed: int,
-    active_s: float,
-    now: float,
-    estimate: Estimate,
-    filling: Filling | None = None,
+    table: JobTable, status: Status, journal: JournalledPrint, now: float, supply: Supply | None
 ) -> Progress:
-    """Tell how far a print has come.
+    """Compute how far a print has come at ``now`` (s since 1970).
 
-    Parameters
-    ----------
-    table : JobTable
-    executed : int
-        Commands of the job whose motion has been made.
-    active_s : float, s
-        Real time so far, pauses left out.
-    now : float
-        Wall-clock time, s since 1970.
-    estimate : Estimate
-    filling : Filling, optional
+    All that status tells of counts the grown job's lines, a table's rows the file's commands.
     """
-    k = min(max(executed, 0), len(table))
-    total_s = float(table.time_s[-1])
-    done_s = float(table.time_s[k])
+    executed = status.lines_executed
+    k = _row(table, file_count(executed, status.inserted))
+    total_s, done_s = float(table.time_s[-1]), float(table.time_s[k])
+    active_s = journal.active_until(journal.last_at if status.ended else now)
+    paces = [
+        (float(table.time_s[_row(table, file_count(done, journal.positions))]), pace_s)
+        for done, pace_s in journal.paces
+    ]
+    estimate = remaining_time(total_s, paces, done_s)
+    x, y, z = table.tip_mm[k].tolist()
     return Progress(
         commands=k,
         commands_total=len(table),
@@ -141,20 +206,74 @@ def progress(
         vessels_done=int(table.vessels_done[k]),
         ink_ul=float(table.ink_ul[k]),
         ink_total_ul=float(table.ink_ul[-1]),
-        ink_left_ul=ink_left_ul(table, k, filling),
-        tip_mm=_tip(table, k),
+        ink_left_ul=ink_left_ul(table, journal, executed, supply),
+        tip_mm=(x, y, z),
     )
 
 
-def _tip(table: JobTable, executed: int) -> tuple[float, float, float]:
-    x, y, z = table.tip_mm[executed].tolist()
-    return x, y, z
+def _row(table: JobTable, commands: int) -> int:
+    return min(max(commands, 0), len(table))
 
 
-def ink_left_ul(table: JobTable, executed: int, filling: Filling | None) -> float | None:
-    """What the syringe in use still holds, µL; None where nobody knows."""
-    if filling is None or filling.left_mm is None or math.isinf(filling.left_mm):
+def remaining_time(
+    total_s: float, paces: Iterable[tuple[float, float]], predicted_s: float
+) -> Estimate:
+    """Estimate what is left of a print.
+
+    ``total_s`` is the dry run's time of the whole, ``predicted_s`` of what has been executed now;
+    ``paces`` are points that the print has come to: the dry run's time, and the real time without
+    pauses, s.
+    """
+    ratios: list[float] = []
+    first = begin = last = None
+    for here in paces:
+        if first is None or begin is None or last is None:
+            first = begin = last = here
+        elif here[0] >= last[0] and here[1] >= last[1]:  # else a line was taken back
+            last = here
+            length = here[0] - begin[0]
+            if length >= max(total_s / _STRETCHES, _MIN_STRETCH_S):
+                ratios.append((here[1] - begin[1]) / length)
+                begin = here
+    left, count = max(total_s - predicted_s, 0.0), len(ratios)
+    if count < _MIN_STRETCHES or first is None or begin is None:
+        return Estimate(left, None, 1.0)
+    printed = begin[0] - first[0]
+    ratio = (begin[1] - first[1]) / printed
+    mean = math.fsum(ratios) / count
+    spread = math.sqrt(math.fsum((one - mean) ** 2 for one in ratios) / (count - 1))
+    each = printed / count
+    ahead = left / each
+    error = 2.0 * each * spread * math.sqrt(ahead + ahead * ahead / count)
+    return Estimate(left * ratio, error, ratio)
+
+
+def ink_left_ul(
+    table: JobTable, journal: JournalledPrint, executed: int, supply: Supply | None
+) -> float | None:
+    """Return the ink left in the syringe when so many lines are made, µL; None where unknown."""
+    if supply is None:
         return None
-    start = min(max(filling.command, 0), len(table))
-    used = float(table.plunger_mm[executed] - table.plunger_mm[start])
-    return max(filling.left_mm - used, 0.0) * filling.ul_per_mm
+    filling = journal.last_filling or supply.filling
+    capacity_mm = filling.capacity_mm or supply.filling.capacity_mm
+    places = min(filling.done, executed), executed
+    begin, end = (_plunger_mm(table, journal.inserts, k, supply.ul_per_mm) for k in places)
+    if math.isinf(capacity_mm):
+        return None
+    return max(capacity_mm - filling.used_mm - (end - begin), 0.0) * supply.ul_per_mm
+
+
+def _plunger_mm(table: JobTable, inserts: Sequence[Insert], done: int, ul_per_mm: float) -> float:
+    """Return the plunger's travel after so many lines of the grown job, mm.
+
+    What the job writes behind an insert pushes ``flow`` times what its file says.
+    """
+    here = _row(table, file_count(done, [(one.after, len(one.lines)) for one in inserts]))
+    extra_ul, positions = 0.0, list[Position]()
+    for one, following in zip(inserts, [*inserts[1:], None], strict=False):
+        begin = _row(table, file_count(one.after, positions))
+        positions.append((one.after, len(one.lines)))
+        end = here if following is None else _row(table, file_count(following.after, positions))
+        written_ul = float(table.ink_ul[min(end, here)] - table.ink_ul[min(begin, here)])
+        extra_ul += (one.flow - 1.0) * written_ul
+    return float(table.plunger_mm[here]) + extra_ul / ul_per_mm + pushed_mm(inserts, done)

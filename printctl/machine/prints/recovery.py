@@ -44,7 +44,7 @@ from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.job.retreat import Retreat, count_from
 from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.records.journal import Record
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from sim.gcode.reading import code_of, is_motion
 
 CLEARANCE_MM: Final = 5.0

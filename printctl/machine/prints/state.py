@@ -1,60 +1,127 @@
-"""Determine the true state of a print from its journal and link process."""
+"""True state of a print, by its journal and link process, and the actions that it allows."""
 
 from __future__ import annotations
 
 import contextlib
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
-from firmware_profiles import Syringe, load
+from firmware_profiles import Printer, ProfileError, Syringe, load
+from printctl.errors import PrintctlError
+from printctl.machine.errors import LinkError, NoLink, Refused
+from printctl.machine.families import link_facts
 from printctl.machine.job.care import Care
-from printctl.machine.job.job import file_count
-from printctl.machine.prints.actions import Possible, PrintAction, possible_actions
+from printctl.machine.job.job import file_count, load_job
+from printctl.machine.job.syringes import Filling
+from printctl.machine.ports.detection import SIMULATED
 from printctl.machine.prints.alerts import Alert, alert_of
-from printctl.machine.prints.inserted_ink import filling_in_file
-from printctl.machine.prints.journal_facts import JournalledFacts, read_journal_facts
-from printctl.machine.prints.print_words import (
-    print_words,
-    progress_words,
-    state_words,
-    tip_words,
+from printctl.machine.prints.progress import JobTable, Progress, Supply, progress
+from printctl.machine.prints.recovery import NoCheckpoint
+from printctl.machine.prints.recovery_file import planned
+from printctl.machine.prints.words import print_words, progress_words, state_words, tip_words
+from printctl.machine.process.client import PrintClient, attach
+from printctl.machine.process.contact import (
+    STATION_LOCK,
+    STATION_RECORD,
+    alive,
+    last_status,
+    load_station,
 )
-from printctl.machine.prints.progress import Filling, Progress, predicted_s, progress
-from printctl.machine.prints.remaining import Remaining
-from printctl.machine.process.client import attach
-from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
+from printctl.machine.process.outcome import resumable
+from printctl.machine.records.folders import data_folder
+from printctl.machine.records.record import JOURNAL, RECORD, load_record
+from printctl.machine.records.replay import JournalledPrint, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
-
-if TYPE_CHECKING:
-    from printctl.machine.prints.job_table import JobTable
 
 TABLE = "progress.{}.npz"
 """A print's table, with the beginning of its job's hash."""
+
+
+# --- which print -------------------------------------------------------------------------------
+
+
+def print_folder(run: Path) -> Path:
+    """Folder of the print's journal; where one should be when none is found."""
+    beside = Path(f"{run}.print") if run.is_file() else run
+    folders = (place for place in (run, run / "print", beside) if (place / RECORD).is_file())
+    return next(folders, beside)
+
+
+def running_print(run: Path) -> PrintClient:
+    """Return a client of a print that is going on.
+
+    Raises `PrintctlError` when it has ended, `LinkError` when none was ever started there.
+    """
+    client = attach(print_folder(run))
+    status = client.status
+    if status.ended:
+        still = status.position_known or status.state is LinkState.KILLED
+        halts = "" if still else "; if anything moves, `printctl kill` halts it"
+        raise PrintctlError(
+            f"the print in {client.folder} has ended ({status.state.value}: {status.message})"
+            f"{halts}"
+        )
+    return client
+
+
+# --- its state ---------------------------------------------------------------------------------
+
+
+class PrintAction(StrEnum):
+    """What a person can ask for."""
+
+    PAUSE = "pause"
+    RESUME = "resume"
+    STOP = "stop"
+    KILL = "kill"
+    GO_ON = "go_on"
+    RECOVER = "recover"
+    GIVE_UP = "give_up"
+
+
+@dataclass(frozen=True)
+class Possible:
+    """One action, and whether it can be done now.
+
+    Attributes
+    ----------
+    reason : str
+        Why it can't be done, or why something is needed; empty for neither.
+    needs : str
+        What must be given with it: ``syringe`` (what was put in), ``from_line`` (where to begin).
+    from_line : int
+        Line of the file with which the rest begins by default; 0 where the journal doesn't tell.
+    """
+
+    action: PrintAction
+    possible: bool = True
+    reason: str = ""
+    needs: Literal["", "syringe", "from_line"] = ""
+    from_line: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object."""
+        return asdict(self)
 
 
 @dataclass(frozen=True)
 class PrintTruth:
     """True state of a print.
 
-    Attributes
-    ----------
-    folder : Path
-    status : Status
-        State, lines and message: of the link process while it lives, else what it left.
-    journal : JournalledFacts
-    progress : Progress or None
-        By time, layer and ink; None until the job's table was made (the page does, and
-        `printctl print`'s checks don't).
-    actions : tuple of Possible
-        Every action, possible or not.
+    ``status`` is the link process's while it lives, else what it left. ``progress`` is None until
+    the job's table was made (the page does, and `printctl print`'s checks don't). ``actions`` are
+    all, possible or not.
     """
 
     folder: Path
     status: Status
-    journal: JournalledFacts = field(default_factory=JournalledFacts)
+    journal: JournalledPrint = field(default_factory=JournalledPrint)
     progress: Progress | None = None
     actions: tuple[Possible, ...] = ()
 
@@ -111,94 +178,66 @@ class PrintTruth:
 
 
 def read_print(folder: Path) -> PrintTruth:
-    """Tell what is true of the print in ``folder``; ask its link process if that lives.
+    """Read the true state of the print in ``folder``; ask its link process if that lives.
 
-    Raises
-    ------
-    NoLink
-        When no print was ever started there, or its link process doesn't answer.
+    Raises `NoLink` when no print was ever started there, or its link process doesn't answer.
     """
     with attach(folder) as client:
         status = client.status
-    journal = read_journal_facts(folder / JOURNAL)
+    journal = read_journal_if_any(folder / JOURNAL)
     table = kept_table(folder, journal.sha256)
-    if table is None or len(table) != file_count(status.lines_total, status.inserted):
-        return assemble_state(folder, status, journal)
-    remaining = remaining_of(table, journal)
-    return assemble_state(folder, status, journal, table, remaining, filling_of(folder, journal))
+    supply = None if table is None else supply_of(folder)
+    return assemble_state(folder, status, journal, table, supply)
 
 
 def assemble_state(
     folder: Path,
     status: Status,
-    journal: JournalledFacts,
+    journal: JournalledPrint,
     table: JobTable | None = None,
-    remaining: Remaining | None = None,
-    filling: Filling | None = None,
+    supply: Supply | None = None,
 ) -> PrintTruth:
-    """Put a print's truth together from what was read of it."""
+    """Put a print's state together from what was read of it; a table of another file is left."""
     actions = possible_actions(folder, status)
     if status.state is LinkState.INTERRUPTED:
         status = replace(status, message=f"{status.message}; {_next_step(actions)}")
     own = file_count(status.lines_total, status.inserted)  # a table is of the file's commands
-    if table is None or remaining is None or len(table) != own:
+    if table is None or len(table) != own:
         return PrintTruth(folder, status, journal, None, actions)
-    now = time.time()
-    active = journal.active_until(journal.heard_at if status.ended else now)
-    done = file_count(status.lines_executed, status.inserted)
-    at = predicted_s(table, done)
-    if status.state is LinkState.PRINTING:
-        remaining.saw(at, active)
-    if filling is not None:
-        filling = filling_in_file(filling, journal.inserts, status.lines_executed)
-    made = progress(table, done, active, now, remaining.estimate(at), filling)
+    made = progress(table, status, journal, time.time(), supply)
     return PrintTruth(folder, status, journal, made, actions)
 
 
 def _next_step(actions: tuple[Possible, ...]) -> str:
     """Say what can be done after an interruption; promise nothing that would be refused."""
-    by_action = {one.action: one for one in actions}
-    if by_action[PrintAction.GO_ON].possible:
+    can = {one.action: one for one in actions}
+    if can[PrintAction.GO_ON].possible:
         return (
             "if the printer kept its power, Go on (`printctl resume`) asks it for its last line "
             "and goes on from there"
         )
-    recover = by_action[PrintAction.RECOVER]
-    ways = f"it can't be gone on with: {by_action[PrintAction.GO_ON].reason}"
-    if recover.possible and "recover" not in ways.lower():
+    ways = f"it can't be gone on with: {can[PrintAction.GO_ON].reason}"
+    if can[PrintAction.RECOVER].possible and "recover" not in ways.lower():
         ways += "; Recover (`printctl recover`) plans the rest as a job of its own"
     return ways
 
 
-def remaining_of(table: JobTable, journal: JournalledFacts) -> Remaining:
-    """Return the estimate of what is left, by the pace that the journal's checkpoints tell."""
-    estimate = Remaining(float(table.time_s[-1]))
-    positions = [(one.after, one.count) for one in journal.inserts]
-    for done, active_s in journal.paces:
-        estimate.saw(predicted_s(table, file_count(done, positions)), active_s)
-    return estimate
-
-
-def filling_of(folder: Path, journal: JournalledFacts) -> Filling | None:
-    """Return the syringe in use; None where nobody knows it, as of several heads."""
-    record: ContactRecord = load_record(folder)
-    care = Care.from_dict(record.care)
+def supply_of(folder: Path) -> Supply | None:
+    """Return the syringe with which a print began; None where unknown, as of several heads."""
+    care = Care.from_dict(load_record(folder).care)
     if care.head_capacity_mm or not care.syringe or not care.capacity_mm:
         return None
-    with contextlib.suppress(Exception):  # a profile that is gone: the ink left isn't told
-        bore = load(Syringe, care.syringe).inner_mm
-        at, used, full = journal.filled or (0, care.used_mm, care.capacity_mm)
-        return Filling(at, (full or care.capacity_mm) - used, math.pi / 4 * bore**2)
+    with contextlib.suppress(Exception):  # a profile that is gone: the ink left isn't shown
+        bore_mm = load(Syringe, care.syringe).inner_mm
+        return Supply(Filling(0, care.used_mm, care.capacity_mm), math.pi / 4 * bore_mm**2)
     return None
 
 
 def kept_table(folder: Path, sha256: str) -> JobTable | None:
-    """Return the table of the file that is printed in ``folder``, if somebody made it."""
+    """Return the table of the file that is printed in ``folder``, where one was made."""
     path = folder / TABLE.format(sha256[:16])
     if not path.is_file():
         return None
-    from printctl.machine.prints.job_table import JobTable  # NumPy: most prints have no table
-
     try:
         return JobTable.load(path)
     except (OSError, ValueError, KeyError):
@@ -206,8 +245,124 @@ def kept_table(folder: Path, sha256: str) -> JobTable | None:
 
 
 def keep_table(folder: Path, sha256: str, table: JobTable) -> None:
-    """Leave a print's table beside its journal, for whoever tells of it; a full disk may refuse."""
+    """Leave a print's table beside its journal for other readers; a full disk may refuse."""
     path = folder / TABLE.format(sha256[:16])
     if sha256 and not path.exists():
         with contextlib.suppress(OSError):
             table.save(path)
+
+
+# --- what can be done with it ------------------------------------------------------------------
+
+
+def possible_actions(folder: Path, status: Status) -> tuple[Possible, ...]:
+    """Return every action, in the order of `PrintAction`, as the print in ``folder`` stands."""
+    if status.ended:
+        return (*_of_ended(status), *_after_the_end(folder, status.state, _changed(folder)))
+    goes_on = f"the print goes on ({state_words(status.state)})"
+    after = (PrintAction.GO_ON, PrintAction.RECOVER, PrintAction.GIVE_UP)
+    return (*_while_going_on(status), *(_unless(goes_on, action) for action in after))
+
+
+def _unless(
+    why_not: str, action: PrintAction, needs: Literal["", "syringe", "from_line"] = ""
+) -> Possible:
+    return Possible(action, not why_not, why_not, needs)
+
+
+def _of_ended(status: Status) -> Iterator[Possible]:
+    over = f"the print is over ({state_words(status.state)})"
+    for action in (PrintAction.PAUSE, PrintAction.RESUME, PrintAction.STOP):
+        yield _unless(over, action)
+    yield _unless(f"{over}; the red STOP halts whatever is connected", PrintAction.KILL)
+
+
+def _while_going_on(status: Status) -> Iterator[Possible]:
+    state, words = status.state, state_words(status.state)
+    held = state in (LinkState.PAUSED, LinkState.LOOKING)
+    going = state in (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
+    may_pause = going or state is LinkState.LOOKING
+    yield _unless("" if may_pause else f"the print is {words}", PrintAction.PAUSE)
+    may_resume = held or (going and bool(status.waits_for))
+    changing = held and status.waits_for.startswith("syringe")
+    why_not = "" if may_resume else f"the print isn't paused, it is {words}"
+    yield _unless(why_not, PrintAction.RESUME, "syringe" if changing else "")
+    why_not = "the print is being stopped" if state is LinkState.STOPPING else ""
+    yield _unless(why_not, PrintAction.STOP)
+    yield Possible(PrintAction.KILL)
+
+
+@lru_cache(maxsize=32)
+def _after_the_end(
+    folder: Path, state: LinkState, changed: tuple[tuple[str, int], ...]
+) -> tuple[Possible, ...]:
+    """Read journal and job once for each change of them."""
+    why_not = _why_no_going_on(folder)
+    unfinished = state is LinkState.INTERRUPTED or not why_not
+    written = f"how the print ended is written down already: {state_words(state)}"
+    return (
+        _unless(why_not, PrintAction.GO_ON),
+        _recover(folder),
+        _unless("" if unfinished else written, PrintAction.GIVE_UP),
+    )
+
+
+def _changed(folder: Path) -> tuple[tuple[str, int], ...]:
+    """All that an answer rests on: files with the time of their last change, ns; live stations."""
+    near = stations(folder)
+    files = [folder / RECORD, folder / JOURNAL, *(station / STATION_RECORD for station in near)]
+    with contextlib.suppress(LinkError):
+        files.append(Path(load_record(folder).job))
+    times = [(str(path), path.stat().st_mtime_ns) for path in files if path.exists()]
+    return *times, *((str(station), int(alive(station, STATION_LOCK))) for station in near)
+
+
+def _why_no_going_on(folder: Path) -> str:
+    """Why `printctl.observe.continue_print.go_on` would refuse; empty where it wouldn't."""
+    try:
+        record = load_record(folder)
+        printer = load(Printer, record.profile)
+        resumable(folder, load_job(Path(record.job), printer).sha256)
+        refuse_forgotten(folder, record.port, printer)
+    except (LinkError, ProfileError) as exc:
+        return str(exc)
+    return ""
+
+
+def refuse_forgotten(folder: Path, port: str, printer: Printer) -> None:
+    """Raise `Refused` where the printer certainly doesn't know its place in the job any more."""
+    if port == SIMULATED:
+        raise Refused(
+            "the simulated printer ended with the process that ran it; print the job anew"
+        )
+    if not link_facts(printer).remembers:
+        raise Refused(
+            f"a printer with {printer.firmware} can't tell which line it took last, so the print "
+            "can't be gone on with; see Recover (`printctl recover`)"
+        )
+    for station in stations(folder):
+        try:
+            last = last_status(load_station(station))
+        except NoLink:  # nothing that can be read: the port itself will tell
+            continue
+        if last.open and last.port == port and alive(station, STATION_LOCK):
+            raise Refused(
+                f"the printer on {port} was connected anew after this print, which numbers "
+                "its lines anew; see Recover (`printctl recover`)"
+            )
+
+
+def stations(folder: Path) -> list[Path]:
+    """Return the folders of stations that may print into a folder: its workspace's, the user's."""
+    near = [*folder.resolve().parents[:3], data_folder()]
+    return [place / "station" for place in near if (place / "station" / STATION_RECORD).is_file()]
+
+
+def _recover(folder: Path) -> Possible:
+    try:
+        planned(folder)
+    except NoCheckpoint as exc:
+        return Possible(PrintAction.RECOVER, True, str(exc), "from_line", exc.line)
+    except (PrintctlError, LinkError, ProfileError, OSError) as exc:
+        return Possible(PrintAction.RECOVER, False, str(exc))
+    return Possible(PrintAction.RECOVER)

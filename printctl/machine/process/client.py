@@ -35,7 +35,7 @@ from printctl.machine.process.contact import (
 from printctl.machine.process.launch import START_LIMIT_S
 from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.record import LOG, ContactRecord, load_record
-from printctl.machine.records.states import EARLY, PrintOutcome, Status
+from printctl.machine.records.states import EARLY, Status
 
 if TYPE_CHECKING:
     from printctl.machine.process.orders import Order
@@ -367,14 +367,14 @@ class PrintClient(Client):
                     return
             self._next(None)
 
-    def wait(self, timeout: float | None = None) -> PrintOutcome:
+    def wait(self, timeout: float | None = None) -> Status:
         """Wait for the end of the print; TimeoutError when it isn't over after ``timeout`` s."""
         limit = math.inf if timeout is None else time.monotonic() + timeout
         while self._last is None or not self._last.ended:
             left = None if timeout is None else limit - time.monotonic()
             if self._next(left) is None and time.monotonic() >= limit:
                 raise TimeoutError(f"the print in {self.folder} isn't over after {timeout} s")
-        return PrintOutcome.of(self._last)
+        return self._last
 
     def _next(self, timeout: float | None) -> Status | None:
         """Wait for the next status, the last one where the process has gone; None in time."""

@@ -16,7 +16,7 @@ from typing import Any, Final
 from printctl.machine.control.station_status import StationState, StationStatus
 from printctl.machine.errors import AlreadyPrinting
 from printctl.machine.ports.locking import lock
-from printctl.machine.records.history import data_folder
+from printctl.machine.records.folders import data_folder
 from printctl.machine.records.journal import read_records
 from printctl.machine.records.record import LOCK, ContactRecord, read_contact
 

@@ -35,16 +35,12 @@ from printctl.machine.process.machine import Machine, serve_in
 from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import resumable
 from printctl.machine.process.plug import Plug
-from printctl.machine.records.history import remember_meanwhile
-from printctl.machine.records.history_entry import this_user
-from printctl.machine.records.journal import Journal, new_print_id
-from printctl.machine.records.journalled_print import read_journal
-from printctl.machine.records.origin import origin
-from printctl.machine.records.print_notes import archive_journal
+from printctl.machine.records.folders import archive_journal, remember_folder
+from printctl.machine.records.journal import Journal, new_print_id, origin, this_user
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 
-_HISTORY_PATIENCE_S: Final = 5.0
 _AFTERMATH_S: Final = 5.0
 """Time after an alarm for which traffic is kept as well."""
 
@@ -155,7 +151,6 @@ def contact_of(order: Order) -> Iterator[PrintContact]:
             raise
         finally:
             contact.end()
-            remember_meanwhile(order.folder).join(_HISTORY_PATIENCE_S)
 
 
 # --- the print -----------------------------------------------------------------------------------
@@ -232,7 +227,7 @@ def run_print(
             **this_user(),
             **origin(printer),
         )
-        remember_meanwhile(order.folder)
+        remember_folder(order.folder)
         machine.begin_print(streamer, identity)
         machine.enter(StationState.PRINTING, f"printing {job.name}", print_folder=str(order.folder))
         contact.begin(identity, *machine.listens_at)

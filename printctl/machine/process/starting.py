@@ -44,8 +44,8 @@ from printctl.machine.process.simulated import (
     record_for,
     was_simulated,
 )
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL, LOG, load_record
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
 from printctl.sources import python_command
 

@@ -19,9 +19,8 @@ from printctl.machine.process.orders import Order, check_homing, check_start, le
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.simulated import record_for, write_note
 from printctl.machine.process.socket_server import refusal
-from printctl.machine.records.journalled_print import read_journal
-from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import grown_in, read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.gcode.motion.executed import ExecutedMotion
 

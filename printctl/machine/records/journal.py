@@ -10,7 +10,8 @@ job        ``id`` of the print, file name, sha256, lines, profile, port, pid, wh
            last (``heard``); ``accepted``: failed checks that the user told to print with all the
            same
 state      state, message
-ack        ``done``: command lines known to be taken; never more than is true
+ack        ``done``: command lines known to be taken; never more than is true; with ``at`` where
+           the last that had one is a second old: the print's pace
 back       ``done``, ``n``: lines that an ok which wasn't theirs had acknowledged are taken back, to
            the line of number ``n``; control records of what goes again follow
 control    ``n``, ``command``: a line number about to be used for a control command
@@ -33,6 +34,8 @@ insert     ``look``, ``after``, ``lines``, ``sha256``, ``why``: lines that follo
            ``flow``: what the job's moves that write push behind them, over what the file says;
            ``reload_at``, ``reload_heads``: where the changes of syringe are due in the grown job
 looked     ``look``, ``done``, ``decision``, ``why``, ``by``: a look was decided
+settings   ``told``: commands that set the firmware as it was before the job's first line, by code
+frame      ``told``, ``offset``: how the printer's count lay before the job's first line
 heat       ``targets``, °C by heater, as this print has set them after ``line`` lines of the job
 stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `StopPlace`; ``done`` lines were
            taken; ``dropped``: whether moves weren't made; ``place`` that the printer told
@@ -44,10 +47,10 @@ job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, look
 records also have ``at``, the wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
-death of the process (kill -9). Those with ``at`` are also forced to the disk, but for a checkpoint
-that agrees and was made at no mark. That one and ack and control records are not, since forcing
-the disk several times a second would stall the line, and after a loss of power the printer has
-lost its position as well.
+death of the process (kill -9). The dated ones above are also forced to the disk, but for a
+checkpoint that agrees and was made at no mark. That one and ack and control records are not, since
+forcing the disk several times a second would stall the line, and after a loss of power the printer
+has lost its position as well.
 
 Room is kept back on the disk (``journal.reserve``), so that the end of a print that a full disk
 ends can be written down. Emptied, it says that records may be missing at the journal's end.
@@ -56,21 +59,28 @@ ends can be written down. Emptied, it says that records may be missing at the jo
 from __future__ import annotations
 
 import contextlib
+import getpass
+import hashlib
 import json
 import os
+import platform
 import secrets
 import threading
 import time
 import zlib
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
+from firmware_profiles import Printer
+from firmware_profiles.strict_model import Facts
 from printctl.machine.errors import JournalError
 
 Record = dict[str, Any]
 RESERVE: Final = "journal.reserve"
 RESERVE_BYTES: Final = 65_536
+_PACE_EVERY_S: Final = 1.0
 _DATED: Final = frozenset(
     {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
     | {"look", "insert", "looked"}
@@ -80,43 +90,35 @@ _DATED: Final = frozenset(
 class Journal:
     """An append-only journal; any thread may add to it.
 
-    Parameters
-    ----------
-    path : Path
-        Made if absent; an existing one is gone on with (a torn tail is closed by a line end).
-    reserve : bool
-        Whether to keep room back on the disk until the print has ended.
-
-    Raises
-    ------
-    JournalError
-        When it can't be written.
+    An existing one is gone on with (a torn tail is closed by a line end). With ``reserve`` room is
+    kept back on the disk until the print has ended. Raises `JournalError` when it can't be written.
     """
 
     def __init__(self, path: Path, reserve: bool = False) -> None:
         self.path = path
         self._lock, self._torn, self._ended = threading.Lock(), False, False
+        self._last_pace = 0.0
         self._reserve = path.with_name(RESERVE) if reserve else None
         try:
-            if self._reserve is not None:
-                _keep_room(self._reserve)
+            if self._reserve is not None and bytes_in(self._reserve) < RESERVE_BYTES:
+                self._reserve.write_bytes(os.urandom(RESERVE_BYTES))  # no disk can make it smaller
             self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-            size = os.fstat(self._fd).st_size
-            if size and _last_byte(path, size) != b"\n":
-                os.write(self._fd, b"\n")
+            if os.fstat(self._fd).st_size:
+                os.lseek(self._fd, -1, os.SEEK_END)
+                if os.read(self._fd, 1) != b"\n":
+                    os.write(self._fd, b"\n")
         except OSError as exc:
             raise JournalError(f"journal {path} can't be opened: {exc.strerror}") from exc
 
     def add(self, sort: str, **values: Any) -> None:
-        """Append a record.
+        """Append a record; raise `JournalError` when it can't be written (disk full).
 
-        Raises
-        ------
-        JournalError
-            When it can't be written (disk full); the record isn't there then.
+        The record isn't there then.
         """
-        at = {"at": time.time()} if sort in _DATED else {}
-        line = encode({"t": sort, **at, **values})
+        dated, now = sort in _DATED, time.time()
+        paced = sort == "ack" and now - self._last_pace >= _PACE_EVERY_S
+        self._last_pace = now if paced else self._last_pace
+        line = encode({"t": sort, **({"at": now} if dated or paced else {}), **values})
         passing = sort == "checkpoint" and values.get("agrees") and not values.get("mark")
         with self._lock:
             try:
@@ -127,7 +129,7 @@ class Journal:
                 if written != len(line):
                     raise OSError("disk full")
                 self._ended = sort == "end"
-                if at and not passing:
+                if dated and not passing:
                     os.fsync(self._fd)
             except OSError as exc:
                 raise JournalError(
@@ -137,10 +139,7 @@ class Journal:
     def use_reserve(self) -> bool:
         """Free the room kept back, so that the record that didn't fit may be added once more.
 
-        Returns
-        -------
-        bool
-            False where there is none left.
+        False where there is none left.
         """
         with self._lock:
             if self._reserve is None or not bytes_in(self._reserve):
@@ -148,7 +147,7 @@ class Journal:
             try:
                 os.truncate(self._reserve, 0)
                 if self._torn:
-                    os.ftruncate(self._fd, _end_of_last_line(self.path))
+                    os.ftruncate(self._fd, self.path.read_bytes().rfind(b"\n") + 1)
             except OSError:
                 return False
             self._torn = False
@@ -171,27 +170,12 @@ class Journal:
                     self._reserve.unlink(missing_ok=True)
 
 
-def _keep_room(reserve: Path) -> None:
-    if bytes_in(reserve) < RESERVE_BYTES:
-        reserve.write_bytes(os.urandom(RESERVE_BYTES))  # no disk can make it smaller
-
-
 def bytes_in(path: Path) -> int:
     """Size of a file; 0 where there is none."""
     try:
         return path.stat().st_size
     except OSError:
         return 0
-
-
-def _end_of_last_line(path: Path) -> int:
-    return path.read_bytes().rfind(b"\n") + 1
-
-
-def _last_byte(path: Path, size: int) -> bytes:
-    with path.open("rb") as handle:
-        handle.seek(size - 1)
-        return handle.read(1)
 
 
 def encode(record: Record) -> bytes:
@@ -204,10 +188,20 @@ def decode(line: bytes) -> Record | None:
     """Read a line; None when its checksum is wrong."""
     crc, _, text = line.rstrip(b"\n").partition(b" ")
     try:
-        record = json.loads(text) if crc == b"%08x" % zlib.crc32(text) else None
+        record = json.loads(text.decode()) if crc == b"%08x" % zlib.crc32(text) else None
     except ValueError:
         return None
     return record if isinstance(record, dict) else None
+
+
+def read_records(path: Path) -> Iterator[Record | None]:
+    """Give the records in order, None for each damaged line."""
+    with path.open("rb") as handle:
+        for line in handle:
+            yield decode(line) if line.endswith(b"\n") else None
+
+
+# --- what a job record says -------------------------------------------------------------------
 
 
 def new_print_id(started: float) -> str:
@@ -226,8 +220,35 @@ def print_id(job: Record) -> str:
     return f"{int(job.get('started', 0)):010d}-{zlib.crc32(words.encode()):08x}"
 
 
-def read_records(path: Path) -> Iterator[Record | None]:
-    """Give the records in order, None for each damaged line."""
-    with path.open("rb") as handle:
-        for line in handle:
-            yield decode(line) if line.endswith(b"\n") else None
+def this_user() -> dict[str, str]:
+    """Return who prints here: ``who``, ``host``."""
+    try:
+        who = getpass.getuser()
+    except (OSError, KeyError, ImportError):  # a container's user may have no name
+        who = ""
+    return {"who": who, "host": platform.node()}
+
+
+def origin(printer: Printer) -> dict[str, Any]:
+    """Return program version and profile: ``printctl``, ``profile_sha256``, ``printer``."""
+    return {
+        "printctl": version(),
+        "profile_sha256": profile_digest(printer),
+        "printer": printer.model_dump(mode="json"),
+    }
+
+
+def version() -> str:
+    """Of this program."""
+    return metadata.version("printctl")
+
+
+def profile_digest(profile: Facts) -> str:
+    """SHA-256 of a profile's values, whatever the order and comments of its file, hex."""
+    return digest_of(profile.model_dump(mode="json"))
+
+
+def digest_of(values: Any) -> str:
+    """SHA-256 of values as JSON, independent of the keys' order, hex."""
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""States of a print as an enum; records of its status for clients, and of its outcome."""
+"""States of a print, and its status as clients see it."""
 
 from __future__ import annotations
 
@@ -31,15 +31,8 @@ class LinkState(StrEnum):
 
 
 ENDED: Final = frozenset(
-    {
-        LinkState.DONE,
-        LinkState.STOPPED,
-        LinkState.FAILED,
-        LinkState.KILLED,
-        LinkState.POSITION_UNKNOWN,
-        LinkState.INTERRUPTED,
-        LinkState.GIVEN_UP,
-    }
+    {LinkState.DONE, LinkState.STOPPED, LinkState.FAILED, LinkState.KILLED}
+    | {LinkState.POSITION_UNKNOWN, LinkState.INTERRUPTED, LinkState.GIVEN_UP}
 )
 """States that nothing follows."""
 EARLY: Final = frozenset({LinkState.CONNECTING, LinkState.CHECKING})
@@ -48,16 +41,12 @@ EARLY: Final = frozenset({LinkState.CONNECTING, LinkState.CHECKING})
 
 @dataclass(frozen=True)
 class Status:
-    """A print as its clients see it.
+    """A print as its clients see it, and how it ended.
 
     Attributes
     ----------
-    state : LinkState
     lines_done, lines_total : int
         Command lines acknowledged by the printer, and in the job.
-    lines_executed : int
-        Those of them whose motion has certainly been made; the last ones may still be ahead in the
-        firmware's planner. Equal to `lines_done` once the printer stands still.
     file_line : int
         One-based line of the job file that was acknowledged last; 0 before the first.
     message : str
@@ -78,6 +67,9 @@ class Status:
         go on; None for an attended print.
     readings : tuple of str
         Last readings of what the printer's profile has watched, with their limits.
+    lines_executed : int
+        Lines done whose motion has certainly been made; the last ones may still be ahead in the
+        firmware's planner. Equal to `lines_done` once the printer stands still.
     look : dict or None
         The look that the print is held for (`LookBook.told`): ``number``, ``mark``, ``layer``,
         ``done``, ``since``, ``limit_s``, ``inserted``, ``insert_sha256``, ``decision``.
@@ -106,6 +98,11 @@ class Status:
         """Whether the print is over."""
         return self.state in ENDED
 
+    @property
+    def proved(self) -> bool:
+        """Whether it is done, and no other program's commands came between its lines."""
+        return self.state is LinkState.DONE and self.position_known
+
     def to_dict(self) -> dict[str, Any]:
         """As a JSON object."""
         return asdict(self)
@@ -121,56 +118,11 @@ class Status:
         return Status(**{**known, "state": LinkState(known["state"]), **lists})
 
 
-@dataclass(frozen=True)
-class PrintOutcome:
-    """How a print ended.
-
-    Attributes
-    ----------
-    state : LinkState
-        One of `ENDED`.
-    lines_done, lines_total : int
-        Command lines acknowledged by the printer, and in the job.
-    message : str
-        Why, for the user.
-    error : str
-        Name of the error's class when an error ended it, else empty.
-    position_known : bool
-        Whether the printer still knows where its needle is.
-    """
-
-    state: LinkState
-    lines_done: int
-    lines_total: int
-    message: str
-    error: str = ""
-    position_known: bool = True
-
-    @property
-    def proved(self) -> bool:
-        """Whether it is done, and no other program's commands came between its lines."""
-        return self.state is LinkState.DONE and self.position_known
-
-    @staticmethod
-    def of(status: Status) -> PrintOutcome:
-        """Read from the last status of a print."""
-        return PrintOutcome(
-            status.state,
-            status.lines_done,
-            status.lines_total,
-            status.message,
-            status.error,
-            status.position_known,
-        )
-
-
 class PrintEnded(Exception):  # noqa: N818
-    """The end of a print, in a state and for a reason; raised where it is found.
+    """The end of a print, raised where it is found.
 
     Attributes
     ----------
-    state : LinkState
-    message : str
     known : bool
         Whether the printer's position is known.
     error : str

@@ -20,8 +20,7 @@ from printctl.machine.process.client import PrintClient
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import is_complete_record, simulated_printer
 from printctl.machine.process.starting import find_or_start, finished
-from printctl.machine.records.printed_job import grown_in
-from printctl.machine.records.states import PrintOutcome
+from printctl.machine.records.replay import grown_in
 from printctl.observe.order import ObserverOrder
 from printctl.observe.starting import (
     ObserverError,
@@ -233,7 +232,7 @@ def load_finished_print(context: RunContext) -> tuple[dict[str, Any], Sequence[s
         "printer": context.printer.name,
         "port": part.port,
         "state": client.status.state.value,
-        "proved": PrintOutcome.of(client.status).proved,
+        "proved": client.status.proved,
         "lines": client.status.lines_done,
     }
     if not isinstance(context.scan_part, SimulatedScan):

@@ -15,10 +15,9 @@ from printctl.analysis.flow.lattice_comparison import PICTURE
 from printctl.analysis.oxygen import CAPTION, SLICE
 from printctl.checks.bead import PLAYED
 from printctl.machine.job.job import load_job
-from printctl.machine.prints.journal_facts import read_journal_facts
-from printctl.machine.records.journalled_print import read_journal
-from printctl.machine.records.print_identity import print_identity
+from printctl.machine.records.folders import print_identity
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.observe.records import read_looks
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
@@ -110,7 +109,7 @@ def look_rows_with_scan(context: RunContext) -> list[dict[str, Any]]:
     if part is None or not written.is_file():
         return []
     folder = context.folder / JOURNAL_FOLDER
-    looks = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    looks = read_looks(folder, read_journal_if_any(folder / JOURNAL).started)
     job = load_job(context.folder / GCODE, context.printer)
     lines = [job.file_line(one.job_line) for one in looks]
     inserts = read_journal(folder / JOURNAL).inserts

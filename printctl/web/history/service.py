@@ -11,6 +11,8 @@ from typing import Any, BinaryIO, Final
 from pydantic import Field
 
 from printctl.history.bundle import filed, write_bundle
+from printctl.history.index import PrintHistory
+from printctl.history.query import HistoryPage, HistoryQuery
 from printctl.history.signing import (
     FiledPrint,
     KeyTrouble,
@@ -26,11 +28,9 @@ from printctl.history.verify import Signature, verify_stream
 from printctl.machine.errors import LinkError, NoSuchPrint
 from printctl.machine.prints.progress import Progress
 from printctl.machine.prints.state import read_print
-from printctl.machine.records.history import PrintHistory
-from printctl.machine.records.history_entry import PrintEntry
-from printctl.machine.records.history_query import HistoryPage, HistoryQuery
 from printctl.machine.records.record import JOURNAL
 from printctl.pipeline.evidence import GCODE, PHOTOS, evidence
+from printctl.pipeline.past_print import PrintEntry
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError
 

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
 from printctl.checks.set_up import Check
-from printctl.machine.prints.job_table import JobTable
+from printctl.machine.prints.progress import JobTable
 from printctl.web.errors import BadRequestError
 from printctl.web.job.jobs import keep_facts
 from printctl.web.job.set_up import JobSetUp

@@ -12,24 +12,21 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.machine.errors import LinkError, NoLink
-from printctl.machine.prints.actions import PrintAction
-from printctl.machine.prints.job_table import JobTable
-from printctl.machine.prints.journal_facts import JournalledFacts, read_journal_facts
-from printctl.machine.prints.progress import Filling
-from printctl.machine.prints.remaining import Remaining
+from printctl.machine.prints.progress import JobTable, Supply
 from printctl.machine.prints.state import (
+    PrintAction,
     PrintTruth,
     assemble_state,
-    filling_of,
     keep_table,
     kept_table,
     read_print,
-    remaining_of,
+    supply_of,
 )
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import STATION_RECORD, alive
 from printctl.machine.process.simulated import was_simulated
 from printctl.machine.records.record import JOURNAL, RECORD, load_record
+from printctl.machine.records.replay import JournalReader, read_journal_if_any
 from printctl.machine.records.states import Status
 from printctl.web.errors import NotFoundError
 from printctl.web.job.preflight import Preflights, load_table
@@ -77,12 +74,11 @@ class PrintFollower:
         self.job, self.folder = job, folder
         self._table_of, self._tell = table_of, tell
         self._table: JobTable | None = None
-        self._remaining: Remaining | None = None
-        self._filling: Filling | None = None
+        self._supply: Supply | None = None
         self._client: PrintClient | None = None
         self._lock, self._left = threading.Lock(), threading.Event()
         self._last: Status | None = None
-        self._journal = JournalledFacts()
+        self._journal = JournalReader(folder / JOURNAL)
         self._told = 0.0
         self.heard: PrintReport | None = None
         self._threads = [
@@ -136,29 +132,24 @@ class PrintFollower:
             return
         if table is None:
             return
-        journal = read_journal_facts(self.folder / JOURNAL)
-        keep_table(self.folder, journal.sha256, table)
+        supply = supply_of(self.folder)
         with self._lock:
-            self._remaining = remaining_of(table, journal)
-            self._table = table
+            keep_table(self.folder, self._journal.read().sha256, table)
+            self._table, self._supply = table, supply
             if self._last is not None:
-                self._filling = filling_of(self.folder, journal)
                 self._publish(self._last)
 
     def _hear(self, status: Status) -> None:
         with self._lock:
             before, self._last = self._last, status
             new = before is None or _words(before) != _words(status)
-            if before is None or _written_down(before) != _written_down(status):
-                self._journal = read_journal_facts(self.folder / JOURNAL)
-                self._filling = filling_of(self.folder, self._journal)
             if new or time.monotonic() - self._told >= APART_S:
                 self._publish(status)
 
     def _publish(self, status: Status) -> None:
         self._told = time.monotonic()
-        views = self._table, self._remaining, self._filling
-        truth = assemble_state(self.folder, status, self._journal, *views)
+        journal = self._journal.read()
+        truth = assemble_state(self.folder, status, journal, self._table, self._supply)
         heard = PrintReport.of(self.job, truth)
         try:
             self._tell(heard, self)
@@ -170,11 +161,6 @@ class PrintFollower:
 def _words(status: Status) -> tuple[object, ...]:
     """What a person must be told at once."""
     return status.state, status.message, status.waits_for, status.alarms, status.position_known
-
-
-def _written_down(status: Status) -> tuple[object, ...]:
-    """What changes with a record of the journal that is told of here."""
-    return status.state, status.alarms, status.inserted
 
 
 def prints_of(workspace: Workspace) -> Iterator[tuple[str, Path]]:
@@ -348,7 +334,7 @@ class Prints:
 
     def _keep_known_table(self, job: str, folder: Path) -> None:
         """Leave the table that a check made beside the journal, if it is of what was printed."""
-        sha256 = read_journal_facts(folder / JOURNAL).sha256
+        sha256 = read_journal_if_any(folder / JOURNAL).sha256
         file, printed = self._workspace.job_file(job), self._set_ups.printed(folder)
         if printed is None or sha256 != file_hash(file) or kept_table(folder, sha256) is not None:
             return
@@ -392,7 +378,7 @@ class Prints:
     def _table(self, job: str, folder: Path) -> JobTable | None:
         """The table of the file that is printed; None when that file has changed since."""
         file = self._workspace.job_file(job)
-        printed = read_journal_facts(folder / JOURNAL).sha256
+        printed = read_journal_if_any(folder / JOURNAL).sha256
         if printed and printed != file_hash(file):
             return None
         return load_table(self._preflights.of(file, self._set_up_of(job, folder)).table)

@@ -13,8 +13,8 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
-from printctl.machine.records.history import remember_meanwhile
-from printctl.machine.records.print_notes import journal_of, notes_path
+from printctl.history.index import remember_meanwhile
+from printctl.machine.records.folders import journal_of, notes_path
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import checked_name
 

@@ -12,9 +12,9 @@ from fastapi import APIRouter, File, Query, Request, Response, UploadFile
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from printctl.machine.prints.actions import Possible
 from printctl.machine.prints.alerts import Alert
 from printctl.machine.prints.progress import Progress
+from printctl.machine.prints.state import Possible
 from printctl.machine.records.states import LinkState
 from printctl.web.job.aftercare import Aftercare, checklist
 from printctl.web.job.camera.service import CameraService

@@ -19,11 +19,11 @@ from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.prints.follow import retreat_for
-from printctl.machine.prints.mend_strokes import MendStrokes, mend_strokes
+from printctl.machine.prints.mends import MendStrokes, mend_strokes
 from printctl.machine.process.orders import Order
 from printctl.machine.process.starting import running
-from printctl.machine.records.printed_job import grown_in
 from printctl.machine.records.record import load_record
+from printctl.machine.records.replay import grown_in
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, start_observer

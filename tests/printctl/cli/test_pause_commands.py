@@ -33,7 +33,7 @@ from printctl.machine.errors import LinkError, Refused
 from printctl.machine.job.care import Care
 from printctl.machine.process.client import PrintClient
 from printctl.machine.process.starting import start_print
-from printctl.machine.records.states import LinkState, PrintOutcome
+from printctl.machine.records.states import LinkState, Status
 from registration.devices.camera_frame import read_frame, write_insert
 from registration.devices.lens import write_lens
 from registration.devices.lens.lens import write_model
@@ -197,7 +197,7 @@ JOB = "M85 S600\nM302 P1\nG90\nM82\nG1 X1 Y5 E0.1 F600\nG1 X2 Y5 E0.2 F600\n"
 
 @pytest.mark.parametrize(("known", "code"), [(True, 0), (False, 1)])
 def test_exit_code_tells_it(shell: Shell, known: bool, code: int) -> None:
-    ended = PrintOutcome(LinkState.DONE, 6, 6, "all 6 lines done", position_known=known)
+    ended = Status(LinkState.DONE, 6, 6, message="all 6 lines done", position_known=known)
     shell.monkeypatch.setattr(print_job, "_print", lambda *given: ended)
     Path("job.gcode").write_text(JOB)
     words = ("print", "job.gcode", "--printer", "generic_marlin", "--port", "simulated", "--json")
@@ -208,7 +208,7 @@ def test_exit_code_tells_it(shell: Shell, known: bool, code: int) -> None:
 
 @pytest.mark.parametrize("state", [LinkState.FAILED, LinkState.STOPPED])
 def test_only_a_print_that_is_done_is_proved(state: LinkState) -> None:
-    assert not PrintOutcome(state, 6, 6, "").proved
+    assert not Status(state, 6, 6).proved
 
 
 # --- `printctl observe` from insert to check, by painted pictures

@@ -9,7 +9,7 @@ import numpy as np
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.checks.gcode_view import Pushing, read_job
 from printctl.checks.preflight import HeadLoading, volumes
-from printctl.machine.prints.job_table import JobTable
+from printctl.machine.prints.progress import JobTable
 from printctl.pipeline.job_table import make_table
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job

@@ -17,10 +17,10 @@ import tifffile
 from pydantic import TypeAdapter, ValidationError
 
 from printctl.errors import UsageError
-from printctl.machine.records.history_entry import PrintEntry, entry_of
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import ContactRecord
 from printctl.pipeline.measurement_record import Corrections, add_record
+from printctl.pipeline.past_print import PrintEntry, entry_of
 from printctl.pipeline.plate.results import plate_verdict, well_figures
 from printctl.pipeline.print_scan import StatedPrint, scan_print
 from printctl.pipeline.simulated_scan import scan_size_words

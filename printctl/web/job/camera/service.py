@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import Header, Response
 from fastapi.responses import FileResponse
 
-from printctl.machine.prints.films import film_file
+from printctl.machine.records.folders import film_file
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.job.camera.camera import CameraProcess, CameraState

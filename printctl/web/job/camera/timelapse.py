@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Final
 
 from design.files import write_bytes
-from printctl.machine.prints.films import film_file, frames_folder
 from printctl.machine.prints.progress import Progress
+from printctl.machine.records.folders import film_file, frames_folder
 from printctl.sources import python_command
 from printctl.web.job.camera.camera import CameraProcess
 from printctl.web.job.prints import PrintReport

@@ -22,7 +22,7 @@ from printctl.checks.preflight import shaft_clearance, written_arrays
 from printctl.checks.preflight.shaft import read_written_arrays
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import SafetyError
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages import toolpath as stage
 from printctl.recipe import parse_recipe

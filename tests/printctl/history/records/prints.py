@@ -7,10 +7,9 @@ import json
 from pathlib import Path
 
 from firmware_profiles import Printer, load
-from printctl.machine.records.history import PrintHistory
-from printctl.machine.records.history_entry import PrintEntry
-from printctl.machine.records.journal import Journal
-from printctl.machine.records.origin import origin
+from printctl.history.index import PrintHistory
+from printctl.machine.records.journal import Journal, origin
+from printctl.pipeline.past_print import PrintEntry
 
 GCODE = b"G21\nG90\nG1 X1 ; a comment\n"
 

@@ -28,9 +28,9 @@ from printctl.history.signing import (
 )
 from printctl.history.table import safe_cell
 from printctl.history.verify import Signature, verify_bundle, verify_stream
-from printctl.machine.prints.films import film_file
-from printctl.machine.records.history_entry import Alarm
+from printctl.machine.records.folders import film_file
 from printctl.pipeline.evidence import evidence
+from printctl.pipeline.past_print import Alarm
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.slower import examples
 

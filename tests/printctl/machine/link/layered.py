@@ -13,7 +13,7 @@ from printctl.machine.job.care import Care
 from printctl.machine.job.job import Job
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.transport import Transport
-from printctl.machine.records.journalled_print import JournalledPrint
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.machine.link.fake_marlin import FakeMarlin

@@ -13,7 +13,7 @@ from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import Insert
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job

@@ -23,8 +23,8 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.serial_port import SerialTransport
 from printctl.machine.process.outcome import resumable
 from printctl.machine.records.journal import Journal, encode, read_records
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import FaultFile, load_faults

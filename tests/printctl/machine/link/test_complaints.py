@@ -22,7 +22,7 @@ from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.facts import RrfProtocol
 from printctl.machine.job.coordinates import places
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.link.fake_families import FakeDuet
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag

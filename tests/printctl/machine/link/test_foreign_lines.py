@@ -17,7 +17,7 @@ from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.detection import PortPrograms
-from printctl.machine.records.journalled_print import JournalledPrint, read_journal
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from printctl.cli.running_print import waiting_lines
@@ -23,16 +24,16 @@ from printctl.machine.job.insert_check import (
 from printctl.machine.job.job import Insert
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
-from printctl.machine.job.syringes import plunger_travel
+from printctl.machine.job.syringes import Filling, plunger_travel
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.prints.actions import possible_actions
-from printctl.machine.prints.inserted_ink import filling_in_file, inserted_ink
-from printctl.machine.prints.progress import Filling
+from printctl.machine.prints.mends import pushed_mm
+from printctl.machine.prints.progress import JobTable, Supply, ink_left_ul
 from printctl.machine.prints.recovery import plan_recovery
+from printctl.machine.prints.state import possible_actions
 from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import JournalledPrint, read_journal
 from printctl.machine.records.record import JOURNAL, ContactRecord
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.looking import Observer, layered, observed, patch
@@ -97,13 +98,21 @@ def test_an_interrupted_print_counts_what_was_put_in(tmp_path):
 
 
 def test_ink_of_an_insert_is_taken_from_the_syringe():
-    told = inserted_ink(FIRST.to_record())
-    assert told.pushed_mm == pytest.approx(0.01)
-    filling = Filling(FIRST.after - 3, 5.0, 2.0)
-    assert filling_in_file(filling, (told,), FIRST.after).left_mm == 5.0
-    assert filling_in_file(filling, (told,), FIRST.after + 1).left_mm == pytest.approx(4.99)
-    later = Filling(FIRST.after + 20, 5.0, 2.0)
-    assert filling_in_file(later, (told,), FIRST.after + 30) == Filling(FIRST.after + 9, 5.0, 2.0)
+    assert pushed_mm((FIRST,), FIRST.after) == 0.0
+    assert pushed_mm((FIRST,), FIRST.after + 1) == pytest.approx(0.01)
+    own, supply = np.array(plunger_travel(OWN.lines)), Supply(Filling(0, 1.0, 6.0), 2.0)
+    across = np.array([False, *(b" X" in line for line in OWN.lines)])
+    ink = 2.0 * np.cumsum(np.where(across, np.diff(own, prepend=0.0), 0.0))
+    table = JobTable(*[own, ink, own, *[own] * 6])  # time and parts don't matter
+    changed = {None: Filling(FIRST.after + 20, 0.5, 0.0)}
+    for filled, begin, full in (({}, 0, 5.0), (changed, FIRST.after + 20, 5.5)):
+        for flow in (1.0, 1.3):
+            insert = replace(FIRST, flow=flow)
+            pushed = plunger_travel(OWN.grown(insert).lines)
+            journal = JournalledPrint(inserts=[insert], filled=filled)
+            for done in (begin, *range(FIRST.after + 20, len(pushed), 3)):  # as the station counts
+                left = 2.0 * (full - pushed[done] + pushed[begin])
+                assert ink_left_ul(table, journal, done, supply) == pytest.approx(left, abs=1e-3)
 
 
 def test_a_print_that_is_held_for_a_look_may_be_gone_on_with_by_the_operator(tmp_path):

@@ -17,15 +17,14 @@ from printctl.machine.job.job import Job
 from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.prints.journal_facts import JournalledFacts
 from printctl.machine.prints.recovery import NoCheckpoint, plan_recovery
 from printctl.machine.prints.state import assemble_state
 from printctl.machine.process.outcome import read_outcome, resumable
-from printctl.machine.records.history_entry import entry_of
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import JOURNAL, ContactRecord
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
+from printctl.pipeline.past_print import entry_of
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.cli.shell import Shell
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
@@ -247,7 +246,7 @@ def test_command_that_recovers_can_be_copied(tmp_path):
     status = killed(tmp_path, "generic_marlin", LinkState.PRINTING)
     (line,) = [
         line
-        for line in status_lines(assemble_state(tmp_path, status, JournalledFacts()), "my run")
+        for line in status_lines(assemble_state(tmp_path, status, JournalledPrint()), "my run")
         if line.startswith("recover:")
     ]
     assert "printctl recover 'my run' --from-line " in line

@@ -11,6 +11,7 @@ import os
 import sqlite3
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,8 @@ from typer.testing import CliRunner
 
 from firmware_profiles import Printer, load
 from printctl.cli.main import app
+from printctl.history.index import PrintHistory, remember
+from printctl.history.query import HistoryQuery
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import HistoryError, JournalError, Refused
 from printctl.machine.ports.clock import VirtualClock
@@ -27,14 +30,25 @@ from printctl.machine.ports.wire_log import RING_BYTES, LoggedTransport, WireLog
 from printctl.machine.prints.recovery import beginning
 from printctl.machine.process.outcome import resumable
 from printctl.machine.process.starting import start_print
-from printctl.machine.records.history import PrintHistory, data_folder, remember
-from printctl.machine.records.history_entry import INTERRUPTED, entry_of
-from printctl.machine.records.history_query import HistoryQuery
-from printctl.machine.records.journal import RESERVE, Journal, decode, encode, read_records
-from printctl.machine.records.journalled_print import read_journal
-from printctl.machine.records.origin import profile_digest
-from printctl.machine.records.print_notes import archive_journal, journal_of, notes_path, read_notes
+from printctl.machine.records.folders import (
+    archive_journal,
+    data_folder,
+    journal_of,
+    notes_path,
+    read_notes,
+    remember_folder,
+)
+from printctl.machine.records.journal import (
+    RESERVE,
+    Journal,
+    decode,
+    encode,
+    profile_digest,
+    read_records,
+)
+from printctl.machine.records.replay import JournalledPrint, JournalReader, read_journal, replay
 from printctl.machine.records.states import LinkState, Status
+from printctl.pipeline.past_print import INTERRUPTED, entry_of
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
@@ -63,6 +77,45 @@ def test_reads_what_was_written(tmp_path):
     assert history.alarms == ["µ and ✓ are escaped"]
     assert history.end is None
     assert history.damaged == 0
+
+
+@given(st.lists(st.integers(1, 60), max_size=20))
+def test_reading_on_gives_what_reading_anew_gives(pieces):
+    with tempfile.TemporaryDirectory() as folder:
+        path, grown = Path(folder) / "j", Path(folder) / "grown"
+        data = written(path).read_bytes()
+        reader, at = JournalReader(grown), 0
+        assert reader.read() == JournalledPrint()
+        for size in pieces:
+            with grown.open("ab") as handle:
+                handle.write(data[at : at + size])
+            at += size
+            whole = data[:at].splitlines(keepends=True)
+            known = [decode(line) for line in whole if line.endswith(b"\n")]
+            assert reader.read() == replay(known)
+
+
+def test_reader_begins_anew_with_the_journal_of_another_print(tmp_path):
+    reader = JournalReader(written(tmp_path / "journal.log"))
+    assert reader.read().done == 50
+    archive_journal(tmp_path)
+    before = reader.read()
+    journal = Journal(tmp_path / "journal.log")
+    for done in range(200):
+        journal.add("ack", done=done)
+    journal.close()
+    assert reader.read().done == 199
+    assert (before.done, before.total, reader.read().total) == (50, 100, 0)
+
+
+def test_paces_of_a_long_print_are_few_and_span_it():
+    records = [{"t": "state", "state": "printing", "at": 0.0}]
+    records += [{"t": "ack", "done": k, "at": float(k)} for k in range(1, 10_000)]
+    paces = replay(records).paces
+    assert len(paces) <= 1000
+    assert paces[0] == (1, 1.0)
+    assert paces[-1][0] > 9_900
+    assert all(done == active_s for done, active_s in paces)
 
 
 @pytest.mark.parametrize("missing", range(1, 40))
@@ -178,7 +231,7 @@ def print_on(disk: SmallDisk, journal: Journal, monkeypatch) -> tuple[Status, St
     return found
 
 
-@pytest.mark.parametrize("room", range(2007, 2060, 7))  # at 2000 two lines pass there
+@pytest.mark.parametrize("room", range(2035, 2088, 7))  # at 2028 two lines pass there
 def test_end_of_a_print_on_a_full_disk_is_in_its_journal(tmp_path, monkeypatch, room):
     journal = Journal(tmp_path / "journal.log", reserve=True)
     status, streamer = print_on(SmallDisk(tmp_path, room + 65_536), journal, monkeypatch)
@@ -339,6 +392,18 @@ def test_noting_again_changes_nothing_and_a_later_end_is_taken_in(data, tmp_path
     assert (entry.state, entry.message, len(entry.alarms)) == ("killed", "by hand", 2)
 
 
+def test_print_that_only_lists_its_folder_is_taken_in_when_the_history_is_read(data, tmp_path):
+    remember_folder(print_in(tmp_path / "one")).join()
+    remember_folder(print_in(tmp_path / "two", "b.gcode", 2e9, end="")).join()
+    remember_folder(tmp_path / "two").join()
+    assert (data / "journals.txt").read_bytes().count(b"\n") == 2
+    assert [entry.state for entry in PrintHistory().entries()] == [INTERRUPTED, "done"]
+    (tmp_path / "one" / "journal.log").rename(tmp_path / "one" / "journal.1.log")
+    print_in(tmp_path / "one", "c.gcode", 3e9, end="killed")
+    assert PrintHistory().known("state") == ["done", INTERRUPTED, "killed"]
+    assert [entry.file for entry in PrintHistory().entries()] == ["c.gcode", "b.gcode", "a.gcode"]
+
+
 def test_print_keeps_its_identity_when_its_journal_is_put_aside(data, tmp_path):
     folder = print_in(tmp_path / "one")
     history = PrintHistory()
@@ -399,7 +464,7 @@ def test_journal_with_damaged_lines_or_without_a_job_is_no_obstacle(data, tmp_pa
 def test_many_processes_may_write_at_once(data, tmp_path):
     code = (
         "import sys; from pathlib import Path\n"
-        "from printctl.machine.records.history import PrintHistory\n"
+        "from printctl.history.index import PrintHistory\n"
         "for k in range(10): PrintHistory().note(Path(sys.argv[1]) / f'{sys.argv[2]}-{k}')\n"
     )
     for who in range(2):
@@ -419,6 +484,7 @@ def test_history_that_can_not_be_written_is_told_but_disturbs_no_print(tmp_path,
     with pytest.raises(HistoryError, match=r"journals are untouched.*PRINTCTL_DATA"):
         PrintHistory()
     remember(print_in(tmp_path / "one"))
+    remember_folder(tmp_path / "one").join()
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")

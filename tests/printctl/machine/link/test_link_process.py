@@ -32,7 +32,7 @@ from printctl.machine.process import contact
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import alive
 from printctl.machine.process.starting import resume_print, start_print
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.printctl.machine.link.jobs import parse_job

@@ -13,7 +13,7 @@ from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.looking import (

@@ -28,7 +28,7 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import plan_reloads, plunger_travel
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.journal import read_records
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run

@@ -17,7 +17,7 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.stop_place import StopPlace, find_stop_line
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.recovery import NoCheckpoint, Recovery, plan_recovery
-from printctl.machine.records.journalled_print import JournalledPrint, read_journal
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import parse_fault

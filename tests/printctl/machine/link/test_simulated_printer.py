@@ -17,11 +17,10 @@ from printctl.machine.control.printing import COUNT_ANSWERS_S
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.prints.journal_facts import read_journal_facts
-from printctl.machine.records.history_entry import entry_of
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
+from printctl.pipeline.past_print import entry_of
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import Fault, PermanentFaults
 from sim.gcode.motion.hardware import Board
@@ -424,7 +423,7 @@ def test_answers_that_are_all_doubled_make_one_alarm_with_a_count(tmp_path):
     times = int(text.rsplit("(", 1)[1].removesuffix(" times)"))
     assert times > 30
     assert "another program or noise wrote to this printer" in text
-    assert read_journal_facts(journal).last_alarm == text
+    assert read_journal_if_any(journal).last_alarm == text
     assert journal.read_text().count(" alarm") + journal.read_text().count('"repeated"') < 12
 
 

@@ -14,7 +14,7 @@ from printctl.machine.control.connecting import REST_LIMIT_S, protocol_for
 from printctl.machine.errors import HandshakeError
 from printctl.machine.job.care import Care
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.families.klipper.printer import KlipperPrinter

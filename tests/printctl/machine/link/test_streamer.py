@@ -16,7 +16,7 @@ from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import PortLost, Refused
 from printctl.machine.job.job import Job
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.records.journalled_print import read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.jobs import parse_job

@@ -14,7 +14,7 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import plan_head_reloads, plunger_travel
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.recovery import plan_recovery
-from printctl.machine.records.journalled_print import JournalledPrint, read_journal
+from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run

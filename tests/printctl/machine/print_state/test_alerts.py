@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from printctl.machine.prints.alerts import alert_of
-from printctl.machine.prints.journal_facts import JournalledFacts, read_journal_facts
-from printctl.machine.prints.print_words import tip_words
 from printctl.machine.prints.progress import Progress
 from printctl.machine.prints.state import assemble_state
+from printctl.machine.prints.words import tip_words
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.replay import JournalledPrint, read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 
 CODES = re.compile(r"\b[MG]\d{2,3}\b|`|X\d")
@@ -92,7 +92,7 @@ def test_the_tip_of_a_stopped_print_is_where_the_printer_said_it_stood(tmp_path:
     journal.add("job", sha256="ab", started=1.0, id="one")
     journal.add("stood", done=3, line=2, place={"x": 107.46, "y": 50.0, "z": 10.4, "e": 1.0})
     journal.close()
-    facts = read_journal_facts(tmp_path / "journal.log")
+    facts = read_journal_if_any(tmp_path / "journal.log")
     truth = assemble_state(tmp_path, Status(LinkState.STOPPED), facts)
     assert truth.words["tip"] == "raised from X107.46 Y50.00 Z10.40"
-    assert facts.stood_mm != JournalledFacts().stood_mm
+    assert facts.stood_mm != JournalledPrint().stood_mm

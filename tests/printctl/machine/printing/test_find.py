@@ -37,7 +37,7 @@ from printctl.machine.process.outcome import resumable
 from printctl.machine.process.starting import find_or_start, running
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
-from printctl.machine.records.states import LinkState, PrintOutcome, Status
+from printctl.machine.records.states import LinkState, Status
 from printctl.observe.continue_print import continue_print
 from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, LookRecord, save_look
 from printctl.observe.starting import ObserverError
@@ -150,8 +150,8 @@ class Told:
             yield Status(LinkState.PRINTING, lines_done=count, lines_total=5, alarms=count)
         journal.close()
 
-    def wait(self) -> PrintOutcome:
-        return PrintOutcome(LinkState.DONE, 5, 5, "all 5 lines done")
+    def wait(self) -> Status:
+        return Status(LinkState.DONE, 5, 5, message="all 5 lines done")
 
 
 def followed(client: Told) -> list[str]:

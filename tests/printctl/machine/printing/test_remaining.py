@@ -5,18 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from printctl.machine.prints.journal_facts import read_so_far
-from printctl.machine.prints.remaining import Remaining
+from printctl.machine.job.syringes import Filling
+from printctl.machine.prints.progress import remaining_time
+from printctl.machine.records.replay import replay
 
 
 def test_the_error_told_covers_19_of_20_prints():
     rng, inside = np.random.default_rng(5), 0
     for _ in range(300):
         real = np.concatenate([[0.0], np.cumsum(10.0 * rng.normal(1.1, 0.2, 100))])
-        remaining = Remaining(1000.0)
-        for k in range(31):
-            remaining.saw(10.0 * k, float(real[k]))
-        told = remaining.estimate(300.0)
+        told = remaining_time(1000.0, [(10.0 * k, float(real[k])) for k in range(31)], 300.0)
         assert told.error_s is not None
         inside += abs(real[100] - real[30] - told.remaining_s) <= told.error_s
     assert 0.90 <= inside / 300 <= 0.99
@@ -33,14 +31,12 @@ def test_pauses_are_left_out_of_the_time_at_work():
         {**state, "state": "resuming", "at": 400.0},
         {**state, "state": "printing", "at": 410.0},
     ]
-    found = read_so_far(records)
+    found = replay(records)
     assert found.started == 100.0
     # While it is pausing, moves that were sent are made.
     assert found.active_until(425.0) == pytest.approx(60.0)
-    assert found.filled == (42, 1.5, 0.0)
-    ended = read_so_far([*records, {"t": "end", "state": "done", "at": 420.0}])
+    assert found.filled == {None: Filling(42, 1.5, 0.0)}
+    ended = replay([*records, {"t": "end", "state": "done", "at": 420.0}])
     assert ended.active_until(999.0) == pytest.approx(55.0)
     heard = {"t": "checkpoint", "done": 60, "at": 430.0}  # then its process died
-    assert read_so_far([*records, heard, {**records[0], "at": 500.0}]).active_s == pytest.approx(
-        65.0
-    )
+    assert replay([*records, heard, {**records[0], "at": 500.0}]).active_s == pytest.approx(65.0)

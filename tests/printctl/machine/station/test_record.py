@@ -38,8 +38,8 @@ from printctl.machine.process.simulated import is_complete_record
 from printctl.machine.process.starting import find_or_start
 from printctl.machine.process.station import serve_station
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import read_journal
 from printctl.machine.records.record import ContactRecord
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
 from tests.waiting import wait_for
 

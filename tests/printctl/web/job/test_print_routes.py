@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from firmware_profiles.load import DATA
-from printctl.machine.prints.journal_facts import JournalledFacts
+from printctl.machine.prints.state import read_print
 from printctl.machine.process.starting import connect
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, Status
 from printctl.web.job.prints import PrintFollower, PrintReport
 from printctl.web.job.service import JobService
@@ -148,6 +149,27 @@ def test_figures_of_a_cancelled_print_are_the_same_on_its_page_and_in_the_histor
     assert [past["progress"][one] for one in figures] == [ended["progress"][one] for one in figures]
 
 
+def test_time_left_is_the_same_on_the_page_and_on_the_command_line(
+    call: Call, tmp_path: Path
+) -> None:
+    job = call("POST", "/jobs", files={"file": ("part.gcode", layered(12, 60))})["id"]
+    started(call, job)
+    made = wait_for(
+        lambda: (
+            (one := call("GET", f"/prints/{job}")["progress"])
+            and one["remaining_error_s"] is not None
+            and one
+        )
+    )
+    assert made["ratio"] < 0.5  # the simulated printer is quick
+    call("POST", f"/prints/{job}/pause", json={})
+    paused = wait_for(lambda: (one := call("GET", f"/prints/{job}"))["state"] == "paused" and one)
+    truth = read_print(Path(paused["folder"]))
+    assert truth.time_left_s == pytest.approx(paused["time_left_s"])
+    assert truth.words["time"] == paused["words"]["time"]
+    cancelled(call, job)
+
+
 def test_a_table_that_is_made_late_does_not_speak_over_the_next_print(
     service: JobService, monkeypatch: Any
 ) -> None:
@@ -167,5 +189,6 @@ def _follower(folder: Path) -> PrintFollower:
 
 
 def _report(print_id: str) -> PrintReport:
-    journal = JournalledFacts(print_id, "ab", time.time())
+    job = {"id": print_id, "sha256": "ab", "started": time.time()}
+    journal = JournalledPrint(job, job)
     return PrintReport(Path(), Status(LinkState.PRINTING), journal, job="file~part.gcode")

@@ -21,18 +21,18 @@ from typer.testing import CliRunner
 
 from printctl.cli.main import app
 from printctl.errors import SafetyError
+from printctl.history.index import PrintHistory
+from printctl.history.query import HistoryQuery
 from printctl.machine.errors import Refused
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.prints.actions import PrintAction
+from printctl.machine.prints.state import PrintAction
 from printctl.machine.process.client import Station
 from printctl.machine.process.contact import load_station
 from printctl.machine.process.starting import connect
-from printctl.machine.records.history import PrintHistory
-from printctl.machine.records.history_query import HistoryQuery
+from printctl.machine.records.folders import read_notes
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.journalled_print import read_journal
-from printctl.machine.records.print_notes import read_notes
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings

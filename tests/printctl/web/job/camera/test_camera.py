@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from printctl.machine.prints.films import film_file, frames_folder
+from printctl.machine.records.folders import film_file, frames_folder
 from printctl.machine.records.states import LinkState
 from printctl.web.core import Core
 from printctl.web.job.camera import timelapse

@@ -1,20 +1,35 @@
-"""Extract the strokes that inserted G-code lines write, for the live view."""
+"""Strokes and ink of lines that were inserted into a print."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from printctl.machine.job.coordinates import AXES, modal_state
 from printctl.machine.job.job import Insert, Job
+from printctl.machine.job.syringes import plunger_travel
 from sim.gcode.reading import code_of, read_sent
 
 Place = tuple[float, float, float]
 
 
+def pushed_mm(inserts: Sequence[Insert], executed: int) -> float:
+    """Return how far inserts before ``executed`` lines of the grown job pushed the plunger, mm.
+
+    An insert ends by counting the plunger as before it (G92 E), so that this is where it begins.
+    """
+    travel = 0.0
+    for insert in inserts:
+        before = [line for line in insert.lines if line.startswith(b"G92 E")][-1:]
+        if before and insert.after < executed:
+            travel += plunger_travel([*before, *insert.lines])[-1]
+    return travel
+
+
 @dataclass(frozen=True)
 class MendStrokes:
-    """What one insert writes.
+    """What one insert writes, for the live view.
 
     Attributes
     ----------
@@ -37,12 +52,9 @@ class MendStrokes:
 
 
 def mend_strokes(job: Job) -> list[MendStrokes]:
-    """Return what the inserts of a grown job write; those that only correct the flow write none.
+    """Return what the inserts of a grown job (absolute coordinates) write.
 
-    Parameters
-    ----------
-    job : Job
-        Its coordinates are absolute throughout.
+    Those that only correct the flow write none.
     """
     mends = (MendStrokes(one.look, one.after + len(one.lines), _strokes(job, one))
              for one in job.inserts)  # fmt: skip

@@ -1,11 +1,10 @@
 """Index of past prints (SQLite) to list and search them, rebuilt from journals if need be.
 
-The journals are the truth. Beside the index lies ``journals.txt``, to which the folder of every
-print is appended before the index is touched; `History.rebuild` reads both it and the folders
-that it is given. An index that can't be read is put aside and made again.
-
-Any number of processes may write at once (SQLite's write-ahead log). Nothing here is in the way
-of a print: `remember` never raises.
+The journals are the truth. Beside the index lies ``journals.txt``, to which each print appends its
+folder when it begins; whoever reads the index first takes in what was printed since.
+`PrintHistory.rebuild` reads all again, also of the folders that it is given. An index that can't be
+read is put aside and made again. Any number of processes may write at once (SQLite's write-ahead
+log).
 """
 
 from __future__ import annotations
@@ -13,29 +12,21 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-import os
 import sqlite3
-import sys
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from printctl.history.query import COLUMN_OF, OPERATOR, HistoryPage, HistoryQuery, below_any
 from printctl.machine.errors import HistoryError, NoSuchPrint
-from printctl.machine.records.history_entry import INTERRUPTED, Alarm, PrintEntry, entry_of
-from printctl.machine.records.history_query import (
-    COLUMN_OF,
-    OPERATOR,
-    HistoryPage,
-    HistoryQuery,
-    below_any,
-)
+from printctl.machine.records.folders import add_folder, data_folder, journals_in, known_folders
 from printctl.machine.records.record import JOURNAL
+from printctl.pipeline.past_print import INTERRUPTED, Alarm, PrintEntry, entry_of
 
-DATA_VARIABLE: Final = "PRINTCTL_DATA"
 _VERSION: Final = 1
-_PATIENCE_S: Final = 20.0
+_BUSY_LIMIT_S: Final = 20.0
 """For another process that writes: SQLite's waiting is not in turns, and a busy disk slow."""
 _COLUMNS: Final = [
     field.name for field in fields(PrintEntry) if field.name not in ("alarms", "operator")
@@ -62,19 +53,6 @@ _GONE: Final = (None, None)
 log = logging.getLogger(__name__)
 
 
-def data_folder() -> Path:
-    """Folder of the index: ``PRINTCTL_DATA``, or the system's folder for a user's data."""
-    given = os.environ.get(DATA_VARIABLE)
-    if given:
-        return Path(given)
-    home = Path.home()
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", home / "AppData" / "Local")) / "printctl"
-    if sys.platform == "darwin":
-        return home / "Library" / "Application Support" / "printctl"
-    return Path(os.environ.get("XDG_DATA_HOME", home / ".local" / "share")) / "printctl"
-
-
 class PrintHistory:
     """History index in a folder.
 
@@ -91,8 +69,8 @@ class PrintHistory:
 
     def __init__(self, folder: Path | None = None) -> None:
         self.folder = folder or data_folder()
-        self.path, self._folders = self.folder / "history.db", self.folder / "journals.txt"
-        with self._told():
+        self.path = self.folder / "history.db"
+        with self._errors_named():
             self.folder.mkdir(parents=True, exist_ok=True)
             try:
                 self._prepare()
@@ -104,9 +82,9 @@ class PrintHistory:
 
     def note(self, print_folder: Path) -> None:
         """Take in what the journals of a print's folder say now."""
-        with self._told():
-            self._remember_folder(print_folder.resolve())
-            self._take_in(_journals(print_folder))
+        with self._errors_named():
+            add_folder(print_folder.resolve(), self.folder)
+            self._take_in(journals_in(print_folder))
 
     def rebuild(self, roots: Iterable[Path] = ()) -> int:
         """Make the index again from the journals; give how many prints there are.
@@ -118,11 +96,11 @@ class PrintHistory:
         roots : paths, optional
             Folders to search, with all below them, beside those that are known.
         """
-        with self._told():
+        with self._errors_named():
             for root in roots:
                 for journal in sorted(root.rglob(f"{Path(JOURNAL).stem}*.log")):
-                    self._remember_folder(journal.parent.resolve())
-            self._take_in(j for folder in self._known_folders() for j in _journals(folder))
+                    add_folder(journal.parent.resolve(), self.folder)
+            self._take_in(j for folder in known_folders(self.folder) for j in journals_in(folder))
             with self._open() as index:
                 return int(index.execute("SELECT count(*) FROM prints").fetchone()[0])
 
@@ -135,7 +113,7 @@ class PrintHistory:
 
         What the index has without an end is read again first, if its journal has grown.
         """
-        with self._told():
+        with self._errors_named():
             self._catch_up()
             with self._open() as index:
                 where, values = query.condition()
@@ -155,7 +133,7 @@ class PrintHistory:
         HistoryError
             When there is none, or more than one.
         """
-        with self._told():
+        with self._errors_named():
             self._catch_up()
             with self._open() as index:
                 rows = index.execute(
@@ -176,39 +154,43 @@ class PrintHistory:
     ) -> list[str]:
         """Return what there is in a column of prints below the folders, or of all, sorted."""
         where, values = below_any(within) if within else ("1", [])
-        with self._told(), self._open() as index:
-            rows = index.execute(
-                f"SELECT DISTINCT {COLUMN_OF[column]} FROM prints p WHERE {where} ORDER BY 1",
-                values,
-            ).fetchall()
-            return [str(value) for (value,) in rows if value]
+        with self._errors_named():
+            self._catch_up()
+            with self._open() as index:
+                rows = index.execute(
+                    f"SELECT DISTINCT {COLUMN_OF[column]} FROM prints p WHERE {where} ORDER BY 1",
+                    values,
+                ).fetchall()
+                return [str(value) for (value,) in rows if value]
 
     # --- the index -------------------------------------------------------------------------
 
     def _catch_up(self) -> None:
-        """Read again the journals of prints without an end that have changed since."""
+        """Read the journals that were begun or written to since they were read last."""
         with self._open() as index:
-            rows = index.execute(
-                "SELECT p.journal, s.size, s.changed FROM prints p LEFT JOIN seen s "
-                "ON s.journal = p.journal WHERE p.state = ?",
-                (INTERRUPTED,),
+            seen = {path: tuple(stamp) for path, *stamp in index.execute("SELECT * FROM seen")}
+            unfinished = index.execute(
+                "SELECT journal FROM prints WHERE state = ?", (INTERRUPTED,)
             ).fetchall()
-        stamps = [(Path(path), _stamp(Path(path)), tuple(seen)) for path, *seen in rows]
-        grown = [path for path, now, seen in stamps if now not in (_GONE, seen)]
-        if grown:
-            folders = dict.fromkeys(journal.parent for journal in grown)
-            self._take_in(j for folder in folders for j in _journals(folder))
+        last = [folder / JOURNAL for folder in known_folders(self.folder)]
+        journals = dict.fromkeys([*last, *(Path(path) for (path,) in unfinished)])
+        grown = [one for one in journals if _stamp(one) not in (_GONE, seen.get(str(one)))]
+        folders = dict.fromkeys(journal.parent for journal in grown)
+        if folders:
+            self._take_in(j for folder in folders for j in journals_in(folder))
 
     def _take_in(self, journals: Iterable[Path]) -> None:
         entries = []
         for journal in journals:
             with contextlib.suppress(OSError):  # moved away since: the last known stays
                 stamp = _stamp(journal)  # before it is read: what comes meanwhile is seen later
-                entries.append((entry_of(journal), stamp))
+                entries.append((journal, entry_of(journal), stamp))
         with self._open() as index:
-            for entry, stamp in entries:
+            for journal, entry, stamp in entries:
                 if entry is not None:
                     write_entry(index, entry, stamp)
+                else:
+                    _note_seen(index, journal, stamp)
 
     def _prepare(self) -> None:
         with self._open() as index:
@@ -224,7 +206,7 @@ class PrintHistory:
     @contextlib.contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
         """A connection for one transaction."""
-        index = sqlite3.connect(self.path, timeout=_PATIENCE_S)
+        index = sqlite3.connect(self.path, timeout=_BUSY_LIMIT_S)
         try:
             index.execute("PRAGMA journal_mode = WAL")
             with index:
@@ -239,22 +221,8 @@ class PrintHistory:
         self.path.rename(self.folder / f"history.damaged-{count + 1}.db")
         self._prepare()
 
-    # --- where the journals are --------------------------------------------------------------
-
-    def _remember_folder(self, folder: Path) -> None:
-        if str(folder) not in map(str, self._known_folders()):
-            with self._folders.open("ab") as handle:
-                handle.write(os.fsencode(folder) + b"\n")
-
-    def _known_folders(self) -> list[Path]:
-        try:
-            lines = self._folders.read_bytes().splitlines()
-        except FileNotFoundError:
-            return []
-        return [Path(os.fsdecode(line)) for line in dict.fromkeys(lines) if line]
-
     @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
+    def _errors_named(self) -> Iterator[None]:
         try:
             yield
         except (sqlite3.Error, OSError) as exc:
@@ -279,18 +247,13 @@ def remember_meanwhile(print_folder: Path) -> threading.Thread:
     return thread
 
 
-def _journals(folder: Path) -> list[Path]:
-    """The folder's journals: the last print's, and those put aside by number."""
-    return sorted(folder.glob(f"{Path(JOURNAL).stem}*.log"))
-
-
 def _stamp(journal: Path) -> tuple[int | None, int | None]:
     """Size and time of change; nothing for a journal that isn't there."""
     try:
-        told = journal.stat()
+        there = journal.stat()
     except OSError:
         return _GONE
-    return told.st_size, told.st_mtime_ns
+    return there.st_size, there.st_mtime_ns
 
 
 def _entries(index: sqlite3.Connection, rows: Sequence[tuple[object, ...]]) -> list[PrintEntry]:
@@ -327,4 +290,11 @@ def write_entry(
     )
     if entry.operator:
         index.execute("INSERT OR REPLACE INTO operators VALUES (?, ?)", (entry.id, entry.operator))
-    index.execute("INSERT OR REPLACE INTO seen VALUES (?, ?, ?)", (values["journal"], *stamp))
+    _note_seen(index, entry.journal, stamp)
+
+
+def _note_seen(
+    index: sqlite3.Connection, journal: Path, stamp: tuple[int | None, int | None]
+) -> None:
+    seen = (str(journal.resolve()), *stamp)
+    index.execute("INSERT OR REPLACE INTO seen VALUES (?, ?, ?)", seen)

@@ -10,7 +10,7 @@ from printctl.machine.records.states import LinkState, Status
 
 
 def state_words(state: LinkState | str) -> str:
-    """Return a state as it is told: ``position unknown``."""
+    """Return a state as it is shown: ``position unknown``."""
     return str(state).replace("_", " ")
 
 
@@ -41,27 +41,33 @@ def print_words(status: Status, done: Progress | None) -> dict[str, str]:
     if done is None:
         return dict.fromkeys(("time", "layer", "vessel", "ink"), "")
     verb = "was" if status.ended else "is"
+    layers = "Pass" if done.passes else "Layer"
     return {
-        "time": time_words(status, done),
-        "layer": _part(
-            "Pass" if done.passes else "Layer", done.layer, done.layers, done.layers_done, verb
-        ),
+        "time": _time_words(status, done),
+        "layer": _part(layers, done.layer, done.layers, done.layers_done, verb),
         "vessel": _part("Vessel", done.vessel, done.vessels, done.vessels_done, verb),
-        "ink": ink_words(done),
+        "ink": _ink_words(done),
     }
+
+
+_RAISED: Final = {
+    LinkState.PAUSED: "raised from ",
+    LinkState.LOOKING: "raised from ",
+    LinkState.RESUMING: "raised from ",
+    LinkState.STOPPING: "raised from about ",
+    LinkState.STOPPED: "raised from about ",
+    LinkState.FAILED: "raised from about ",
+}
+"""States in which the tip is above where the job has led it: about, where moves may be unmade."""
 
 
 def tip_words(
     status: Status, done: Progress | None, stood_mm: tuple[float, float, float] | None
 ) -> str:
-    """Return where the tip is; empty where nobody knows.
+    """Return where the tip is; empty where that is unknown.
 
-    Parameters
-    ----------
-    status : Status
-    done : Progress or None
-    stood_mm : (x, y, z) or None, mm
-        What the printer said where its moves were dropped: the end's place, not the executed line.
+    ``stood_mm``, (x, y, z), is what the printer said where its moves were dropped: the end's
+    place, not the executed line.
     """
     place = None if done is None else done.tip_mm
     if status.ended and stood_mm is not None:
@@ -69,34 +75,21 @@ def tip_words(
     if place is None or not status.position_known:
         return ""
     text = " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", place, strict=True))
-    if status.state not in _RAISED:
-        return text
-    return ("raised from " if _RAISED[status.state] or stood_mm else "raised from about ") + text
+    raised = _RAISED.get(status.state, "")
+    return (raised.replace(" about", "") if stood_mm else raised) + text
 
 
-_RAISED: Final = {
-    LinkState.PAUSED: True,
-    LinkState.LOOKING: True,
-    LinkState.RESUMING: True,
-    LinkState.STOPPING: False,
-    LinkState.STOPPED: False,
-    LinkState.FAILED: False,
-}
-"""States in which the tip is above where the job has led it, and whether all moves were made."""
-
-
-def time_words(status: Status, done: Progress) -> str:
-    """Return time so far and time left."""
+def _time_words(status: Status, done: Progress) -> str:
     taken = f"Printing for {span(done.active_s)}"
     if status.ended:
         return f"{taken} (the dry run said {span(done.predicted_s)})"
     error = done.remaining_error_s
     about = " (by the dry run alone)" if error is None else f" ± {span(error)}"
-    return f"{taken}, {span(done.remaining_s)} left{about}, ends at {clock(done.ends_at)}"
+    ends_at = time.strftime("%H:%M", time.localtime(done.ends_at))
+    return f"{taken}, {span(done.remaining_s)} left{about}, ends at {ends_at}"
 
 
-def ink_words(done: Progress) -> str:
-    """Return ink written, and left in the syringe."""
+def _ink_words(done: Progress) -> str:
     text = f"Ink: {done.ink_ul:.2f} of {done.ink_total_ul:.2f} µL written"
     left = done.ink_left_ul
     return text if left is None else f"{text}, {left:.1f} µL left in the syringe"
@@ -110,17 +103,10 @@ def _part(name: str, now: int, count: int, whole: int, verb: str) -> str:
     return f"{name} {now} of {count} {verb} being written, {whole} whole"
 
 
-def span(seconds: float | None) -> str:
-    """A time as it is shown: ``1 h 04 min``, ``3 min 20 s``."""
-    if seconds is None:
-        return "–"
+def span(seconds: float) -> str:
+    """Return a time as it is shown: ``1 h 04 min``, ``3 min 20 s``."""
     whole = round(max(seconds, 0.0))
     hours, minutes, rest = whole // 3600, whole // 60 % 60, whole % 60
     if hours:
         return f"{hours} h {minutes:02d} min"
     return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
-
-
-def clock(at: float) -> str:
-    """A wall-clock time as it is shown, of this machine's place."""
-    return time.strftime("%H:%M", time.localtime(at))

@@ -1,17 +1,14 @@
-"""History entry of one print, read from its journal: user, job, time, outcome, alarms."""
+"""Summary of one past print, read from its journal: user, job, time, outcome, alarms."""
 
 from __future__ import annotations
 
-import getpass
-import platform
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from printctl.machine.records.journal import Record, print_id, read_records
-from printctl.machine.records.journalled_print import replay, times_words
-from printctl.machine.records.print_notes import read_notes
+from printctl.machine.records.folders import plain_text, read_notes
+from printctl.machine.records.journal import read_records
 from printctl.machine.records.record import reported_port
+from printctl.machine.records.replay import replay
 from printctl.machine.records.states import LinkState
 
 INTERRUPTED = LinkState.INTERRUPTED.value
@@ -56,7 +53,7 @@ class PrintEntry:
         How often it was begun or gone on with.
     alarms : tuple of Alarm
     operator : str
-        As the print's record names them (`print_notes`); empty without one.
+        As the print's record names them (`read_notes`); empty without one.
     """
 
     id: str
@@ -85,15 +82,6 @@ class PrintEntry:
         return self.operator or self.who
 
 
-def this_user() -> dict[str, str]:
-    """Who prints here, for the journal's job record."""
-    try:
-        who = getpass.getuser()
-    except (OSError, KeyError, ImportError):  # a container's user may have no name
-        who = ""
-    return {"who": who, "host": platform.node()}
-
-
 def entry_of(journal: Path) -> PrintEntry | None:
     """Read a journal from its first job record on; None where there is none.
 
@@ -102,54 +90,28 @@ def entry_of(journal: Path) -> PrintEntry | None:
     OSError
         When the file can't be read.
     """
-    records = [record for record in read_records(journal) if record is not None]
-    jobs = [record for record in records if record.get("t") == "job"]
-    if not jobs:
+    known = replay(read_records(journal))
+    first, end = known.first_job, (known.end or {}) if known.over else {}
+    if not first:
         return None
-    end: Record = {}
-    for record in records:
-        if record.get("t") == "end":
-            end = record
-        elif record.get("t") == "job":
-            end = {}
-    first, known = jobs[0], replay(records)
+    alarms = zip(known.alarm_times, map(plain_text, known.alarms), strict=True)
     return PrintEntry(
-        id=print_id(first),
+        id=known.print_id,
         journal=journal,
-        started=float(first.get("started", 0.0)),
+        started=known.started,
         ended=float(end.get("at", 0.0)),
         state=plain_text(end.get("state", INTERRUPTED)),
         message=plain_text(end.get("message", known.message)),
         error=plain_text(end.get("error", "")),
         done=known.done,
         total=known.total,
-        begun=len(jobs),
-        alarms=_alarms(records),
+        begun=known.attempts,
+        alarms=tuple(Alarm(at, text) for at, text in alarms),
         operator=_operator(journal),
         file=plain_text(first.get("name", "")),
         port=reported_port(journal.parent, plain_text(first.get("port", ""))),
         **{k: plain_text(first.get(k, "")) for k in ("who", "host", "path", "sha256", "profile")},
     )
-
-
-def _alarms(records: Sequence[Record]) -> tuple[Alarm, ...]:
-    """Return each alarm once, when it came first; of one that came again how often."""
-    alarms: list[Alarm] = []
-    first: dict[object, int] = {}
-    for record in records:
-        if record.get("t") == "alarm":
-            first[record.get("text")] = len(alarms)
-            at = float(record.get("at", 0.0))
-            alarms.append(Alarm(at, plain_text(record.get("text", ""))))
-        elif record.get("t") == "repeated" and record.get("first") in first:
-            index = first[record.get("first")]
-            alarms[index] = Alarm(alarms[index].at, plain_text(times_words(record)))
-    return tuple(alarms)
-
-
-def plain_text(value: object) -> str:
-    """A value as text that can be written anywhere; file names may hold other bytes than UTF-8."""
-    return str(value).encode("utf-8", "replace").decode("utf-8")
 
 
 def _operator(journal: Path) -> str:
