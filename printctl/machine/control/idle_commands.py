@@ -42,25 +42,14 @@ Answer = dict[str, Any]
 
 
 class IdleCommands:
-    """Grants requests one at a time, in the thread that speaks to the printer.
-
-    Parameters
-    ----------
-    standby : Standby
-    known : Knowledge
-    """
+    """Grants requests one at a time, in the thread that speaks to the printer."""
 
     def __init__(self, standby: Standby, known: Knowledge) -> None:
         self.standby, self.known = standby, known
+        moves = self.jog, self.move_to, self.home, self.plunger, self.command
+        others = self.heat, self.touch_off, self.set_position
         self.requests: Mapping[str, Callable[..., Answer | Steps[Answer]]] = {
-            "jog": self.jog,
-            "move_to": self.move_to,
-            "home": self.home,
-            "heat": self.heat,
-            "plunger": self.plunger,
-            "command": self.command,
-            "touch_off": self.touch_off,
-            "set_position": self.set_position,
+            one.__name__: one for one in (*moves, *others)
         }
 
     def grant(self, do: str, values: Mapping[str, Any]) -> Answer:
@@ -275,12 +264,7 @@ class IdleCommands:
         return {}
 
     def declare(self, place: Place, axes: set[str]) -> Steps[None]:
-        """Tell the firmware where the tip is; axes that aren't given stay as they count.
-
-        Raises
-        ------
-        LinkError
-        """
+        """Tell the firmware where the tip is; axes that aren't given stay as they count."""
         at = self._at()
         yield from self.standby.do(self._declaration(place, axes))
         self.known.count_anew(at, place, axes)

@@ -31,13 +31,7 @@ class MountedProfiles:
 
 
 def read_mounted_profiles(mounted: MountedParts) -> MountedProfiles:
-    """Load the profiles of what is mounted.
-
-    Raises
-    ------
-    Refused
-        When one isn't there or is wrong.
-    """
+    """Load the profiles of what is mounted; Refused when one isn't there or is wrong."""
     try:
         return MountedProfiles(
             needle=load(Needle, mounted.needle) if mounted.needle else None,
@@ -193,12 +187,8 @@ class Knowledge:
 
         Another needle has another length: how high its tip is isn't known any more, and the floor
         must be touched off again. Another dish has another floor and no print in it. A syringe
-        that is named is a full one, unless ``plunger_mm`` says otherwise.
-
-        Raises
-        ------
-        Refused
-            For an unknown key or profile, or a number that is none.
+        that is named is a full one, unless ``plunger_mm`` says otherwise. Refused for an unknown
+        key or profile, or a number that is none.
         """
         parts = dict(parts)
         unknown = set(parts) - {*MountedParts.__dataclass_fields__, "plunger_mm"}

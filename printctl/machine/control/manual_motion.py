@@ -20,12 +20,8 @@ AHEAD_S: Final = 0.5
 def travel(standby: Standby, target: Place, speed_mm_s: float) -> Steps[bool]:
     """Move the tip in a straight line and wait; return whether it went all the way.
 
-    Else it was ended (`Standby.halt_motion`).
-
-    Raises
-    ------
-    LinkError
-        When the printer complains or went elsewhere.
+    Else it was ended (`Standby.halt_motion`). LinkError when the printer complains or went
+    elsewhere.
     """
     start = standby.position
     if start is None:
@@ -46,10 +42,7 @@ def travel(standby: Standby, target: Place, speed_mm_s: float) -> Steps[bool]:
 def push(standby: Standby, mm: float, speed_mm_s: float) -> Steps[float]:
     """Move the plunger by ``mm`` and wait; return how far it was sent.
 
-    Raises
-    ------
-    LinkError
-        When the printer complains, doesn't say where the plunger is, or a reading is too high.
+    LinkError when the printer complains, or doesn't say where the plunger is.
     """
     begin = standby.plunger
     if begin is None:

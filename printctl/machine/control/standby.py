@@ -109,13 +109,7 @@ class Standby:
     # --- begin and end ---------------------------------------------------------------------------
 
     def begin(self) -> Steps[None]:
-        """Find the printer, check it, and see where it stands.
-
-        Raises
-        ------
-        PrintEnded, LinkError
-            As any print's beginning.
-        """
+        """Find the printer, check it, and see where it stands; fails as any print's beginning."""
         protocol = self._wiring.protocol
         self._logbook.state = LinkState.CONNECTING
         yield from connect(self.channel)
@@ -215,10 +209,7 @@ class Standby:
     def do(self, *commands: str) -> Steps[list[str]]:
         """Send commands one after the other; return what the printer says to all of them.
 
-        Raises
-        ------
-        LinkError
-            When the printer complains.
+        LinkError when it complains.
         """
         heard: list[str] = []
         for command in commands:
@@ -251,13 +242,7 @@ class Standby:
         self.position = self.plunger = None
 
     def expect(self, place: Place) -> Steps[None]:
-        """See that the printer went where it was sent; go on counting from there exactly.
-
-        Raises
-        ------
-        LinkError
-            When it went elsewhere.
-        """
+        """Go on counting exactly from where the tip was sent; LinkError when it went elsewhere."""
         self.position = place
         yield from self.look()
         at = self.position

@@ -76,13 +76,10 @@ class StationStatus:
 
     Attributes
     ----------
-    state : StationState
     message : str
         What happened last, and what to do if something must be done.
-    profile, port, firmware : str
-        Printer profile as it was given, port, the firmware's own name.
     position_mm : (x, y, z) or None, mm
-        As M114 tells it; None until it was asked.
+        As M114 reports it; None until then.
     position_trusted : bool
         Whether the printer's count means its frame: after homing X, Y and Z, after
         `set_position`, or at the end of a print that ended with a known position. Firmwares
@@ -94,7 +91,6 @@ class StationStatus:
         Travel since `mount` said that a syringe was put in (0 then); None where nobody said.
     plunger_left_mm, ul_left : float or None, mm and µL
         Until the syringe (but for its dead volume) or the drive is at its end.
-    temperatures : tuple of Temperature
     readings : tuple of str
         Last readings of what the profile has watched, with their limits.
     print_folder : str
@@ -102,7 +98,6 @@ class StationStatus:
     soft_low_mm, soft_high_mm : (x, y, z), mm
         Box in which the tip may be moved from where it is; empty tuples where the position isn't
         trusted.
-    mounted : MountedParts
     error : str
         Name of the error's class (`printctl.machine.errors`) that led to ``lost`` or
         ``halted``.

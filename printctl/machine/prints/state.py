@@ -26,7 +26,13 @@ from printctl.machine.prints.recovery import NoCheckpoint
 from printctl.machine.prints.recovery_file import planned
 from printctl.machine.prints.words import print_words, progress_words, state_words, tip_words
 from printctl.machine.process.client import PrintClient, attach
-from printctl.machine.process.contact import STATION_LOCK, STATION_RECORD, alive, load_station
+from printctl.machine.process.contact import (
+    STATION_LOCK,
+    STATION_RECORD,
+    alive,
+    last_status,
+    load_station,
+)
 from printctl.machine.process.outcome import resumable
 from printctl.machine.records.folders import data_folder
 from printctl.machine.records.record import JOURNAL, RECORD, load_record
@@ -336,7 +342,7 @@ def refuse_forgotten(folder: Path, port: str, printer: Printer) -> None:
         )
     for station in stations(folder):
         try:
-            last = load_station(station).last
+            last = last_status(load_station(station))
         except NoLink:  # nothing that can be read: the port itself will tell
             continue
         if last.open and last.port == port and alive(station, STATION_LOCK):

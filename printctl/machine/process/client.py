@@ -26,7 +26,6 @@ from printctl.machine.job.marks import MarkKind
 from printctl.machine.process.contact import (
     STATION_LOCK,
     STATION_LOG,
-    StationRecord,
     alive,
     last_word,
     load_station,
@@ -35,7 +34,7 @@ from printctl.machine.process.contact import (
 )
 from printctl.machine.process.launch import START_LIMIT_S
 from printctl.machine.process.outcome import read_outcome
-from printctl.machine.records.record import LOG, LinkRecord, load_record
+from printctl.machine.records.record import LOG, ContactRecord, load_record
 from printctl.machine.records.states import EARLY, Status
 
 if TYPE_CHECKING:
@@ -59,14 +58,7 @@ Message = dict[str, Any]
 
 
 class Connection:
-    """One connection to a machine process.
-
-    Parameters
-    ----------
-    end : socket
-    token : str
-        What the process wants to be shown.
-    """
+    """One connection to a machine process."""
 
     def __init__(self, end: socket.socket, token: str) -> None:
         self.socket, self._token, self._heard = end, token, b""
@@ -118,19 +110,14 @@ def _line(do: str, token: str, values: dict[str, Any]) -> bytes:
 
 
 class Client:
-    """What clients of a print and of a station have in common.
-
-    Attributes
-    ----------
-    folder : Path
-    """
+    """What clients of a print and of a station have in common."""
 
     _what, _log, _comes_up_s = "station", STATION_LOG, 5.0
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def _contact(self) -> LinkRecord | StationRecord | None:
+    def _contact(self) -> ContactRecord | None:
         """Return where the process listens; None when it has ended."""
         return load_station(self.folder)
 
@@ -142,13 +129,7 @@ class Client:
         return {}
 
     def connection(self) -> Connection | None:
-        """Connect to the process; None when it has gone.
-
-        Raises
-        ------
-        NoLink
-            When none was ever here, or one is alive and can't be reached.
-        """
+        """Connect to the process; None when it has gone, NoLink when it can't be reached."""
         limit = time.monotonic() + self._comes_up_s
         while (contact := self._contact()) is not None:
             end = open_address(contact.address)
@@ -209,7 +190,7 @@ class PrintClient(Client):
 
     Attributes
     ----------
-    record : LinkRecord
+    record : ContactRecord
         What the process wrote down of itself.
     """
 
@@ -228,7 +209,7 @@ class PrintClient(Client):
     def __exit__(self, *problem: object) -> None:
         self.detach()
 
-    def _contact(self) -> LinkRecord | None:
+    def _contact(self) -> ContactRecord | None:
         record = load_record(self.folder)
         if self.record.print_id not in ("", record.print_id):
             raise NoLink(f"another print was begun in {self.folder} since; attach to that one")
@@ -260,27 +241,15 @@ class PrintClient(Client):
     def pause(self, after: MarkKind | None = None) -> None:
         """Ask for a pause: relieve the plunger, lift, hold.
 
-        Parameters
-        ----------
-        after : MarkKind, optional
-            Once a layer or vessel has ended; now without.
-
-        Raises
-        ------
-        Refused
-            When the job marks no such end ahead.
+        Now, or ``after`` a layer or vessel; Refused when the job marks no such end ahead.
         """
         self.request("pause", SOON_S, after=after)
 
     def reload(self, head: int | None = None) -> None:
         """Ask for a change of syringe: at the next reload point, or here when it is paused.
 
-        Of several heads that of ``head``; else of the one in use.
-
-        Raises
-        ------
-        Refused
-            When the job marks no reload point ahead.
+        Of several heads that of ``head``, or of the one in use. Refused when the job marks no
+        reload point ahead.
         """
         self.request("reload", SOON_S, head=head)
 
@@ -292,14 +261,8 @@ class PrintClient(Client):
     ) -> None:
         """Go on after a pause; `Streamer.resume` says what may be told.
 
-        Returns once the print goes on, or has ended.
-
-        Raises
-        ------
-        Refused
-            When it stays paused, with the reason.
-        LinkError
-            When it hasn't gone on within 60 s.
+        Returns once the print goes on, or has ended. Refused, with the reason, when it stays
+        paused; LinkError when it hasn't gone on within `PATIENCE_S`.
         """
         new = asdict(change) if change else None
         try:
@@ -319,12 +282,7 @@ class PrintClient(Client):
     def command(self, text: str) -> list[str]:
         """Send a manual command between two lines of the job; give the printer's reply.
 
-        Raises
-        ------
-        Refused
-            When the print refuses it.
-        LinkError
-            When the print ends first.
+        LinkError when the print ends first.
         """
         answer = self.request("command", PATIENCE_S, text=text)
         if answer is None:
@@ -359,14 +317,7 @@ class PrintClient(Client):
         -------
         dict
             ``look``, ``after`` (lines of the job before them), ``count``, ``sha256``, ``flow``. The
-            same insert again gives the same answer.
-
-        Raises
-        ------
-        Refused
-            With the reason: the gate's, no such look, or a second, different insert.
-        LinkError
-            When the print ends first.
+            same insert again gives the same answer; a different one is Refused.
         """
         given = {"lines": list(lines), "why": why, "flow": flow, "again": again}
         return self._of_look("insert", look, given)
@@ -376,14 +327,8 @@ class PrintClient(Client):
     ) -> Message:
         """End a look; return what is in the journal of it.
 
-        With ``again`` it failed: after the pause it is made again, once at a place.
-
-        Raises
-        ------
-        Refused
-            When no such look is going on, or it was decided otherwise.
-        LinkError
-            When the print ends first.
+        With ``again`` it failed: after the pause it is made again, once at a place. Refused when no
+        such look is going on, or it was decided otherwise.
         """
         given = {"decision": str(decision), "why": why, "again": again}
         return self._of_look("look_done", look, given)
@@ -398,20 +343,13 @@ class PrintClient(Client):
 
     @property
     def status(self) -> Status:
-        """The print as it is now; asks its process, and reads its records where that has gone.
-
-        Raises
-        ------
-        NoLink
-            When a process is alive but doesn't answer.
-        """
+        """The print as it is now; asks its process, and reads its records where that has gone."""
         while self._last is None or not self._last.ended:
             answer = self.request("status", _STATUS_S, of="print")
             if answer is not None:
                 return self._hear(Status.from_dict(answer))
-            if self._contact() is None or not self._alive():
+            if self._over():
                 return self._hear(read_outcome(self.folder))
-            time.sleep(_AGAIN_S)  # it is over, and its end is being written down
         return self._last
 
     def events(self) -> Iterator[Status]:
@@ -430,13 +368,7 @@ class PrintClient(Client):
             self._next(None)
 
     def wait(self, timeout: float | None = None) -> Status:
-        """Wait for the end of the print.
-
-        Raises
-        ------
-        TimeoutError
-            When it isn't over after ``timeout`` s.
-        """
+        """Wait for the end of the print; TimeoutError when it isn't over after ``timeout`` s."""
         limit = math.inf if timeout is None else time.monotonic() + timeout
         while self._last is None or not self._last.ended:
             left = None if timeout is None else limit - time.monotonic()
@@ -457,15 +389,29 @@ class PrintClient(Client):
             if stream.open:
                 return None
             self.detach()
-            time.sleep(_AGAIN_S)
+            if self._over():
+                break
         return self._hear(read_outcome(self.folder))
+
+    def _over(self) -> bool:
+        """Whether the process that hung up has done with the print; else give it a moment.
+
+        On a full disk its record doesn't say so, and a station goes on listening at its address:
+        then the folder's lock does.
+        """
+        if self._contact() is None or not self._alive():
+            return True
+        time.sleep(_AGAIN_S)
+        return False
 
     def _subscribed(self) -> Connection | None:
         """Return the connection by which it hears of the print, made anew where it broke."""
         while self._stream is None and (stream := self.connection()) is not None:
-            with contextlib.suppress(OSError):
+            try:
                 stream.send("subscribe", of="print", **self._about())
                 self._stream = stream
+            except OSError:  # it was about to end
+                stream.close()
         return self._stream
 
     def _hear(self, status: Status) -> Status:
@@ -476,24 +422,12 @@ class PrintClient(Client):
 
 
 def attach(folder: Path) -> PrintClient:
-    """Attach to the print in ``folder``; if it is over, its client tells how it ended.
-
-    Raises
-    ------
-    NoLink
-        When no print was ever started there.
-    """
+    """Attach to the print in ``folder``, which may be over; NoLink when none was started there."""
     return PrintClient(folder)
 
 
 def wait_for_first_lines(client: PrintClient, done: int = 0) -> PrintClient:
-    """Wait until the first lines of a print go out.
-
-    Parameters
-    ----------
-    client : PrintClient
-    done : int
-        Lines that were taken before it was gone on with.
+    """Wait until the first lines of a print go out, behind ``done`` of an earlier process.
 
     Raises
     ------
@@ -520,10 +454,6 @@ class Station(Client):
     Every request is done when its call returns, and gives the status after it. What can't be
     granted raises `printctl.machine.errors.Refused`; a station that is gone, `NoLink`; a
     printer that fails meanwhile, another `LinkError`.
-
-    Attributes
-    ----------
-    folder : Path
     """
 
     def __init__(self, folder: Path) -> None:
@@ -660,13 +590,8 @@ class Station(Client):
     def print(self, order: Order) -> PrintClient:
         """Print on the open port; gives a client of the print, once its first lines go out.
 
-        Raises
-        ------
-        Refused
-            For another printer's job, a tip that isn't where the job declares it, an order to go
-            on with a print (`printctl resume` does that, without a station).
-        LinkError
-            When the print fails before its first line.
+        Refused for another printer's job, a tip that isn't where the job declares it, an order to
+        go on with a print (`printctl resume` does that, without a station).
         """
         if order.resume:
             raise Refused(
@@ -689,12 +614,6 @@ class Station(Client):
 
 
 def attach_station(folder: Path) -> Station:
-    """Attach to the station of ``folder``, which may have been closed since.
-
-    Raises
-    ------
-    NoLink
-        When none was ever opened there.
-    """
+    """Attach to the station of ``folder``, even a closed one; NoLink when there was none."""
     load_station(folder)
     return Station(folder)

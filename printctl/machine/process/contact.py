@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
+from printctl.machine.control.station_status import StationState, StationStatus
 from printctl.machine.errors import AlreadyPrinting
 from printctl.machine.ports.locking import lock
 from printctl.machine.records.folders import data_folder
 from printctl.machine.records.journal import read_records
-from printctl.machine.records.record import LOCK, read_private, save_private
+from printctl.machine.records.record import LOCK, ContactRecord, read_contact
 
 STATION_RECORD: Final = "station.json"
 STATION_JOURNAL: Final = "station.journal"
@@ -28,6 +29,8 @@ _DOWN: Final = frozenset({StationState.HALTED, StationState.LOST, StationState.C
 _ANSWER_LIMIT_S: Final = 5.0
 _ENDING_S: Final = 2.0
 _LOCK_PATIENCE_S: Final = 0.3
+
+log = logging.getLogger(__name__)
 
 # --- whether a process is alive ------------------------------------------------------------------
 
@@ -101,78 +104,34 @@ def open_address(address: str) -> socket.socket | None:
     return connection
 
 
-# --- a station's contact file; a print's is `printctl.machine.records.record` --------------------
+# --- a station's contact file; a print's is loaded by `load_record` ------------------------------
 
 
-@dataclass(frozen=True)
-class StationRecord:
-    """Contact file ``station.json`` of a station.
-
-    Attributes
-    ----------
-    pid : int
-    address, token : str
-        Where it listens; empty once it has ended, or before it does.
-    profile, port : str
-        As they were given.
-    baud : int or None
-    started : float
-        Wall-clock time, s since 1970.
-    status : dict
-        `StationStatus`, as it was when the state last changed.
-    plunger_mm : float or None, mm
-        Of the syringe that is mounted.
-    part_in_dish : bool
-    sim_speed : float or None
-        Of a simulated printer, times real time; None for another.
-    """
-
-    pid: int
-    address: str
-    token: str
-    profile: str
-    port: str
-    baud: int | None
-    started: float
-    status: dict[str, Any] = field(default_factory=dict)
-    plunger_mm: float | None = None
-    part_in_dish: bool = False
-    sim_speed: float | None = None
-
-    def save(self, folder: Path) -> None:
-        """Write it; readable by its owner alone, since it holds the token."""
-        save_private(folder / STATION_RECORD, self)
-
-    @property
-    def last(self) -> StationStatus:
-        """The status in it."""
-        if not self.status:
-            return StationStatus(StationState.CONNECTING, profile=self.profile, port=self.port)
-        return StationStatus.from_dict(self.status)
-
-    @property
-    def mounted(self) -> MountedParts:
-        """What was mounted; heights hung on a count that the printer may have lost."""
-        mounted = self.last.mounted
-        return MountedParts.from_dict({**asdict(mounted), "floor_mm": None, "bath_level_mm": None})
+def last_status(record: ContactRecord) -> StationStatus:
+    """Return the status in a station's record."""
+    if not record.status:
+        return StationStatus(StationState.CONNECTING, profile=record.profile, port=record.port)
+    return StationStatus.from_dict(record.status)
 
 
-def load_station(folder: Path) -> StationRecord:
-    """Read what `StationRecord.save` wrote.
-
-    Raises
-    ------
-    NoLink
-        When no station was ever opened in ``folder``, or the record can't be read.
-    """
+def load_station(folder: Path) -> ContactRecord:
+    """Read a station's record; NoLink where none was ever opened, or it can't be read."""
     absent = f"no printer was ever connected in {folder} (no {STATION_RECORD} there); connect first"
-    return read_private(folder / STATION_RECORD, StationRecord, absent)
+    return read_contact(folder / STATION_RECORD, absent)
+
+
+def save_station(record: ContactRecord, folder: Path) -> None:
+    """Write a station's record; on a full disk the older one stays, its journal says the rest."""
+    try:
+        record.save(folder, STATION_RECORD)
+    except OSError:  # a full disk mustn't end a station that holds a needle in a gel
+        log.exception("%s can't be written", STATION_RECORD)
 
 
 def last_word(folder: Path) -> StationStatus:
     """Return how a station that has gone stood last, as closed or lost; its place is unknown."""
     record = load_station(folder)
-    last = record.last
+    last = last_status(record)
     if last.state in (StationState.CLOSED, StationState.LOST):
         return last
     state: StationState = last.state

@@ -21,13 +21,7 @@ Found = TypeVar("Found")
 
 
 def spawn(command: list[str]) -> int:
-    """Start a process that detaches itself, and that no one waits for; give its number.
-
-    Raises
-    ------
-    LinkError
-        When it doesn't start.
-    """
+    """Start a process that detaches itself; return its number, LinkError when it doesn't start."""
     root = str(Path(printctl.__file__).resolve().parents[1])
     paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
     try:
@@ -55,12 +49,7 @@ def await_process(
 ) -> Found:
     """Return what ``look`` finds of a process that was spawned.
 
-    Raises
-    ------
-    LinkError
-        As ``look`` does, or with the process's last words where it has ended.
-    NoLink
-        When nothing was found within ``limit_s``.
+    LinkError with its last words where it has ended; NoLink when nothing is found in time.
     """
     limit = time.monotonic() + limit_s
     while time.monotonic() < limit:

@@ -13,9 +13,10 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 from printctl.checks.gate import Bounds, reach
@@ -26,11 +27,13 @@ from printctl.machine.control.standby import Standby
 from printctl.machine.control.station_status import Place, StationState, StationStatus
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import JournalError, PortLost, Refused
+from printctl.machine.process.contact import save_station
 from printctl.machine.process.launch import ignore_signals
 from printctl.machine.process.plug import Plug
-from printctl.machine.process.socket_server import Guest, Server, refusal
+from printctl.machine.process.socket_server import Guest, Server, forget, listen, refusal
 from printctl.machine.process.vocabulary import WORDS, Asked, Idle, Reply, Values, read_values
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import Status
 
 DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})
@@ -63,19 +66,12 @@ class Request:
 class Machine:
     """A printer from connecting to parting.
 
-    Parameters
-    ----------
-    plug : Plug
-    known : Knowledge
-    journal : Journal, optional
-        A station's; a print has one of its own.
+    ``journal`` is a station's; a print has one of its own.
 
     Attributes
     ----------
     server, address : Server or None, str
         Tells clients of each change, once there is one; where it listens.
-    keep : callable
-        Told of each change of a station, to write down what must outlive the process.
     standby, idle : Standby, IdleCommands, or None
         Speaks to the standing printer, and what a person may ask of it; the last ones.
     streamer : Streamer or None
@@ -90,7 +86,8 @@ class Machine:
         self.plug, self.known, self.journal = plug, known, journal
         self.server: Server | None = None
         self.address = ""
-        self.keep: Callable[[StationStatus], None] = lambda status: None
+        self._record: ContactRecord | None = None
+        self._facts: tuple[object, ...] = ()
         self.standby: Standby | None = None
         self.idle: IdleCommands | None = None
         self.streamer: Streamer | None = None
@@ -136,7 +133,7 @@ class Machine:
             if printing is not None:
                 self.server.tell("print", printing.to_dict())
             self.server.tell("printer", status.to_dict())
-        self.keep(status)
+        self._save_changes(status)
 
     # --- for any thread: ends and emergencies ----------------------------------------------------
 
@@ -179,14 +176,11 @@ class Machine:
     def take(self, guest: Guest, request: dict[str, Any]) -> bool:
         """Take a request; return whether it has an answer of its own, given now or later.
 
-        Raises
-        ------
-        Refused
-            When it can't be granted in this mode.
+        Refused when it can't be granted in this mode.
         """
         do, word = request["do"], WORDS[request["do"]]
         guest.known = True
-        values = read_values(request)
+        values, streamer = read_values(request), self.streamer
         reply = partial(self._post, guest)
         own = bool(request.get("print")) and do != "kill"
         if own and request["print"] != self._print_id:  # of one that is over
@@ -202,11 +196,11 @@ class Machine:
             return False
         elif do == "stop_motion":
             self._stop_motion(reply)
-        elif self.streamer is not None and word.on_print is not None:
+        elif streamer is not None and word.on_print is not None:
             guest.of_print = guest.of_print or own or word.answers
-            word.on_print(self.streamer, Asked(values, reply))
+            word.on_print(streamer, Asked(values, reply))
             if do in ("pause", "reload"):
-                self.publish(self.streamer.status)
+                self.publish(streamer.status)
             return word.answers
         else:
             self._queue(Request(do, values, reply))
@@ -312,10 +306,6 @@ class Machine:
 
     # --- for the thread that owns the port: who speaks -------------------------------------------
 
-    def serve_by(self, server: Server, address: str) -> None:
-        """Have clients told of each change."""
-        self.server, self.address = server, address
-
     @property
     def listens_at(self) -> tuple[str, str]:
         """Address and token for its clients."""
@@ -346,6 +336,29 @@ class Machine:
             self.server.hang_up()
 
     # --- for the thread that owns the port: mode and status --------------------------------------
+
+    def keep(self, record: ContactRecord) -> None:
+        """Write down from now on, in a station's record, what must outlive the process."""
+        self._record = record
+        self._save_changes(self.status)
+
+    def kept(self, status: StationStatus) -> ContactRecord | None:
+        """Return a station's record as it would be saved now."""
+        if self._record is None:
+            return None
+        return replace(
+            self._record,
+            status=status.to_dict(),
+            plunger_mm=self.known.plunger_mm,
+            part_in_dish=self.known.part_in_dish,
+        )
+
+    def _save_changes(self, status: StationStatus) -> None:
+        known = self.known
+        facts = status.state, status.mounted, known.plunger_mm, known.part_in_dish
+        if facts != self._facts and (record := self.kept(status)) is not None:
+            self._facts = facts
+            save_station(record, self.plug.folder)
 
     def write_down(self, sort: str, **values: Any) -> None:
         """Add to the journal; a full disk mustn't keep a needle from being lifted."""
@@ -396,3 +409,12 @@ class Machine:
         if asked != self._reach_of:
             self._reach_of, self._reached = asked, reach(*asked)
         return self._reached
+
+
+def serve_in(machine: Machine, folder: Path, parting: ExitStack, name: str = "link.sock") -> None:
+    """Have clients reach a machine by a socket in a folder, until the parting."""
+    listener, machine.address, token = listen(folder, name)
+    machine.server = Server(listener, token, machine)
+    parting.callback(forget, machine.address)
+    parting.callback(machine.server.finish)
+    machine.server.start()

@@ -31,14 +31,13 @@ from printctl.machine.job.job import load_job
 from printctl.machine.ports.clock import RealClock
 from printctl.machine.ports.wire_log import FILE, LoggedTransport, WireLog
 from printctl.machine.process.contact import hold_folder
-from printctl.machine.process.machine import Machine
+from printctl.machine.process.machine import Machine, serve_in
 from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import resumable
 from printctl.machine.process.plug import Plug
-from printctl.machine.process.socket_server import Server, forget, listen
 from printctl.machine.records.folders import archive_journal, remember_folder
 from printctl.machine.records.journal import Journal, new_print_id, origin, this_user
-from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 
@@ -49,13 +48,7 @@ log = logging.getLogger(__name__)
 
 
 def serve_print(order: Order) -> Status:
-    """Run one print in this process, to its end, on a port of its own.
-
-    Returns
-    -------
-    Status
-        The last one; it is in the folder's ``link.json``, too.
-    """
+    """Run one print in this process, on a port of its own; return its last status."""
     with contact_of(order) as contact:
         plug = Plug(order.printer, order.port, order.folder, order.baud)
         machine = Machine(plug, Knowledge(plug.printer))
@@ -72,10 +65,6 @@ class PrintContact:
 
     An unfinished print's stays where an attempt ends before it writes to the journal.
 
-    Parameters
-    ----------
-    order : Order
-
     Attributes
     ----------
     status : Status
@@ -89,7 +78,7 @@ class PrintContact:
         self._folder, self._before = order.folder, _unfinished(order)
         now = time.time()
         before = self._before.print_id if self._before else ""
-        self._record = LinkRecord(
+        self._record = ContactRecord(
             pid=os.getpid(),
             address="",
             token="",
@@ -131,7 +120,7 @@ class PrintContact:
             log.exception("link.json can't be written")
 
 
-def _unfinished(order: Order) -> LinkRecord | None:
+def _unfinished(order: Order) -> ContactRecord | None:
     """Return the record of the folder's print whose part may be in the dish; None for none."""
     try:
         known = read_journal(order.folder / JOURNAL)
@@ -145,10 +134,7 @@ def _unfinished(order: Order) -> LinkRecord | None:
 def contact_of(order: Order) -> Iterator[PrintContact]:
     """Hold the print's folder and keep its record; what fails within is the print's end.
 
-    Raises
-    ------
-    AlreadyPrinting
-        When a print holds the folder.
+    AlreadyPrinting when a print holds the folder.
     """
     order.folder.mkdir(parents=True, exist_ok=True)
     with hold_folder(order.folder):
@@ -179,20 +165,8 @@ def run_print(
     """Print, from handshake to end, on the machine's port.
 
     A machine without an open port opens it, and a socket in the print's folder, and gives both up
-    after the print.
-
-    Parameters
-    ----------
-    machine : Machine
-    order : Order
-    contact : PrintContact
-    on_begin : callable
-        Given the print's streamer once its clients can reach it.
-
-    Raises
-    ------
-    LinkError, ProfileError
-        When the print can't begin.
+    after the print. ``on_begin`` is given the print's streamer once its clients can reach it.
+    LinkError or ProfileError when the print can't begin.
     """
     printer, plug = machine.plug.printer, machine.plug
     refuse_unsent(printer, str(order.job))
@@ -235,7 +209,7 @@ def run_print(
         )
         streamer = Streamer(wiring, job, order.care)
         if alone:
-            _serve_in(machine, order.folder, parting)
+            serve_in(machine, order.folder, parting)
         identity = contact.print_id if history is None else history.print_id
         journal.add(
             "job",
@@ -261,24 +235,12 @@ def run_print(
         return streamer.run(history)
 
 
-def _serve_in(machine: Machine, folder: Path, parting: ExitStack) -> None:
-    """Have clients reach the machine in the print's folder, to the end of the print."""
-    listener, address, token = listen(folder)
-    server = Server(listener, token, machine)
-    parting.callback(forget, address)
-    parting.callback(server.finish)
-    machine.serve_by(server, address)
-    server.start()
-
-
 @dataclass
 class _WireKeeper:
     """Keeps the last traffic in the print's folder when something went wrong.
 
     Attributes
     ----------
-    traffic : WireLog
-    path : Path
     alarms : int
         Those that it was kept for already.
     """

@@ -36,10 +36,6 @@ class Order:
         As the user named it.
     folder : Path
         For journal and record.
-    retreat : Retreat
-        How the needle leaves the bath.
-    care : Care
-        How the print is watched over.
     baud : int, "auto" or None
         In place of the profile's.
     resume : bool
@@ -87,12 +83,7 @@ class Order:
 
 
 def check_homing(job: Job, needle: str) -> None:
-    """Refuse a job that homes with a needle mounted.
-
-    Raises
-    ------
-    Refused
-    """
+    """Raise Refused for a job that homes with a needle mounted."""
     homing = homing_line(job)
     if homing and needle:
         raise Refused(
@@ -109,12 +100,7 @@ def homing_line(job: Job) -> int:
 
 
 def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:
-    """Refuse a job that declares the tip to be where it isn't; return the place it declares.
-
-    Raises
-    ------
-    Refused
-    """
+    """Return the place of the tip that a job declares; Refused where it isn't there."""
     declared = declared_start(job)
     if declared is None or at is None or not trusted:
         return declared

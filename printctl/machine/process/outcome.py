@@ -13,7 +13,7 @@ from printctl.machine.errors import JournalError, LinkError, Refused
 from printctl.machine.families import link_facts
 from printctl.machine.job.job import Job
 from printctl.machine.job.moves import moves_ahead, surely_moved
-from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import JournalledPrint, load_printed_job, read_journal
 from printctl.machine.records.states import LinkState, Status
 
@@ -23,10 +23,7 @@ _HELD_AS: Final = {LinkState.PAUSED: "paused", LinkState.LOOKING: "held for a lo
 def read_outcome(folder: Path) -> Status:
     """Return how the print in ``folder`` ended, or what its journal says if it just broke off.
 
-    Raises
-    ------
-    NoLink
-        When no print was ever started there.
+    NoLink when no print was ever started there.
     """
     record = load_record(folder)
     status = _outcome(folder, record)
@@ -36,7 +33,7 @@ def read_outcome(folder: Path) -> Status:
     return status
 
 
-def _outcome(folder: Path, record: LinkRecord) -> Status:
+def _outcome(folder: Path, record: ContactRecord) -> Status:
     if record.status:
         return Status.from_dict(record.status)
     try:
@@ -67,7 +64,7 @@ def _outcome(folder: Path, record: LinkRecord) -> Status:
     )
 
 
-def _still_moving(folder: Path, record: LinkRecord, history: JournalledPrint) -> str:
+def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint) -> str:
     """Say what a printer whose host is gone may go on doing, by its family."""
     if history.state in _HELD_AS:
         return f"it was {_HELD_AS[history.state]}, so its motors stood; heaters stay on"
@@ -91,7 +88,7 @@ def _held(printer: Printer) -> str:
     return f"up to {moves_ahead(printer):.0f} moves"
 
 
-def _places(record: LinkRecord, history: JournalledPrint) -> dict[str, int]:
+def _places(record: ContactRecord, history: JournalledPrint) -> dict[str, int]:
     """Line of the file, and lines surely made; nothing where the file has changed or is gone."""
     try:
         printer = load(Printer, record.profile)
@@ -118,16 +115,10 @@ def _made(job: Job, history: JournalledPrint, printer: Printer) -> int:
 
 
 def resumable(folder: Path, sha256: str) -> JournalledPrint:
-    """Read the journal of a print that was interrupted.
+    """Read the journal of a print that was interrupted, of a job file with this hash.
 
     Interrupted is a print whose link process died, whose port went away, or whose printer fell
     silent. The printer itself is asked later.
-
-    Parameters
-    ----------
-    folder : Path
-    sha256 : str
-        Of the job file that is to be gone on with.
 
     Raises
     ------

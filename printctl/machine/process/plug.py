@@ -68,12 +68,7 @@ class Plug:
         return self.sim_speed if self.simulated else 1.0
 
     def open(self) -> Transport:
-        """Open the port; start a simulated printer.
-
-        Raises
-        ------
-        PortError, HandshakeError
-        """
+        """Open the port, or start a simulated printer; PortError or HandshakeError else."""
         if self.simulated:
             return self._start(self.start_mm)
         place = locate(self.port, self.baud, self.printer)
@@ -86,13 +81,8 @@ class Plug:
         record.unlink(missing_ok=True)
         return self._start(at, job, record, journal)
 
-    def _start(
-        self,
-        at: Place,
-        job: Path | None = None,
-        record: Path | None = None,
-        journal: Path | None = None,
-    ) -> Transport:
+    def _start(self, at: Place, *print_files: Path | None) -> Transport:
+        job, record, journal = print_files or (None, None, None)
         try:
             port = simulated_printer(
                 self.profile, at, job, record, self.folder, speed=self.sim_speed, journal=journal
@@ -103,13 +93,7 @@ class Plug:
         return self.transport
 
     def opened(self) -> Transport:
-        """Return the open port.
-
-        Raises
-        ------
-        PortLost
-            When it isn't open.
-        """
+        """Return the open port; PortLost when it isn't open."""
         if self.transport is None:
             raise PortLost(f"{self.port} isn't open")
         return self.transport

@@ -50,8 +50,6 @@ def simulated_printer(
 
     Parameters
     ----------
-    profile : str
-        Printer profile.
     start_mm : (3,) mm
         Where the tip stands at power-up, printer's frame.
     job : Path or None
@@ -64,7 +62,7 @@ def simulated_printer(
     speed : float
         Times real time; 0 for virtual time, as fast as it can.
     journal : Path, optional
-        Of the print, which tells what is inserted into the job; the one in ``folder`` by default.
+        Of the print, which has what is inserted into the job; the one in ``folder`` by default.
     faults : Path or None
         A fault file (`sim.devices.faults`).
     detached : bool
@@ -127,17 +125,7 @@ def record_for(folder: Path) -> Path:
 
 
 def write_note(record: Path, sha256: str, printer: Printer, blocks: int) -> None:
-    """Say what a whole record is of.
-
-    Parameters
-    ----------
-    record : Path
-    sha256 : str
-        Of the job's file.
-    printer : Printer
-    blocks : int
-        In the record.
-    """
+    """Write down what a whole record of so many blocks is of; ``sha256`` of the job's file."""
     write_text(_note(record), json.dumps(_facts(sha256, printer, blocks)) + "\n")
 
 

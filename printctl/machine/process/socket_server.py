@@ -52,13 +52,8 @@ _TEMPORARY: Final = "printctl-link-"
 def listen(folder: Path, name: str = "link.sock") -> tuple[socket.socket, str, str]:
     """Open the socket: Unix in ``folder`` where there are such, else TCP on the loopback.
 
-    Returns
-    -------
-    listener : socket
-    address : str
-        ``unix:PATH`` or ``tcp:HOST:PORT``.
-    token : str
-        What clients must show; empty for a Unix socket, which only its owner may open.
+    Returned with its address (``unix:PATH`` or ``tcp:HOST:PORT``) and the token that clients must
+    show; empty for a Unix socket, which only its owner may open.
     """
     if not hasattr(socket, "AF_UNIX"):
         listener = socket.create_server(("127.0.0.1", 0))
@@ -90,8 +85,6 @@ class Guest:
 
     Attributes
     ----------
-    socket : socket
-    heard, unsent : bytes
     known : bool
         Whether it has sent a request that is understood.
     subscribed : str
@@ -121,13 +114,7 @@ class RequestTaker(Protocol):
         """Halt the printer; called in a thread that does nothing else."""
 
     def take(self, guest: Guest, request: dict[str, Any]) -> bool:
-        """Take a request; return whether it has an answer of its own, given now or later.
-
-        Raises
-        ------
-        LinkError
-            When it can't be granted.
-        """
+        """Take a request; return whether it has an answer of its own. LinkError refuses it."""
 
 
 class Reserve:
@@ -154,16 +141,7 @@ class Reserve:
 
 @dataclass
 class Server:
-    """Serves clients in a thread of its own, from `start` to `finish`.
-
-    Attributes
-    ----------
-    listener : socket
-    token : str
-    machine : RequestTaker
-    reserve : Reserve
-        The handle for a client where no other is left.
-    """
+    """Serves clients in a thread of its own, from `start` to `finish`."""
 
     listener: socket.socket
     token: str

@@ -32,6 +32,7 @@ from printctl.machine.process.client import (
 from printctl.machine.process.contact import (
     STATION_LOCK,
     STATION_LOG,
+    last_status,
     load_station,
     stays_alive,
 )
@@ -66,34 +67,17 @@ def start_print(
     care: Care | None = None,
     resume: bool = False,
 ) -> PrintClient:
-    """Start a link process for a job, and attach to it.
+    """Start a process that prints a job on a port of its own, and attach to it.
 
-    Returns once the printer has answered the handshake and the first lines go out.
-
-    Parameters
-    ----------
-    job : Path
-        G-code file.
-    printer : str
-        Profile, by name or path.
-    port : str
-        Device, ``tcp:HOST:PORT``, ``socket://HOST:PORT``, or ``auto``: the one with the profile's
-        USB id.
-    folder : Path
-        Where the journal and the record of the print go.
-    retreat : Retreat, optional
-        How the needle leaves the bath in a controlled stop or a pause.
-    baud : int or "auto", optional
-        In place of the profile's; ``auto`` tries the profile's list.
-    care : Care, optional
-        How the print is watched over.
-    resume : bool
-        Go on with the print whose link process died in ``folder``.
+    Returns once the printer has answered the handshake and the first lines go out. What is given is
+    an `Order`'s; here ``port`` is a device, ``tcp:HOST:PORT``, ``socket://HOST:PORT``, or ``auto``
+    for the one with the profile's USB id, and ``resume`` goes on with the print whose process died
+    in ``folder``.
 
     Raises
     ------
     AlreadyPrinting
-        When a link process is alive in ``folder``.
+        When a print's process is alive in ``folder``.
     LinkError
         When the print fails before its first line: port missing, denied or in use, no answer to
         the handshake, a job with a line that must not be sent.
@@ -130,16 +114,10 @@ def start_print(
 
 
 def resume_print(folder: Path, port: str | None = None) -> PrintClient:
-    """Go on with the print in ``folder``, whose link process died or lost its port.
+    """Go on with the print in ``folder``, whose process died or lost its port.
 
     The printer is asked for its last line. If it was reset, or its position isn't the job's, the
-    print ends as ``position_unknown`` without a move.
-
-    Parameters
-    ----------
-    folder : Path
-    port : str, optional
-        When the printer's port has another name now.
+    print ends as ``position_unknown`` without a move. ``port`` is given where its name has changed.
 
     Raises
     ------
@@ -169,12 +147,7 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
 
     What was interrupted on a real machine is neither repeated nor resumed unasked. A simulated
     printer is simply started anew, but for a print that a station has done (`order.once`).
-
-    Parameters
-    ----------
-    order : Order
-    open_port : function
-        Gives the port to open; called only when a print is started.
+    ``open_port`` gives the port, and is called only when a print is started.
 
     Raises
     ------
@@ -216,12 +189,9 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
 
 
 def running(order: Order) -> PrintClient | None:
-    """A client of the order's print, if it is going on.
+    """Return a client of the order's print, if it is going on.
 
-    Raises
-    ------
-    PrintctlError
-        When another file is being printed in the folder.
+    PrintctlError when another file is being printed in the folder.
     """
     client = _attached(order.folder)
     if client is None or client.status.ended:
@@ -236,7 +206,7 @@ def running(order: Order) -> PrintClient | None:
 
 
 def finished(order: Order) -> PrintClient | None:
-    """A client of the order's print, if it is done."""
+    """Return a client of the order's print, if it is done."""
     if order.port != SIMULATED and was_simulated(order.folder):
         return None  # a rehearsal is no print
     client = _attached(order.folder)
@@ -296,22 +266,8 @@ def connect(
 ) -> Station:
     """Start a station's process, and attach to it; returns once the printer has been checked.
 
-    Parameters
-    ----------
-    profile : str
-        Printer profile, by name or path.
-    port : str
-        Device, ``tcp:HOST:PORT``, ``auto``, or ``simulated``.
-    folder : Path
-        Where the station's record, journal and log go.
-    baud : int or "auto", optional
-        In place of the profile's.
-    sim_speed : float
-        Of a simulated printer, times real time; 0 for as fast as it can.
-    start_mm : (x, y, z), mm
-        Where a simulated printer's tip stands.
-    discard_interrupted : bool
-        Connect although a print of this station was interrupted, which then can't be gone on with.
+    What is given is a `Plug`'s. ``discard_interrupted`` connects although a print of this station
+    was interrupted, which then can't be gone on with.
 
     Raises
     ------
@@ -351,7 +307,7 @@ def connect(
         """Return a client once the printer was checked."""
         with contextlib.suppress(NoLink):
             record = load_station(folder)
-            last = record.last
+            last = last_status(record)
             if record.pid == pid and last.state is StationState.LOST and last.error:
                 raise error_of(last.error, last.message)
             if record.pid == pid and last.state is not StationState.CONNECTING:
@@ -385,7 +341,7 @@ def _check_room(folder: Path) -> None:
 def _refuse_interrupted_here(folder: Path) -> None:
     """Leave a printer alone that may still hold the place of a print."""
     try:
-        last = load_station(folder).last
+        last = last_status(load_station(folder))
         if last.state is not StationState.PRINTING:
             return
         place = Path(last.print_folder)

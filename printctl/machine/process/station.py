@@ -10,8 +10,8 @@ import contextlib
 import logging
 import os
 import time
+from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import ProfileError
@@ -19,7 +19,7 @@ from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.idle_commands import AXES, IdleCommands
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.standby import Standby
-from printctl.machine.control.station_status import MountedParts, StationState, StationStatus
+from printctl.machine.control.station_status import StationState, StationStatus
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import HandshakeError, LinkError, NoLink, PortLost, Refused
 from printctl.machine.families import refuse_unsent
@@ -29,16 +29,18 @@ from printctl.machine.process.contact import (
     STATION_LOCK,
     STATION_RECORD,
     STATION_SOCKET,
-    StationRecord,
     hold_folder,
+    last_status,
     load_station,
+    save_station,
 )
-from printctl.machine.process.machine import DOWN, Machine, Request
+from printctl.machine.process.machine import DOWN, Machine, Request, serve_in
 from printctl.machine.process.plug import Plug
-from printctl.machine.process.socket_server import Server, forget, listen, refusal
+from printctl.machine.process.socket_server import refusal
 from printctl.machine.process.station_print import print_here
 from printctl.machine.process.vocabulary import WORDS, Idle
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import LinkState, PrintEnded, Status
 
 IDLE_S: Final = 0.03
@@ -53,27 +55,20 @@ log = logging.getLogger(__name__)
 
 
 def serve_station(plug: Plug) -> StationStatus:
-    """Run a station in this process until it is closed.
-
-    Returns
-    -------
-    StationStatus
-        The last one; it is in the folder's ``station.json``, too.
-    """
+    """Run a station in this process until it is closed; return its last status."""
     folder = plug.folder
     folder.mkdir(parents=True, exist_ok=True)
     with hold_folder(folder, STATION_LOCK, "a printer is connected"):
-        before = _before(folder)
-        record = _first_record(plug, before)
+        record = _first_record(plug)
         try:
-            record.save(folder)  # without it no client would find the station
+            record.save(folder, STATION_RECORD)  # without it no client would find the station
         except OSError as exc:
             raise LinkError(
                 f"{folder / STATION_RECORD} can't be written: {exc.strerror}; free space on the "
                 "disk, or name another folder; nothing was sent to the printer"
             ) from exc
         try:
-            record, status = _open(plug, record, before)
+            record, status = _open(plug, record)
         except (LinkError, ProfileError) as exc:
             log.error("%s", exc)
             status = _failed(record, str(exc), type(exc).__name__)
@@ -82,114 +77,55 @@ def serve_station(plug: Plug) -> StationStatus:
             status = _failed(record, f"the station failed: {exc!r}; see station.log", "LinkError")
             raise
         finally:
-            _save(replace(record, address="", token="", status=status.to_dict()), folder)
+            save_station(replace(record, address="", token="", status=status.to_dict()), folder)
     return status
 
 
-def _before(folder: Path) -> StationRecord | None:
-    """Return what the last station here knew."""
-    try:
-        return load_station(folder)
-    except NoLink:
-        return None
-
-
-def _first_record(plug: Plug, before: StationRecord | None) -> StationRecord:
-    """Return the record of a station that isn't open yet, with what the last one knew."""
-    record = StationRecord(
+def _first_record(plug: Plug) -> ContactRecord:
+    """Return the record of a station that isn't open yet, with what the last one here knew."""
+    record = ContactRecord(
         pid=os.getpid(),
         address="",
         token="",
+        job="",
         profile=plug.profile,
         port=plug.port,
         baud=plug.baud if isinstance(plug.baud, int) else None,
         started=time.time(),
         sim_speed=plug.sim_speed if plug.simulated else None,
     )
-    if before is None:
-        return record
-    return replace(  # a station that dies before it is open has learnt nothing else
-        record,
-        status=replace(record.last, mounted=before.mounted).to_dict(),
-        plunger_mm=before.plunger_mm,
-        part_in_dish=before.part_in_dish,
-    )
+    with contextlib.suppress(NoLink):
+        before = load_station(plug.folder)
+        # Heights hung on a count that the printer may have lost.
+        mounted = replace(last_status(before).mounted, floor_mm=None, bath_level_mm=None)
+        return replace(  # a station that dies before it is open has learnt nothing else
+            record,
+            status=replace(last_status(record), mounted=mounted).to_dict(),
+            plunger_mm=before.plunger_mm,
+            part_in_dish=before.part_in_dish,
+        )
+    return record
 
 
-def _save(record: StationRecord, folder: Path) -> None:
-    """Write a record; on a full disk the older one stays, and the journal says the rest."""
-    try:
-        record.save(folder)
-    except OSError:  # a full disk mustn't end a station that holds a needle in a gel
-        log.exception("%s can't be written", STATION_RECORD)
+def _failed(record: ContactRecord, message: str, error: str) -> StationStatus:
+    return replace(last_status(record), state=StationState.LOST, message=message, error=error)
 
 
-def _failed(record: StationRecord, message: str, error: str) -> StationStatus:
-    return StationStatus(
-        StationState.LOST,
-        message,
-        profile=record.profile,
-        port=record.port,
-        error=error,
-        mounted=record.mounted,
-    )
-
-
-def _open(
-    plug: Plug, record: StationRecord, before: StationRecord | None
-) -> tuple[StationRecord, StationStatus]:
+def _open(plug: Plug, record: ContactRecord) -> tuple[ContactRecord, StationStatus]:
     refuse_unsent(plug.printer)
-    journal = Journal(plug.folder / STATION_JOURNAL)
-    known = Knowledge(plug.printer, before.mounted if before else MountedParts())
-    if before is not None:
-        known.plunger_mm, known.part_in_dish = before.plunger_mm, before.part_in_dish
-    machine = Machine(plug, known, journal)
-    listener, address, token = listen(plug.folder, STATION_SOCKET)
-    server = Server(listener, token, machine)
-    keeper = _Keeper(replace(record, address=address, token=token), machine)
-    try:
+    known = Knowledge(plug.printer, last_status(record).mounted)
+    known.plunger_mm, known.part_in_dish = record.plunger_mm, record.part_in_dish
+    with ExitStack() as parting:
+        journal = Journal(plug.folder / STATION_JOURNAL)
+        parting.callback(journal.close)
+        machine = Machine(plug, known, journal)
         machine.take_signals()
-        server.start()
-        keeper.save(machine.status)
-        machine.serve_by(server, address)
-        machine.keep = keeper.keep
+        serve_in(machine, plug.folder, parting, STATION_SOCKET)
+        address, token = machine.listens_at
+        machine.keep(replace(record, address=address, token=token))
         connect(machine)
         run(machine)
-    finally:
-        server.finish()
-        forget(address)
-        journal.close()
-    return keeper.latest(machine.status), machine.status
-
-
-class _Keeper:
-    """Writes down what must outlive the process."""
-
-    def __init__(self, record: StationRecord, machine: Machine) -> None:
-        self._record, self._machine = record, machine
-        self._kept: tuple[object, ...] = ()
-
-    def keep(self, status: StationStatus) -> None:
-        """Save the record where something has changed that it is for."""
-        known = self._machine.known
-        kept = (status.state, status.mounted, status.plunger_mm, known.part_in_dish)
-        if kept != self._kept:
-            self._kept = kept
-            self.save(status)
-
-    def save(self, status: StationStatus) -> None:
-        """Save the record; see `_save`."""
-        _save(self.latest(status), self._machine.plug.folder)
-
-    def latest(self, status: StationStatus) -> StationRecord:
-        """Return the record as it would be saved now."""
-        known = self._machine.known
-        return replace(
-            self._record,
-            status=status.to_dict(),
-            plunger_mm=known.plunger_mm,
-            part_in_dish=known.part_in_dish,
-        )
+        return machine.kept(machine.status) or record, machine.status
 
 
 # --- connecting ----------------------------------------------------------------------------------
@@ -199,12 +135,7 @@ def connect(machine: Machine, ready: str = "ready", *, trusted: bool = True) -> 
     """Open the port, find the printer and check it; ``ready`` is the message once that is done.
 
     A simulated printer, ``trusted``, stands where it was started; after a stop it isn't: like
-    any board it must be homed then, or told its place.
-
-    Raises
-    ------
-    LinkError
-        When that fails; the port is let go of.
+    any board it must be homed then, or told its place. LinkError when it fails; the port is closed.
     """
     plug = machine.plug
     machine.switching = True
@@ -277,11 +208,9 @@ def go_down(machine: Machine, state: StationState, message: str, error: str = ""
 def _after_print(machine: Machine, status: Status) -> None:
     """Stand by again where the printer still knows its place; else say why not."""
     ended = f"print {status.state.value}: {status.message}"
-    if status.state is LinkState.KILLED:
-        go_down(machine, StationState.HALTED, ended, status.error)
-    elif status.error == PortLost.__name__:
+    if status.error == PortLost.__name__ and status.state is not LinkState.KILLED:
         go_down(machine, StationState.LOST, ended, status.error)
-    elif not status.position_known:
+    elif status.state is LinkState.KILLED or not status.position_known:
         go_down(machine, StationState.HALTED, ended, status.error)
     elif machine.plug.simulated:
         try:

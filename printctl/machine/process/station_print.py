@@ -41,10 +41,7 @@ class _Print:
 def print_here(machine: Machine, request: Request) -> Status:
     """Print what is asked for; the printer has to be connected or stood by again after it.
 
-    Raises
-    ------
-    LinkError
-        When it may not begin; the station stands by as before.
+    LinkError when it may not begin; the station stands by as before.
     """
     known, plug, standby = machine.known, machine.plug, machine.standby
     order = _read_order(request, plug)
@@ -89,13 +86,7 @@ def print_here(machine: Machine, request: Request) -> Status:
 
 
 def _read_order(request: Request, plug: Plug) -> Order:
-    """Return the order of a request.
-
-    Raises
-    ------
-    Refused
-        For another printer than the one that is connected.
-    """
+    """Return the order of a request; Refused for another printer than the connected one."""
     order = replace(Order.from_json(request.values["order"]), port=plug.port, resume=False)
     try:
         asked = load(Printer, order.printer)

@@ -260,10 +260,7 @@ WORDS: Final[dict[str, Word]] = {
 def read_values(request: Mapping[str, Any]) -> Values:
     """Return a request's values, read as its word says; others in it are left out.
 
-    Raises
-    ------
-    Refused
-        For one that is missing or of another type.
+    Refused for one that is missing or of another type.
     """
     values = WORDS[request["do"]].values
     if values is None:

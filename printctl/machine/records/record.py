@@ -1,17 +1,16 @@
-"""Contact file ``link.json`` of a link process: address, job, port, settings, print's outcome."""
+"""Contact files of processes: address, profile, port, settings, last status."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from design.files import write_text
 from printctl.machine.errors import NoLink
 from printctl.machine.ports.detection import SIMULATED
 
-Kept = TypeVar("Kept")
 RECORD = "link.json"
 JOURNAL = "journal.log"
 LOG = "link.log"
@@ -20,33 +19,39 @@ SIM_ADDRESS = "sim.address"
 """Where a simulated printer writes the port by which it is reached, in its print's folder."""
 
 
+_PRINTS_OWN: Final = ("job", "retreat", "care", "refused", "print_id", "session")
+_STATIONS_OWN: Final = ("plunger_mm", "part_in_dish", "sim_speed")
+
+
 @dataclass(frozen=True)
-class LinkRecord:
-    """What a link process writes down about itself.
+class ContactRecord:
+    """What a process writes down: ``link.json`` of a print, ``station.json`` of a station.
 
     Attributes
     ----------
-    pid : int
     address, token : str
-        Where it listens; empty once it has ended.
+        Where it listens; empty before it does, and once it has ended. A print on a station names
+        the station's.
     job, profile, port : str
-        Path of the job file, profile as it was given, name of the port.
+        Path of the print's job file, profile as it was given, name of the port.
     started : float
         Wall-clock time, s since 1970.
+    baud : int or None
+        In place of the profile's.
+    retreat, care : dict
+        Fields of `Retreat`, and of `Care`.
+    status : dict
+        `Status` of a print once it has ended; `StationStatus` when its state last changed.
+    refused : dict
+        The last attempt here that came to nothing: ``pid``, ``error`` (class) and ``message``.
     print_id : str
         Of the print, as in its journal; empty in records of versions without.
     session : str
         Random, of this process's work on the print: another one goes on with it under another.
-    baud : int or None
-        In place of the profile's.
-    retreat : dict
-        Fields of `Retreat`.
-    care : dict
-        Fields of `Care`.
-    status : dict
-        `Status`; the last one once it has ended.
-    refused : dict
-        The last attempt here that came to nothing: ``pid``, ``error`` (class) and ``message``.
+    plunger_mm : float or None, mm
+        Of the syringe that is mounted at a station.
+    sim_speed : float or None
+        Of a station's simulated printer, times real time; None for another.
     """
 
     pid: int
@@ -63,25 +68,25 @@ class LinkRecord:
     refused: dict[str, Any] = field(default_factory=dict)
     print_id: str = ""
     session: str = ""
+    plunger_mm: float | None = None
+    part_in_dish: bool = False
+    sim_speed: float | None = None
 
-    def save(self, folder: Path) -> None:
+    def save(self, folder: Path, name: str = RECORD) -> None:
         """Write it; readable by its owner alone, since it holds the token."""
-        save_private(folder / RECORD, self)
+        others = _STATIONS_OWN if name == RECORD else _PRINTS_OWN
+        data = {key: value for key, value in asdict(self).items() if key not in others}
+        write_text(folder / name, json.dumps(data, indent=1) + "\n")
+        (folder / name).chmod(0o600)
 
 
-def load_record(folder: Path) -> LinkRecord:
-    """Read what `LinkRecord.save` wrote.
-
-    Raises
-    ------
-    NoLink
-        When no print was ever started in ``folder``, or the record can't be read.
-    """
+def load_record(folder: Path) -> ContactRecord:
+    """Read a print's record; NoLink when none was started in ``folder``, or it can't be read."""
     absent = (
         f"no print was started in {folder} (no {RECORD} there); give the print's own folder, "
         "its run's folder, or its G-code file"
     )
-    return read_private(folder / RECORD, LinkRecord, absent)
+    return read_contact(folder / RECORD, absent)
 
 
 REHEARSAL: Final = ".rehearsal"
@@ -102,14 +107,8 @@ def reported_port(folder: Path, port: str) -> str:
     return SIMULATED if simulated else port
 
 
-def save_private(path: Path, record: Any) -> None:
-    """Write a process's record, a dataclass; readable by its owner alone."""
-    write_text(path, json.dumps(asdict(record), indent=1) + "\n")
-    path.chmod(0o600)
-
-
-def read_private(path: Path, kind: type[Kept], absent: str) -> Kept:
-    """Read what `save_private` wrote.
+def read_contact(path: Path, absent: str) -> ContactRecord:
+    """Read what `ContactRecord.save` wrote.
 
     Raises
     ------
@@ -117,7 +116,7 @@ def read_private(path: Path, kind: type[Kept], absent: str) -> Kept:
         ``absent`` when there is no such file; or it can't be read.
     """
     try:
-        return kind(**json.loads(path.read_text(encoding="utf-8")))
+        return ContactRecord(**{"job": "", **json.loads(path.read_text(encoding="utf-8"))})
     except FileNotFoundError as exc:
         raise NoLink(absent) from exc
     except (ValueError, TypeError, OSError) as exc:

@@ -153,16 +153,21 @@ def places_to(tip: Place, start: Place, over_mm: float | None) -> list[Place]:
     return [(tip[0], tip[1], high), (start[0], start[1], high), start]
 
 
-def set_up_of(machine: Machine | None, before: JobSetUp, declared: Place | None = None) -> JobSetUp:
-    """The set-up with all that the printer knows better.
+def set_up_of(
+    machine: Machine | None, before: JobSetUp, declared: Place | None = None, kept: bool = False
+) -> JobSetUp:
+    """Return a set-up with what is measured at the printer, and with what is mounted.
 
     Where the job declares its start, the tip must come there; else it starts where the tip stands.
+    A set-up that a person ``kept`` goes on naming its printer and parts: where others are there,
+    a start is refused (`machine_refusals`), and a person chooses.
     """
     start_mm = declared or (machine.tip_mm if machine else None)
     values: dict[str, Any] = before.model_dump() | ({"start_mm": start_mm} if start_mm else {})
     if machine is not None:
-        names = {part: name for part, name in machine.mounted.items() if name}
-        values |= names | {"printer": machine.profile}
+        there = {part: name for part, name in machine.mounted.items() if name}
+        there["printer"] = machine.profile
+        values |= {one: name for one, name in there.items() if not (kept and values[one])}
         if machine.dish_centre_mm is not None and values["dish"]:
             values["dish_centre_mm"] = machine.dish_centre_mm
         if (machine.bath_depth_mm or 0.0) > 0 and values["dish"]:

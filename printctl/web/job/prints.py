@@ -105,7 +105,7 @@ class PrintFollower:
 
     @property
     def session(self) -> str:
-        """The link process's work on the print that it follows (`LinkRecord.session`)."""
+        """The link process's work on the print that it follows (`ContactRecord.session`)."""
         return "" if self._client is None else self._client.record.session
 
     @property

@@ -124,8 +124,9 @@ class JobService:
         return mend_strokes(grown_in(folder, load_job(file, printer)))
 
     def set_up(self, job: str) -> JobSetUp:
-        """The form filled in: as last time, else by the run's recipe; the printer knows better."""
-        return set_up_of(self.printing.machine(), self.set_ups.of(job), self.declared(job))
+        """The form filled in: as kept last time; else by the run's recipe, and what is mounted."""
+        before, kept = self.set_ups.of(job), self.set_ups.kept(job)
+        return set_up_of(self.printing.machine(), before, self.declared(job), kept)
 
     def declared(self, job: str) -> Place | None:
         """Where the job itself says that it starts; None where it starts where the tip stands."""
@@ -141,7 +142,7 @@ class JobService:
         return self._connected()
 
     def keep_set_up(self, job: JobId, set_up: JobSetUp) -> JobSetUp:
-        """Remember a set-up for a job, and give it filled in: the printer knows better."""
+        """Remember a set-up for a job, and give it filled in with what the printer has measured."""
         self.set_ups.keep(job, self._resolved(set_up))
         return self.set_up(job)
 

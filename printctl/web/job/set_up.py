@@ -170,6 +170,10 @@ class SetUps:
         recipe = recipe_of(folder) if job.startswith("run~") else None
         return JobSetUp() if recipe is None else _set_up_of_recipe(recipe)
 
+    def kept(self, job: str) -> bool:
+        """Whether one was given for this job."""
+        return self._kept(job).is_file()
+
     def keep(self, job: str, set_up: JobSetUp) -> None:
         """Remember it for the next visit."""
         write_text(self._kept(job), set_up.model_dump_json() + "\n")

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from printctl.errors import UsageError
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.record import LinkRecord
+from printctl.machine.records.record import ContactRecord
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.past_print import PrintEntry, entry_of
 from printctl.pipeline.plate.results import plate_verdict, well_figures
@@ -71,7 +71,7 @@ def printed(folder: Path, syringe: str = "hamilton_1ml") -> PrintEntry:
                 profile="generic_marlin", pid=1, started=1e9)  # fmt: skip
     journal.close()
     care = {"syringe": syringe}
-    LinkRecord(1, "", "", str(job), "generic_marlin", "/dev/pts/1", 1e9, care=care).save(folder)
+    ContactRecord(1, "", "", str(job), "generic_marlin", "/dev/pts/1", 1e9, care=care).save(folder)
     entry = entry_of(folder / "journal.log")
     assert entry is not None
     return entry

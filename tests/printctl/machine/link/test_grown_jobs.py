@@ -32,7 +32,7 @@ from printctl.machine.prints.recovery import plan_recovery
 from printctl.machine.prints.state import possible_actions
 from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.record import JOURNAL, LinkRecord
+from printctl.machine.records.record import JOURNAL, ContactRecord
 from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.link.jobs import parse_job
@@ -82,7 +82,7 @@ def test_rest_of_a_job_whose_flow_was_corrected_has_its_doses(begin):
 def test_an_interrupted_print_counts_what_was_put_in(tmp_path):
     file = tmp_path / "a.gcode"
     file.write_bytes(DATA)
-    LinkRecord(0, "", "", str(file), "generic_marlin", "", 0.0).save(tmp_path)
+    ContactRecord(0, "", "", str(file), "generic_marlin", "", 0.0).save(tmp_path)
     journal = Journal(tmp_path / JOURNAL)
     journal.add("job", sha256=OWN.sha256, lines=len(OWN))
     journal.add("state", state=LinkState.PRINTING, message="printing")

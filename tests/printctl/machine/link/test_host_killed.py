@@ -21,7 +21,7 @@ from printctl.machine.prints.recovery import NoCheckpoint, plan_recovery
 from printctl.machine.prints.state import assemble_state
 from printctl.machine.process.outcome import read_outcome, resumable
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.record import JOURNAL, RECORD, LinkRecord, save_private
+from printctl.machine.records.record import JOURNAL, ContactRecord
 from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.pipeline.past_print import entry_of
@@ -212,7 +212,7 @@ def test_what_another_program_set_while_the_host_was_dead_is_taken_back(tmp_path
 def killed(folder, profile: str, state: LinkState, done: int = 60, port: str = "/dev/printer"):
     job = folder / "job of mine.gcode"
     job.write_bytes(layered(4, 60))
-    save_private(folder / RECORD, LinkRecord(1, "", "", str(job), profile, port, 1.0))
+    ContactRecord(1, "", "", str(job), profile, port, 1.0).save(folder)
     with closing(Journal(folder / JOURNAL)) as journal:
         sha256 = parse_job(layered(4, 60), job.name).sha256
         journal.add("job", name=job.name, sha256=sha256, lines=300, started=1.0, pid=1)

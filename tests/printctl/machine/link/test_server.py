@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,12 +19,15 @@ from firmware_profiles import Printer, load
 from printctl.checks.gate import Bounds, LineOrigin, Phase, PrinterSituation, judge
 from printctl.machine.control.gating import allowed_command
 from printctl.machine.control.known_state import Knowledge
+from printctl.machine.control.station_status import StationState
 from printctl.machine.errors import LinkError
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.marks import MarkKind
+from printctl.machine.process.client import PrintClient
 from printctl.machine.process.machine import Machine
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.socket_server import MAX_CLIENTS, Server, forget, listen
+from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import LinkState, Status
 
 
@@ -75,8 +79,7 @@ def serving(listener: socket.socket, token: str, spy: Spy) -> Server:
     """Serve a machine whose print is a spy."""
     plug = Plug("generic_marlin", "/dev/nowhere", Path("nowhere"))
     machine = Machine(plug, Knowledge(plug.printer))
-    server = Server(listener, token, machine)
-    machine.serve_by(server, "")
+    machine.server = server = Server(listener, token, machine)
     machine.begin_print(spy, "a print")  # type: ignore[arg-type]
     server.start()
     return server
@@ -279,6 +282,65 @@ def test_a_stop_of_who_leaves_at_once_is_heard(tmp_path):
     server.finish()
     forget(address)
     assert spy.requests == ["stop"]
+
+
+# --- modes: who is spoken to
+def test_request_for_another_print_is_hung_up_on_and_reaches_none(door):
+    spy, server, enter, token = door
+    guest = enter()
+    say(guest, do="stop", print="an earlier print", token=token)
+    assert guest.recv(1) == b""
+    assert spy.requests == []
+    own, late = enter(), enter()
+    for one in (own, late):
+        say(one, do="subscribe", print="a print", token=token)
+        assert hear(one)["state"] == "printing"
+    say(own, do="stop", print="a print", answer=True, token=token)
+    assert hear(own) == {"event": "heard", "do": "stop"}
+    server.machine.end_print()
+    assert own.recv(1) == late.recv(1) == b""
+
+
+def test_client_of_a_print_that_is_over_where_the_station_goes_on_reads_its_journal(tmp_path):
+    """A full disk kept its end out of link.json, which names the station's socket."""
+    listener, address, token = listen(tmp_path)
+    server = serving(listener, token, Spy())
+    own = {"print_id": "an earlier print", "address": address, "token": token}
+    job = tmp_path / "gone.gcode"
+    record = ContactRecord(0, "", "", str(job), "generic_marlin", "", 0.0)
+    replace(record, **own).save(tmp_path)
+    client = PrintClient(tmp_path)
+    assert client.wait(5).state is LinkState.INTERRUPTED
+    assert PrintClient(tmp_path).status.state is LinkState.INTERRUPTED
+    server.finish()
+    forget(address)
+
+
+def test_request_of_another_mode_is_refused(door):
+    spy, server, enter, token = door
+    server.machine.enter(StationState.PRINTING, "", print_folder="here")
+    guest = enter()
+    say(guest, do="jog", by={"x": 1}, token=token)
+    assert "a print goes on in here" in hear(guest)["message"]
+    server.machine.end_print()
+    server.machine.enter(StationState.READY, "")
+    say(guest, do="pause", token=token)
+    assert "no print goes on here" in hear(guest)["message"]
+    say(guest, do="status", of="printer", token=token)
+    assert hear(guest)["state"] == "ready"
+    assert spy.requests == []
+
+
+def test_kill_that_falls_into_a_switch_of_modes_reaches_who_speaks_next(door):
+    first, server, enter, token = door
+    server.machine.switching = True
+    guest = enter()
+    say(guest, do="kill", answer=True, token=token)
+    assert hear(guest) == {"event": "heard", "do": "kill"}
+    assert first.killed.wait(5)
+    following = Spy()
+    server.machine.begin_print(following, "the next")
+    assert following.killed.wait(5)
 
 
 # --- command socket under load: admission, eviction, no free file handle

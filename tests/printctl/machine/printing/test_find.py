@@ -36,7 +36,7 @@ from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import resumable
 from printctl.machine.process.starting import find_or_start, running
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.continue_print import continue_print
 from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, LookRecord, save_look
@@ -231,7 +231,7 @@ def journalled(folder: Path, *records: dict[str, Any], care: Care | None = None)
     file = folder / "a.gcode"
     file.write_text(JOB)
     job = parse_job(JOB.encode(), "a.gcode")
-    record = LinkRecord(0, "", "", str(file), "generic_marlin", "/dev/nowhere", 0.0)
+    record = ContactRecord(0, "", "", str(file), "generic_marlin", "/dev/nowhere", 0.0)
     replace(record, care=care.to_dict() if care else record.care).save(folder)
     journal = Journal(folder / JOURNAL)
     journal.add("job", sha256=job.sha256, lines=len(job))

@@ -26,13 +26,19 @@ from printctl.machine.job.syringes import plunger_travel
 from printctl.machine.process import station as process
 from printctl.machine.process.client import PrintClient, Station, attach_station
 from printctl.machine.process.client import attach as attach_print
-from printctl.machine.process.contact import STATION_JOURNAL, StationRecord, load_station
+from printctl.machine.process.contact import (
+    STATION_JOURNAL,
+    STATION_RECORD,
+    last_status,
+    load_station,
+)
 from printctl.machine.process.orders import Order
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.simulated import is_complete_record
 from printctl.machine.process.starting import find_or_start
 from printctl.machine.process.station import serve_station
 from printctl.machine.records.journal import Journal
+from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
 from tests.waiting import wait_for
@@ -41,8 +47,10 @@ from tests.waiting import wait_for
 def _left_printing(folder: Path, *states: str) -> None:
     """Leave the record of a station that printed, as a full disk keeps it, and its journal."""
     status = StationStatus(StationState.PRINTING).to_dict()
-    record = StationRecord(0, "", "t", "generic_marlin", "simulated", None, time.time(), status)
-    record.save(folder)
+    record = ContactRecord(
+        0, "", "t", "", "generic_marlin", "simulated", time.time(), status=status
+    )
+    record.save(folder, STATION_RECORD)
     journal = Journal(folder / STATION_JOURNAL)
     for state in states:
         journal.add("state", state=state, message=f"{state} by the journal")
@@ -76,7 +84,8 @@ def test_place_of_a_station_that_was_killed_is_not_trusted(tmp_path: Path) -> No
         soft_low_mm=(0, 0, 0),
         soft_high_mm=(9, 9, 9),
     )
-    StationRecord(1, "", "", "p", "q", None, 1.0, status.to_dict()).save(tmp_path)
+    kept = ContactRecord(1, "", "", "", "p", "q", 1.0, status=status.to_dict())
+    kept.save(tmp_path, STATION_RECORD)
     found = attach_station(tmp_path).status
     assert (found.position_mm, found.position_trusted) == (None, False)
     assert (found.homed, found.soft_low_mm) == ((False, False, False), ())
@@ -134,23 +143,24 @@ def test_a_station_that_cant_write_its_last_record_ends_by_its_status(
 ) -> None:
     closed = StationStatus(StationState.CLOSED, "closed")
 
-    def served(_: Plug, record: StationRecord, before: object) -> object:
+    def served(_: Plug, record: ContactRecord) -> object:
         ready = StationStatus(StationState.READY, "ready").to_dict()
-        good = StationRecord(record.pid, "", "t", "p", "q", None, 1.0, ready, plunger_mm=12.5)
-        good.save(tmp_path)
+        good = ContactRecord(record.pid, "", "t", "", "p", "q", 1.0, status=ready, plunger_mm=12.5)
+        good.save(tmp_path, STATION_RECORD)
         disk.full = True
         return record, closed
 
     monkeypatch.setattr(process, "_open", served)
     assert serve_station(opening(tmp_path)) == closed
     kept = load_station(tmp_path)
-    assert (kept.plunger_mm, kept.last.state) == (12.5, StationState.READY)
+    assert (kept.plunger_mm, last_status(kept).state) == (12.5, StationState.READY)
 
 
 def test_a_station_that_cant_write_its_first_record_says_so_and_leaves_the_older_one(
     tmp_path: Path, disk: Disk
 ) -> None:
-    StationRecord(1, "", "", "p", "q", None, 1.0, plunger_mm=12.5).save(tmp_path)
+    older = ContactRecord(1, "", "", "", "p", "q", 1.0, plunger_mm=12.5)
+    older.save(tmp_path, STATION_RECORD)
     disk.full = True
     with pytest.raises(LinkError, match=r"station\.json can't be written.*free space"):
         serve_station(opening(tmp_path))
@@ -161,15 +171,22 @@ def test_what_was_known_outlives_a_station_that_dies_before_it_is_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     status = StationStatus(StationState.CLOSED, mounted=MountedParts(needle="30g")).to_dict()
-    StationRecord(1, "", "", "p", "q", None, 1.0, status, 12.5, True).save(tmp_path)
+    known = ContactRecord(
+        1, "", "", "", "p", "q", 1.0, status=status, plunger_mm=12.5, part_in_dish=True
+    )
+    known.save(tmp_path, STATION_RECORD)
     seen = []
     monkeypatch.setattr(
-        process, "_open", lambda _, record, before: seen.append(load_station(tmp_path)) or 1 / 0
+        process, "_open", lambda _, record: seen.append(load_station(tmp_path)) or 1 / 0
     )
     with pytest.raises(ZeroDivisionError):
         serve_station(opening(tmp_path))
     for kept in (seen[0], load_station(tmp_path)):
-        assert (kept.plunger_mm, kept.part_in_dish, kept.mounted.needle) == (12.5, True, "30g")
+        assert (kept.plunger_mm, kept.part_in_dish, last_status(kept).mounted.needle) == (
+            12.5,
+            True,
+            "30g",
+        )
 
 
 # --- print on a station's open port, and return to standby

@@ -18,6 +18,7 @@ from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.aftercare import Ramp, Warming, ramped_c, viability
 from printctl.web.job.jobs import all_jobs, entry_of
 from printctl.web.job.machine import Machine, places_to, set_up_of
+from printctl.web.job.readiness import machine_refusals
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp, read_first_lines
 from tests.printctl.machine.link.layered import layered
@@ -185,6 +186,17 @@ def test_a_job_that_declares_its_start_keeps_it_wherever_the_tip_stands():
     machine = Machine("generic_marlin", "simulated", tip_mm=(30.0, 30.0, 30.0))
     assert set_up_of(machine, JobSetUp(), (100.0, 100.0, 9.0)).start_mm == (100.0, 100.0, 9.0)
     assert set_up_of(machine, JobSetUp()).start_mm == (30.0, 30.0, 30.0)
+
+
+def test_what_is_mounted_fills_a_set_up_in_and_replaces_none_that_was_kept():
+    mounted = {"needle": "28g", "syringe": "bd_1ml", "ink": "", "bath": "", "dish": ""}
+    machine = Machine("marlin_avr", "/dev/ttyUSB0", mounted=mounted)
+    filled = set_up_of(machine, JobSetUp(needle="25g"))
+    assert (filled.printer, filled.needle, filled.syringe) == ("marlin_avr", "28g", "bd_1ml")
+    kept = set_up_of(machine, JobSetUp(needle="25g", syringe=""), kept=True)
+    assert (kept.printer, kept.needle, kept.syringe) == ("generic_marlin", "25g", "bd_1ml")
+    said = [one.sentence() for one in machine_refusals(machine, kept)]
+    assert any("28g is mounted, and 25g was checked" in one for one in said)
 
 
 # --- declared start position of a large job, found quickly

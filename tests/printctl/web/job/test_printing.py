@@ -31,7 +31,7 @@ from printctl.machine.process.contact import load_station
 from printctl.machine.process.starting import connect
 from printctl.machine.records.folders import read_notes
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.deciding import Limits
@@ -139,7 +139,7 @@ def ended(service: JobService) -> tuple[str, str]:
     with closing(Journal(folder / JOURNAL)) as journal:
         journal.add("job", name=job, path="", sha256="", lines=1, started=time.time())
     status = Status(LinkState.DONE).to_dict()
-    LinkRecord(0, "", "", "", "generic_marlin", "p", time.time(), status=status).save(folder)
+    ContactRecord(0, "", "", "", "generic_marlin", "p", time.time(), status=status).save(folder)
     record = service.records.current(job)
     service.records.mark(record, "one", started=time.time())
     return job, record
