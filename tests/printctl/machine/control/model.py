@@ -63,9 +63,10 @@ class RandomWire(Wire):
 
     def __init__(self, rng: np.random.Generator, faults: set[str]) -> None:
         self.rng, self.faults = rng, faults
+        self.rate = 3.0 if faults == {"doubled", "lost"} else 1.0
 
     def _hit(self, fault: str, chance: float) -> bool:
-        return fault in self.faults and self.rng.random() < chance
+        return fault in self.faults and self.rng.random() < chance * self.rate
 
     def _garbled(self, data: bytes) -> bytes:
         at, bit = int(self.rng.integers(len(data))), 1 << int(self.rng.integers(8))
