@@ -49,11 +49,11 @@ def drive(steps: Steps[T], wiring: Wiring) -> T:
                 exchange.now_s = now_s = now()
                 wait = steps.send((now_s, data))
     except StopIteration as end:
-        _carry_out_rest(wiring)
+        carry_out_rest(wiring)
         result: T = end.value
         return result
     except Exception:
-        _carry_out_rest(wiring)
+        carry_out_rest(wiring)
         raise
 
 
@@ -66,7 +66,7 @@ def _carry_out(effect: Urgent | Record | Callable[[], None], wiring: Wiring) -> 
         effect()
 
 
-def _carry_out_rest(wiring: Wiring) -> None:
+def carry_out_rest(wiring: Wiring) -> None:
     """Carry out what steps that have ended left: records and reports."""
     wiring.exchange.drop_bytes()
     while wiring.exchange.effects:

@@ -17,7 +17,7 @@ from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.pausing import wanted_pause
 from printctl.machine.control.printing import run_print
 from printctl.machine.control.requests import ManualCommand, Request, ResumeRequest
-from printctl.machine.control.shell import drive, write_down
+from printctl.machine.control.shell import carry_out_rest, drive, write_down
 from printctl.machine.control.steps import Steps, carried_out
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import HandshakeError, LinkError, PortLost, Refused
@@ -48,6 +48,7 @@ class Streamer:
         status = drive(self.steps(history), self.wiring)
         self.print.channel.kill.end()
         self.wiring.on_status(status)
+        carry_out_rest(self.wiring)  # an alarm of whoever heard of the end
         return status
 
     def steps(self, history: JournalledPrint | None = None) -> Steps[Status]:

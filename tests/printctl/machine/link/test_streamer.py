@@ -401,3 +401,14 @@ def test_in_a_pause_the_plunger_goes_no_faster_than_it_may(tmp_path):
     assert status.state is LinkState.DONE, status
     assert "G1 E-5 F60" in sent
     assert len(person.refused) == 3
+
+
+def test_alarm_of_whoever_hears_of_the_end_is_in_the_journal(tmp_path):
+    def hear(status: Status) -> None:
+        if status.ended:
+            streamer.alarm("the wire log ends here")
+
+    transport = FakeTransport(FakeMarlin(), VirtualClock())
+    streamer = streamer_of(job_of(zigzag(3)), transport, tmp_path, hear)
+    streamer.run()
+    assert "the wire log ends here" in read_journal(tmp_path / "journal.log").alarms
