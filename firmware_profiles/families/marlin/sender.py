@@ -165,8 +165,9 @@ class Sender:
             state.tokens.expect(1)
         self.count_flight()
         state.tokens.owed += 1
-        # controls: sent again, under numbers that are written down already
-        if state.controls or state.second is not None:
+        # controls: sent again, under numbers that are written down already; not behind a token
+        # whose echo was garbled, which another one has to follow first
+        if not state.tokens.flying and (state.controls or state.second is not None):
             self.send_next(now)
         else:
             self.send_token(now, events)

@@ -67,7 +67,7 @@ class Channel:
         self.heard = PrinterReplies()
         self.on_step: Callable[[], None] | None = None  # in each step of a wait; may raise
         self.troubles = 0  # events beside answers: what came garbled, late or not at all
-        self._awaited = -1
+        self._awaited, self._recorded = -1, b""  # number and text of the command being waited for
         self._replies: list[wire.CommandReplied] = []
         self._in_step: list[int] = []
 
@@ -143,7 +143,7 @@ class Channel:
         protocol = self.wiring.protocol
         self.handler.between_commands()
         self._replies.clear()
-        self._awaited = protocol.number + 1
+        self._awaited, self._recorded = protocol.number + 1, text if journalled else b""
         if journalled:
             self.logbook.record_control(self._awaited, text)
         protocol.submit(text, self.now)
@@ -183,6 +183,16 @@ class Channel:
             yield from self.pump()
         return self._in_step[0]
 
+    def _yield_number(self) -> None:
+        """Await the command under the next number: a token of the protocol's own has taken its.
+
+        So where a garbled answer was still in doubt when the command was given.
+        """
+        if not self._replies:
+            self._awaited += 1
+            if self._recorded:
+                self.logbook.record_control(self._awaited, self._recorded)
+
     # --- events ----------------------------------------------------------------------------------
 
     def handle(self, events: Sequence[wire.Event]) -> None:
@@ -201,3 +211,5 @@ class Channel:
                 elif isinstance(event, (wire.FirmwareStarted, wire.FirmwareReset)):
                     self.heard.booted = True
                 self.handler.handle(event)
+                if isinstance(event, wire.TokenSent) and event.number == self._awaited:
+                    self._yield_number()

@@ -31,3 +31,18 @@ def test_motors_make_each_line_once_whatever_happens(seed):
 @pytest.mark.parametrize("seed", range(10**6, 10**6 + 100 * PART, PART))
 def test_motors_make_each_line_once_in_a_million_events(seed):
     live_through(PART, seed)
+
+
+FOUND = {
+    20029: "number cut off a line by a flushed buffer: made, and found by its place",
+    20357: "the same, made good by the next line",
+    22061: "token whose echo was garbled while a command waited: its answer was never handed over",
+    5075: "attempt to go on whose records a full disk lost: lines were counted wrong",
+    579: "second doubt of the place while the first was being cleared: the print stood",
+    32819: "stop at the end of a move, within the decimals of M114",
+}
+
+
+@pytest.mark.parametrize("seed", FOUND)
+def test_life_in_which_something_was_found(seed):
+    Life(seed).live()
