@@ -180,8 +180,8 @@ def progress(
     total_s, done_s = float(table.time_s[-1]), float(table.time_s[k])
     active_s = journal.active_until(journal.last_at if status.ended else now)
     paces = [
-        (float(table.time_s[_row(table, file_count(done, journal.positions))]), pace_s)
-        for done, pace_s in journal.paces
+        (float(table.time_s[_row(table, file_count(done, journal.positions))]), pace_s, stretch)
+        for done, pace_s, stretch in journal.paces
     ]
     estimate = remaining_time(total_s, paces, done_s)
     x, y, z = table.tip_mm[k].tolist()
@@ -216,30 +216,31 @@ def _row(table: JobTable, commands: int) -> int:
 
 
 def remaining_time(
-    total_s: float, paces: Iterable[tuple[float, float]], predicted_s: float
+    total_s: float, paces: Iterable[tuple[float, float, int]], predicted_s: float
 ) -> Estimate:
     """Estimate what is left of a print.
 
     ``total_s`` is the dry run's time of the whole, ``predicted_s`` of what has been executed now;
-    ``paces`` are points that the print has come to: the dry run's time, and the real time without
-    pauses, s.
+    ``paces`` are points that the print has come to: the dry run's time, the real time without
+    pauses, s, and the number of the stretch without a pause: nothing is compared across two.
     """
     ratios: list[float] = []
-    first = begin = last = None
+    printed = took = 0.0
+    begin = last = None
     for here in paces:
-        if first is None or begin is None or last is None:
-            first = begin = last = here
+        if begin is None or last is None or here[2] != begin[2]:
+            begin = last = here
         elif here[0] >= last[0] and here[1] >= last[1]:  # else a line was taken back
             last = here
             length = here[0] - begin[0]
             if length >= max(total_s / _STRETCHES, _MIN_STRETCH_S):
                 ratios.append((here[1] - begin[1]) / length)
+                printed, took = printed + length, took + here[1] - begin[1]
                 begin = here
     left, count = max(total_s - predicted_s, 0.0), len(ratios)
-    if count < _MIN_STRETCHES or first is None or begin is None:
+    if count < _MIN_STRETCHES:
         return Estimate(left, None, 1.0)
-    printed = begin[0] - first[0]
-    ratio = (begin[1] - first[1]) / printed
+    ratio = took / printed
     mean = math.fsum(ratios) / count
     spread = math.sqrt(math.fsum((one - mean) ** 2 for one in ratios) / (count - 1))
     each = printed / count

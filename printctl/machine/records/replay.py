@@ -44,8 +44,9 @@ class JournalledPrint:
         Command lines known to be taken: at least so many.
     alarms, alarm_times : list of str, list of float
         Each once, when it came first; of one that came again how often.
-    paces : list of (int, float)
-        Commands taken and time without pauses, s, at moments of the print, `_MAX_PACES` at most.
+    paces : list of (int, float, int)
+        Commands taken and time without pauses, s, at moments of the print, `_MAX_PACES` at most;
+        and how often it had been held or resumed: what was made meanwhile took no such time.
     made : int
         Command lines that were made for certain when the motors last stood.
     reload, syringe : dict or None
@@ -93,7 +94,7 @@ class JournalledPrint:
     last_alarm: str = ""
     checkpoint: Record | None = None
     checkpoints: list[Record] = field(default_factory=list)
-    paces: list[tuple[int, float]] = field(default_factory=list)
+    paces: list[tuple[int, float, int]] = field(default_factory=list)
     made: int = 0
     left: dict[str, float] = field(default_factory=dict)
     wanted: Record | None = None
@@ -125,6 +126,8 @@ class JournalledPrint:
     frame: Record = field(default_factory=dict)
     _first_alarms: list[str] = field(default_factory=list, repr=False)
     _pace_every_s: float = 1.0
+    _stretch: tuple[int, float] = 0, 0.0
+    """How often the print has gone on, and its time without pauses then, s."""
     _torn: bool = False
     _seeking: bool = False
     """Going on with a printer that isn't proved yet to be the print's own: what is known stays."""
@@ -292,7 +295,7 @@ def _count_time(known: JournalledPrint, record: Record, works: bool) -> None:
     if not works:
         known.active_s, known.since = known.active_until(at), None
     elif known.since is None:
-        known.since = at
+        known.since, known._stretch = at, (known._stretch[0] + 1, known.active_s)
 
 
 def _ack(known: JournalledPrint, record: Record) -> None:
@@ -309,8 +312,10 @@ def _pace(known: JournalledPrint, record: Record) -> None:
     if known.since is None:
         return
     active_s, paces = known.active_until(record.get("at", 0.0)), known.paces
-    if not paces or active_s - paces[-1][1] >= known._pace_every_s:
-        paces.append((record["done"], active_s))
+    number, begin_s = known._stretch  # at first lines are taken faster than they are made
+    last_s = paces[-1][1] if paces else 0.0
+    if active_s - max(begin_s, last_s) >= known._pace_every_s:
+        paces.append((record["done"], active_s, number))
         if len(paces) > _MAX_PACES:
             del paces[1::2]
             known._pace_every_s *= 2

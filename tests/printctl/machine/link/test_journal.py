@@ -27,6 +27,7 @@ from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import HistoryError, JournalError, Refused
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.wire_log import RING_BYTES, LoggedTransport, WireLog
+from printctl.machine.prints.progress import remaining_time
 from printctl.machine.prints.recovery import beginning
 from printctl.machine.process.outcome import resumable
 from printctl.machine.process.starting import start_print
@@ -113,9 +114,18 @@ def test_paces_of_a_long_print_are_few_and_span_it():
     records += [{"t": "ack", "done": k, "at": float(k)} for k in range(1, 10_000)]
     paces = replay(records).paces
     assert len(paces) <= 1000
-    assert paces[0] == (1, 1.0)
+    assert paces[0] == (1, 1.0, 1)
     assert paces[-1][0] > 9_900
-    assert all(done == active_s for done, active_s in paces)
+    assert all(done == active_s for done, active_s, _ in paces)
+
+
+def test_what_is_made_while_no_host_lives_is_no_pace():
+    records = [{"t": "job", "id": "a"}, {"t": "state", "state": "printing", "at": 0.0}]
+    records += [{"t": "ack", "done": k, "at": float(k)} for k in range(1, 11)]
+    records += [{"t": "job", "id": "a"}, {"t": "state", "state": "printing", "at": 60.0}]
+    records += [{"t": "ack", "done": 50 + k, "at": 60.0 + k} for k in range(11)]
+    times = [(float(done), active_s, stretch) for done, active_s, stretch in replay(records).paces]
+    assert remaining_time(100.0, times, 60.0).ratio == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("missing", range(1, 40))

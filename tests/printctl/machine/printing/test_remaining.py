@@ -14,7 +14,7 @@ def test_the_error_told_covers_19_of_20_prints():
     rng, inside = np.random.default_rng(5), 0
     for _ in range(300):
         real = np.concatenate([[0.0], np.cumsum(10.0 * rng.normal(1.1, 0.2, 100))])
-        told = remaining_time(1000.0, [(10.0 * k, float(real[k])) for k in range(31)], 300.0)
+        told = remaining_time(1000.0, [(10.0 * k, float(real[k]), 1) for k in range(31)], 300.0)
         assert told.error_s is not None
         inside += abs(real[100] - real[30] - told.remaining_s) <= told.error_s
     assert 0.90 <= inside / 300 <= 0.99
