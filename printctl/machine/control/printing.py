@@ -155,8 +155,11 @@ def _next_stop(run: Print, now: float) -> int:
 
 
 def _go_on_verified(run: Print) -> Steps[None]:
-    """Let the next line go; compare the place before, as often as there is new doubt of it."""
-    while run.progress.unverified:
+    """Let the next line go; compare the place before, where there is doubt of it.
+
+    Once: where answers come late, one of the comparison's own may make a new doubt each time.
+    """
+    if run.progress.unverified:
         yield from _verify(run)
     run.wiring.protocol.held = False
     run.wiring.protocol.go(run.channel.now)
