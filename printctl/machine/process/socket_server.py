@@ -325,7 +325,8 @@ class Server:
                 self.post(guest, {"event": "heard", "do": request["do"]})
         except LinkError as exc:
             self.post(guest, refusal(exc))
-        except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
+        except Exception:  # this thread must be there for a kill
+            log.info("a request that can't be read", exc_info=True)
             self.post(guest, {"event": "refused", "message": f"can't read {line[:80]!r}"})
 
     def _deliver(self) -> None:
@@ -335,9 +336,10 @@ class Server:
             for guest in list(self._guests.values()):
                 if message is None:
                     guest.leaving |= whom is guest or (whom == "print" and guest.of_print)
-                if guest.leaving or whom is guest or whom == guest.subscribed:
-                    guest.unsent += data
-                    self._flush(guest)
+                elif guest.leaving or whom not in (guest, guest.subscribed):
+                    continue
+                guest.unsent += data
+                self._flush(guest)
 
     def _flush(self, guest: Guest) -> None:
         try:

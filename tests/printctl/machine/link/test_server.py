@@ -153,6 +153,17 @@ def test_request_that_asks_for_an_answer_is_heard_or_refused(door):
 
 
 NONSENSE = [b"nonsense\n", b"[]\n", b'{"do": "dance"}\n', b"{}\n", b"\xff\n", b"[" * 9000 + b"\n"]
+HUGE = "1" + "0" * 400  # a whole number that no float is as large as
+
+
+@pytest.mark.parametrize("value", ['"jog", "by": {"x": HUGE}', '"insert", "look": 1, "flow": HUGE'])
+def test_a_number_beyond_all_floats_ends_no_door(door, value):
+    _, _, enter, token = door
+    guest = enter()
+    guest.sendall(f'{{"token": "{token}", "do": {value.replace("HUGE", HUGE)}}}\n'.encode())
+    assert hear(guest)["event"] == "refused"
+    say(guest, do="status", token=token)
+    assert hear(guest)["event"] == "status"
 
 
 @pytest.mark.parametrize("line", NONSENSE)
@@ -299,6 +310,19 @@ def test_request_for_another_print_is_hung_up_on_and_reaches_none(door):
     assert hear(own) == {"event": "heard", "do": "stop"}
     server.machine.end_print()
     assert own.recv(1) == late.recv(1) == b""
+
+
+def test_who_is_hung_up_on_and_reads_late_hears_nothing_of_others(door):
+    _, server, enter, token = door
+    late, other = enter(), enter()
+    say(late, do="subscribe", print="a print", token=token)
+    assert hear(late)["event"] == "status"
+    server.tell("print", {"long": "x" * 500_000})  # more than the system takes at once
+    server.machine.end_print()
+    say(other, do="status", of="printer", token=token)
+    assert hear(other)["state"] == "connecting"
+    with late.makefile("rb") as heard:
+        assert ["long" in json.loads(line) for line in heard] == [True]
 
 
 def test_client_of_a_print_that_is_over_where_the_station_goes_on_reads_its_journal(tmp_path):
