@@ -162,10 +162,16 @@ class Machine:
             if self.state in DOWN and transport is not None:
                 with contextlib.suppress(PortLost):
                     transport.write_urgent(_HALT)
-            while self.switching and self._speaker is speaker:
+            while self._speaker is speaker and (self.switching or self._print_has_ended):
                 time.sleep(0.005)
             if self._speaker is speaker or self.closing:
                 return
+
+    @property
+    def _print_has_ended(self) -> bool:
+        """Whether a station's print no longer speaks, and the next standby doesn't yet."""
+        streamer = self.streamer
+        return streamer is not None and self.standby is not None and streamer.status.ended
 
     @property
     def _speaker(self) -> Standby | Streamer | None:
@@ -301,7 +307,7 @@ class Machine:
             self._status = self._with_known(replace(status, temperatures=()))
         if self.standby is not None:
             self.standby.end()
-        self.streamer = None
+        self.streamer, self.switching = None, False
         return waiting
 
     # --- for the thread that owns the port: who speaks -------------------------------------------
@@ -331,7 +337,8 @@ class Machine:
 
     def end_print(self) -> None:
         """Hang up on the clients of a print that is over, and is in its records."""
-        self.streamer, self._print_id, self.switching = None, "", False
+        self.switching = True  # until the printer is stood by again, or can't be spoken to
+        self.streamer, self._print_id = None, ""
         if self.server is not None:
             self.server.hang_up()
 

@@ -74,6 +74,9 @@ class Spy:
     def kill(self) -> None:
         self.killed.set()
 
+    def end(self) -> None:
+        self.requests.append("end")
+
 
 def serving(listener: socket.socket, token: str, spy: Spy) -> Server:
     """Serve a machine whose print is a spy."""
@@ -364,6 +367,19 @@ def test_kill_that_falls_into_a_switch_of_modes_reaches_who_speaks_next(door):
     assert first.killed.wait(5)
     following = Spy()
     server.machine.begin_print(following, "the next")
+    assert following.killed.wait(5)
+
+
+def test_kill_between_a_prints_end_and_the_next_standby_reaches_it(door):
+    over, server, enter, token = door
+    server.machine.standby, over.status = Spy(), Status(LinkState.DONE)
+    guest = enter()
+    say(guest, do="kill", answer=True, token=token)
+    assert hear(guest) == {"event": "heard", "do": "kill"}
+    assert over.killed.wait(5)
+    server.machine.end_print()
+    following = Spy()
+    server.machine.stand_by(following)
     assert following.killed.wait(5)
 
 
