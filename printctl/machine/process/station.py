@@ -138,7 +138,7 @@ def connect(machine: Machine, ready: str = "ready", *, trusted: bool = True) -> 
     any board it must be homed then, or told its place. LinkError when it fails; the port is closed.
     """
     plug = machine.plug
-    machine.switching = True
+    machine.switching, machine.standby = True, None  # what the last one was asked for is over
     machine.enter(StationState.CONNECTING, f"opening {plug.port}", error="")
     try:
         plug.open()
@@ -212,16 +212,22 @@ def _after_print(machine: Machine, status: Status) -> None:
         go_down(machine, StationState.LOST, ended, status.error)
     elif status.state is LinkState.KILLED or not status.position_known:
         go_down(machine, StationState.HALTED, ended, status.error)
-    elif machine.plug.simulated:
+    else:
         try:
-            connect(machine, ended, trusted=machine.known.trusted)
+            _stand_by_again(machine, ended)
         except LinkError as exc:
             go_down(machine, StationState.LOST, f"{ended}; {exc}", type(exc).__name__)
-    else:
-        stand_by(machine, fresh=False)
-        if machine.reports and machine.standby is not None:
-            machine.standby.drive(machine.standby.do("M155 S0"))
-        machine.enter(StationState.READY, ended)
+
+
+def _stand_by_again(machine: Machine, ended: str) -> None:
+    """Stand by behind a print; a simulated printer is started anew."""
+    if machine.plug.simulated:
+        connect(machine, ended, trusted=machine.known.trusted)
+        return
+    stand_by(machine, fresh=False)
+    if machine.reports and machine.standby is not None:
+        machine.standby.drive(machine.standby.do("M155 S0"))
+    machine.enter(StationState.READY, ended)
 
 
 # --- main loop -----------------------------------------------------------------------------------

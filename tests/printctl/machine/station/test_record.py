@@ -7,18 +7,27 @@ import json
 import os
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
+from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.station_status import (
     NO_PRINTER,
     MountedParts,
     StationState,
     StationStatus,
 )
-from printctl.machine.errors import JobError, LinkError, NoLink, Refused
+from printctl.machine.errors import (
+    HandshakeError,
+    JobError,
+    LinkError,
+    NoLink,
+    PortMissing,
+    Refused,
+)
 from printctl.machine.job.care import NewSyringe
 from printctl.machine.job.job import load_job
 from printctl.machine.job.retreat import Retreat
@@ -32,6 +41,7 @@ from printctl.machine.process.contact import (
     last_status,
     load_station,
 )
+from printctl.machine.process.machine import Machine
 from printctl.machine.process.orders import Order
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.simulated import is_complete_record
@@ -40,7 +50,7 @@ from printctl.machine.process.station import serve_station
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.replay import read_journal
-from printctl.machine.records.states import LinkState
+from printctl.machine.records.states import LinkState, Status
 from tests.waiting import wait_for
 
 
@@ -187,6 +197,43 @@ def test_what_was_known_outlives_a_station_that_dies_before_it_is_open(
             True,
             "30g",
         )
+
+
+# --- modes
+def unplugged(folder: Path) -> Machine:
+    plug = Plug("generic_marlin", "/dev/nowhere", folder)
+    return Machine(plug, Knowledge(plug.printer))
+
+
+def test_printer_that_cant_be_stood_by_behind_a_print_is_lost_with_both_reasons(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(machine: Machine, fresh: bool) -> None:
+        raise HandshakeError("no firmware answers")
+
+    monkeypatch.setattr(process, "stand_by", fail)
+    machine = unplugged(tmp_path)
+    machine.enter(StationState.PRINTING, "printing")
+    process._after_print(machine, Status(LinkState.STOPPED, message="stopped by the user"))
+    assert (machine.state, machine.status.error) == (StationState.LOST, "HandshakeError")
+    assert "print stopped: stopped by the user; no firmware answers" in machine.message
+
+
+def test_halt_of_the_last_connection_isnt_awaited_in_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def opened(plug: Plug) -> None:
+        seen.append(machine.status.state)
+        raise PortMissing("no such port")
+
+    monkeypatch.setattr(Plug, "open", opened)
+    machine = unplugged(tmp_path)
+    machine.standby = SimpleNamespace(halt_asked=True, position=None)  # type: ignore[assignment]
+    with pytest.raises(PortMissing):
+        process.connect(machine)
+    assert seen == [StationState.CONNECTING]
 
 
 # --- print on a station's open port, and return to standby
