@@ -62,6 +62,8 @@ def heat_limits(profiles: MountedProfiles, part_in_dish: bool) -> dict[str, Limi
     return {**limits, "bed": hottest, "chamber": hottest}
 
 
+MAX_MM: Final = 1e6
+"""Beyond it a length is none of a printer's; a whole number may be too large for a float."""
 _NAMES: Final = ("needle", "syringe", "ink", "dish", "bath")
 _UNKNOWN: Final = (False, False, False)
 
@@ -197,7 +199,7 @@ class Knowledge:
                 f"{sorted(unknown)[0]!r} can't be mounted; what can: "
                 f"{', '.join(MountedParts.__dataclass_fields__)}, plunger_mm"
             )
-        used = parts.pop("plunger_mm", 0.0 if parts.get("syringe") else self.plunger_mm)
+        used = _used(parts.pop("plunger_mm", 0.0 if parts.get("syringe") else self.plunger_mm))
         given: dict[str, Any] = {name: _name(name, parts[name]) for name in _NAMES if name in parts}
         for name in ("floor_mm", "bath_level_mm"):
             if name in parts:
@@ -213,7 +215,7 @@ class Knowledge:
         if mounted.needle and mounted.needle != self.mounted.needle and self.needle_known:
             self.homed = (self.homed[0], self.homed[1], False)
         self.needle_known = self.needle_known or "needle" in given
-        self.mounted, self.plunger_mm = mounted, _used(used)
+        self.mounted, self.plunger_mm = mounted, used
         self.part_in_dish = self.part_in_dish and "dish" not in given
 
 
@@ -226,7 +228,7 @@ def _name(what: str, value: object) -> str:
 def _mm(what: str, value: object) -> float | None:
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < MAX_MM:
         raise Refused(f"{what} {value!r} is no number of mm")
     return float(value)
 

@@ -290,6 +290,8 @@ def test_place_of_the_dish_was_told_in_the_true_frame(known):
     [
         {"plunger_mm": -1},
         {"plunger_mm": "full"},
+        {"plunger_mm": -1, "needle": "18g"},
+        {"floor_mm": 10**400},
         {"needle": 3},
         {"dish_centre_mm": [1]},
         {"dish_centre_mm": [1, None]},
