@@ -101,8 +101,10 @@ class PrintContact:
 
     def begin(self, print_id: str, address: str, token: str) -> None:
         """Name the print whose journal has begun, and where its process listens."""
-        self.begun, self._record = True, replace(self._record, print_id=print_id)
-        replace(self._record, address=address, token=token).save(self._folder)
+        record = replace(self._record, print_id=print_id)
+        with _disk_of(self._folder):
+            replace(record, address=address, token=token).save(self._folder)
+        self.begun, self._record = True, record
 
     def fail(self, message: str, error: str, known: bool = True) -> None:
         """Take this for the print's end."""
@@ -131,14 +133,28 @@ def _unfinished(order: Order) -> ContactRecord | None:
 
 
 @contextmanager
+def _disk_of(folder: Path) -> Iterator[None]:
+    """Say by a LinkError that a print's folder can't be written to before its first line."""
+    try:
+        yield
+    except OSError as exc:
+        raise LinkError(
+            f"{folder} can't be written to: {exc.strerror}; free space on the disk, or name "
+            "another folder; no line of the job was sent"
+        ) from exc
+
+
+@contextmanager
 def contact_of(order: Order) -> Iterator[PrintContact]:
     """Hold the print's folder and keep its record; what fails within is the print's end.
 
-    AlreadyPrinting when a print holds the folder.
+    AlreadyPrinting when a print holds the folder; LinkError when it can't be written to.
     """
-    order.folder.mkdir(parents=True, exist_ok=True)
-    with hold_folder(order.folder):
-        contact = PrintContact(order)
+    with ExitStack() as parting:
+        with _disk_of(order.folder):
+            order.folder.mkdir(parents=True, exist_ok=True)
+            parting.enter_context(hold_folder(order.folder))
+            contact = PrintContact(order)
         try:
             yield contact
         except (LinkError, ProfileError) as exc:
@@ -185,7 +201,8 @@ def run_print(
         parting.callback(traffic.close)
         transport = LoggedTransport(port, traffic)
         keeper = _WireKeeper(traffic, order.folder / FILE, len(history.alarms) if history else 0)
-        path = order.folder / JOURNAL if order.resume else archive_journal(order.folder)
+        with _disk_of(order.folder):
+            path = order.folder / JOURNAL if order.resume else archive_journal(order.folder)
         heard = {"heard": path.stat().st_mtime} if order.resume else {}
         journal = Journal(path, reserve=True)
         parting.callback(journal.close)

@@ -52,7 +52,6 @@ def print_here(machine: Machine, request: Request) -> Status:
     declared = check_start(job, at, known.trusted)
     here = _Print(order, job, at, declared, record_for(order.folder))
     machine.write_down("asked", do="print", values={"job": str(order.job), "sha256": job.sha256})
-    order.folder.mkdir(parents=True, exist_ok=True)
     reports = machine.reports
 
     def on_begin(streamer: Streamer) -> None:
@@ -87,7 +86,13 @@ def print_here(machine: Machine, request: Request) -> Status:
 
 def _read_order(request: Request, plug: Plug) -> Order:
     """Return the order of a request; Refused for another printer than the connected one."""
-    order = replace(Order.from_json(request.values["order"]), port=plug.port, resume=False)
+    try:
+        order = replace(Order.from_json(request.values["order"]), port=plug.port, resume=False)
+    except (KeyError, TypeError, ValueError, AttributeError) as exc:
+        raise Refused(
+            f"the order to print can't be read ({exc}): client and station may be of different "
+            "versions of printctl; close the station and connect with the client's"
+        ) from exc
     try:
         asked = load(Printer, order.printer)
     except ProfileError as exc:

@@ -41,7 +41,7 @@ from printctl.machine.process.contact import (
     last_status,
     load_station,
 )
-from printctl.machine.process.machine import Machine
+from printctl.machine.process.machine import Machine, Request
 from printctl.machine.process.orders import Order
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.simulated import is_complete_record
@@ -217,6 +217,33 @@ def test_printer_that_cant_be_stood_by_behind_a_print_is_lost_with_both_reasons(
     process._after_print(machine, Status(LinkState.STOPPED, message="stopped by the user"))
     assert (machine.state, machine.status.error) == (StationState.LOST, "HandshakeError")
     assert "print stopped: stopped by the user; no firmware answers" in machine.message
+
+
+def asked_to_print(machine: Machine, order: dict[str, object]) -> list[dict[str, object]]:
+    answers: list[dict[str, object]] = []
+    process._attend(machine, Request("print", {"order": order}, answers.append))
+    return answers
+
+
+def test_order_of_another_version_is_refused_and_ends_no_station(tmp_path: Path) -> None:
+    order = Order(tmp_path / "a.gcode", "generic_marlin", "", tmp_path / "p").to_json()
+    for one in ({}, {**order, "new": 1}, {**order, "retreat": None}):
+        (answer,) = asked_to_print(unplugged(tmp_path), one)
+        assert "can't be read" in str(answer["message"])
+
+
+def test_print_whose_folder_cant_be_written_to_ends_no_station(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, disk: Disk
+) -> None:
+    monkeypatch.setattr(process, "stand_by", lambda machine, fresh: None)
+    job = write_job(tmp_path / "part.gcode", 3, (0, 0, 5))
+    (tmp_path / "file").write_text("")
+    for folder in ("full", "file"):
+        machine, disk.full = unplugged(tmp_path), folder == "full"
+        order = Order(job, "generic_marlin", "", tmp_path / folder).to_json()
+        (answer,) = asked_to_print(machine, order)
+        assert "can't be written to" in str(answer["message"])
+        assert machine.state is StationState.READY
 
 
 def test_halt_of_the_last_connection_isnt_awaited_in_the_next(
