@@ -145,11 +145,13 @@ def last_word(folder: Path) -> StationStatus:
     else:
         message = f"the station ended without a word while {state.value}; connect again"
         state = StationState.LOST
+    return without_place(replace(last, state=state, message=message, error=error))
+
+
+def without_place(last: StationStatus) -> StationStatus:
+    """Return the last status of a station that has gone: where the tip stands is unknown since."""
     return replace(
         last,
-        state=state,
-        message=message,
-        error=error,
         position_mm=None,
         position_trusted=False,
         homed=(False, False, False),

@@ -12,6 +12,7 @@ import os
 import time
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 from firmware_profiles import ProfileError
@@ -33,6 +34,7 @@ from printctl.machine.process.contact import (
     last_status,
     load_station,
     save_station,
+    without_place,
 )
 from printctl.machine.process.machine import DOWN, Machine, Request, serve_in
 from printctl.machine.process.plug import Plug
@@ -71,9 +73,11 @@ def serve_station(plug: Plug) -> StationStatus:
             record, status = _open(plug, record)
         except (LinkError, ProfileError) as exc:
             log.error("%s", exc)
+            record = _last_record(record, folder)
             status = _failed(record, str(exc), type(exc).__name__)
         except Exception as exc:
             log.exception("the station met an error of its own")
+            record = _last_record(record, folder)
             status = _failed(record, f"the station failed: {exc!r}; see station.log", "LinkError")
             raise
         finally:
@@ -107,8 +111,16 @@ def _first_record(plug: Plug) -> ContactRecord:
     return record
 
 
+def _last_record(first: ContactRecord, folder: Path) -> ContactRecord:
+    """Return the record with all that was known when the station failed."""
+    with contextlib.suppress(NoLink):
+        return load_station(folder)
+    return first
+
+
 def _failed(record: ContactRecord, message: str, error: str) -> StationStatus:
-    return replace(last_status(record), state=StationState.LOST, message=message, error=error)
+    last = replace(last_status(record), state=StationState.LOST, message=message, error=error)
+    return without_place(last)
 
 
 def _open(plug: Plug, record: ContactRecord) -> tuple[ContactRecord, StationStatus]:

@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -197,6 +198,23 @@ def test_what_was_known_outlives_a_station_that_dies_before_it_is_open(
             True,
             "30g",
         )
+
+
+def test_what_was_learnt_outlives_a_station_that_fails_and_its_place_doesnt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(_: Plug, record: ContactRecord) -> object:
+        stands = StationStatus(StationState.READY, position_mm=(1, 2, 3), position_trusted=True)
+        learnt = replace(record, status=stands.to_dict(), plunger_mm=7.5, part_in_dish=True)
+        learnt.save(tmp_path, STATION_RECORD)
+        raise HandshakeError("no firmware answers")
+
+    monkeypatch.setattr(process, "_open", fails)
+    status = serve_station(opening(tmp_path))
+    assert (status.state, status.position_mm) == (StationState.LOST, None)
+    assert not status.position_trusted
+    kept = load_station(tmp_path)
+    assert (kept.plunger_mm, kept.part_in_dish) == (7.5, True)
 
 
 # --- modes
