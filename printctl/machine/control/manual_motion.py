@@ -9,7 +9,7 @@ from typing import Final
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.station_status import Place
 from printctl.machine.control.steps import Steps
-from printctl.machine.errors import LinkError
+from printctl.machine.errors import LinkError, PortLost
 
 PIECE_S: Final = 0.15
 """Length of a piece."""
@@ -58,8 +58,12 @@ def push(standby: Standby, mm: float, speed_mm_s: float) -> Steps[float]:
         count = _pieces(standby, seconds, {"e": mm})
         done = yield from _piecewise(standby, piece, count, seconds, watched=mm > 0)
         standby.plunger = begin + mm * done
-    finally:
+    except PortLost:
+        raise
+    except LinkError:
         yield from standby.look()
+        raise
+    yield from standby.look()
     return mm * done
 
 
@@ -72,7 +76,8 @@ def _piecewise(
 ) -> Steps[float]:
     """Send a move in pieces, a little ahead of the printer; return how much of it was sent.
 
-    One that is ``watched`` ends where a force or pressure is above its limit.
+    One that is ``watched`` ends where a force or pressure is above its limit. A printer that
+    complains makes what it took first; one that has halted or is gone isn't asked any more.
     """
     begun, sent = standby.channel.now, 0
     try:
@@ -80,8 +85,12 @@ def _piecewise(
             sent += 1
             yield from standby.do(piece(sent / count))
             yield from _keep_pace(standby, begun, seconds * sent / count)
-    finally:
+    except PortLost:
+        raise
+    except LinkError:
         yield from standby.channel.command(b"M400")
+        raise
+    yield from standby.channel.command(b"M400")
     standby.raise_fault("the move")
     return sent / count
 

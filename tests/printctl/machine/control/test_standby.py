@@ -1,0 +1,94 @@
+"""Standing printer by events: moves by hand and what ends them, in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from printctl.machine.control.connecting import protocol_for
+from printctl.machine.control.manual_motion import push, travel
+from printctl.machine.control.standby import Standby
+from printctl.machine.control.steps import Steps
+from printctl.machine.control.wiring import Wiring
+from printctl.machine.errors import LinkError
+from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.detection import PortPrograms
+from printctl.machine.records.states import PrintEnded
+from tests.printctl.machine.control.bench import PRINTER, QUIET_S, MemoryJournal
+from tests.printctl.machine.control.scripted_printer import ScriptedPrinter
+
+
+@dataclass
+class Port:
+    """A scripted printer's port; at a time something happens to it."""
+
+    clock: VirtualClock = field(default_factory=lambda: VirtualClock(0.0))
+    printer: ScriptedPrinter = field(default_factory=ScriptedPrinter)
+    sent: list[bytes] = field(default_factory=list)
+    plan: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
+    name: str = "scripted"
+    stolen: int = 0
+    quiet_s: float = QUIET_S
+
+    def programs(self) -> PortPrograms:
+        return PortPrograms()
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        self.printer.take(data, self.clock.now())
+
+    write_urgent = write
+
+    def read(self, timeout: float) -> bytes:
+        until = self.clock.now() + timeout
+        self.clock.sleep(max(0.0, min(self.printer.due_s, until) - self.clock.now()))
+        if self.plan and self.plan[0][0] <= self.clock.now():
+            self.plan.pop(0)[1]()
+        return self.printer.said(self.clock.now())
+
+
+@pytest.fixture
+def standing() -> tuple[Standby, Port]:
+    port = Port()
+    protocol = protocol_for(PRINTER, QUIET_S)
+    wiring = Wiring(port, protocol, port.clock, MemoryJournal(), PRINTER, fresh=False)  # type: ignore[arg-type]
+    standby = Standby(wiring, 1.0, lambda: None)
+    standby.drive(standby.begin())
+    return standby, port
+
+
+def moved(standby: Standby) -> Steps[Any]:
+    return travel(standby, (90.0, 50.0, 10.0), 5.0)
+
+
+def pushed(standby: Standby) -> Steps[Any]:
+    return push(standby, 5.0, 0.5)
+
+
+@pytest.mark.parametrize("begun", [moved, pushed])
+def test_a_move_by_hand_ends_at_once_where_the_printer_has_halted(standing, begun):
+    standby, port = standing
+
+    def kill() -> None:
+        standby._kill.asked.set()
+        standby._kill._sent = True
+        port.write_urgent(b"M112\n")
+
+    port.plan.append((at := port.clock.now() + 2.0, kill))
+    with pytest.raises(PrintEnded, match="that it has halted") as ended:
+        standby.drive(begun(standby))
+    assert "halted itself before" not in ended.value.message
+    assert port.clock.now() - at < 1.0
+    assert b"M112" in port.sent[-1]
+
+
+@pytest.mark.parametrize("begun", [moved, pushed])
+def test_what_a_printer_took_before_it_complained_is_made_before_the_answer(standing, begun):
+    standby, port = standing
+    port.plan.append((port.clock.now() + 2.0, lambda: port.printer.say(b"Error:it jams\n")))
+    with pytest.raises(LinkError, match="it jams"):
+        standby.drive(begun(standby))
+    assert any(b"M0400" in data for data in port.sent[-6:])
