@@ -93,6 +93,7 @@ class Kill:
     ``asked`` is set once a halt was requested: nothing else is sent from then on. ``awaiting`` is
     called then, by the thread that speaks to the printer, before it waits for the printer's
     confirmation. ``halted_itself``: the firmware had halted itself before a halt was requested.
+    ``pulled_reset``: `strike` came to the reset line.
     """
 
     def __init__(self, wiring: Wiring, awaiting: Callable[[], None] = lambda: None) -> None:
@@ -102,7 +103,7 @@ class Kill:
         self._parser = wiring.printer.emergency_parser
         self._asked_s = self._left = 0.0
         self._left_s: dict[str, float] = {}
-        self._sent = self._alive = self.halted_itself = False
+        self._sent = self._alive = self.halted_itself = self.pulled_reset = False
 
     @property
     def halting(self) -> Halting:
@@ -138,7 +139,7 @@ class Kill:
                 self._left = wiring.clock.now()
             if self._halted.wait(wait_s) or self._ended.is_set():
                 return
-        self._sent = True
+        self._sent = self.pulled_reset = True
         wiring.transport.reset()
 
     def _write(self, data: bytes) -> bool:

@@ -1,7 +1,7 @@
 """Change a syringe in a pause: make room, choose the head, count the plunger anew, plan further.
 
 Each step is journalled before it is made, so that a host that dies in the middle of it knows
-afterwards whether the plunger's count was set anew or not (`History`).
+afterwards whether the plunger's count was set anew or not (`JournalledPrint`).
 """
 
 from __future__ import annotations

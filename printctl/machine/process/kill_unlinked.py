@@ -84,7 +84,9 @@ def _halt(wiring: Wiring) -> str:
                 raise PrintEnded(LinkState.KILLED, kill.words(None), known=False)
             if isinstance(event, (said.FirmwareStarted, said.FirmwareReset)):
                 kill.halted()
-                started = "its board started anew when its port was opened, which drops all it held"
+                started = "its board started anew (its port was opened), which drops all it held"
+                if kill.pulled_reset:
+                    started = "its board started anew by its reset line, which drops all it held"
                 raise PrintEnded(LinkState.KILLED, f"killed by the user; {started}", known=False)
 
     striking = threading.Thread(target=kill.strike)

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from printctl.machine.control import halting
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.manual_motion import push, travel
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.steps import Steps
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import LinkError
-from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.clock import RealClock, VirtualClock
 from printctl.machine.ports.detection import PortPrograms
+from printctl.machine.process.kill_unlinked import _halt
 from printctl.machine.records.states import PrintEnded
 from tests.printctl.machine.control.bench import PRINTER, QUIET_S, MemoryJournal
 from tests.printctl.machine.control.scripted_printer import ScriptedPrinter
@@ -92,3 +95,18 @@ def test_what_a_printer_took_before_it_complained_is_made_before_the_answer(stan
     with pytest.raises(LinkError, match="it jams"):
         standby.drive(begun(standby))
     assert any(b"M0400" in data for data in port.sent[-6:])
+
+
+@pytest.mark.parametrize(("by_reset", "why"), [(False, "port was opened"), (True, "reset line")])
+def test_an_unlinked_kill_says_what_started_the_board_anew(monkeypatch, by_reset, why):
+    monkeypatch.setattr(halting, "KILL_ATTEMPTS", 0)
+    said = [] if by_reset else [b"start\n"]
+    port = SimpleNamespace(
+        write=lambda data: None,
+        write_urgent=lambda data: None,
+        reset=lambda: said.append(b"start\n"),
+        read=lambda timeout: said.pop() if said else b"",
+    )
+    protocol = protocol_for(PRINTER, QUIET_S)
+    wiring = Wiring(port, protocol, RealClock(), MemoryJournal(), PRINTER)  # type: ignore[arg-type]
+    assert why in _halt(wiring)
