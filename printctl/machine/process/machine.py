@@ -39,6 +39,7 @@ from printctl.machine.records.states import Status
 DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})
 """States in which the printer can't be spoken to."""
 QUEUE: Final = 20
+SYSTEM: Final = "the system (SIGTERM, as when it shuts down)"
 _UP: Final = frozenset({StationState.CONNECTING, StationState.READY, StationState.BUSY})
 _HALTING: Final = (
     "a halt was sent and the printer hasn't confirmed it yet; if anything moves, cut its power"
@@ -146,7 +147,7 @@ class Machine:
         """Close, because the system shuts down; a print is stopped first."""
         self.closing = True
         if self.streamer is not None:
-            self.streamer.stop()
+            self.streamer.stop(SYSTEM)
 
     def kill(self) -> None:
         """Halt the firmware at once. Called in a thread of its own; nothing here waits for others.
@@ -333,7 +334,7 @@ class Machine:
         if self.standby is not None:
             self.standby.end()
         if self.closing:  # the system shut down before the print could be stopped
-            streamer.stop()
+            streamer.stop(SYSTEM)
 
     def end_print(self) -> None:
         """Hang up on the clients of a print that is over, and is in its records."""

@@ -41,8 +41,8 @@ class Spy:
         self.protocol = SimpleNamespace(report=b"")
         self.status = Status(LinkState.PRINTING, lines_done=5, lines_total=9)
 
-    def stop(self) -> None:
-        self.requests.append("stop")
+    def stop(self, by: str = "the user") -> None:
+        self.requests.append("stop" if by == "the user" else f"stop by {by}")
 
     def pause(self, after: MarkKind | None = None) -> None:
         if after is MarkKind.VESSEL:
@@ -381,6 +381,12 @@ def test_kill_between_a_prints_end_and_the_next_standby_reaches_it(door):
     following = Spy()
     server.machine.stand_by(following)
     assert following.killed.wait(5)
+
+
+def test_stop_of_a_system_that_shuts_down_is_called_so(door):
+    spy, server, _, _ = door
+    server.machine.leave()
+    assert spy.requests == ["stop by the system (SIGTERM, as when it shuts down)"]
 
 
 # --- command socket under load: admission, eviction, no free file handle
