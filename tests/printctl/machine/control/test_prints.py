@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import Refused
@@ -529,6 +530,19 @@ def test_lost_port_ends_the_print_and_says_so(effect):
     assert status.state is LinkState.FAILED
     assert "the cable was pulled" in status.message
     assert_true(bench, status)
+
+
+def test_kill_whose_port_is_lost_is_not_said_to_have_halted_the_printer():
+    bench = Bench(JOB)
+
+    def kill(streamer: Streamer) -> None:
+        streamer.print.channel.kill.asked.set()
+        bench.lost_at = bench.effects
+
+    bench.on_line(5, kill)
+    status = bench.run()
+    assert status.state is LinkState.KILLED
+    assert UNCONFIRMED in status.message
 
 
 @pytest.mark.parametrize("wanted", ["nothing", "pause", "syringe", "look"])
