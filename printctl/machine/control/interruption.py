@@ -109,11 +109,12 @@ class Interruption:
             if not protocol.idle:
                 self._report(FIRST)
             return
-        self._wiring.exchange.effects.append(protocol.take_output())
         self._cuts, self._again_s = self._cuts + 1, now + AGAIN_S
         self._heard_s = min(self._heard_s, now)
         progress.moves_dropped()
+        # written down first: whoever goes on with a print whose host died here must know of it
         self._report(f"stopping the motors ({link.quickstop.decode()})")
+        self._wiring.exchange.effects.append(protocol.take_output())
 
     def _is_silent(self, now: float) -> bool:
         """Whether no word comes, or some came just now, whose doubt is being settled."""

@@ -259,6 +259,16 @@ def test_stop_at_any_moment_of_a_pause_leaves_a_needle_that_stands(seconds):
     assert_true(bench, status)
 
 
+def test_a_stop_is_in_the_journal_before_the_motors_drop_moves():
+    bench = Bench(JOB)
+    bench.on_line(9, pause)
+    bench.when(LinkState.PAUSING, stop)
+    bench.run()
+    first = next(k for k, data in enumerate(bench.sent) if b"M410" in data)
+    known = bench.journal.records[: bench.known_at[first]]
+    assert LinkState.STOPPING in [record.get("state") for record in known]
+
+
 # --- syringes ---------------------------------------------------------------------------------
 
 
