@@ -37,8 +37,6 @@ BEAT_S: Final = 3.0
 _CONFLICT: Final = 409
 _LONGEST_VALUE: Final = 60
 """Of a wrong value in a message, characters."""
-_STOP_LIMIT_S: Final = 2.5
-"""As the stop process waits for the word that a printer has halted."""
 _REHEARSALS_END_S: Final = 1.0
 """For as long an answer waits for them; they end all the same."""
 
@@ -189,8 +187,8 @@ def router(core: Core, prints: PrintSockets, end_rehearsals: Callable[[], int]) 
     async def stop() -> StopAnswer:
         sent = await prints.kill(time.monotonic())
         ending = asyncio.create_task(asyncio.to_thread(end_rehearsals))
-        outcomes = await prints.outcomes(sent, _STOP_LIMIT_S)
-        unconfirmed = any(one["message"] == UNCONFIRMED for one in outcomes)
+        outcomes = await prints.outcomes(sent)
+        unconfirmed = any("cut its power" in one["message"].lower() for one in outcomes)
         machines = len({one.process or one.folder for one in sent})
         message = (
             f"a halt to {machines} printer{'s' if machines > 1 else ''}; "

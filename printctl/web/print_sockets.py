@@ -21,6 +21,8 @@ RECORDS: Final = (
 ENDED: Final = {"killed", "halted", "failed", "stopped", "done", "position_unknown", "given_up"}
 """States after which nothing more comes of a stop."""
 UNCONFIRMED: Final = "no word that the printer has halted: CUT ITS POWER"
+PATIENCE_S: Final = 3.5
+"""For the outcome of a stop: M112 leaves 2.8 s after it at the latest (two lines in flight)."""
 _LOOK_S: Final = 0.5
 _CONNECT_S: Final = 1.0
 _POLL_S: Final = 0.02
@@ -101,9 +103,9 @@ class PrintSockets:
         sent += [self._kill(one, began) for one in list(self._open.values()) if one not in known]
         return [one for one in sent if one is not None]
 
-    async def outcomes(self, sent: Sequence[SentStop], patience_s: float) -> list[dict[str, Any]]:
-        """Return ``folder``, ``state`` and ``message`` of each, `UNCONFIRMED` after the time."""
-        limit = time.monotonic() + patience_s
+    async def outcomes(self, sent: Sequence[SentStop]) -> list[dict[str, Any]]:
+        """Return ``folder``, ``state``, ``message`` of each; `UNCONFIRMED` after `PATIENCE_S`."""
+        limit = time.monotonic() + PATIENCE_S
         return list(await asyncio.gather(*(self._outcome(one, limit) for one in sent)))
 
     async def _outcome(self, sent: SentStop, limit: float) -> dict[str, Any]:

@@ -36,14 +36,13 @@ from printctl.errors import PrintctlError, UsageError
 from printctl.sources import python_command
 from printctl.web.detached_runs import DetachedProcesses
 from printctl.web.listening import Connections, bind
-from printctl.web.print_sockets import PrintSockets, SentStop
+from printctl.web.print_sockets import PATIENCE_S, PrintSockets, SentStop
 from printctl.web.security.access import STOP_GRACE_S, Access, bearer, doubled
 from printctl.web.settings import MAX_PORT, ServeSettings
 
 log = logging.getLogger("printctl.web")
 IDLE_S: Final = 60
 """So long a known connection may be silent; a page asks every 10 s."""
-_OUTCOME_S: Final = 2.5
 _REHEARSALS_END_S: Final = 1.0
 
 
@@ -87,7 +86,7 @@ class StopApp:
         self, sent: Sequence[SentStop], ending: asyncio.Task[int]
     ) -> AsyncIterator[str]:
         yield json.dumps({"sent": [asdict(one) for one in sent]}) + "\n"
-        yield json.dumps({"outcome": await self.prints.outcomes(sent, _OUTCOME_S)}) + "\n"
+        yield json.dumps({"outcome": await self.prints.outcomes(sent)}) + "\n"
         await asyncio.wait({ending}, timeout=_REHEARSALS_END_S)
         if ending.done() and not ending.exception() and ending.result():
             yield json.dumps({"rehearsals_ended": ending.result()}) + "\n"
@@ -151,7 +150,7 @@ async def _serve(order: dict[str, Any]) -> None:
     while not word.result() and app.prints.connected and _text(record) == mine:
         await asyncio.sleep(1.0)
     if not word.result():
-        await asyncio.sleep(_OUTCOME_S)  # the answer to what stopped the last print goes out
+        await asyncio.sleep(PATIENCE_S)  # the answer to what stopped the last print goes out
 
 
 def _text(path: Path) -> str:

@@ -34,6 +34,7 @@ WAITS: Final = (
     "kill doesn't wait"
 )
 FIRST: Final = "stopping behind the line that is being made: kill doesn't wait"
+BEFORE_FIRST: Final = "before the first line"
 SILENT: Final = "stopping once the printer answers: by plan it has made all that was sent"
 
 
@@ -108,11 +109,12 @@ class Interruption:
             if not protocol.idle:
                 self._report(FIRST)
             return
-        self._wiring.exchange.effects.append(protocol.take_output())
         self._cuts, self._again_s = self._cuts + 1, now + AGAIN_S
         self._heard_s = min(self._heard_s, now)
         progress.moves_dropped()
+        # written down first: whoever goes on with a print whose host died here must know of it
         self._report(f"stopping the motors ({link.quickstop.decode()})")
+        self._wiring.exchange.effects.append(protocol.take_output())
 
     def _is_silent(self, now: float) -> bool:
         """Whether no word comes, or some came just now, whose doubt is being settled."""
@@ -128,7 +130,7 @@ class Interruption:
     def _end_early(self) -> None:
         who = self._queue.stopped_by
         if not self._logbook.resumed:
-            raise PrintEnded(LinkState.STOPPED, f"stopped by {who} before the first line")
+            raise PrintEnded(LinkState.STOPPED, f"stopped by {who} {BEFORE_FIRST}")
         message = f"stopped by {who} before the printer was found again"
         quickstop = link_facts(self._wiring.printer).quickstop
         if quickstop:

@@ -13,6 +13,7 @@ from printctl.machine.control.context import Print
 from printctl.machine.control.ending import shut_valve_past_protocol
 from printctl.machine.control.excursion import CHANGE
 from printctl.machine.control.gating import allowed_command
+from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.pausing import wanted_pause
 from printctl.machine.control.printing import run_print
@@ -74,7 +75,8 @@ class Streamer:
     def _ended_by(self, exc: LinkError) -> PrintEnded:
         name, logbook = type(exc).__name__, self.print.logbook
         if self.print.channel.kill.asked.is_set():
-            return PrintEnded(LinkState.KILLED, f"killed by the user; {exc}", False, name)
+            message = f"killed by the user; {exc}; {UNCONFIRMED}"
+            return PrintEnded(LinkState.KILLED, message, False, name)
         if isinstance(exc, PortLost):
             words = logbook.progress.words()
             message = f"{exc}; {words}, the next may have been taken; position unknown"

@@ -11,7 +11,8 @@ from typing import Final, Literal
 import yaml
 
 from printctl.machine.control.halting import UNCONFIRMED
-from printctl.machine.errors import PortLost
+from printctl.machine.control.interruption import BEFORE_FIRST
+from printctl.machine.errors import HandshakeError, PortLost
 from printctl.machine.records.states import LinkState, Status
 
 Tone = Literal["info", "warn", "bad"]
@@ -26,6 +27,7 @@ _POSITION_LOST: Final = (
     "This print is over. The printer doesn't know where its needle is any more, and its heaters "
     "are off."
 )
+_UNBEGUN: Final = "No line of the job was sent."
 
 
 @dataclass(frozen=True)
@@ -66,23 +68,30 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
             what = "The print was cancelled"
         elif "dead-man" in detail:
             what = "The print was stopped: nobody confirmed to be there"
-        means = "The plunger was relieved and the needle lifted straight up."
-        return Alert(what, *((means, "") if known else (_POSITION_LOST, _LIFT)), detail, "info")
+        means, remedy = "The plunger was relieved and the needle lifted straight up.", ""
+        if BEFORE_FIRST in detail:
+            means = _UNBEGUN
+        elif not known:
+            means, remedy = "The needle may not have been lifted as meant.", _LIFT
+        return Alert(what, means, remedy, detail, "info")
     if status.state is LinkState.GIVEN_UP:
         return Alert("The print was given up", "It can't be gone on with.", "", detail, "info")
     if status.state is LinkState.INTERRUPTED:
         what = "The program that spoke to the printer ended in the middle of the print"
-        means = "The printer has made the moves that it held, and stands still in the part."
+        means = "The printer makes the moves that it still holds; its heaters stay as set."
         remedy = "It can't go on from here by itself: Recover plans the rest as a job of its own."
         if may_go_on:
             remedy = "If it kept its power and nobody moved the needle: Go on. Else: Recover."
     elif status.error == PortLost.__name__:
         what = "The connection to the printer was lost"
-        means = "It makes the moves that it still holds, then stands still in the part."
+        means = "With power it makes the moves that it still holds; its heaters stay as set."
         remedy = "See its power and its cable. " + _LIFT
     elif status.state is LinkState.POSITION_UNKNOWN or not known:
         what = "The printer doesn't know for sure where its needle is"
         means, remedy = "The print was ended, so that nothing is written beside its place.", _LIFT
+    elif status.error == HandshakeError.__name__:
+        what, means = "The print couldn't begin", _UNBEGUN
+        remedy = "See the details for the cause, then print again."
     else:
         what = "A fault ended the print"
         means = "The print was ended; the plunger was relieved and the needle lifted."
@@ -93,7 +102,8 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
 def _killed(detail: str) -> Sentences:
     if UNCONFIRMED in detail:
         what = "STOP was sent, and the printer hasn't confirmed that it halted"
-        return what, _POSITION_LOST, "Cut its power now. " + _LIFT
+        means = "It may go on, and its heaters may be on."
+        return what, means, "Cut its power now. " + _LIFT
     if detail.startswith("killed by the user") and "itself" not in detail:
         return "STOP has halted the printer", _POSITION_LOST, _LIFT
     return "The printer halted itself", _POSITION_LOST, "Its own screen may say why. " + _LIFT

@@ -20,7 +20,7 @@ from printctl.progress import Report, StageBars
 _QUESTION = """
 The print goes on by itself. What shall happen?
   d  detach: leave it printing
-  s  stop: end the move, relieve the plunger, lift the needle
+  s  stop: end the print; relieve the plunger, lift the needle
   k  kill: halt the printer at once; its position is lost
   (anything else: go on watching)
 > """

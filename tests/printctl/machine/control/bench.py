@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -50,9 +50,11 @@ class MemoryJournal:
     reserve: int = 1
     now_s: float = 0.0
     path: Path = Path("memory")
+    lost: bool = False  # a record
 
     def add(self, sort: str, **values: Any) -> None:
         if len(self.records) >= self.full_at:
+            self.lost |= not self.reserve
             raise JournalError("journal memory can't be written: disk full; free space")
         self.records.append({"t": sort, "at": self.now_s, **values})
 
@@ -64,6 +66,10 @@ class MemoryJournal:
 
     def free_bytes(self) -> int:
         return 1 << 40
+
+    def recorded(self, sort: str) -> list[dict[str, Any]]:
+        """Records of one sort."""
+        return [record for record in self.records if record["t"] == sort]
 
     def history(self) -> JournalledPrint:
         return replay(self.records)
@@ -238,7 +244,7 @@ class Bench:
 
     def recorded(self, sort: str) -> list[dict[str, Any]]:
         """The journal's records of one sort."""
-        return [record for record in self.journal.records if record["t"] == sort]
+        return self.journal.recorded(sort)
 
 
 # --- jobs and what their motors must make -----------------------------------------------------
@@ -260,9 +266,15 @@ def layers(count: int, moves: int) -> bytes:
     return ("\n".join(text) + "\nM400\n").encode()
 
 
-def motion(job: Job) -> list[str]:
-    """The job's motion lines, by the commands that are sent."""
-    return [line.decode() for line in job.lines if moves(line)]
+def lines_of(data: bytes) -> list[bytes]:
+    """The commands of G-code, read without the product."""
+    rows = (row.partition(b";")[0].strip() for row in data.split(b"\n"))
+    return [row for row in rows if row]
+
+
+def motion(lines: Iterable[bytes]) -> list[str]:
+    """The motion lines among a job's, by the commands that are sent."""
+    return [line.decode() for line in lines if moves(line)]
 
 
 def moves(line: bytes) -> bool:
@@ -270,17 +282,22 @@ def moves(line: bytes) -> bool:
     return line.startswith((b"G0 ", b"G1 ")) and not line.startswith(b"G1 F")
 
 
-def clean_run(job: Job) -> list[tuple[str, dict[str, float], dict[str, float]]]:
-    """Each motion line of a job, from where to where it leads."""
-    printer = ScriptedPrinter()
-    for line in job.lines:
-        printer._do(line.decode())
-    printer.run_to(1e9)
-    own = set(motion(job))
-    return [(one.line, one.start, one.end) for one in printer.made if one.line in own]
+def clean_run(lines: Iterable[bytes]) -> list[tuple[str, dict[str, float], dict[str, float]]]:
+    """Each motion line of a job (absolute), from where to where it leads; without a printer."""
+    at = {"X": 50.0, "Y": 50.0, "Z": 10.0, "E": 0.0}
+    run = []
+    for line in lines:
+        if not line.startswith((b"G0 ", b"G1 ", b"G92 ")):
+            continue
+        words = {word[0]: float(word[1:]) for word in line.decode().split()[1:]}
+        end = {axis: words.get(axis, mm) for axis, mm in at.items()}
+        if moves(line):
+            run.append((line.decode(), at, end))
+        at = end
+    return run
 
 
-def made_of(printer: ScriptedPrinter, job: Job) -> list[tuple[str, Any, Any]]:
+def made_of(printer: ScriptedPrinter, lines: Iterable[bytes]) -> list[tuple[str, Any, Any]]:
     """What the motors made of a job's own lines, in their order; the link's own moves aside."""
-    own = set(motion(job))
+    own = set(motion(lines))
     return [(one.line, one.start, one.end) for one in printer.made if one.line in own]

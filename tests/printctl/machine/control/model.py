@@ -12,6 +12,8 @@ import contextlib
 import math
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,9 @@ from printctl.machine.errors import Refused
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
+from printctl.machine.process.outcome import resumable
+from printctl.machine.records.journal import RESERVE, encode
+from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.control.bench import (
     PRINTER,
@@ -31,6 +36,7 @@ from tests.printctl.machine.control.bench import (
     Wire,
     clean_run,
     layers,
+    lines_of,
     made_of,
     motion,
     moves,
@@ -49,14 +55,13 @@ LIFTED_MM = 13.9
 
 
 @cache
-def job_of(count: int, moves: int) -> tuple[bytes, Job]:
+def job_of(count: int, moves: int) -> tuple[list[bytes], Job]:
+    """Commands as they stand in the file, and the product's job of it."""
     data = layers(count, moves)
-    return data, parse_job(data, "model.gcode")
+    return lines_of(data), parse_job(data, "model.gcode")
 
 
-@lru_cache(maxsize=64)
-def expected_of(lines: tuple[bytes, ...]) -> list[tuple[str, Any, Any]]:
-    return clean_run(Job(list(lines), list(range(1, len(lines) + 1)), "", "model.gcode"))
+expected_of = lru_cache(maxsize=64)(clean_run)
 
 
 class RandomWire(Wire):
@@ -102,8 +107,13 @@ class Life:
     events: int = 0
     attempts: int = 0
     tries: int = 0
+    stopped: bool = False
     status: Status | None = None
     log: list[str] = field(default_factory=list)
+    sent: list[bytes] = field(default_factory=list)
+    asked: dict[int, tuple[int, list[bytes]]] = field(default_factory=dict)
+    """Inserts that were asked for: behind how many lines of the job, which; by look."""
+    confirmed: set[int] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         rng = self.rng = np.random.default_rng(self.seed)
@@ -111,7 +121,7 @@ class Life:
         if rng.random() < 0.1:  # an answer too many may stand for a line that was lost
             self.faults = {"doubled", "lost"}
         self.requests = [one for one in REQUESTS if rng.random() < 0.4]
-        self.data, self.job = job_of(int(rng.integers(1, 4)), int(rng.integers(3, 9)))
+        self.lines, self.job = job_of(int(rng.integers(1, 4)), int(rng.integers(3, 9)))
         looks = MarkKind.LAYER if rng.random() < 0.3 else None
         checkpoint_s = 0.0 if rng.random() < 0.3 else None
         self.care = Care(
@@ -152,21 +162,38 @@ class Life:
             finally:
                 self.events += bench.events
             self._check(bench)
-            if not self._resumable():
+            if not self._resumable(bench):
                 break
             again = True
             self.printer.mute = False
             self.printer.said(self.printer.now + float(self.rng.choice([0.01, 1.0, 60.0])))
         return self
 
-    def _resumable(self) -> bool:
-        """As `printctl.machine.process.outcome.resumable`."""
-        history = self.journal.history()
-        end = history.end
-        over = end is not None and (end["position_known"] or history.state is not LinkState.FAILED)
-        cut = not history.over and not self.journal.reserve  # its disk was full
-        lost = cut or bool((end or {}).get("lost"))
-        return history.begun and not (over or lost or history.stopping)
+    def _resumable(self, bench: Bench) -> bool:
+        """Ask the product; check its word by what was sent and told."""
+        self.sent += bench.sent
+        self.stopped |= LinkState.STOPPING in {*bench.states, bench.streamer.status.state}
+        ended = self.status is not None and (
+            self.status.state is not LinkState.FAILED or self.status.position_known
+        )
+        begun = any(line in self.printer.taken for line in motion(self.lines))
+        lost, scarce = self.journal.lost, not self.journal.reserve
+        with TemporaryDirectory() as name:
+            folder = Path(name)
+            (folder / JOURNAL).write_bytes(b"".join(map(encode, self.journal.records)))
+            (folder / RESERVE).write_bytes(bytes(self.journal.reserve))
+            refused = ""
+            try:
+                resumable(folder, self.job.sha256)
+            except Refused as exc:
+                refused = str(exc)
+        if refused:
+            over = ended or self.stopped or lost or scarce
+            assert over or not begun, self._report("can't be gone on with", refused)
+            return False
+        over = ended or lost or any(b"M140 S0" in data for data in self.sent)
+        assert not over, self._report("can be gone on with", ended, lost)
+        return True
 
     # --- what happens to it ------------------------------------------------------------------
 
@@ -243,25 +270,39 @@ class Life:
         told = self.log.append
         lines: tuple[str, ...] = ()
         if rng.random() < 0.4 and number not in streamer.print.book.inserts:
-            grown = b"\n".join(streamer.job.lines)
-            lines = tuple(patch_at(grown, done, int(number)))
+            lines = tuple(patch_at(b"\n".join(self._grown()), done, number))
+            self.asked[number] = done, lines_of("\n".join(lines).encode())
 
         def decide(streamer: Streamer) -> None:
             def answered(answer: Any) -> None:
                 told(f"look {number}: {answer}")
 
+            def taken(answer: Any) -> None:
+                self.confirmed.add(number)
+                answered(answer)
+
             if lines:
-                streamer.look(LookRequest(number, answered, answered, "a gap", lines=lines))
+                streamer.look(LookRequest(number, taken, answered, "a gap", lines=lines))
             streamer.look(LookRequest(number, answered, answered, "seen", decision=decision))
 
         bench.after(float(rng.choice([0.0, 1.0, 45.0])), lambda s: _unless_ended(s, decide))
 
     # --- the oracle --------------------------------------------------------------------------
 
+    def _grown(self) -> list[bytes]:
+        """The file's commands with what was asked for in looks, where the journal has it."""
+        lines = list(self.lines)
+        for record in self.journal.recorded("insert"):
+            after, inserted = self.asked[record["look"]]
+            lines[after:after] = inserted
+        return lines
+
     def _check(self, bench: Bench) -> None:
         history = self.journal.history()
-        grown = self.job.grown_by(history.inserts) if history.inserts else self.job
-        expected, made = expected_of(tuple(grown.lines)), made_of(self.printer, grown)
+        inserted = {record["look"] for record in self.journal.recorded("insert")}
+        assert self.confirmed <= inserted, self._report("insert lost", inserted)
+        grown = self._grown()
+        expected, made = expected_of(tuple(grown)), made_of(self.printer, grown)
         status = self.status
         done = status is not None and status.state is LinkState.DONE
         exact = not self.printer.fragments  # else the place isn't the job's, as is found
@@ -271,10 +312,9 @@ class Life:
             assert made == expected[: len(made)], self._report("lost or doubled", made, expected)
         if status is None:
             return
-        lines = bench.streamer.job.lines
         own = set(motion(grown))
         taken = [line for line in self.printer.taken if line in own]
-        claims = (_moves(lines, status.lines_executed), _moves(lines, status.lines_done))
+        claims = (_moves(grown, status.lines_executed), _moves(grown, status.lines_done))
         assert claims[0] <= len(made), self._report("made less than reported", claims, len(made))
         assert claims[1] <= len(taken), self._report("took less", claims, len(taken))
         if status.state is LinkState.DONE:
@@ -284,7 +324,7 @@ class Life:
             height = self.printer.place["Z"]
             assert height >= LIFTED_MM, self._report("the needle isn't up", height)
         if stood is not None and stood["certain"] and status.position_known:
-            told, at = _moves(lines, stood["line"]), stood["begin_at"]
+            told, at = _moves(grown, stood["line"]), stood["begin_at"]
             if told == len(made) - 1 and at is not None:  # at its end, within M114's decimals
                 end = made[-1][2]
                 told += all(abs(at[axis.lower()] - end[axis]) < ROUNDED_MM for axis in "XYZE")

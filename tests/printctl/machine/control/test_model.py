@@ -34,6 +34,7 @@ def test_motors_make_each_line_once_in_a_million_events(seed):
 
 
 FOUND = {
+    192: "host that died on the way back, after an attempt that found nothing: refused as ended",
     20029: "number cut off a line by a flushed buffer: made, and found by its place",
     20357: "the same, made good by the next line",
     22061: "token whose echo was garbled while a command waited: its answer was never handed over",

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import Refused
@@ -21,13 +22,15 @@ from tests.printctl.machine.control.bench import (
     Wire,
     clean_run,
     layers,
+    lines_of,
     made_of,
     motion,
 )
 from tests.printctl.machine.link.jobs import parse_job
 
 JOB = parse_job(layers(2, 8), "bench.gcode")
-CLEAN = clean_run(JOB)
+OWN = lines_of(layers(2, 8))
+CLEAN = clean_run(OWN)
 LINES = range(1, len(JOB) + 1)
 LOOKS = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=60.0)
 
@@ -59,16 +62,16 @@ def pause(streamer: Streamer) -> None:
 def assert_exact(bench: Bench, status: Status) -> None:
     """Each stroke was made once, from where to where the job says, and that is what is told."""
     assert (status.state, status.position_known) == (LinkState.DONE, True), status.message
-    assert made_of(bench.printer, bench.job) == CLEAN
+    assert made_of(bench.printer, OWN) == CLEAN
     assert status.lines_done == status.lines_executed == len(bench.job)
 
 
 def assert_true(bench: Bench, status: Status) -> None:
     """What was made is a beginning of the job, and no more is told than is true."""
-    made = made_of(bench.printer, bench.job)
+    made = made_of(bench.printer, OWN)
     assert made == CLEAN[: len(made)]
     assert len(motion_until(bench, status.lines_executed)) <= len(made)
-    own = set(motion(bench.job))
+    own = set(motion(OWN))
     taken = [line for line in bench.printer.taken if line in own]
     assert len(motion_until(bench, status.lines_done)) <= len(taken)
 
@@ -244,7 +247,7 @@ def assert_stood(bench: Bench) -> None:
     Where others pass the same place, within two decimals, it is told as the first of them.
     """
     [stood] = bench.recorded("stood")
-    made, told = len(made_of(bench.printer, JOB)), len(motion_until(bench, stood["line"]))
+    made, told = len(made_of(bench.printer, OWN)), len(motion_until(bench, stood["line"]))
     assert told == made if stood["certain"] else made - 2 <= told <= made
 
 
@@ -256,6 +259,16 @@ def test_stop_at_any_moment_of_a_pause_leaves_a_needle_that_stands(seconds):
     status = bench.run()
     assert status.state is LinkState.STOPPED
     assert_true(bench, status)
+
+
+def test_a_stop_is_in_the_journal_before_the_motors_drop_moves():
+    bench = Bench(JOB)
+    bench.on_line(9, pause)
+    bench.when(LinkState.PAUSING, stop)
+    bench.run()
+    first = next(k for k, data in enumerate(bench.sent) if b"M410" in data)
+    known = bench.journal.records[: bench.known_at[first]]
+    assert LinkState.STOPPING in [record.get("state") for record in known]
 
 
 # --- syringes ---------------------------------------------------------------------------------
@@ -325,7 +338,7 @@ def test_insert_of_a_look_is_in_the_journal_before_it_is_confirmed_and_made_once
     )
     status = bench.run()
     assert status.state is LinkState.DONE, status.message
-    assert made_of(bench.printer, JOB) == CLEAN
+    assert made_of(bench.printer, OWN) == CLEAN
     made = [one.line for one in bench.printer.made]
     assert [made.count(line) for line in MEND[:-1]] == [1] * 5
     [insert] = bench.recorded("insert")
@@ -379,7 +392,7 @@ def test_an_ok_that_is_lost_doubled_or_garbled_costs_no_line(change, at):
     bench = Bench(JOB, wire=Answers(at, change))
     bench.when(LinkState.PAUSED, resume)  # of an answer that is too many
     status = bench.run()
-    assert made_of(bench.printer, JOB) == CLEAN
+    assert made_of(bench.printer, OWN) == CLEAN
     assert status.state is LinkState.DONE, status.message
 
 
@@ -531,6 +544,19 @@ def test_lost_port_ends_the_print_and_says_so(effect):
     assert_true(bench, status)
 
 
+def test_kill_whose_port_is_lost_is_not_said_to_have_halted_the_printer():
+    bench = Bench(JOB)
+
+    def kill(streamer: Streamer) -> None:
+        streamer.print.channel.kill.asked.set()
+        bench.lost_at = bench.effects
+
+    bench.on_line(5, kill)
+    status = bench.run()
+    assert status.state is LinkState.KILLED
+    assert UNCONFIRMED in status.message
+
+
 @pytest.mark.parametrize("wanted", ["nothing", "pause", "syringe", "look"])
 def test_host_that_dies_in_any_effect_is_gone_on_with_exactly(wanted):
     """As kill -9 at any write of the port, any record and any word to a client."""
@@ -565,4 +591,4 @@ def test_host_that_dies_in_any_effect_is_gone_on_with_exactly(wanted):
         plan(again, 1)
         status = again.run()
         assert status.state is LinkState.DONE, (effect, status.message)
-        assert made_of(again.printer, JOB) == CLEAN, effect
+        assert made_of(again.printer, OWN) == CLEAN, effect

@@ -555,6 +555,18 @@ def test_data_folder_is_the_users(monkeypatch, tmp_path):
     assert data_folder() == tmp_path / "printctl"
 
 
+def test_print_that_broke_off_on_its_way_back_has_no_end_of_an_earlier_attempt(tmp_path):
+    journal = Journal(tmp_path / "journal.log")
+    for state in ("printing", "connecting", "resuming"):
+        journal.add("job", id="1", name="a", sha256="s")
+        journal.add("state", state=state, message="")
+        if state == "connecting":
+            journal.add("end", state="failed", message="", error="", position_known=False)
+    journal.close()
+    history = resumable(tmp_path, "s")
+    assert (history.end, history.state) == (None, LinkState.RESUMING)
+
+
 def test_attempt_to_go_on_whose_disk_was_full_isnt_gone_on_with_again(tmp_path):
     """Its commands are missing in the journal, so that the printer's count tells no line."""
     journal = Journal(tmp_path / "journal.log", reserve=True)

@@ -66,6 +66,28 @@ def test_a_stop_that_the_printer_hasn_t_confirmed_asks_to_cut_its_power() -> Non
     assert alert is not None
     assert "hasn't confirmed" in alert.what
     assert alert.remedy.startswith("Cut its power now.")
+    assert "are off" not in alert.means
+
+
+@pytest.mark.parametrize(
+    ("status", "says", "not_said"),
+    [
+        (Status(LinkState.STOPPED, message="stopped by the user before the first line"),
+         "No line of the job", "lifted"),
+        (Status(LinkState.FAILED, message="no firmware answers", error="HandshakeError"),
+         "No line of the job", "lifted"),
+        (Status(LinkState.STOPPED, message="stopped", position_known=False), "may not", "are off"),
+        (Status(LinkState.INTERRUPTED, message="it was paused", position_known=False),
+         "heaters stay as set", "in the part"),
+        (Status(LinkState.FAILED, error="PortLost", position_known=False),
+         "With power", "in the part"),
+    ],
+)  # fmt: skip
+def test_an_end_claims_nothing_that_was_not_done(status: Status, says: str, not_said: str) -> None:
+    alert = alert_of(status, "", False)
+    assert alert is not None
+    assert says in alert.means
+    assert not_said not in alert.means
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,10 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from firmware_profiles import Printer, load
+from printctl.machine.control.halting import halting_of
 from printctl.machine.process.socket_server import listen
-from printctl.web.print_sockets import PrintSockets
+from printctl.web.print_sockets import PATIENCE_S, PrintSockets
 from printctl.web.security.access import LIFETIME_S, STOP_GRACE_S, Access, make_access
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
@@ -93,6 +95,12 @@ def test_a_halt_that_nobody_confirms_says_to_cut_the_power(served: tuple[Process
         assert len(said[0]["sent"]) == 1  # to the process that speaks to the printer, which sleeps
         assert "CUT ITS POWER" in said[1]["outcome"][0]["message"]
         assert ended_by_kill(print_)
+
+
+def test_an_outcome_is_waited_for_beyond_the_latest_halt() -> None:
+    printer = load(Printer, "marlin_avr").model_copy(update={"lines_in_flight": 2})
+    first = halting_of(printer, b"M112\n", emergency_parser=True).first
+    assert sum(wait_s for _, wait_s in first) + 0.5 < PATIENCE_S
 
 
 def test_rest_says_it_too(served: tuple[Process, Path]) -> None:
