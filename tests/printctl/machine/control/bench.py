@@ -29,7 +29,7 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.detection import PortPrograms
 from printctl.machine.records.replay import JournalledPrint, replay
 from printctl.machine.records.states import LinkState, Status
-from tests.printctl.machine.control.scripted_printer import ScriptedPrinter
+from tests.printctl.machine.control.scripted_printer import START, Place, ScriptedPrinter
 from tests.printctl.machine.link.jobs import parse_job
 
 PRINTER = load(Printer, "generic_marlin")
@@ -48,11 +48,13 @@ class MemoryJournal:
     records: list[dict[str, Any]] = field(default_factory=list)
     full_at: float = math.inf
     reserve: int = 1
+    refused: int = 0
     now_s: float = 0.0
     path: Path = Path("memory")
 
     def add(self, sort: str, **values: Any) -> None:
         if len(self.records) >= self.full_at:
+            self.refused += 1
             raise JournalError("journal memory can't be written: disk full; free space")
         self.records.append({"t": sort, "at": self.now_s, **values})
 
@@ -270,17 +272,19 @@ def moves(line: bytes) -> bool:
     return line.startswith((b"G0 ", b"G1 ")) and not line.startswith(b"G1 F")
 
 
-def clean_run(job: Job) -> list[tuple[str, dict[str, float], dict[str, float]]]:
-    """Each motion line of a job, from where to where it leads."""
-    printer = ScriptedPrinter()
+def clean_run(job: Job) -> list[tuple[str, Place, Place]]:
+    """Each motion line of a job, from where to where it leads, read word by word."""
+    at, made = dict(START), []
     for line in job.lines:
-        printer._do(line.decode())
-    printer.run_to(1e9)
-    own = set(motion(job))
-    return [(one.line, one.start, one.end) for one in printer.made if one.line in own]
+        if line.startswith((b"G0 ", b"G1 ", b"G92 ")):
+            words = line.decode().split()[1:]
+            before, at = at, {**at, **{w[0]: float(w[1:]) for w in words if w[0] in at}}
+            if moves(line):
+                made.append((line.decode(), before, at))
+    return made
 
 
-def made_of(printer: ScriptedPrinter, job: Job) -> list[tuple[str, Any, Any]]:
+def made_of(printer: ScriptedPrinter, job: Job) -> list[tuple[str, Place, Place]]:
     """What the motors made of a job's own lines, in their order; the link's own moves aside."""
     own = set(motion(job))
     return [(one.line, one.start, one.end) for one in printer.made if one.line in own]

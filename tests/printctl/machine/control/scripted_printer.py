@@ -30,6 +30,7 @@ _WORDS: Final = re.compile(r"([XYZEF])(-?[\d.]+)")
 _PER_MM: Final = {"X": 80, "Y": 80, "Z": 400}
 
 Place = dict[str, float]
+START: Final[Place] = {"X": 50.0, "Y": 50.0, "Z": 10.0, "E": 0.0}
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class ScriptedPrinter(FakeMarlin):
 
     def __init__(self, rng: np.random.Generator | None = None) -> None:
         super().__init__(rng)
-        self.at = {"X": 50.0, "Y": 50.0, "Z": 10.0, "E": 0.0}
+        self.at = dict(START)
         self.made: list[Made] = []
         self.taken: list[str] = []  # moves that entered the planner
         self.dropped: list[str] = []  # moves that left it unmade
