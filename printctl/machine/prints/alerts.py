@@ -22,6 +22,7 @@ _LIFT: Final = (
     "See where the needle is, and lift it by hand if it stands in the part. Then connect the "
     "printer again on the page Printer."
 )
+_NOT_BEGUN: Final = "The printer has acknowledged no line of the job."
 _POSITION_LOST: Final = (
     "This print is over. The printer doesn't know where its needle is any more, and its heaters "
     "are off."
@@ -66,13 +67,17 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
             what = "The print was cancelled"
         elif "dead-man" in detail:
             what = "The print was stopped: nobody confirmed to be there"
-        means = "The plunger was relieved and the needle lifted straight up."
-        return Alert(what, *((means, "") if known else (_POSITION_LOST, _LIFT)), detail, "info")
+        means, remedy = "The plunger was relieved and the needle lifted straight up.", ""
+        if not known:  # it may keep heaters on (safe_state_on)
+            means, remedy = "It isn't sure where the needle is.", _LIFT
+        elif not status.lines_done:
+            means = _NOT_BEGUN
+        return Alert(what, means, remedy, detail, "info")
     if status.state is LinkState.GIVEN_UP:
         return Alert("The print was given up", "It can't be gone on with.", "", detail, "info")
     if status.state is LinkState.INTERRUPTED:
         what = "The program that spoke to the printer ended in the middle of the print"
-        means = "The printer has made the moves that it held, and stands still in the part."
+        means = "The printer makes the moves that it still holds, then stands still."
         remedy = "It can't go on from here by itself: Recover plans the rest as a job of its own."
         if may_go_on:
             remedy = "If it kept its power and nobody moved the needle: Go on. Else: Recover."
@@ -86,6 +91,7 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
     else:
         what = "A fault ended the print"
         means = "The print was ended; the plunger was relieved and the needle lifted."
+        means = means if status.lines_done else _NOT_BEGUN
         remedy = "See the details for the cause; look at the part before anything moves."
     return Alert(what, means, remedy, detail, "bad")
 
