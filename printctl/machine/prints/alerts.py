@@ -23,11 +23,11 @@ _LIFT: Final = (
     "See where the needle is, and lift it by hand if it stands in the part. Then connect the "
     "printer again on the page Printer."
 )
+_NOT_BEGUN: Final = "The printer has acknowledged no line of the job."
 _POSITION_LOST: Final = (
     "This print is over. The printer doesn't know where its needle is any more, and its heaters "
     "are off."
 )
-_UNBEGUN: Final = "No line of the job was sent."
 
 
 @dataclass(frozen=True)
@@ -69,16 +69,17 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
         elif "dead-man" in detail:
             what = "The print was stopped: nobody confirmed to be there"
         means, remedy = "The plunger was relieved and the needle lifted straight up.", ""
-        if BEFORE_FIRST in detail:
-            means = _UNBEGUN
-        elif not known:
+        if not known:
             means, remedy = "The needle may not have been lifted as meant.", _LIFT
+        elif BEFORE_FIRST in detail or not status.lines_done:
+            means = _NOT_BEGUN
         return Alert(what, means, remedy, detail, "info")
     if status.state is LinkState.GIVEN_UP:
         return Alert("The print was given up", "It can't be gone on with.", "", detail, "info")
     if status.state is LinkState.INTERRUPTED:
         what = "The program that spoke to the printer ended in the middle of the print"
-        means = "The printer makes the moves that it still holds; its heaters stay as set."
+        means = "The printer makes the moves that it still holds, then stands still; its heaters "
+        means += "stay as set."
         remedy = "It can't go on from here by itself: Recover plans the rest as a job of its own."
         if may_go_on:
             remedy = "If it kept its power and nobody moved the needle: Go on. Else: Recover."
@@ -90,11 +91,12 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
         what = "The printer doesn't know for sure where its needle is"
         means, remedy = "The print was ended, so that nothing is written beside its place.", _LIFT
     elif status.error == HandshakeError.__name__:
-        what, means = "The print couldn't begin", _UNBEGUN
+        what, means = "The print couldn't begin", _NOT_BEGUN
         remedy = "See the details for the cause, then print again."
     else:
         what = "A fault ended the print"
         means = "The print was ended; the plunger was relieved and the needle lifted."
+        means = means if status.lines_done else _NOT_BEGUN
         remedy = "See the details for the cause; look at the part before anything moves."
     return Alert(what, means, remedy, detail, "bad")
 

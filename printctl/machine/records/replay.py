@@ -275,11 +275,9 @@ def _job(known: JournalledPrint, record: Record) -> None:
 
 def _state(known: JournalledPrint, record: Record) -> None:
     _count_time(known, record, record["state"] in _AT_WORK)
-    if known._seeking:
-        if record["state"] in EARLY:
-            return
-        known.end = None  # of an attempt before this one
-    known.state = LinkState(record["state"])
+    if known._seeking and record["state"] in EARLY:
+        return
+    known.state, known.end = LinkState(record["state"]), None  # of an attempt before
     known.stopping |= known.state is LinkState.STOPPING
     known.in_ink &= not known.stopping
     if known.state is LinkState.PAUSED:

@@ -40,6 +40,7 @@ FOUND = {
     22061: "token whose echo was garbled while a command waited: its answer was never handed over",
     5075: "attempt to go on whose records a full disk lost: lines were counted wrong",
     579: "second doubt of the place while the first was being cleared: the print stood",
+    500168: "host that died on its way back after a lost port: refused as ended, as resuming",
     32819: "stop at the end of a move, within the decimals of M114",
 }
 

@@ -60,6 +60,20 @@ def test_every_end_but_done_is_explained(state: LinkState, known: bool) -> None:
         assert not CODES.search(" ".join((alert.what, alert.means, alert.remedy)))
 
 
+@pytest.mark.parametrize("state", [LinkState.STOPPED, LinkState.FAILED])
+def test_a_needle_is_said_to_be_up_only_where_a_print_had_begun_and_its_place_is_known(
+    state: LinkState,
+) -> None:
+    def means(lines_done: int, known: bool) -> str:
+        alert = alert_of(Status(state, lines_done, 10, position_known=known), "", False)
+        assert alert is not None
+        return alert.means
+
+    assert "lifted" in means(1, True)
+    assert "lifted" not in means(0, True) + means(1, False)
+    assert "heaters" not in means(1, False)  # the profile may keep some on
+
+
 def test_a_stop_that_the_printer_hasn_t_confirmed_asks_to_cut_its_power() -> None:
     message = "killed by the user; the printer has NOT confirmed: cut its power"
     alert = alert_of(Status(LinkState.KILLED, message=message, position_known=False), "", False)
