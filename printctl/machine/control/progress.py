@@ -47,7 +47,7 @@ class JobProgress:
         self._answers = Answers(0, 0.0, 0, 0.0)
         self._ahead = moves_ahead(wiring.printer)
         self._sure = self._compared = 0
-        self._dropped = False
+        self.dropped = False  # moves that the printer held; for good
 
     @property
     def done(self) -> int:
@@ -152,7 +152,7 @@ class JobProgress:
 
     def stands_still(self) -> None:
         """Record that the printer has made all that it took."""
-        if not self._dropped:
+        if not self.dropped:
             self._sure = self.done
         self.leaves()
 
@@ -172,14 +172,14 @@ class JobProgress:
 
     def moves_dropped(self) -> None:
         """Record that the printer has dropped the moves that it held: no more will be made."""
-        self._dropped = True
+        self.dropped = True
 
     def not_made(self) -> None:
         """Record that the printer acknowledged moves and didn't make them all.
 
         Made are those before the last place that was compared and found right.
         """
-        self._ahead, self._sure, self._dropped = math.inf, self._compared, True
+        self._ahead, self._sure, self.dropped = math.inf, self._compared, True
 
     def went_back(self) -> None:
         """Record that lines weren't taken after all: what is there must be verified."""

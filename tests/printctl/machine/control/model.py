@@ -22,7 +22,7 @@ from printctl.machine.errors import Refused
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.job import Job
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.records.states import LinkState, Status
+from printctl.machine.records.states import EARLY, LinkState, Status
 from tests.printctl.machine.control.bench import (
     PRINTER,
     Bench,
@@ -103,6 +103,7 @@ class Life:
     attempts: int = 0
     tries: int = 0
     status: Status | None = None
+    reset_in: LinkState | None = None
     log: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -180,7 +181,8 @@ class Life:
         if "mute" in self.faults and rng.random() < 0.5:
             bench.at(self._moment(bench), lambda _: self._mute(bench))
         if "reset" in self.faults and rng.random() < 0.15:
-            bench.at(self._moment(bench), lambda _: self.printer.reset_now())
+            silently = rng.random() < 0.5
+            bench.at(self._moment(bench), lambda _: self._reset(bench, silently))
         if "port" in self.faults and rng.random() < 0.4:
             bench.lost_at = int(rng.integers(20, 250))
         if "dies" in self.faults and rng.random() < 0.6:
@@ -199,6 +201,12 @@ class Life:
         return bench.exchange.now_s + float(self.rng.uniform(0.0, 12.0))
 
     def _mute(self, bench: Bench) -> None:
+    def _reset(self, bench: Bench, silently: bool) -> None:
+        at = bench.streamer.status.state
+        self.log.append(f"reset{' silently' * silently} in {at}")
+        self.reset_in = at
+        self.printer.reset_now(silently)
+
         self.printer.mute = True
         seconds = float(self.rng.choice([0.5, 3.0, 10.0, 45.0, 200.0]))
         bench.after(seconds, lambda _: setattr(self.printer, "mute", False))
@@ -278,7 +286,11 @@ class Life:
         assert claims[0] <= len(made), self._report("made less than reported", claims, len(made))
         assert claims[1] <= len(taken), self._report("took less", claims, len(taken))
         if status.state is LinkState.DONE:
-            assert len(made) == len(expected), self._report("done and not made", made, expected)
+            assert len(made) == len(expected) or not exact, self._report(
+                "done and not made", made, expected
+            )
+        if made and self.reset_in not in (None, *EARLY, LinkState.STOPPING):
+            assert not status.position_known, self._report("the place was lost")
         stood = history.stood
         if status.state is LinkState.STOPPED and status.position_known and made:
             height = self.printer.place["Z"]

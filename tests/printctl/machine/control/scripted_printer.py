@@ -107,12 +107,13 @@ class ScriptedPrinter(FakeMarlin):
         last = self._out[-1][0] if self._out else 0.0
         self._out.append((max(self.now + after_s, last), text))
 
-    def reset_now(self) -> None:
+    def reset_now(self, silently: bool = False) -> None:
         """Start anew, as by a brown-out: what it held isn't made, and its place is gone."""
         self._drop()
         self._queue.clear()
         self.at = dict.fromkeys("XYZE", 0.0)
-        self.say(self.reset())
+        said = self.reset()
+        self.say(b"" if silently else said)
 
     @property
     def place(self) -> Place:

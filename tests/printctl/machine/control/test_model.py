@@ -35,7 +35,7 @@ def test_motors_make_each_line_once_in_a_million_events(seed):
 
 FOUND = {
     20029: "number cut off a line by a flushed buffer: made, and found by its place",
-    20357: "the same, made good by the next line",
+    20357: "the same, made good by the next line: an alarm names it",
     22061: "token whose echo was garbled while a command waited: its answer was never handed over",
     5075: "attempt to go on whose records a full disk lost: lines were counted wrong",
     579: "second doubt of the place while the first was being cleared: the print stood",

@@ -259,6 +259,39 @@ def test_stop_at_any_moment_of_a_pause_leaves_a_needle_that_stands(seconds):
 
 
 # --- syringes ---------------------------------------------------------------------------------
+@pytest.mark.parametrize("state", [LinkState.PAUSED, LinkState.LOOKING, LinkState.RESUMING])
+def test_stop_away_from_the_job_behind_a_silent_reset_leaves_the_position_unknown(state):
+    bench = Bench(JOB, care=LOOKS)
+
+    def reset(_: Streamer) -> None:
+        bench.printer.reset_now(silently=True)
+
+    bench.on_line(10, pause)
+    bench.when(LinkState.PAUSED, *([resume] * (state is not LinkState.PAUSED)))
+    bench.when(LinkState.LOOKING, decide(bench, LookDecision.GO_ON))
+    bench.when(state, lambda streamer: (reset(streamer), bench.after(1.0, stop)))
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, False), status.message
+    assert "X is 0.00 mm where it was led to" in status.message
+    assert bench.printer.place["X"] == bench.printer.place["Y"] == 0.0
+    assert_true(bench, status)
+
+
+def test_stop_in_a_pause_knows_the_place_that_typed_moves_led_to():
+    bench = Bench(JOB)
+
+    def typed(streamer: Streamer) -> None:
+        for text in ("G1 Z13.5 F300", "G1 Z14 F300", "G1 Z15 F300", "G1 E0.01 F20"):
+            streamer.typed(text, bench.told.append, bench.told.append)
+        bench.after(60.0, stop)
+
+    bench.on_line(10, pause)
+    bench.when(LinkState.PAUSED, typed)
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, True), status.message
+    assert len(bench.told) == 4
+
+
 
 
 def test_syringe_is_changed_at_the_next_reload_point_and_the_plunger_counted_anew():
