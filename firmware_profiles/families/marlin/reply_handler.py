@@ -419,7 +419,10 @@ class DoubtResolver:
         state.tokens.drop()
         state.flight = None
         events.append(said.StrayOk(state.number + 1))
-        self._sender.send_next(now)
+        if state.confirming or state.awaiting is not None:  # somebody waits for its answer
+            self._sender.send_token(now, events)
+        else:
+            self._sender.send_next(now)
 
     def _send_again(self, now: float, events: list[Event]) -> None:
         state = self._state

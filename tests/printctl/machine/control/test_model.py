@@ -39,6 +39,7 @@ FOUND = {
     22061: "token whose echo was garbled while a command waited: its answer was never handed over",
     5075: "attempt to go on whose records a full disk lost: lines were counted wrong",
     579: "second doubt of the place while the first was being cleared: the print stood",
+    70363: "silent reset while a token was in flight behind M400: the print waited for ever",
     32819: "stop at the end of a move, within the decimals of M114",
 }
 
