@@ -37,6 +37,7 @@ class JobProgress:
         # something that wasn't sent was answered: compare the position before the job goes on
         self.unverified = False
         self.foreign = 0  # answers beyond those to the host's lines, on a wire without errors
+        self.doubled: list[int] = []  # job lines, one-based, that may have been made twice
         self.meddled = False  # such came since the firmware's settings were last compared
         # job lines taken and made as the journal knows, until a printer that is found again has
         # proved to be the print's own
@@ -247,6 +248,14 @@ class JobProgress:
         """Record answers to lines that the host didn't write."""
         self.foreign += answers
         self.meddled = True
+
+    def doubled_words(self) -> str:
+        """Return what to say of lines that may have been made twice; empty for none."""
+        lines = sorted({self.job.file_line(line) for line in self.doubled})
+        if not lines:
+            return ""
+        many = "line" if len(lines) == 1 else "lines"
+        return f"{many} {', '.join(map(str, lines))} may have been made twice; look at the part"
 
     def foreign_words(self) -> str:
         """Return what to say of lines that others wrote; empty for none."""

@@ -15,6 +15,7 @@ from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.control.bench import (
+    PRINTER,
     Bench,
     HostDiedError,
     MemoryJournal,
@@ -258,7 +259,6 @@ def test_stop_at_any_moment_of_a_pause_leaves_a_needle_that_stands(seconds):
     assert_true(bench, status)
 
 
-# --- syringes ---------------------------------------------------------------------------------
 @pytest.mark.parametrize("state", [LinkState.PAUSED, LinkState.LOOKING, LinkState.RESUMING])
 def test_stop_away_from_the_job_behind_a_silent_reset_leaves_the_position_unknown(state):
     bench = Bench(JOB, care=LOOKS)
@@ -292,6 +292,7 @@ def test_stop_in_a_pause_knows_the_place_that_typed_moves_led_to():
     assert len(bench.told) == 4
 
 
+# --- syringes ---------------------------------------------------------------------------------
 
 
 def test_syringe_is_changed_at_the_next_reload_point_and_the_plunger_counted_anew():
@@ -430,6 +431,28 @@ def test_line_that_noise_garbles_is_sent_again():
     status = bench.run()
     assert_exact(bench, status)
     assert status.line_errors >= 3
+
+
+def test_line_whose_number_an_error_cut_off_is_named_as_one_that_may_be_made_twice():
+    class Flushed(Wire):
+        line = b""
+
+        def down(self, data: bytes) -> bytes:
+            pair = re.fullmatch(rb"(N\d+ G1 X.*\n)N\d+ (G1 X.*)(\*\d*)", data)
+            if pair is None or self.line:
+                return data
+            self.line = pair[2]
+            return pair[1].replace(b"X5", b"X7", 1) + pair[2] + pair[3]
+
+    wire, profile = Flushed(), PRINTER.model_copy(update={"lines_in_flight": 2})
+    bench = Bench(JOB, wire=wire, profile=profile)
+    status = bench.run()
+    assert status.state is LinkState.POSITION_UNKNOWN  # it was made before its turn
+    assert bench.printer.fragments == [wire.line.decode()]
+    number = JOB.file_line(JOB.lines.index(wire.line) + 1)
+    named = f"line {number} may have been made twice; look at the part"
+    assert named in status.message
+    assert [one["text"] for one in bench.recorded("alarm") if "twice" in one["text"]] == [named]
 
 
 def test_many_errors_pause_the_print():
