@@ -9,7 +9,7 @@ from typing import Final
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.station_status import Place
 from printctl.machine.control.steps import Steps
-from printctl.machine.errors import LinkError
+from printctl.machine.errors import LinkError, PortLost
 
 PIECE_S: Final = 0.15
 """Length of a piece."""
@@ -57,9 +57,13 @@ def push(standby: Standby, mm: float, speed_mm_s: float) -> Steps[float]:
     try:
         count = _pieces(standby, seconds, {"e": mm})
         done = yield from _piecewise(standby, piece, count, seconds, watched=mm > 0)
-        standby.plunger = begin + mm * done
-    finally:
+    except PortLost:
+        raise
+    except LinkError:
         yield from standby.look()
+        raise
+    standby.plunger = begin + mm * done
+    yield from standby.look()
     return mm * done
 
 
@@ -80,8 +84,12 @@ def _piecewise(
             sent += 1
             yield from standby.do(piece(sent / count))
             yield from _keep_pace(standby, begun, seconds * sent / count)
-    finally:
+    except PortLost:
+        raise
+    except LinkError:  # one that was halted is asked nothing more
         yield from standby.channel.command(b"M400")
+        raise
+    yield from standby.channel.command(b"M400")
     standby.raise_fault("the move")
     return sent / count
 
