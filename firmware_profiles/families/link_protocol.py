@@ -117,10 +117,14 @@ class StrayOk:
     foreign : int
         So many more answers than lines, on a wire that made no error: something else than the host
         wrote to the printer. 0 where noise may explain them.
+    line : int
+        Line of the job, one-based, that may have been run twice: an error may have cut off the
+        number of the second of two in flight. 0 for none.
     """
 
     number: int
     foreign: int = 0
+    line: int = 0
 
 
 @dataclass(frozen=True)

@@ -203,7 +203,7 @@ class ReplyHandler:
 
     def _hold_at_surplus(self, foreign: int, events: list[Event]) -> None:
         """Hold the job: an ok came that answers none of the host's lines."""
-        events.append(said.StrayOk(self._state.number, foreign))
+        events.append(said.StrayOk(self._state.number, foreign, self._state.cut))
         self._state.hold()
 
     def _is_foreign(self, reply: Reply) -> bool:
@@ -257,7 +257,7 @@ class ReplyHandler:
         surplus = state.tokens.settle()
         if surplus:
             self._hold_at_surplus(0 if doubted else surplus, events)
-        state.flight = None
+        state.flight, state.cut = None, 0
         if state.confirming:
             state.confirming = False
             self._doubting.arrive(events)
@@ -419,7 +419,10 @@ class DoubtResolver:
         state.tokens.drop()
         state.flight = None
         events.append(said.StrayOk(state.number + 1))
-        self._sender.send_next(now)
+        if state.confirming or state.awaiting is not None:  # somebody waits for its answer
+            self._sender.send_token(now, events)
+        else:
+            self._sender.send_next(now)
 
     def _send_again(self, now: float, events: list[Event]) -> None:
         state = self._state
@@ -434,7 +437,7 @@ class DoubtResolver:
             tokens.drop()
             self._sender.send_token(now, events)
         elif not (state.flight_control or state.faulty) and tokens.heard > tokens.owed:
-            events.append(said.StrayOk(state.number + 1))
+            events.append(said.StrayOk(state.number + 1, line=state.cut))
             state.held = True
             tokens.forget_oks()
             self._sender.send_next(now)

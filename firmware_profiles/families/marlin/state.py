@@ -201,6 +201,9 @@ class LineState:
         In flight behind it.
     withheld : bytes
         End of the second's frame that hasn't left yet; without it the printer refuses the line.
+    cut : int
+        Job line, one-based, that was the second in flight when the last doubt of a pair began: an
+        error may have cut off its number, so that it was run unchecked. 0 for none.
     refusing : bool
         Whether the second is to be refused, not run: an error came that answers a line before it.
     awaiting : (int, bytes) or None
@@ -264,6 +267,7 @@ class LineState:
     second: bytes | None = None
     second_frame: bytes = b""
     withheld: bytes = b""
+    cut: int = 0
     refusing: bool = False
     awaiting: tuple[int, bytes] | None = None
     faulty: bool = False
@@ -343,6 +347,8 @@ class LineState:
 
     def begin_doubt(self, goal: QueryGoal, now: float) -> None:
         """Believe no ok, and wait until nothing is under way."""
+        if self.second is not None:
+            self.cut = self.lines_done + 2
         self.refuse_second()
         self.fast = False
         self.tokens.doubt()

@@ -17,6 +17,8 @@ from printctl.machine.control.logbook import Logbook
 from printctl.machine.control.steps import Steps, Urgent, Wait, carried_out
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.families import link_facts
+from printctl.machine.job.coordinates import AXES
+from sim.gcode.reading import code_of, is_motion, read_sent
 
 _LAST_BYTES: Final = 80
 
@@ -67,6 +69,8 @@ class Channel:
         self.heard = PrinterReplies()
         self.on_step: Callable[[], None] | None = None  # in each step of a wait; may raise
         self.troubles = 0  # events beside answers: what came garbled, late or not at all
+        # by axis: the places, mm, that commands between lines led to since the motors were at rest
+        self.led: dict[str, list[float]] = {}
         self._awaited, self._recorded = -1, b""  # number and text of the command being waited for
         self._replies: list[wire.CommandReplied] = []
         self._in_step: list[int] = []
@@ -146,6 +150,7 @@ class Channel:
         self._awaited, self._recorded = protocol.number + 1, text if journalled else b""
         if journalled:
             self.logbook.record_control(self._awaited, text)
+        self._note_way(text)
         protocol.submit(text, self.now)
         while not self._replies:
             yield from self.pump()
@@ -153,8 +158,19 @@ class Channel:
             yield from self.agree(protocol.confirm)
             yield from self._ask_board(journalled)
             self.logbook.progress.stands_still()
+            if not self.logbook.progress.dropped:  # else M400 is answered where the motors stopped
+                self.led = {axis: places[-1:] for axis, places in self.led.items()}
         self.handler.between_commands()
         return self._replies[0].lines
+
+    def _note_way(self, text: bytes) -> None:
+        """Note where a command leads to, or what it calls the place."""
+        names = code_of(text) == b"G92"
+        if names or is_motion(text):
+            for axis, mm in read_sent(text).words.items():
+                if axis in AXES and mm is not None:
+                    before = [] if names else self.led.get(axis, [])
+                    self.led[axis] = [*before, mm]
 
     def _ask_board(self, journalled: bool) -> Steps[None]:
         """Have the board itself say that it has come to rest, where M400 doesn't reach it."""

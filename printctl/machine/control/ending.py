@@ -60,7 +60,8 @@ def retreat(run: Print, state: LinkState, message: str) -> Steps[NoReturn]:
     yield from channel.command(b"M400")
     # one that has complained may ignore moves and say ok to them
     missed = (yield from run.position.missed_height(way)) if logbook.complaints else ""
-    known = standstill.read and logbook.complaints == complaints and not missed
+    known = standstill.read and not standstill.wrong
+    known = known and logbook.complaints == complaints and not missed
     if known and (state is LinkState.STOPPED or logbook.disk_full or line_made):
         _record_stood(run, standstill)
     yield from run.firmware.undo_settings()
@@ -80,7 +81,7 @@ def _stop_motors(run: Print) -> Steps[Standstill]:
     if run.excursion.going_on:
         if quickstop:
             yield from run.channel.command(quickstop)
-        return (yield from run.position.standing_away())
+        return (yield from run.position.standing_away(run.excursion.counted))
     if not quickstop:
         return Standstill((yield from run.position.actual()), read=True, dropped=False)
     if progress.all_made() and (yield from run.position.made()):
@@ -111,6 +112,8 @@ def _record_stood(run: Print, standstill: Standstill) -> None:
 def _way_out(run: Print, standstill: Standstill) -> list[bytes]:
     """Return the commands that relieve the plunger and lift the needle from there."""
     at, printer = standstill.at, run.printer
+    if standstill.wrong:
+        return []
     if run.excursion.going_on:
         return run.excursion.way_out(at, run.retreat, printer)
     # what the job had drawn back already is known only where none of its moves was dropped

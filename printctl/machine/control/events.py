@@ -166,6 +166,9 @@ class PrintEvents:
         if self._kill.asked.is_set():  # its own M410 is answered by an ok, too
             return
         self._progress.unverified = True
+        if event.line:
+            self._progress.doubled.append(event.line)
+            self._logbook.alarm(self._progress.doubled_words(), kind="doubled lines")
         if not event.foreign:
             self._logbook.notice(f"an ok without a line, near line {event.number}")
             return

@@ -213,5 +213,5 @@ class Kill:
                 self.heard()
                 hear(data, now)
         # halted without a reason
-        why = HALTED_BEFORE if self._halted.is_set() else f"killed by the user; {UNCONFIRMED}"
+        why = HALTED_BEFORE if self.halted_itself else f"killed by the user; {UNCONFIRMED}"
         raise PrintEnded(LinkState.KILLED, why, known=False)

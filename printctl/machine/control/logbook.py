@@ -140,11 +140,12 @@ class Logbook:
     def end(self, ended: PrintEnded) -> Status:
         """Write down how the print ended; return the last status."""
         self._note_standstills()
+        twice = self.progress.doubled_words()
         # a client that asks meanwhile must see the print either running, or ended with all
         status = replace(
             self.status,
             state=ended.state,
-            message=ended.message + self._standstill_words(),
+            message=ended.message + self._standstill_words() + (f"; {twice}" if twice else ""),
             position_known=ended.known,
             error=ended.error,
             look=None,

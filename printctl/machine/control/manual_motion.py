@@ -87,7 +87,7 @@ def _piecewise(
             yield from _keep_pace(standby, begun, seconds * sent / count)
     except PortLost:
         raise
-    except LinkError:
+    except LinkError:  # one that was halted is asked nothing more
         yield from standby.channel.command(b"M400")
         raise
     yield from standby.channel.command(b"M400")

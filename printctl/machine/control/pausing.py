@@ -106,6 +106,7 @@ def leave(
     yield from run.position.verify(at, mark=mark, stands=True)
     logbook.record("left", place=at.place(), **({} if park is None else {"park": park}))
     yield from own_modes(run)
+    channel.led = {axis.upper(): [mm] for axis, mm in at.place().items()}
     relieved = run.progress.relieved_mm
     run.excursion = Excursion(True, at, relieved, _top(run, at, changing))
     yield from channel.commands(run.retreat.leave(at, run.printer, relieved))

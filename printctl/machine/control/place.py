@@ -45,9 +45,15 @@ class Standstill:
     read: bool  # the printer's own word could be read; else it is the job's
     dropped: bool  # moves of the job weren't made
     place: Modal = field(default_factory=Modal)  # as reported, where the motors were stopped
+    wrong: str = ""  # what of it can't be true, in words
 
     def words(self) -> str:
         """Return what to add to the message of the end."""
+        if self.wrong:
+            return (
+                f"; {self.wrong}: it was reset without a word, or moved from elsewhere; nothing "
+                "was moved"
+            )
         if not self.read:
             return "; its motors were stopped, and where it stands can't be read (M114)"
         if not self.dropped:
@@ -127,13 +133,26 @@ class PositionCheck:
                 "status` says what next",
                 known=False,
             )
+        self._channel.led["Z"] = [position["Z"]]
         return position["Z"]
 
-    def standing_away(self) -> Steps[Standstill]:
-        """Return where the printer says it stands, whatever the job's text says."""
+    def standing_away(self, counted: bool) -> Steps[Standstill]:
+        """Return where the printer says it stands, away from the job's place.
+
+        That is compared with where commands have led it; E where it is ``counted``. A motor that
+        was stopped stands between two of those places.
+        """
         position = yield from self._confirmed_position()
         words = {axis.lower(): value for axis, value in position.items() if axis in AXES}
-        return Standstill(Modal(**words), read=bool(position), dropped=False)
+        wrong = [
+            f"{axis} is {position[axis]:.2f} mm where it was led to {places[-1]:.2f} mm"
+            for axis, places in sorted(self._channel.led.items())
+            if axis in position and (counted or axis != "E")
+            if not min(places) - WITHIN_MM <= position[axis] <= max(places) + WITHIN_MM
+        ]
+        return Standstill(
+            Modal(**words), read=bool(position), dropped=False, wrong=", ".join(wrong)
+        )
 
     def standstill(self) -> Steps[Standstill]:
         """Return where the printer stands after it dropped moves."""
@@ -142,12 +161,15 @@ class PositionCheck:
         if not position:
             return Standstill(replace(at, z=max(heights, default=None)), read=False, dropped=True)
         z = position["Z"]
+        wrong = ""
         if heights and not min(heights) - WITHIN_MM <= z <= max(heights) + WITHIN_MM:
-            self._logbook.alarm(disagreement(Modal(z=at.z), position))
+            wrong = disagreement(Modal(z=at.z), position)
+            self._logbook.alarm(wrong)
         x, y, e = position["X"], position["Y"], position.get("E")
         there = replace(at, x=x, y=y, z=max([z, *heights]), e=e)
         dropped = bool(disagreement(at, position))
-        return Standstill(there, read=True, dropped=dropped, place=Modal(x=x, y=y, z=z, e=e))
+        place = Modal(x=x, y=y, z=z, e=e)
+        return Standstill(there, read=True, dropped=dropped, place=place, wrong=wrong)
 
     def made(self) -> Steps[bool]:
         """Whether the motors stand where the job's last line leads: nothing is left to be dropped.
@@ -210,6 +232,8 @@ class PositionCheck:
         values |= {"stands": True} if stands else {}
         self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)
         if wrong:
+            if stands:  # an M400 is also answered by a printer that lost its moves
+                self._progress.not_made()
             yield from self.end_astray(wrong)
         if stands:
             self._progress.compared()

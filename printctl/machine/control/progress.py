@@ -37,6 +37,7 @@ class JobProgress:
         # something that wasn't sent was answered: compare the position before the job goes on
         self.unverified = False
         self.foreign = 0  # answers beyond those to the host's lines, on a wire without errors
+        self.doubled: list[int] = []  # job lines, one-based, that may have been made twice
         self.meddled = False  # such came since the firmware's settings were last compared
         # job lines taken and made as the journal knows, until a printer that is found again has
         # proved to be the print's own
@@ -47,7 +48,7 @@ class JobProgress:
         self._answers = Answers(0, 0.0, 0, 0.0)
         self._ahead = moves_ahead(wiring.printer)
         self._sure = self._compared = 0
-        self._dropped = False
+        self.dropped = False  # moves that the printer held; for good
 
     @property
     def done(self) -> int:
@@ -152,7 +153,7 @@ class JobProgress:
 
     def stands_still(self) -> None:
         """Record that the printer has made all that it took."""
-        if not self._dropped:
+        if not self.dropped:
             self._sure = self.done
         self.leaves()
 
@@ -172,14 +173,14 @@ class JobProgress:
 
     def moves_dropped(self) -> None:
         """Record that the printer has dropped the moves that it held: no more will be made."""
-        self._dropped = True
+        self.dropped = True
 
     def not_made(self) -> None:
         """Record that the printer acknowledged moves and didn't make them all.
 
         Made are those before the last place that was compared and found right.
         """
-        self._ahead, self._sure, self._dropped = math.inf, self._compared, True
+        self._ahead, self._sure, self.dropped = math.inf, self._compared, True
 
     def went_back(self) -> None:
         """Record that lines weren't taken after all: what is there must be verified."""
@@ -247,6 +248,14 @@ class JobProgress:
         """Record answers to lines that the host didn't write."""
         self.foreign += answers
         self.meddled = True
+
+    def doubled_words(self) -> str:
+        """Return what to say of lines that may have been made twice; empty for none."""
+        lines = sorted({self.job.file_line(line) for line in self.doubled})
+        if not lines:
+            return ""
+        many = "line" if len(lines) == 1 else "lines"
+        return f"{many} {', '.join(map(str, lines))} may have been made twice; look at the part"
 
     def foreign_words(self) -> str:
         """Return what to say of lines that others wrote; empty for none."""

@@ -55,6 +55,8 @@ def find_again(run: Print, history: JournalledPrint) -> Steps[None]:
     if changing or done == len(progress.job):
         _confirm_count(run, done)
     if changing:
+        xy = replace(at, z=None, e=None)
+        run.channel.led = {axis.upper(): [mm] for axis, mm in xy.place().items()}
         head = None if history.reload is None else history.reload.get("head")
         run.excursion = Excursion(True, at, counted=False)
         yield from find_change_again(run, at, head)

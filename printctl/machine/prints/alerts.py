@@ -70,7 +70,7 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
             what = "The print was stopped: nobody confirmed to be there"
         means, remedy = "The plunger was relieved and the needle lifted straight up.", ""
         if not known:
-            means, remedy = "The needle may not have been lifted as meant.", _LIFT
+            means, remedy = "It isn't sure where the needle is.", _LIFT
         elif BEFORE_FIRST in detail or not status.lines_done:
             means = _NOT_BEGUN
         return Alert(what, means, remedy, detail, "info")

@@ -107,12 +107,13 @@ class ScriptedPrinter(FakeMarlin):
         last = self._out[-1][0] if self._out else 0.0
         self._out.append((max(self.now + after_s, last), text))
 
-    def reset_now(self) -> None:
+    def reset_now(self, silently: bool = False) -> None:
         """Start anew, as by a brown-out: what it held isn't made, and its place is gone."""
         self._drop()
         self._queue.clear()
         self.at = dict.fromkeys("XYZE", 0.0)
-        self.say(self.reset())
+        said = self.reset()
+        self.say(b"" if silently else said)
 
     @property
     def place(self) -> Place:
@@ -154,6 +155,7 @@ class ScriptedPrinter(FakeMarlin):
 
     def _take(self, line: str) -> bytes:
         if line.startswith(("G0", "G1", "G92")):
+            line = line.partition("*")[0]  # a checksum without a number is passed over
             self.fragments.append(line)
         return super()._take(line)
 

@@ -36,11 +36,12 @@ def test_motors_make_each_line_once_in_a_million_events(seed):
 FOUND = {
     192: "host that died on the way back, after an attempt that found nothing: refused as ended",
     20029: "number cut off a line by a flushed buffer: made, and found by its place",
-    20357: "the same, made good by the next line",
+    20357: "the same, made good by the next line: an alarm names it",
     22061: "token whose echo was garbled while a command waited: its answer was never handed over",
     5075: "attempt to go on whose records a full disk lost: lines were counted wrong",
     579: "second doubt of the place while the first was being cleared: the print stood",
     500168: "host that died on its way back after a lost port: refused as ended, as resuming",
+    70363: "silent reset while a token was in flight behind M400: the print waited for ever",
     32819: "stop at the end of a move, within the decimals of M114",
 }
 

@@ -16,6 +16,7 @@ from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.control.bench import (
+    PRINTER,
     Bench,
     HostDiedError,
     MemoryJournal,
@@ -271,6 +272,39 @@ def test_a_stop_is_in_the_journal_before_the_motors_drop_moves():
     assert LinkState.STOPPING in [record.get("state") for record in known]
 
 
+@pytest.mark.parametrize("state", [LinkState.PAUSED, LinkState.LOOKING, LinkState.RESUMING])
+def test_stop_away_from_the_job_behind_a_silent_reset_leaves_the_position_unknown(state):
+    bench = Bench(JOB, care=LOOKS)
+
+    def reset(_: Streamer) -> None:
+        bench.printer.reset_now(silently=True)
+
+    bench.on_line(10, pause)
+    bench.when(LinkState.PAUSED, *([resume] * (state is not LinkState.PAUSED)))
+    bench.when(LinkState.LOOKING, decide(bench, LookDecision.GO_ON))
+    bench.when(state, lambda streamer: (reset(streamer), bench.after(1.0, stop)))
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, False), status.message
+    assert "X is 0.00 mm where it was led to" in status.message
+    assert bench.printer.place["X"] == bench.printer.place["Y"] == 0.0
+    assert_true(bench, status)
+
+
+def test_stop_in_a_pause_knows_the_place_that_typed_moves_led_to():
+    bench = Bench(JOB)
+
+    def typed(streamer: Streamer) -> None:
+        for text in ("G1 Z13.5 F300", "G1 Z14 F300", "G1 Z15 F300", "G1 E0.01 F20"):
+            streamer.typed(text, bench.told.append, bench.told.append)
+        bench.after(60.0, stop)
+
+    bench.on_line(10, pause)
+    bench.when(LinkState.PAUSED, typed)
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, True), status.message
+    assert len(bench.told) == 4
+
+
 # --- syringes ---------------------------------------------------------------------------------
 
 
@@ -410,6 +444,28 @@ def test_line_that_noise_garbles_is_sent_again():
     status = bench.run()
     assert_exact(bench, status)
     assert status.line_errors >= 3
+
+
+def test_line_whose_number_an_error_cut_off_is_named_as_one_that_may_be_made_twice():
+    class Flushed(Wire):
+        line = b""
+
+        def down(self, data: bytes) -> bytes:
+            pair = re.fullmatch(rb"(N\d+ G1 X.*\n)N\d+ (G1 X.*)(\*\d*)", data)
+            if pair is None or self.line:
+                return data
+            self.line = pair[2]
+            return pair[1].replace(b"X5", b"X7", 1) + pair[2] + pair[3]
+
+    wire, profile = Flushed(), PRINTER.model_copy(update={"lines_in_flight": 2})
+    bench = Bench(JOB, wire=wire, profile=profile)
+    status = bench.run()
+    assert status.state is LinkState.POSITION_UNKNOWN  # it was made before its turn
+    assert bench.printer.fragments == [wire.line.decode()]
+    number = JOB.file_line(JOB.lines.index(wire.line) + 1)
+    named = f"line {number} may have been made twice; look at the part"
+    assert named in status.message
+    assert [one["text"] for one in bench.recorded("alarm") if "twice" in one["text"]] == [named]
 
 
 def test_many_errors_pause_the_print():

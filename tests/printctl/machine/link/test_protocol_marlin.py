@@ -408,7 +408,7 @@ def test_tail_of_the_second_that_was_run_holds_the_job():
     protocol = pairs()
     protocol.take_output()
     protocol.feed(refusal(0, b"checksum mismatch") + b"ok\n", 1.0)  # "G1 X1 E1*..." was run
-    assert in_doubt(protocol, 0) == [StrayOk(1)]
+    assert in_doubt(protocol, 0) == [StrayOk(1, line=2)]
     assert protocol.held
     assert protocol.take_output() == b""
 
