@@ -1,4 +1,4 @@
-"""Print failures: lost ports, full disks, bad connections, clock jumps."""
+"""Kills on bad wires, journals that end a print, and watched gauges."""
 
 from __future__ import annotations
 
@@ -10,14 +10,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from firmware_profiles import Printer, WatchedGauge, load
+from firmware_profiles import Printer, WatchedGauge
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.cli.running_print import waiting_lines
 from printctl.machine.control import halting
-from printctl.machine.control.streamer import Streamer
 from printctl.machine.errors import PortLost, Refused
-from printctl.machine.job.care import Care, NewSyringe
-from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.serial_port import SerialTransport
@@ -32,77 +29,17 @@ from sim.devices.faults import Gauge as SimGauge
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import Following, Script, doomed, layered, played
+from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import (
     PRINTER,
     START,
-    assert_same_strokes,
     foreseen,
     same_motion,
 )
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 from tests.slower import first_of
-
-
-class Unplugged(FakeTransport):
-    """Goes away in the write that has ``at`` in it, for the ``times``-th time."""
-
-    at, times = b"never", 1
-
-    def write(self, data: bytes) -> None:
-        self.times -= self.at in data
-        if self.times == 0:
-            raise PortLost("the cable was pulled")
-        super().write(data)
-
-
-@pytest.mark.parametrize("at", [b"M0400", b"G1 Z", b"G92 E"])
-@pytest.mark.parametrize("times", [1, 2])
-@pytest.mark.parametrize("changing", [False, True])
-def test_port_that_goes_in_a_pause_is_gone_on_with_exactly(tmp_path, at, times, changing):
-    data = layered(3, 20)
-    job, clock = parse_job(data, "a"), VirtualClock()
-
-    def go_on(streamer: Streamer) -> None:
-        streamer.resume(unchanged=streamer.status.waits_for == "syringe")
-
-    def hold(streamer: Streamer) -> None:
-        streamer.reload() if changing else streamer.pause()
-
-    script = Script(on_paused=go_on, at_line={12: hold})
-    printer = Following(job, script)
-    wire = Unplugged(printer, clock)
-    wire.at = at
-    wire.times = times + (at != b"G1 Z")  # the job, or the check before it, has one, too
-    status = played(data, tmp_path, wire, script, Care(checkpoint_s=None))
-    if status.error == "PortLost":
-        assert not status.position_known
-        history = read_journal(tmp_path / "journal.log")
-        wire = FakeTransport(printer, clock)
-        status = played(data, tmp_path, wire, script, Care(checkpoint_s=None), history=history)
-    assert status.state is LinkState.DONE, status
-    assert printer.taken == len(job)
-
-
-def test_clock_that_jumps_does_no_harm(tmp_path):
-    printer, clock = FakeMarlin(), VirtualClock()
-    transport = FakeTransport(printer, clock)
-    read = transport.read
-    reads = iter(range(10_000))
-
-    def reading(timeout: float) -> bytes:
-        if next(reads) % 97 == 0:
-            clock.sleep(3600.0)  # the host was asleep
-        return read(timeout)
-
-    transport.read = reading  # type: ignore[method-assign]
-    lines = zigzag(300)
-    status = streamer_of(job_of(lines), transport, tmp_path).run()
-    assert status.state is LinkState.DONE, status
-    sent = [line for line in printer.numbered if line.startswith("G1")]
-    assert sent == [line.decode() for line in lines]
 
 
 class FullWire(FakeTransport):
@@ -165,53 +102,6 @@ def test_print_whose_journal_misses_records_is_not_gone_on_with(tmp_path):
         resumable(tmp_path, "0")
 
 
-def test_controlled_stop_never_lowers_a_needle_that_stands_higher_than_the_job_says(tmp_path):
-    printer = FakeMarlin()
-    job = job_of([b"G92 E0", b"G1 Z5 F300", *zigzag(3000)])
-
-    def on_status(status: Status) -> None:
-        if status.lines_done > 50 and status.state is LinkState.PRINTING:
-            printer.at["Z"] = 60.0  # a garbled line sent it there
-            streamer.stop()
-
-    transport = FakeTransport(printer, VirtualClock())
-    streamer = streamer_of(job, transport, tmp_path, on_status)
-    status = streamer.run()
-    assert status.state is LinkState.STOPPED
-    assert "G1 Z80.00000 F300" in printer.executed[-4:]
-    assert any("Z is 60.00 mm" in text for text in read_journal(tmp_path / "journal.log").alarms)
-
-
-def test_heater_that_the_firmware_does_not_have_leaves_the_place_known(tmp_path):
-    """A real Marlin without a bed quoted M140 S0 as unknown on the way out (2026-11-28)."""
-
-    class Heaterless(Following):
-        def _reply(self, word: str, command: str) -> str:
-            unknown = f'echo:Unknown command: "{command}"\nok\n'
-            return unknown if word in ("M104", "M140") else super()._reply(word, command)
-
-    printer = load(Printer, "generic_marlin").model_copy(update={"safe_state_on": []})
-    script = Script(at_line={30: lambda streamer: streamer.stop()})
-    data = b"\n".join(zigzag(300)) + b"\n"
-    board = Heaterless(parse_job(data, "test.gcode", printer), script)
-    transport = FakeTransport(board, VirtualClock())
-    status = played(data, tmp_path, transport, script, printer=printer)
-    assert (status.state, status.position_known) == (LinkState.STOPPED, True)
-
-
-def test_motors_stay_powered_from_before_the_first_line_to_the_end(tmp_path):
-    """Marlin cut them two minutes into a dwell (real board, 2026-11-22); it doesn't tell the time
-    in force, so nothing can be set back."""
-    data = layered(2, 20)
-    script = Script(at_line={12: lambda streamer: streamer.pause()})
-    job = parse_job(data, "a")
-    printer = Following(job, script)
-    status = played(data, tmp_path, FakeTransport(printer, VirtualClock()), script)
-    assert status.state is LinkState.DONE
-    assert printer.numbered.index("M84 S0") < printer.numbered.index(job.lines[0].decode())
-    assert [line for line in printer.numbered if line.startswith("M84")] == ["M84 S0"]
-
-
 def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(pty, monkeypatch):
     master, slave = pty
     wire = SerialTransport(os.ttyname(slave), 115_200)
@@ -230,73 +120,6 @@ def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(pty, monkey
     monkeypatch.setattr(wire._serial, "reset_output_buffer", drop)
     with pytest.raises(PortLost):
         wire.write_urgent(b"\nM112\n")
-
-
-# --- random sequences of pauses, syringe changes and host deaths in one print
-DATA = layered(5, 20)
-JOB = parse_job(DATA, "test.gcode")
-FORESEEN = foreseen(DATA)
-
-
-class Restless(Script):
-    """A user who asks for something at random whenever there is news."""
-
-    def __init__(self, rng: np.random.Generator) -> None:
-        super().__init__(on_paused=self.go_on)
-        self._rng, self._left = rng, 6
-
-    def status(self, status: Status) -> None:
-        super().status(status)
-        streamer = self.streamer
-        if streamer is None or status.state is not LinkState.PRINTING or self._left == 0:
-            return
-        if self._rng.random() < 0.3 and status.lines_done < JOB.marks.all[-3].index:
-            self._left -= 1
-            request = self._rng.choice(["now", "layer", "reload"])
-            if request == "now":
-                streamer.pause()
-            elif request == "layer":
-                streamer.pause(MarkKind.LAYER)
-            else:
-                streamer.reload()
-
-    def go_on(self, streamer: Streamer) -> None:
-        if streamer.status.waits_for != "syringe":
-            if self._rng.random() < 0.3:
-                streamer.reload()
-            else:
-                streamer.resume()
-        elif self._rng.random() < 0.2:
-            streamer.resume(unchanged=True)
-        else:
-            back = float(self._rng.uniform(-30.0, -5.0))
-            streamer.command(b"G1 E%.3f F60" % back, lambda lines: None)
-            streamer.command(
-                b"G1 E%.3f F60" % (back + 2.0), lambda lines: streamer.resume(NewSyringe(1.0))
-            )
-
-
-@pytest.mark.parametrize("seed", first_of(range(25), 3))
-def test_print_with_every_trouble_is_the_same_print(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    printer, clock, deaths = MarlinPrinter(PRINTER, START), VirtualClock(), 0
-    care = Care(checkpoint_s=0.0, reload_at=(JOB.marks.of(MarkKind.RELOAD)[2].index,))
-    script = Restless(rng)
-    while True:
-        last, part = int(rng.integers(20, 90)), rng.random()
-        transport = doomed(printer, clock, last if deaths < 5 else 0, part)  # 0: lives on
-        path = tmp_path / "journal.log"
-        history = read_journal(path) if deaths else None
-        if history is not None and not history.begun:
-            history = None
-        try:
-            status = played(DATA, tmp_path, transport, script, care, history=history)
-            break
-        except HostDiedError:
-            deaths += 1
-    assert status.state is LinkState.DONE, status
-    assert deaths >= 1
-    assert_same_strokes(printer.executed(), FORESEEN)
 
 
 # --- watched gauges (force, pressure): queried during a print, ending it above a limit

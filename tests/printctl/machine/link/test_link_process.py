@@ -36,7 +36,8 @@ from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.looking import layered, patch, patch_at
+from tests.printctl.machine.link.layered import layered
+from tests.printctl.machine.link.looking import patch, patch_at
 from tests.waiting import wait_for
 
 
