@@ -381,6 +381,10 @@ def reload(streamer: Streamer) -> None:
     streamer.reload()
 
 
+def die(_: Streamer) -> None:
+    raise HostDiedError
+
+
 def observe(
     bench: Bench,
     inserts: Mapping[int, Mapping[str, Any]] | None = None,

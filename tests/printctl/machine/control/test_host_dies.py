@@ -15,6 +15,7 @@ from printctl.machine.control.look_book import LookDecision
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.job import Job
+from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.control.bench import (
@@ -29,6 +30,7 @@ from tests.printctl.machine.control.bench import (
     assert_crosses_high,
     assert_exact,
     insert,
+    layers,
     lines_apart,
     mend,
     observe,
@@ -36,6 +38,7 @@ from tests.printctl.machine.control.bench import (
     pause_after_layer,
     reload,
 )
+from tests.printctl.machine.link.jobs import parse_job
 from tests.slower import first_rows
 
 PARK = (20.0, 30.0, 40.0)
@@ -44,6 +47,10 @@ PARK = (20.0, 30.0, 40.0)
 APART = lines_apart(2, 3)
 TRAVELS = [k for k, line in enumerate(APART.lines) if line.startswith(b"G0 X")]
 WITHIN = [line.replace("Z10.900", "Z10.000") for line in mend(TRAVELS[2], APART)]
+
+MARKED = layers(2, 8).replace(b";LAYER_END", b";PASS_END").splitlines()
+PARTED = parse_job(b"\n".join([*MARKED[:6], b";PART_END:0", *MARKED[6:]]) + b"\n", "bench.gcode")
+INSIDE = [line.replace("Z9.900", "Z10") for line in mend(6, PARTED)]
 
 
 @dataclass
@@ -112,6 +119,12 @@ CASES = {
         inserts={1: {"lines": WITHIN}},
         job=APART,
         records={"insert": 1},
+    ),
+    "look within a stroke": Case(
+        replace(CALM, look_after=MarkKind.VESSEL),
+        inserts={1: {"lines": INSIDE}},
+        job=PARTED,
+        records={"insert": 1, "looked": 3},
     ),
     "mend in a pause of a look": Case(LOOKS, inserts=MENDED, pauses_in_look=True),
 }

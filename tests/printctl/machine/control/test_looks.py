@@ -24,6 +24,7 @@ from tests.printctl.machine.control.bench import (
     assert_exact,
     assert_stood,
     assert_true,
+    die,
     insert,
     layers,
     lines_apart,
@@ -273,10 +274,6 @@ def test_a_look_whose_host_dies_in_the_pause_is_made_again_once():
     observe(bench)
     assert_exact(bench)
     assert [decision for _, decision in looked(bench)] == ["pause", "go_on", "go_on"]
-
-
-def die(_: Streamer) -> None:
-    raise HostDiedError
 
 
 @pytest.mark.parametrize("mended", [False, True])

@@ -21,9 +21,11 @@ from tests.printctl.machine.control.bench import (
     JOB,
     RELOADS,
     Bench,
+    HostDiedError,
     Instant,
     assert_exact,
     assert_true,
+    die,
     layers,
     pause,
     pause_after_layer,
@@ -239,9 +241,13 @@ def test_resume_from_a_change_of_syringe_wants_to_know_what_was_put_in():
 
 
 def test_new_syringe_is_refused_where_none_is_changed_or_room_is_being_made():
+    refused = []
+
     def early(streamer: Streamer) -> None:
-        with pytest.raises(LinkError, match="isn't paused"):
-            streamer.resume(NewSyringe())
+        if streamer.print.change.going_on:
+            with pytest.raises(LinkError, match="isn't paused yet"):
+                streamer.resume(NewSyringe())
+            refused.append(streamer.status)
 
     def unasked(streamer: Streamer) -> None:
         with pytest.raises(LinkError, match="`printctl reload RUN` first"):
@@ -251,8 +257,9 @@ def test_new_syringe_is_refused_where_none_is_changed_or_room_is_being_made():
     bench = Bench(JOB, care=replace(CALM, reload_at=(RELOADS[0],)))
     bench.on_line(5, pause)
     bench.when(LinkState.PAUSED, unasked, drive_and_resume)
-    bench.when(LinkState.PAUSING, lambda streamer: None, early)
+    bench.when(LinkState.PAUSING, *[early] * 9)
     assert_exact(bench)
+    assert refused
     assert len(bench.pauses) == 2
 
 
@@ -278,13 +285,21 @@ def test_syringe_that_does_not_last_to_the_next_reload_point_is_not_gone_on_with
     assert answers == [bench.pauses[1].message, ""]
 
 
-def test_a_refill_is_of_the_syringe_that_was_put_in_last():
+@pytest.mark.parametrize("dies", [False, True])
+def test_a_refill_is_of_the_syringe_that_was_put_in_last(dies):
     """Told by its used travel alone: its capacity isn't the one's that the print began with."""
     put_in = iter([NewSyringe(0.0, "small", 0.525), NewSyringe(0.02)])
     job = parse_job(layers(3, 8), "bench.gcode")
     reloads = tuple(one.index for one in job.marks.of(MarkKind.RELOAD))[:2]
-    bench = Bench(job, care=replace(CALM, reload_at=reloads, syringe="large", capacity_mm=50.0))
+    care = replace(CALM, reload_at=reloads, syringe="large", capacity_mm=50.0)
+    bench = Bench(job, care=care)
     bench.when(LinkState.PAUSED, *[lambda streamer: streamer.resume(next(put_in))] * 2)
+    if dies:
+        bench.on_line(reloads[0] + 3, die)
+        with pytest.raises(HostDiedError):
+            bench.run()
+        bench = Bench(job, bench.printer, care, bench.journal, resume=True)
+        bench.when(LinkState.PAUSED, lambda streamer: streamer.resume(next(put_in)))
     assert_exact(bench)
     told = [(one["name"], one["capacity_mm"]) for one in bench.recorded("syringe")]
     assert told == [("small", 0.525)] * 2

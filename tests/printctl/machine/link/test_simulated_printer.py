@@ -32,7 +32,7 @@ from tests.printctl.machine.link.simulated import (
     wired,
 )
 from tests.printctl.machine.link.simulated_transport import SimulatedTransport
-from tests.slower import first_of
+from tests.slower import first_of, first_rows
 
 
 def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
@@ -190,34 +190,23 @@ def check_print(transport: SimulatedTransport, folder: Path) -> None:
     assert same_motion(transport.printer.executed(), foreseen(data))
 
 
-@pytest.mark.parametrize("seed", first_of([0, 3, 1, 2]))
-def test_each_ok_late_by_up_to_five_seconds(tmp_path, seed):
-    check_print(wire_slow_boards(LATE, seed=seed), tmp_path)
+OK_DELAYS = [(0, 0, 0, 3), (3,), (0, 1.5, 0, 0, 1), (2, 0), (0, 0, 2), (0, 5)]
+ROWS = [((LATE,), seed, {}) for seed in (0, 3, 1, 2)]
+ROWS += [((), seed, {"ok_delay_up_to_s": 5.0}) for seed in (0, 3)]
+ROWS += [((), 0, {"speed": share}) for share in (0.3, 0.5)]
+ROWS += [((), 0, {"ok_delays_s": delays}) for delays in OK_DELAYS]
+STALLED = ((STALL,), 3, {"speed": 0.5, "ok_delay_up_to_s": 0.8, "drop_ok": 0.05})
 
 
 @pytest.mark.parametrize(
-    "delays", first_of([(0, 0, 0, 3), (3,), (0, 1.5, 0, 0, 1), (2, 0), (0, 0, 2), (0, 5)], 3)
+    ("faults", "seed", "troubles"), first_rows([STALLED, *ROWS[::2], *ROWS[1::2]], 8)
 )
-def test_oks_that_come_bunched(tmp_path, delays):
-    check_print(wire_slow_boards(ok_delays_s=delays), tmp_path)
-
-
-@pytest.mark.parametrize("seed", first_of([0, 3]))
-def test_all_answers_late_by_up_to_five_seconds_from_the_handshake_on(tmp_path, seed):
+def test_late_oks_and_slow_boards(tmp_path, faults, seed, troubles):
     """An answer to an earlier question is none to a later doubt's, and no sign of a reset."""
-    check_print(wire_slow_boards(seed=seed, ok_delay_up_to_s=5.0), tmp_path)
-
-
-@pytest.mark.parametrize("share", first_of([0.3, 0.5]))
-def test_board_at_a_share_of_its_speed(tmp_path, share):
-    transport = wire_slow_boards(speed=share)
+    transport = wire_slow_boards(*faults, seed=seed, **troubles)
     check_print(transport, tmp_path)
-    assert transport.clock.now() > transport.printer.now / share * 0.99
-
-
-def test_slow_board_that_stalls_behind_late_and_lost_oks(tmp_path):
-    transport = wire_slow_boards(STALL, seed=3, speed=0.5, ok_delay_up_to_s=0.8, drop_ok=0.05)
-    check_print(transport, tmp_path)
+    if share := troubles.get("speed"):
+        assert transport.clock.now() > transport.printer.now / share * 0.99
 
 
 # --- repeated alarms are counted; whoever stopped a print is reported
