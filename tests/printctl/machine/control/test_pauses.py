@@ -244,7 +244,7 @@ def test_new_syringe_is_refused_where_none_is_changed_or_room_is_being_made():
     refused = []
 
     def early(streamer: Streamer) -> None:
-        if streamer.print.change.going_on:
+        if streamer.print.change.going_on and streamer.status.state is LinkState.PAUSING:
             with pytest.raises(LinkError, match="isn't paused yet"):
                 streamer.resume(NewSyringe())
             refused.append(streamer.status)
@@ -257,7 +257,8 @@ def test_new_syringe_is_refused_where_none_is_changed_or_room_is_being_made():
     bench = Bench(JOB, care=replace(CALM, reload_at=(RELOADS[0],)))
     bench.on_line(5, pause)
     bench.when(LinkState.PAUSED, unasked, drive_and_resume)
-    bench.when(LinkState.PAUSING, *[early] * 9)
+    soon = [0.1 * k for k in range(1, 20)]
+    bench.when(LinkState.PAUSING, *[lambda _: [bench.after(s, early) for s in soon]] * 9)
     assert_exact(bench)
     assert refused
     assert len(bench.pauses) == 2

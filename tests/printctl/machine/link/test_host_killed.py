@@ -20,7 +20,7 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.recovery import NoCheckpoint, plan_recovery
 from printctl.machine.prints.state import assemble_state
 from printctl.machine.process.outcome import read_outcome, resumable
-from printctl.machine.records.journal import Journal
+from printctl.machine.records.journal import Journal, encode
 from printctl.machine.records.record import JOURNAL, ContactRecord
 from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
@@ -201,6 +201,34 @@ def test_command_that_recovers_can_be_copied(tmp_path):
     ]
     assert "printctl recover 'my run' --from-line " in line
     assert line.split("--from-line ")[1].split()[0].isdigit()
+
+
+def interrupted(folder, *records: dict) -> None:
+    journal = Journal(folder / JOURNAL)
+    journal.add("job", name="a.gcode", sha256="0", lines=100)
+    journal.add("state", state=LinkState.PRINTING, message="")
+    journal.add("ack", done=20)
+    for record in records:
+        journal.add(**record)
+    journal.close()
+
+
+def test_print_that_was_being_ended_is_not_gone_on_with(tmp_path):
+    interrupted(tmp_path)
+    assert resumable(tmp_path, "0").done == 20
+    stopping = {"sort": "state", "state": LinkState.STOPPING, "message": "stopped by the user"}
+    interrupted(tmp_path, stopping)
+    with pytest.raises(Refused, match=r"was being ended .*heaters may be off"):
+        resumable(tmp_path, "0")
+
+
+def test_print_whose_journal_misses_records_is_not_gone_on_with(tmp_path):
+    interrupted(tmp_path)
+    with (tmp_path / JOURNAL).open("ab") as handle:
+        lost = encode({"t": "control", "n": 21, "command": "M114"}).replace(b"21", b"22")
+        handle.write(lost + encode({"t": "ack", "done": 30}))
+    with pytest.raises(Refused, match=r"damaged in 1 places.*printctl recover"):
+        resumable(tmp_path, "0")
 
 
 # --- `printctl kill` where the print's link process is gone and the motors may run on

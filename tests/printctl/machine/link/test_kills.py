@@ -9,6 +9,7 @@ from typing import Any
 
 from printctl.machine.control import halting
 from printctl.machine.control.streamer import Streamer
+from printctl.machine.errors import PortLost
 from printctl.machine.job.job import Job
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.records.replay import read_journal
@@ -116,3 +117,35 @@ def test_alarm_of_whoever_hears_of_the_end_is_in_the_journal(tmp_path):
     streamer = streamer_of(job_of(zigzag(3)), transport, tmp_path, hear)
     streamer.run()
     assert "the wire log ends here" in read_journal(tmp_path / "journal.log").alarms
+
+
+class FullWire(FakeTransport):
+    """Takes nothing that is urgent at first."""
+
+    refusals = 3
+
+    def write_urgent(self, data: bytes) -> None:
+        self.refusals -= 1
+        if self.refusals >= 0:
+            raise PortLost("resource temporarily unavailable")
+        self.write(data)
+
+
+def test_kill_is_tried_again_on_a_wire_that_takes_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(halting, "KILL_REPEAT_S", 0.001)
+    printer = FakeMarlin()
+    transport = FullWire(printer, VirtualClock())
+    threads: list[threading.Thread] = []
+
+    def on_status(status: Status) -> None:
+        if status.lines_done > 50 and not threads:
+            threads.append(threading.Thread(target=streamer.kill))
+            threads[0].start()
+            threads[0].join(0.05)
+
+    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, on_status)
+    status = streamer.run()
+    threads[0].join(10)
+    assert transport.refusals < 0
+    assert status.state is LinkState.KILLED
+    assert b"M112" in b"".join(transport.written)

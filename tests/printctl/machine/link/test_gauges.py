@@ -1,9 +1,7 @@
-"""Kills on bad wires, journals that end a print, and watched gauges."""
+"""Watched gauges (force, pressure): queried during a print, ending it above a limit."""
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Callable
 
 import numpy as np
@@ -13,21 +11,15 @@ from pydantic import ValidationError
 from firmware_profiles import Printer, WatchedGauge
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.cli.running_print import waiting_lines
-from printctl.machine.control import halting
-from printctl.machine.errors import PortLost, Refused
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.ports.serial_port import SerialTransport
-from printctl.machine.process.outcome import resumable
-from printctl.machine.records.journal import Journal, encode, read_records
-from printctl.machine.records.record import JOURNAL
+from printctl.machine.records.journal import read_records
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.faults import FaultFile, load_faults
 from sim.devices.faults import Gauge as SimGauge
 from sim.gcode.dry_run.run import dry_run
-from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport
@@ -38,89 +30,7 @@ from tests.printctl.machine.link.simulated import (
     same_motion,
 )
 from tests.printctl.machine.link.simulated_transport import HostDiedError
-from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 from tests.slower import first_of
-
-
-class FullWire(FakeTransport):
-    """Takes nothing that is urgent at first."""
-
-    refusals = 3
-
-    def write_urgent(self, data: bytes) -> None:
-        self.refusals -= 1
-        if self.refusals >= 0:
-            raise PortLost("resource temporarily unavailable")
-        self.write(data)
-
-
-def test_kill_is_tried_again_on_a_wire_that_takes_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(halting, "KILL_REPEAT_S", 0.001)
-    printer = FakeMarlin()
-    transport = FullWire(printer, VirtualClock())
-    threads: list[threading.Thread] = []
-
-    def on_status(status: Status) -> None:
-        if status.lines_done > 50 and not threads:
-            threads.append(threading.Thread(target=streamer.kill))
-            threads[0].start()
-            threads[0].join(0.05)
-
-    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, on_status)
-    status = streamer.run()
-    threads[0].join(10)
-    assert transport.refusals < 0
-    assert status.state is LinkState.KILLED
-    assert b"M112" in b"".join(transport.written)
-
-
-def interrupted(folder, *records: dict) -> None:
-    journal = Journal(folder / JOURNAL)
-    journal.add("job", name="a.gcode", sha256="0", lines=100)
-    journal.add("state", state=LinkState.PRINTING, message="")
-    journal.add("ack", done=20)
-    for record in records:
-        journal.add(**record)
-    journal.close()
-
-
-def test_print_that_was_being_ended_is_not_gone_on_with(tmp_path):
-    interrupted(tmp_path)
-    assert resumable(tmp_path, "0").done == 20
-    stopping = {"sort": "state", "state": LinkState.STOPPING, "message": "stopped by the user"}
-    interrupted(tmp_path, stopping)
-    with pytest.raises(Refused, match=r"was being ended .*heaters may be off"):
-        resumable(tmp_path, "0")
-
-
-def test_print_whose_journal_misses_records_is_not_gone_on_with(tmp_path):
-    interrupted(tmp_path)
-    with (tmp_path / JOURNAL).open("ab") as handle:
-        lost = encode({"t": "control", "n": 21, "command": "M114"}).replace(b"21", b"22")
-        handle.write(lost + encode({"t": "ack", "done": 30}))
-    with pytest.raises(Refused, match=r"damaged in 1 places.*printctl recover"):
-        resumable(tmp_path, "0")
-
-
-def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(pty, monkeypatch):
-    master, slave = pty
-    wire = SerialTransport(os.ttyname(slave), 115_200)
-    drop = wire._serial.reset_output_buffer
-    closing = threading.Thread(target=wire.close)
-
-    def dropping() -> None:
-        drop()
-        closing.start()
-        closing.join(0.2)  # what is closed now could be another file's when it is written to
-
-    monkeypatch.setattr(wire._serial, "reset_output_buffer", dropping)
-    wire.write_urgent(b"\nM112\n")
-    assert os.read(master, 100) == b"\nM112\n"
-    closing.join(5)
-    monkeypatch.setattr(wire._serial, "reset_output_buffer", drop)
-    with pytest.raises(PortLost):
-        wire.write_urgent(b"\nM112\n")
-
 
 # --- watched gauges (force, pressure): queried during a print, ending it above a limit
 WATCHED = WatchedGauge(query="M871", regex=r"Force: ([-+.\d]+) N", unit="N", high=12.5, every_s=0.5)
