@@ -152,18 +152,19 @@ def test_extra_prime_is_pushed_and_not_counted():
     assert bench.printer.numbered[primed + 1] == f"G92 E{e:.5f}"
 
 
-@pytest.mark.parametrize(("every", "expected"), [(0.0, 2), (1.5, 1), (None, 0)])
+@pytest.mark.parametrize(("every", "expected"), [(0.0, 6), (1.5, 3), (None, 0)])
 def test_checkpoints_are_made_at_marks_as_often_as_requested(every, expected):
-    bench = Bench(JOB, care=Care(checkpoint_s=every))
+    bench = Bench(layers(6, 8), care=Care(checkpoint_s=every))
     assert_exact(bench)
     made = [record["done"] for record in bench.recorded("checkpoint")]
-    assert len(set(made) & set(ENDS)) == expected
-    assert made[-1] == len(JOB)  # at the end alone it is held up for it
+    ends = {mark.index for mark in bench.job.marks.of(MarkKind.LAYER)}
+    assert len(set(made) & ends) == expected
+    assert made[-1] == len(bench.job)  # at the end alone it is held up for it
     assert bench.printer.numbered.count("M400") == 3  # the job's, and before and behind it
 
 
 def test_checkpoint_finds_a_position_that_is_not_the_jobs():
-    bench = Bench(JOB, care=Care(checkpoint_s=0.0))
+    bench = Bench(layers(6, 8), care=Care(checkpoint_s=0.0))
     bench.on_line(ENDS[0] - 1, lambda _: bench.printer.at.update(Y=bench.printer.at["Y"] + 3.0))
     status = bench.run()
     assert status.state is LinkState.POSITION_UNKNOWN
