@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,19 +18,23 @@ from typing import Any
 
 from firmware_profiles import Printer, load
 from printctl.machine.control.connecting import protocol_for
+from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.shell import write_down
 from printctl.machine.control.steps import Record, Urgent
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.control.wiring import Wiring
-from printctl.machine.errors import JournalError, PortLost
+from printctl.machine.errors import JournalError, PortLost, Refused
 from printctl.machine.job.care import Care
 from printctl.machine.job.job import Job
+from printctl.machine.job.marks import MarkKind
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.detection import PortPrograms
 from printctl.machine.records.replay import JournalledPrint, replay
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.control.scripted_printer import ScriptedPrinter
+from tests.printctl.machine.link.fake_families import FakePrinter
 from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.looking import patch_at
 
 PRINTER = load(Printer, "generic_marlin")
 QUIET_S = 0.05
@@ -89,24 +93,45 @@ class Wire:
         return 0.0
 
 
+class Instant:
+    """Printer of another family in virtual time: a fake that answers at once."""
+
+    def __init__(self, fake: FakePrinter) -> None:
+        self.fake, self.now, self._out = fake, 0.0, b""
+
+    @property
+    def due_s(self) -> float:
+        return self.now if self._out else math.inf
+
+    def take(self, data: bytes, now: float) -> None:
+        self.now = now
+        self._out += self.fake.receive(data)
+
+    def said(self, now: float) -> bytes:
+        said, self._out = self._out, b""
+        return said
+
+
 class Bench:
     """One process's print of a job, on a printer and a journal that may outlive it."""
 
     def __init__(
         self,
         job: Job | bytes,
-        printer: ScriptedPrinter | None = None,
+        printer: ScriptedPrinter | Any = None,  # or another family's, by `Instant`
         care: Care | None = None,
         journal: MemoryJournal | None = None,
         wire: Wire | None = None,
         profile: Printer = PRINTER,
         resume: bool = False,
+        retreat: Retreat = SHORT,
     ) -> None:
         self.job = parse_job(job, "bench.gcode", profile) if isinstance(job, bytes) else job
         self.printer, self.wire = printer or ScriptedPrinter(), wire or Wire()
         self.journal = journal or MemoryJournal()
         self.statuses: list[Status] = []
-        self.told: list[Any] = []
+        self.answers: list[Any] = []  # to what was requested
+        self.refusals: list[str] = []
         self.sent: list[bytes] = []
         self.known_at: list[int] = []  # records in the journal when each left
         self.events = self.effects = 0
@@ -129,8 +154,9 @@ class Bench:
             clock=SimpleNamespace(now=lambda: self.exchange.now_s),  # type: ignore[arg-type]
             journal=self.journal,  # type: ignore[arg-type]
             printer=profile,
-            retreat=SHORT,
+            retreat=retreat,
             on_status=self._on_status,
+            wall_s=lambda: self.exchange.now_s,
         )
         self.wiring, self.exchange = wiring, wiring.exchange
         self.exchange.now_s = self.printer.now
@@ -237,10 +263,28 @@ class Bench:
     # --- what came of it ---------------------------------------------------------------------
 
     @property
+    def pauses(self) -> list[Status]:
+        """First status of each pause."""
+        found = [one for one in self.statuses if one.state is LinkState.PAUSED]
+        return [one for one, last in zip(found, [None, *found], strict=False) if one != last]
+
+    @property
+    def alarms(self) -> list[str]:
+        return self.journal.history().alarms
+
+    @property
     def states(self) -> list[LinkState]:
         """States in their order, each once in a row."""
         states = [status.state for status in self.statuses]
         return [state for state, _ in itertools.groupby(states)]
+
+    def typed(self, *lines: str) -> None:
+        """Type commands as a person does; see `answers` and `refusals`."""
+        for line in lines:
+            try:
+                self.streamer.typed(line, self.answers.append, self.refusals.append)
+            except Refused as exc:
+                self.refusals.append(str(exc))
 
     def recorded(self, sort: str) -> list[dict[str, Any]]:
         """The journal's records of one sort."""
@@ -272,6 +316,21 @@ def lines_of(data: bytes) -> list[bytes]:
     return [row for row in rows if row]
 
 
+def lines_apart(layers: int, lines: int, relieves: bool = True) -> Job:
+    """Layers of lines that are each left by a travel."""
+    text, e = ["G90", "M82", "G92 X50 Y50 Z10 E0"], 0.0
+    for layer in range(layers):
+        for k in range(lines):
+            text += [f"G0 X50 Y{50 + k + layer * 0.1:g} F6000", f"G0 Z{10 + 0.25 * layer:g} F300"]
+            text += [f"G1 E{e:.5f} F60"] * relieves
+            e += 0.0035
+            text.append(f"G1 X53.5 E{e:.5f} F1800")
+            text += [f"G1 E{e - 0.25:.5f} F60"] * relieves
+            text.append(f"G0 Z{11 + 0.25 * layer + 0.001 * k:g} F300")
+        text.append(f";LAYER_END:{layer}")
+    return parse_job(("\n".join(text) + "\nG0 Z20 F300\nM400\n").encode(), "bench.gcode")
+
+
 def motion(lines: Iterable[bytes]) -> list[str]:
     """The motion lines among a job's, by the commands that are sent."""
     return [line.decode() for line in lines if moves(line)]
@@ -301,3 +360,126 @@ def made_of(printer: ScriptedPrinter, lines: Iterable[bytes]) -> list[tuple[str,
     """What the motors made of a job's own lines, in their order; the link's own moves aside."""
     own = set(motion(lines))
     return [(one.line, one.start, one.end) for one in printer.made if one.line in own]
+
+
+JOB = parse_job(layers(2, 8), "bench.gcode")
+CLEAN = clean_run(JOB.lines)
+ENDS = [mark.index for mark in JOB.marks.of(MarkKind.LAYER)]
+RELOADS = [mark.index for mark in JOB.marks.of(MarkKind.RELOAD)]
+CALM = Care(checkpoint_s=None)
+LOOKS = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=60.0)
+
+
+def mend(index: int, job: Job = JOB) -> tuple[str, ...]:
+    """A stroke beside the job behind so many of its lines, and the way back."""
+    return tuple(patch_at(b"\n".join(job.lines), index))
+
+
+# --- what people and observers do -------------------------------------------------------------
+
+
+def resume(streamer: Streamer) -> None:
+    streamer.resume()
+
+
+def stop(streamer: Streamer) -> None:
+    streamer.stop()
+
+
+def pause(streamer: Streamer) -> None:
+    streamer.pause()
+
+
+def pause_after_layer(streamer: Streamer) -> None:
+    streamer.pause(MarkKind.LAYER)
+
+
+def reload(streamer: Streamer) -> None:
+    streamer.reload()
+
+
+def die(_: Streamer) -> None:
+    raise HostDiedError
+
+
+def observe(
+    bench: Bench,
+    inserts: Mapping[int, Mapping[str, Any]] | None = None,
+    decide: Callable[[int], LookDecision | None] = lambda number: LookDecision.GO_ON,
+    again: Container[int] = (),
+) -> None:
+    """Have looks decided by their number, behind what is inserted; those of ``again`` fail."""
+
+    def act(streamer: Streamer) -> None:
+        look = streamer.status.look
+        assert look is not None
+        number, decision = look["number"], decide(look["number"])
+        if number in (inserts or {}):
+            insert(bench, number, **(inserts or {})[number])
+        if decision is not None:
+            ends = LookRequest(
+                number, bench.answers.append, bench.refusals.append, "seen", decision,
+                again=number in again,
+            )  # fmt: skip
+            streamer.look(ends)
+
+    bench.when(LinkState.LOOKING, *[act] * 20)
+
+
+def insert(bench: Bench, number: int, lines: Sequence[str] = (), **given: Any) -> None:
+    """Request an insert in a look."""
+    answers = bench.answers.append, bench.refusals.append
+    bench.streamer.look(LookRequest(number, *answers, "a gap", lines=tuple(lines), **given))
+
+
+# --- what must be true ------------------------------------------------------------------------
+
+
+def assert_exact(bench: Bench, status: Status | None = None) -> None:
+    """The job as it has grown was made once, and that is what is reported."""
+    status = status or bench.run()
+    assert (status.state, status.position_known) == (LinkState.DONE, True), status.message
+    job, history = bench.streamer.job, bench.journal.history()
+    assert list(job.inserts) == history.inserts
+    assert made_of(bench.printer, job.lines) == (
+        CLEAN if job.lines == JOB.lines else clean_run(job.lines)
+    )
+    assert status.lines_done == status.lines_executed == len(job)
+    own = {line.decode() for line in job.lines}
+    sent = {n: text for n, text in bench.printer.by_number.items() if n and text not in own}
+    assert {n: text for n, text in history.controls.items() if text not in own} == sent, sent
+
+
+def assert_crosses_high(bench: Bench, park: tuple[float, float, float]) -> None:
+    """The needle was parked, and went there and back high above the job."""
+    ends = [tuple(one.end[axis] for axis in "XYZ") for one in bench.printer.made]
+    assert park in ends
+    aside = [math.dist(end[:2], park[:2]) > 0.1 for end in ends]
+    crossed = [
+        end for end, now, last in zip(ends[1:], aside[1:], aside, strict=False) if now != last
+    ]
+    assert all(end[2] > 13.9 for end in crossed)
+
+
+def assert_true(bench: Bench, status: Status) -> None:
+    """What was made is a beginning of the job, and no more is reported than is true."""
+    made = made_of(bench.printer, bench.job.lines)
+    assert made == CLEAN[: len(made)]
+    assert len(motion_until(bench, status.lines_executed)) <= len(made)
+    own = set(motion(bench.job.lines))
+    taken = [line for line in bench.printer.taken if line in own]
+    assert len(motion_until(bench, status.lines_done)) <= len(taken)
+
+
+def assert_stood(bench: Bench) -> None:
+    """The line to go on with is the one after those that were wholly made.
+
+    Where others pass the same place, within two decimals, it is the first of them.
+    """
+    [stood] = bench.recorded("stood")
+    made, reported = len(made_of(bench.printer, JOB.lines)), len(motion_until(bench, stood["line"]))
+    assert reported == made if stood["certain"] else made - 2 <= reported <= made
+
+
+def motion_until(bench: Bench, done: int) -> list[bytes]:
+    return [line for line in bench.streamer.job.lines[:done] if line.startswith((b"G0", b"G1"))]

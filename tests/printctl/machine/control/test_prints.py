@@ -1,92 +1,45 @@
-"""Prints driven by events alone: pauses, stops, syringes, looks, and what goes wrong."""
+"""Prints driven by events alone, to their end, a stop, or a trouble of line or host."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 
 from printctl.machine.control.halting import UNCONFIRMED
-from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.streamer import Streamer
-from printctl.machine.errors import Refused
-from printctl.machine.job.care import Care, NewSyringe
-from printctl.machine.job.marks import MarkKind
-from printctl.machine.records.states import LinkState, Status
+from printctl.machine.job.care import Care
+from printctl.machine.records.states import LinkState
 from tests.printctl.machine.control.bench import (
+    CLEAN,
+    JOB,
+    LOOKS,
     PRINTER,
     Bench,
-    HostDiedError,
     MemoryJournal,
     Wire,
-    clean_run,
+    assert_exact,
+    assert_stood,
+    assert_true,
     layers,
-    lines_of,
     made_of,
-    motion,
+    observe,
+    pause,
+    resume,
+    stop,
 )
 from tests.printctl.machine.link.jobs import parse_job
-
-JOB = parse_job(layers(2, 8), "bench.gcode")
-OWN = lines_of(layers(2, 8))
-CLEAN = clean_run(OWN)
-LINES = range(1, len(JOB) + 1)
-LOOKS = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=60.0)
-
-
-MARK = JOB.marks.of(MarkKind.LAYER)[0].index
-"""End of the first layer; a mend writes a stroke beside it, and comes back."""
-MEND = (
-    "G1 X51.5 Y50.123 F3000",
-    "G1 E0.04800 F60",
-    "G1 X51.25 E0.04900 F600",
-    "G1 E-0.22200 F60",
-    "G1 X50 Y51.75 F3000",
-    "G1 F600",
-)
-
-
-def resume(streamer: Streamer) -> None:
-    streamer.resume()
-
-
-def stop(streamer: Streamer) -> None:
-    streamer.stop()
-
-
-def pause(streamer: Streamer) -> None:
-    streamer.pause()
-
-
-def assert_exact(bench: Bench, status: Status) -> None:
-    """Each stroke was made once, from where to where the job says, and that is what is told."""
-    assert (status.state, status.position_known) == (LinkState.DONE, True), status.message
-    assert made_of(bench.printer, OWN) == CLEAN
-    assert status.lines_done == status.lines_executed == len(bench.job)
-
-
-def assert_true(bench: Bench, status: Status) -> None:
-    """What was made is a beginning of the job, and no more is told than is true."""
-    made = made_of(bench.printer, OWN)
-    assert made == CLEAN[: len(made)]
-    assert len(motion_until(bench, status.lines_executed)) <= len(made)
-    own = set(motion(OWN))
-    taken = [line for line in bench.printer.taken if line in own]
-    assert len(motion_until(bench, status.lines_done)) <= len(taken)
-
-
-def motion_until(bench: Bench, done: int) -> list[bytes]:
-    return [line for line in bench.streamer.job.lines[:done] if line.startswith((b"G0", b"G1"))]
-
 
 # --- a print that nothing disturbs ------------------------------------------------------------
 
 
 def test_each_line_is_made_once_and_the_states_follow():
     bench = Bench(JOB)
-    assert_exact(bench, bench.run())
+    assert_exact(bench)
+    assert bench.alarms == []
+    [checkpoint] = bench.recorded("checkpoint")
+    assert checkpoint["done"] == len(JOB)  # a clean line is held up for it at the end alone
     assert bench.states == [LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING]
     assert bench.recorded("end")[0]["done"] == len(JOB)
 
@@ -96,7 +49,7 @@ def test_commands_between_lines_are_in_the_journal_before_they_leave():
     for line in (6, 15):
         bench.on_line(line, pause)
     bench.when(LinkState.PAUSED, resume, resume)
-    assert_exact(bench, bench.run())
+    assert_exact(bench)
     own, begun = set(JOB.lines), False
     for data, known in zip(bench.sent, bench.known_at, strict=True):
         for number, written in re.findall(rb"N(\d{1,4}) (.*?)\*\d+", data):
@@ -106,103 +59,6 @@ def test_commands_between_lines_are_in_the_journal_before_they_leave():
                 found = [one for one in bench.journal.records[:known] if one["t"] == "control"]
                 controls = {one["n"]: one["command"].encode() for one in found}
                 assert controls.get(int(number)) == text
-
-
-# --- pauses -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("line", [3, 4, 7, 12, 14, 20, len(JOB) - 1])
-def test_pause_after_any_line_lifts_the_needle_and_comes_back_to_it(line):
-    bench, seen = Bench(JOB), []
-
-    def look_and_resume(streamer: Streamer) -> None:
-        seen.append((bench.printer.place["Z"], streamer.status.lines_done))
-        streamer.resume()
-
-    bench.on_line(line, pause)
-    bench.when(LinkState.PAUSED, look_and_resume)
-    assert_exact(bench, bench.run())
-    [(z, done)] = seen
-    assert z >= 14.0
-    assert done >= line
-    assert bench.states[-4:] == [
-        LinkState.PAUSING,
-        LinkState.PAUSED,
-        LinkState.RESUMING,
-        LinkState.PRINTING,
-    ]
-
-
-def test_pause_after_a_layer_is_held_at_its_mark():
-    bench = Bench(JOB)
-    bench.on_line(5, lambda streamer: streamer.pause(MarkKind.LAYER))
-    bench.when(LinkState.PAUSED, resume)
-    assert_exact(bench, bench.run())
-    [paused] = [one for one in bench.statuses if one.state is LinkState.PAUSED]
-    assert paused.lines_done == JOB.marks.of(MarkKind.LAYER)[0].index
-    assert "end of layer 1" in paused.message
-
-
-def test_pause_that_is_waited_for_is_in_the_journal_at_once_and_can_be_taken_back():
-    bench = Bench(JOB)
-
-    def want(streamer: Streamer) -> None:
-        streamer.pause(MarkKind.LAYER)
-        assert bench.recorded("wanted")[-1]["after"] == MarkKind.LAYER
-
-    bench.on_line(5, want)
-    bench.on_line(8, resume)
-    assert_exact(bench, bench.run())
-    assert LinkState.PAUSED not in bench.states
-
-
-def test_a_long_pause_shows_that_the_printer_is_there():
-    bench = Bench(JOB)
-    bench.on_line(5, pause)
-    bench.when(LinkState.PAUSED, lambda streamer: bench.after(100.0, resume))
-    assert_exact(bench, bench.run())
-    assert bench.printer.executed.count("M105") >= 5
-
-
-def test_print_that_nobody_confirms_is_held_at_the_next_mark():
-    bench = Bench(JOB, care=Care(checkpoint_s=None, deadman_s=0.5))
-    bench.when(LinkState.PAUSED, resume)
-    assert_exact(bench, bench.run())
-    [paused] = [one for one in bench.statuses if one.state is LinkState.PAUSED]
-    assert "nobody confirmed" in paused.message
-
-
-def test_resume_is_refused_while_the_needle_is_elsewhere():
-    bench, answers = Bench(JOB), list[str]()
-
-    def elsewhere(streamer: Streamer) -> None:
-        bench.printer.at["X"] += 1.0
-        streamer.resume(answer=answers.append)
-
-    def back(streamer: Streamer) -> None:
-        bench.printer.at["X"] -= 1.0
-        streamer.resume(answer=answers.append)
-
-    bench.on_line(9, pause)
-    bench.when(LinkState.PAUSED, elsewhere, back)
-    assert_exact(bench, bench.run())
-    assert answers[0].startswith("not resumed: ")
-    assert answers[1] == ""
-
-
-def test_command_typed_in_a_pause_is_judged_and_answered():
-    bench, replies, refusals = Bench(JOB), list[Any](), list[str]()
-
-    def typed(streamer: Streamer) -> None:
-        streamer.typed("M105", replies.append, refusals.append)
-        streamer.typed("M500", replies.append, refusals.append)
-        bench.after(1.0, resume)
-
-    bench.on_line(9, pause)
-    bench.when(LinkState.PAUSED, typed)
-    assert_exact(bench, bench.run())
-    assert b"T:21.00" in replies[0][0]
-    assert len(replies) == len(refusals) == 1
 
 
 # --- stops ------------------------------------------------------------------------------------
@@ -230,7 +86,7 @@ def test_stop_in_a_pause_ends_with_all_that_was_taken_made(state, line):
     assert_stood(bench)
 
 
-@pytest.mark.parametrize("line", [*LINES[3:-1]])
+@pytest.mark.parametrize("line", range(4, len(JOB)))
 def test_stop_after_any_line_says_how_far_the_motors_came(line):
     bench = Bench(JOB)
     bench.on_line(line, stop)
@@ -240,26 +96,6 @@ def test_stop_after_any_line_says_how_far_the_motors_came(line):
     assert_true(bench, status)
     assert_stood(bench)
     assert bench.printer.place["Z"] > 10.2
-
-
-def assert_stood(bench: Bench) -> None:
-    """The line that is told to go on with is the one after those that were wholly made.
-
-    Where others pass the same place, within two decimals, it is told as the first of them.
-    """
-    [stood] = bench.recorded("stood")
-    made, told = len(made_of(bench.printer, OWN)), len(motion_until(bench, stood["line"]))
-    assert told == made if stood["certain"] else made - 2 <= told <= made
-
-
-@pytest.mark.parametrize("seconds", [0.05, 0.35, 0.6])
-def test_stop_at_any_moment_of_a_pause_leaves_a_needle_that_stands(seconds):
-    bench = Bench(JOB)
-    bench.on_line(10, pause)
-    bench.when(LinkState.PAUSING, lambda streamer: bench.after(seconds, stop))
-    status = bench.run()
-    assert status.state is LinkState.STOPPED
-    assert_true(bench, status)
 
 
 def test_a_stop_is_in_the_journal_before_the_motors_drop_moves():
@@ -281,7 +117,7 @@ def test_stop_away_from_the_job_behind_a_silent_reset_leaves_the_position_unknow
 
     bench.on_line(10, pause)
     bench.when(LinkState.PAUSED, *([resume] * (state is not LinkState.PAUSED)))
-    bench.when(LinkState.LOOKING, decide(bench, LookDecision.GO_ON))
+    observe(bench)
     bench.when(state, lambda streamer: (reset(streamer), bench.after(1.0, stop)))
     status = bench.run()
     assert (status.state, status.position_known) == (LinkState.STOPPED, False), status.message
@@ -295,107 +131,14 @@ def test_stop_in_a_pause_knows_the_place_that_typed_moves_led_to():
 
     def typed(streamer: Streamer) -> None:
         for text in ("G1 Z13.5 F300", "G1 Z14 F300", "G1 Z15 F300", "G1 E0.01 F20"):
-            streamer.typed(text, bench.told.append, bench.told.append)
+            streamer.typed(text, bench.answers.append, bench.refusals.append)
         bench.after(60.0, stop)
 
     bench.on_line(10, pause)
     bench.when(LinkState.PAUSED, typed)
     status = bench.run()
     assert (status.state, status.position_known) == (LinkState.STOPPED, True), status.message
-    assert len(bench.told) == 4
-
-
-# --- syringes ---------------------------------------------------------------------------------
-
-
-def test_syringe_is_changed_at_the_next_reload_point_and_the_plunger_counted_anew():
-    bench = Bench(JOB)
-    bench.on_line(4, lambda streamer: streamer.reload())
-    bench.when(
-        LinkState.PAUSED,
-        lambda streamer: streamer.resume(NewSyringe()),
-    )
-    assert_exact(bench, bench.run())
-    [syringe] = bench.recorded("syringe")
-    assert syringe["done"] == JOB.marks.of(MarkKind.RELOAD)[0].index
-    assert syringe["command"].startswith("G92 E")
-    assert bench.printer.by_number[syringe["n"]] == syringe["command"]
-
-
-def test_resume_from_a_change_of_syringe_wants_to_know_what_was_put_in():
-    bench, refusals = Bench(JOB), list[str]()
-
-    def unsaid(streamer: Streamer) -> None:
-        with pytest.raises(Refused, match="--plunger-mm") as refused:
-            streamer.resume()
-        refusals.append(str(refused.value))
-        streamer.resume(unchanged=True)
-
-    bench.on_line(4, lambda streamer: streamer.reload())
-    bench.when(LinkState.PAUSED, unsaid)
-    assert_exact(bench, bench.run())
-    assert refusals
-    assert not bench.recorded("syringe")
-
-
-# --- looks ------------------------------------------------------------------------------------
-
-
-def decide(bench: Bench, decision: LookDecision, **given: Any) -> Callable[[Streamer], None]:
-    def act(streamer: Streamer) -> None:
-        look = streamer.status.look
-        assert look is not None
-        number = look["number"]
-        told = bench.told.append
-        if given:
-            streamer.look(LookRequest(number, told, told, "a gap", **given))
-        streamer.look(LookRequest(number, told, told, "as it is", decision))
-
-    return act
-
-
-def test_print_is_held_for_each_look_and_goes_on_as_it_is_decided():
-    bench = Bench(JOB, care=LOOKS)
-    go_on = decide(bench, LookDecision.GO_ON)
-    bench.when(LinkState.LOOKING, go_on, go_on)
-    assert_exact(bench, bench.run())
-    assert [one["decision"] for one in bench.recorded("looked")] == ["go_on", "go_on"]
-    assert len(bench.told) == 2
-
-
-def test_insert_of_a_look_is_in_the_journal_before_it_is_confirmed_and_made_once():
-    bench = Bench(JOB, care=LOOKS)
-    bench.when(
-        LinkState.LOOKING,
-        decide(bench, LookDecision.GO_ON, lines=MEND),
-        decide(bench, LookDecision.GO_ON),
-    )
-    status = bench.run()
-    assert status.state is LinkState.DONE, status.message
-    assert made_of(bench.printer, OWN) == CLEAN
-    made = [one.line for one in bench.printer.made]
-    assert [made.count(line) for line in MEND[:-1]] == [1] * 5
-    [insert] = bench.recorded("insert")
-    assert insert["after"] == MARK
-    assert bench.told[0]["count"] == len(MEND)
-
-
-def test_look_that_nobody_decides_becomes_a_pause():
-    bench = Bench(JOB, care=LOOKS)
-    bench.when(LinkState.PAUSED, lambda s: s.resume(unobserved=True))
-    bench.when(LinkState.LOOKING, lambda streamer: None, decide(bench, LookDecision.GO_ON))
-    assert_exact(bench, bench.run())
-    assert bench.recorded("looked")[0]["by"] == "the link"
-
-
-@pytest.mark.parametrize("by", ["observer", "user"])
-def test_stop_in_a_look_leaves_the_needle_up(by):
-    bench = Bench(JOB, care=LOOKS)
-    bench.when(LinkState.LOOKING, stop if by == "user" else decide(bench, LookDecision.STOP))
-    status = bench.run()
-    assert (status.state, status.position_known) == (LinkState.STOPPED, True)
-    assert_true(bench, status)
-    assert_stood(bench)
+    assert len(bench.answers) == 4
 
 
 # --- what goes wrong on the line --------------------------------------------------------------
@@ -426,7 +169,7 @@ def test_an_ok_that_is_lost_doubled_or_garbled_costs_no_line(change, at):
     bench = Bench(JOB, wire=Answers(at, change))
     bench.when(LinkState.PAUSED, resume)  # of an answer that is too many
     status = bench.run()
-    assert made_of(bench.printer, OWN) == CLEAN
+    assert made_of(bench.printer, JOB.lines) == CLEAN
     assert status.state is LinkState.DONE, status.message
 
 
@@ -480,7 +223,7 @@ def test_many_errors_pause_the_print():
 
     bench = Bench(JOB, care=Care(checkpoint_s=None, noise_window=50, noise_limit=4), wire=Noise())
     bench.when(LinkState.PAUSED, *[resume] * 10)
-    assert_exact(bench, bench.run())
+    assert_exact(bench)
     assert any("check cable and earthing" in one.message for one in bench.statuses)
 
 
@@ -496,19 +239,23 @@ def test_printer_that_is_silent_for_a_while_loses_nothing(seconds):
         bench.printer.mute = False
 
     bench.on_line(9, mute)
-    assert_exact(bench, bench.run())
+    assert_exact(bench)
 
 
-def test_printer_that_stays_silent_ends_the_print():
-    bench = Bench(JOB)
+def test_printer_that_stays_silent_ends_the_print_at_its_limit_and_alarms_long_before():
+    bench, since = Bench(JOB), list[float]()
 
     def mute(_: Streamer) -> None:
         bench.printer.mute = True
+        since.append(bench.exchange.now_s)
 
     bench.on_line(9, mute)
     status = bench.run()
     assert (status.state, status.position_known) == (LinkState.FAILED, False)
     assert "gave no usable answer" in status.message
+    assert "may or may not have been taken" in status.message
+    assert 60 < bench.exchange.now_s - since[0] < 75
+    assert any("no usable answer for" in text and "--silent-limit" in text for text in bench.alarms)
     assert_true(bench, status)
 
 
@@ -573,23 +320,6 @@ def test_full_disk_ends_the_print_by_a_controlled_stop(record, reserve):
     assert bool(bench.recorded("end")) == bool(reserve)
 
 
-def test_insert_that_the_disk_has_no_room_for_isnt_taken():
-    journal = MemoryJournal()
-    bench = Bench(JOB, care=LOOKS, journal=journal)
-    insert = decide(bench, LookDecision.GO_ON, lines=MEND)
-
-    def on_a_full_disk(streamer: Streamer) -> None:
-        journal.full_at, journal.reserve = len(journal.records), 0
-        insert(streamer)
-
-    bench.when(LinkState.LOOKING, on_a_full_disk)
-    status = bench.run()
-    assert status.state is LinkState.FAILED
-    assert MEND[0] not in bench.printer.taken
-    assert "isn't taken" in bench.told[0]
-    assert_true(bench, status)
-
-
 @pytest.mark.parametrize("effect", [40, 70, 80, 88])
 def test_lost_port_ends_the_print_and_says_so(effect):
     bench = Bench(JOB)
@@ -611,40 +341,3 @@ def test_kill_whose_port_is_lost_is_not_said_to_have_halted_the_printer():
     status = bench.run()
     assert status.state is LinkState.KILLED
     assert UNCONFIRMED in status.message
-
-
-@pytest.mark.parametrize("wanted", ["nothing", "pause", "syringe", "look"])
-def test_host_that_dies_in_any_effect_is_gone_on_with_exactly(wanted):
-    """As kill -9 at any write of the port, any record and any word to a client."""
-    care = LOOKS if wanted == "look" else Care(checkpoint_s=None)
-
-    def plan(bench: Bench, attempt: int) -> None:
-        if wanted == "pause" and not attempt:
-            bench.on_line(12, pause)
-        elif wanted == "syringe" and not attempt:
-            bench.on_line(4, lambda streamer: streamer.reload())
-        bench.when(LinkState.PAUSED, *[answer] * 5)
-        bench.when(LinkState.LOOKING, *[decide(bench, LookDecision.GO_ON)] * 5)
-
-    def answer(streamer: Streamer) -> None:
-        changing = streamer.print.change.going_on
-        new = NewSyringe() if changing else None
-        streamer.resume(new)
-
-    whole = Bench(JOB, care=care)
-    plan(whole, 0)
-    whole.run()
-    for effect in range(1, whole.effects + 1):
-        bench = Bench(JOB, care=care)
-        plan(bench, 0)
-        bench.dies_at = effect
-        with pytest.raises(HostDiedError):
-            bench.run()
-        if not bench.journal.history().begun:
-            continue  # no line of the job may have left
-        bench.printer.said(bench.printer.now + 30.0)
-        again = Bench(JOB, bench.printer, care, bench.journal, resume=True)
-        plan(again, 1)
-        status = again.run()
-        assert status.state is LinkState.DONE, (effect, status.message)
-        assert made_of(again.printer, OWN) == CLEAN, effect

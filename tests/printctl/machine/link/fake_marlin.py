@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.ports.detection import PortPrograms
+from tests.printctl.machine.link.scripted_transport import ScriptedTransport
 
 
 class FakeMarlin:
@@ -149,65 +149,16 @@ def slips_through(before: bytes, after: bytes) -> bool:
     return False
 
 
-class FakeTransport:
-    """A wire to a `FakeMarlin` in virtual time, with noise on both directions.
+class FakeTransport(ScriptedTransport):
+    """A wire to a `FakeMarlin` in virtual time."""
 
-    Noise that the checksum wouldn't show is drawn again.
-    """
-
-    quiet_s = 0.05
-    stolen = 0
-
-    def __init__(
-        self,
-        printer: FakeMarlin,
-        clock: VirtualClock,
-        rng: np.random.Generator | None = None,
-        noise: float = 0.0,
-        drop_ok: float = 0.0,
-    ) -> None:
-        self.name = "fake"
-        self.printer, self.clock = printer, clock
-        self.rng = rng or np.random.default_rng(0)
-        self.noise, self.drop_ok = noise, drop_ok
-        self.waiting = b""
-        self.written = bytearray()
-
-    def programs(self) -> PortPrograms:
-        return PortPrograms()
-
-    def write(self, data: bytes) -> None:
-        self.written += data
-        garbled = self.garble(data)
-        while slips_through(data, garbled):
-            garbled = self.garble(data)
-        said = self.printer.receive(garbled)
-        if self.drop_ok and said.endswith(b"ok\n") and self.rng.random() < self.drop_ok:
-            said = said[:-3]
-        self.waiting += self.garble(said)
-
-    write_urgent = write
-
-    def garble(self, data: bytes) -> bytes:
-        if not self.noise:
-            return data
-        hit = self.rng.random(len(data)) < self.noise
-        if not hit.any():
-            return data
-        bits = (1 << self.rng.integers(0, 8, len(data))).astype(np.uint8)
-        return bytes(np.frombuffer(data, np.uint8) ^ np.where(hit, bits, 0).astype(np.uint8))
-
-    def read(self, timeout: float) -> bytes:
-        data, self.waiting = self.waiting, b""
-        self.clock.sleep(0.001 if data else timeout)
-        return data
+    def __init__(self, printer: FakeMarlin, clock: VirtualClock) -> None:
+        super().__init__(printer.receive, clock)
+        self.printer = printer
 
     def reset(self) -> bool:
         self.waiting += self.printer.reset()
         return True
-
-    def close(self) -> None:
-        pass
 
 
 class PtyPrinter:

@@ -10,13 +10,11 @@ from typing import Any
 from firmware_profiles import Printer
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.care import Care
-from printctl.machine.job.job import Job
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.transport import Transport
 from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
-from tests.printctl.machine.link.fake_marlin import FakeMarlin
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import HEADER, PRINTER, wired
 
@@ -61,25 +59,6 @@ class Script:
     @property
     def pauses(self) -> list[Status]:
         return [one for one in self.seen if one.state is LinkState.PAUSED]
-
-
-class Following(FakeMarlin):
-    """Tells a script how many lines of the job it has taken."""
-
-    def __init__(self, job: Job, script: Script) -> None:
-        super().__init__()
-        self._job, self._script, self._next = job, script, 0
-
-    @property
-    def taken(self) -> int:
-        return self._next
-
-    def _do(self, command: str) -> bytes:
-        said = super()._do(command)
-        if self._next < len(self._job) and command == self._job.lines[self._next].decode():
-            self._next += 1
-            self._script.took(self._next)
-        return said
 
 
 def played(

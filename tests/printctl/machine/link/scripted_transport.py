@@ -23,11 +23,11 @@ class ScriptedTransport:
     stolen: int = 0
 
     def __init__(self, answer: Callable[[bytes], bytes], clock: VirtualClock) -> None:
-        self.name = "scripted"
+        self.name = "fake"
         self.written: list[bytes] = []
         self.clock = clock
         self._answer = answer
-        self._waiting = b""
+        self.waiting = b""
 
     def programs(self) -> PortPrograms:
         """Give none."""
@@ -36,7 +36,8 @@ class ScriptedTransport:
     def write(self, data: bytes) -> None:
         """Hand ``data`` to the far end."""
         self.written.append(data)
-        self._waiting += self._answer(data)
+        said = self._answer(data)
+        self.waiting += said
 
     def write_urgent(self, data: bytes) -> None:
         """Hand ``data`` to the far end."""
@@ -44,9 +45,8 @@ class ScriptedTransport:
 
     def read(self, timeout: float) -> bytes:
         """Give what the far end has said; else let ``timeout`` pass."""
-        if not self._waiting:
-            self.clock.sleep(timeout)
-        data, self._waiting = self._waiting, b""
+        self.clock.sleep(0.001 if self.waiting else timeout)
+        data, self.waiting = self.waiting, b""
         return data
 
     def reset(self) -> bool:

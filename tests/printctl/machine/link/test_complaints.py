@@ -21,14 +21,10 @@ from firmware_profiles.families.marlin.state import QUESTION
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.facts import RrfProtocol
 from printctl.machine.job.coordinates import places
-from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.records.replay import read_journal
-from printctl.machine.records.states import LinkState, Status
+from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_families import FakeDuet
-from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.test_families import JOB as FAMILY_JOB
 from tests.printctl.machine.link.test_families import streamer_of as family_streamer
-from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 
 JOB = [b"G1 X%d" % k for k in range(1, 101)]
 ANSWER = b"Error:Line Number is not Last Line Number+1, Last Line: %d\nResend: %d\nok\n"
@@ -184,105 +180,6 @@ def test_known_messages_mean_what_their_firmware_does(families, text, meaning):
     assert known.meaning is MessageMeaning(meaning)
 
 
-class FaultyMarlin(FakeMarlin):
-    """From the job's line ``at`` on it makes no move and says ``words`` to each."""
-
-    def __init__(self, words: str = "", at: int = 20, *, counts: bool = True) -> None:
-        super().__init__()
-        self.words, self.faulty_at, self.counts = words, at, counts
-        self.moves, self.stood = 0, dict(self.at)
-        self.tells_place = True
-
-    def _do(self, command: str) -> bytes:
-        self.moves += command.startswith("G1 ")
-        if self.moves >= self.faulty_at and command.startswith("G1 "):
-            said = f"{self.words}\nok\n" if self.words else "ok\n"
-            if not self.counts:  # it takes the place and moves no motor
-                for axis in "XYZE":
-                    self.stood[axis] = self.at[axis]
-                before = dict(self.at)
-                super()._do(command)
-                for axis in "XYZ":
-                    self.renamed_mm[axis] += self.at[axis] - before[axis]
-            return said.encode()
-        if command.startswith("M114") and not self.tells_place:
-            return b"ok\n"
-        return super()._do(command)
-
-
-def ended(printer: FakeMarlin, path, on_status=lambda status: None) -> Status:
-    return streamer_of(
-        job_of(zigzag(60)), FakeTransport(printer, VirtualClock()), path, on_status
-    ).run()
-
-
-def test_a_stopped_printer_ends_the_print_at_the_first_move_it_ignores(tmp_path):
-    printer = FaultyMarlin(STOPPED.decode())
-    status = ended(printer, tmp_path)
-    assert (status.state, status.lines_done) == (LinkState.FAILED, 19)
-    assert not status.position_known
-    assert "Printer stopped due to errors" in status.message
-
-
-def test_a_printer_that_ignores_the_way_out_is_not_told_to_be_lifted(tmp_path):
-    class Silent(FaultyMarlin):
-        """It complains once, and ignores every move behind that."""
-
-        def _do(self, command: str) -> bytes:
-            said = super()._do(command)
-            self.words = "" if self.moves >= self.faulty_at else self.words
-            return said
-
-    status = ended(Silent("some text\nError:any other"), tmp_path)
-    assert (status.state, status.position_known) == (LinkState.FAILED, False)
-
-
-@pytest.mark.parametrize("counts", [True, False])
-def test_a_printer_that_acknowledges_and_does_not_move_is_not_done(tmp_path, counts):
-    status = ended(FaultyMarlin(counts=counts), tmp_path)
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert (status.lines_done, status.lines_executed) == (60, 0)
-    checkpoint = read_journal(tmp_path / "journal.log").checkpoint
-    assert checkpoint is not None
-    assert checkpoint["agrees"] is False
-
-
-def test_an_end_that_cannot_be_compared_is_done_and_says_so(tmp_path):
-    printer = FaultyMarlin(at=1000)
-    printer.tells_place = False
-    status = ended(printer, tmp_path)
-    assert status.state is LinkState.DONE
-    assert "isn't compared" in status.message
-
-
-def test_an_error_before_the_first_line_starts_no_print(tmp_path):
-    class Faulty(FakeMarlin):
-        def _reply(self, word: str, command: str) -> str:
-            said = super()._reply(word, command)
-            return f"Error:Heating failed\n{said}" if word == "M92" else said
-
-    printer = Faulty()
-    status = ended(printer, tmp_path)
-    assert (status.state, status.error) == (LinkState.FAILED, "HandshakeError")
-    assert "Heating failed" in status.message
-    assert not any(line.startswith("G1") for line in printer.executed)
-
-
-def test_an_error_in_a_pause_ends_the_print(tmp_path):
-    printer, clock = FakeMarlin(), VirtualClock()
-    transport = FakeTransport(printer, clock)
-
-    def on_status(status: Status) -> None:
-        if status.state is LinkState.PAUSED:
-            transport.waiting += b"some text\nError:Thermal Runaway\n"
-
-    streamer = streamer_of(job_of(zigzag(60)), transport, tmp_path, on_status)
-    streamer.pause()
-    status = streamer.run()
-    assert status.state is LinkState.FAILED
-    assert "Thermal Runaway" in status.message
-
-
 def test_an_error_behind_a_question_that_is_not_known_is_not_excused(tmp_path):
     class Faulty(FakeDuet):
         def do(self, command: str) -> str:
@@ -293,18 +190,6 @@ def test_an_error_behind_a_question_that_is_not_known_is_not_excused(tmp_path):
     status = family_streamer("reprapfirmware", Faulty(), tmp_path, FAMILY_JOB).run()
     assert status.state is LinkState.FAILED
     assert "Heater 1 fault" in status.message
-
-
-def test_an_unknown_text_is_told_at_the_end(tmp_path):
-    class Chatty(FakeMarlin):
-        def _do(self, command: str) -> bytes:
-            said = super()._do(command)
-            return b"Wobble exceeded\n" + said if command.startswith("G1 X20.000 ") else said
-
-    status = ended(Chatty(), tmp_path)
-    assert status.state is LinkState.DONE
-    assert "Wobble exceeded" in status.message
-    assert len(read_journal(tmp_path / "journal.log").alarms) == 1
 
 
 # --- error message split between two reads: no line is sent before its end

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +13,8 @@ import pytest
 from firmware_profiles import Printer, load
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
-from printctl.machine.errors import PortLost
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.ports.serial_port import SerialTransport
-from printctl.machine.process.starting import resume_print, start_print
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.board.controller import FaultPlan
 from sim.devices.board.printer import SimulatedPrinter
@@ -335,22 +331,6 @@ def heaters(transport: SimulatedTransport) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    "fault",
-    [
-        {"fault": "drop_ok", "line": 60},
-        {"fault": "delay", "line": 60, "seconds": 3.0},
-        {"fault": "noise", "line": 60, "rate": 0.05, "length_bytes": 400},
-        {"fault": "noise", "time_s": 30.0, "rate": 1.0, "length_bytes": 20},
-    ],
-)
-def test_faults_of_the_cable_are_got_over(tmp_path, fault):
-    status, transport = printed_with(gcode(300, HOT_HEADER), tmp_path, {"seed": 3, "at": [fault]})
-    assert status.state is LinkState.DONE, status
-    clean = printed_with(gcode(300, HOT_HEADER), tmp_path, {})[1]
-    assert same_motion(transport.printer.executed(), clean.printer.executed())
-
-
-@pytest.mark.parametrize(
     ("fault", "state", "word"),
     [
         ({"fault": "reset"}, LinkState.POSITION_UNKNOWN, "reset"),
@@ -420,50 +400,3 @@ def test_endstop_that_is_never_found_ends_as_killed_before_the_first_move(tmp_pa
     assert "Homing Failed" in status.message or "halted" in status.message
     assert heaters(transport) == (0, 0)
     assert status.lines_done < len(HOT_HEADER.splitlines()) + 1
-
-
-def test_pulled_cable_ends_as_failed_and_the_firmware_switches_off(tmp_path):
-    fault = {"fault": "unplug", "line": 100}
-    status, transport = printed_with(gcode(2000, HOT_HEADER), tmp_path, {"at": [fault]})
-    assert (status.state, status.error) == (LinkState.FAILED, "PortLost")
-    with pytest.raises(PortLost):
-        transport.write(b"M105\n")
-    printer = transport.printer
-    printer.finish()
-    printer.advance(605.0)
-    assert printer.dead
-    assert heaters(transport) == (0, 0)
-
-
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-def test_print_goes_on_exactly_when_the_cable_is_plugged_in_again(tmp_path, profile):
-    (tmp_path / "faults.yaml").write_text(
-        "noise: 0.0002\nat: [{fault: unplug, line: 400, back_after_s: 0.3}]\n"
-    )
-    job, record, port = (tmp_path / name for name in ("job.gcode", "moved.npz", "port"))
-    job.write_bytes(gcode(1000))
-    words = ["--printer", profile, "--start", "50,50,10"]
-    words += ["--faults", str(tmp_path / "faults.yaml"), "--link", str(port)]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sim", *words, "--record", str(record)],
-        cwd=REPO,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout.readline().strip() == str(port)
-        outcome = start_print(job, profile, str(port), tmp_path / "run").wait(300)
-        assert (outcome.state, outcome.error) == (LinkState.FAILED, "PortLost")
-        for _ in range(100):
-            if port.is_symlink():
-                break
-            subprocess.run(["sleep", "0.05"], check=True)
-        outcome = resume_print(tmp_path / "run").wait(300)
-        assert outcome.state is LinkState.DONE, outcome
-    finally:
-        process.terminate()
-        process.wait(300)
-        process.stdout.close()
-    moved = ExecutedMotion.load(record)
-    assert len(moved) == 1000
-    assert moved.plunger_end[-1] == pytest.approx(3.5, abs=1e-4)

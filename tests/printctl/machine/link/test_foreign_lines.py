@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,127 +15,18 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.ports.clock import VirtualClock
-from printctl.machine.ports.detection import PortPrograms
-from printctl.machine.records.replay import JournalledPrint, read_journal
+from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState, Status
 from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
 from sim.gcode.motion.executed import ExecutedMotion
-from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
+from tests.printctl.machine.link.fake_marlin import zigzag
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import PRINTER, START, gcode, wire, wired
 from tests.printctl.machine.link.simulated import printed as printed_shared
-from tests.printctl.machine.link.test_streamer import job_of, streamer_of
-from tests.slower import first_of
 
-LINES = 60
 OTHERS = "another program or noise wrote to this printer: 1 answer more than lines"
-
-
-class SharedTransport(FakeTransport):
-    """Another program writes to the same port as soon as a line with some text has left.
-
-    Each answer is read by itself, as from a slow wire; the other program leaves them to the host.
-    """
-
-    def __init__(self, printer: FakeMarlin, clock: VirtualClock, at: bytes, writes: bytes) -> None:
-        super().__init__(printer, clock)
-        self._at, self._writes = at, writes
-        self.each_s = 0.001
-        self.foreign_at = self.pairs = 0
-
-    def write(self, data: bytes) -> None:
-        super().write(data)
-        self.pairs += data.count(b" G1 ") == 2
-        if self._at in data and self._writes:
-            writes, self._writes = self._writes, b""
-            self.waiting += self.printer.receive(writes)
-            self.foreign_at = self.printer.last
-
-    def read(self, timeout: float) -> bytes:
-        line, end, self.waiting = self.waiting.partition(b"\n")
-        self.clock.sleep(self.each_s if line + end else timeout)
-        return line + end
-
-
-def printed(
-    tmp_path,
-    writes: bytes,
-    at: bytes = b" E0.05000 ",
-    each_s: float = 0.001,
-    count: int = LINES,
-    on_status: Callable[[Status], None] | None = None,
-) -> tuple[Status, JournalledPrint, SharedTransport]:
-    transport = SharedTransport(FakeMarlin(), VirtualClock(), at, writes)
-    transport.each_s = each_s
-    streamer = streamer_of(
-        job_of([b"G1 Z0.5 F300", *zigzag(count)]), transport, tmp_path, on_status
-    )
-    status = streamer.run()
-    return status, read_journal(tmp_path / "journal.log"), transport
-
-
-def test_needle_that_another_program_has_lifted_ends_the_print(tmp_path):
-    status, history, _ = printed(tmp_path, b"G1 Z60 F600\n")
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert "Z is 60" in status.message
-    assert OTHERS in status.message
-    assert OTHERS in history.alarms[0]
-
-
-@pytest.mark.parametrize("place", [b"X0", b"Y-3 X20"])
-def test_place_that_another_program_has_renamed_ends_the_print(tmp_path, place):
-    status, history, _ = printed(tmp_path, b"G92 " + place + b"\n")
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert f"{place[:1].decode()} is called" in status.message
-    assert OTHERS in history.alarms[0]
-
-
-def test_place_renamed_without_an_answer_that_is_noticed_ends_the_print(tmp_path):
-    class Swallowed(SharedTransport):
-        def write(self, data: bytes) -> None:
-            before = self._writes
-            super().write(data)
-            if before and not self._writes:  # as in a doubt, whose answers are drained
-                self.waiting = self.waiting[: self.waiting.rindex(b"X:")]
-
-    transport = Swallowed(FakeMarlin(), VirtualClock(), b" E0.05000 ", b"G92 X1\n")
-    status = streamer_of(job_of(zigzag(LINES)), transport, tmp_path).run()
-    assert not transport._writes
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert "X is called" in status.message
-
-
-def test_clean_print_of_minutes_tells_of_nobody(tmp_path):
-    status, history, _ = printed(tmp_path, b"", each_s=0.1, count=1500)
-    assert status.message == f"all {status.lines_total} lines done; the plunger isn't compared"
-    assert history.alarms == []
-
-
-@pytest.mark.parametrize("noise", first_of([0.001, 0.0004]))
-def test_noise_is_not_taken_for_another_program(tmp_path, noise):
-    printer, rng = FakeMarlin(np.random.default_rng(2)), np.random.default_rng(1)
-    transport = FakeTransport(printer, VirtualClock(), rng, noise=noise, drop_ok=0.002)
-    status = streamer_of(job_of(zigzag(1500)), transport, tmp_path).run()
-    assert status.state is LinkState.DONE
-    assert status.line_errors > 5
-    assert not any(
-        "another program" in text for text in read_journal(tmp_path / "journal.log").alarms
-    )
-
-
-@pytest.mark.parametrize("complete", [True, False])
-def test_missing_answers_on_a_clean_wire_are_told_as_perhaps_read(tmp_path, complete):
-    class Robbed(FakeTransport):
-        def programs(self) -> PortPrograms:
-            return PortPrograms(complete=complete)
-
-    transport = Robbed(FakeMarlin(), VirtualClock(), np.random.default_rng(1), drop_ok=0.02)
-    status = streamer_of(job_of(zigzag(200)), transport, tmp_path).run()
-    alarms = read_journal(tmp_path / "journal.log").alarms
-    assert status.state is LinkState.DONE
-    assert any("another program may read this port" in text for text in alarms) is not complete
 
 
 def started(sent: int = 30) -> MarlinProtocol:

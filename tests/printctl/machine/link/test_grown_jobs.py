@@ -10,7 +10,6 @@ import pytest
 
 from printctl.cli.running_print import waiting_lines
 from printctl.machine.control.frame_check import FrameCheck
-from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.steps import Exchange, Steps
 from printctl.machine.errors import Refused
@@ -33,11 +32,12 @@ from printctl.machine.prints.state import possible_actions
 from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, ContactRecord
-from printctl.machine.records.replay import JournalledPrint, read_journal
+from printctl.machine.records.replay import JournalledPrint
 from printctl.machine.records.states import LinkState, Status
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.looking import Observer, layered, observed, patch
-from tests.printctl.machine.link.simulated import PRINTER, wire
+from tests.printctl.machine.link.layered import layered
+from tests.printctl.machine.link.looking import patch
+from tests.printctl.machine.link.simulated import PRINTER
 from tests.printctl.machine.link.stepping import ended
 
 DATA = layered(3, 6)
@@ -170,40 +170,6 @@ PLACE = InsertPlace(AT, REACH, PRINTER)
 def test_refused_with_the_reason(lines, why):
     with pytest.raises(Refused, match=why):
         judged_lines(lines, PLACE, "the insert")
-
-
-def test_only_the_look_that_goes_on_takes_one_insert(tmp_path):
-    data, transport = layered(2, 12), wire()
-    good, other = patch(data, 0), [*patch(data, 0)[:-1], "G4 P10", "G1 F300"]
-    observer = Observer(decides=lambda number: None)
-
-    def says(status):
-        if status.state is LinkState.LOOKING:
-            number = status.look["number"]
-            with pytest.raises(Refused, match=f"held for look {number}, not for look 7"):
-                observer.insert(7, good)
-            if number == 1:
-                observer.insert(1, ["G28"])
-                observer.insert(1, good)
-                observer.insert(1, [line.partition(" ;")[0] for line in good])
-                observer.insert(1, other)
-            observer.decide(number, LookDecision.GO_ON)
-        elif status.state is LinkState.PRINTING:
-            with pytest.raises(Refused, match="held for look"):
-                observer.insert(9, good)
-
-    observer.seen_by = says
-    status = observed(data, tmp_path, transport, observer)
-    assert status.state is LinkState.DONE, status
-    assert len(observer.refusals) == 2
-    assert "G28" in observer.refusals[0]
-    assert "has an insert of 11 lines already" in observer.refusals[1]
-    first, again = (one for one in observer.answers if one["event"] == "inserted")
-    assert first == again
-    assert len(read_journal(tmp_path / "journal.log").inserts) == 1
-    streamer = observer.streamer
-    with pytest.raises(Refused, match="has ended"):
-        streamer.look(LookRequest(1, print, print, lines=tuple(good)))
 
 
 @pytest.mark.parametrize(

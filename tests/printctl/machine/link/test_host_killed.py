@@ -20,7 +20,7 @@ from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.recovery import NoCheckpoint, plan_recovery
 from printctl.machine.prints.state import assemble_state
 from printctl.machine.process.outcome import read_outcome, resumable
-from printctl.machine.records.journal import Journal
+from printctl.machine.records.journal import Journal, encode
 from printctl.machine.records.record import JOURNAL, ContactRecord
 from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
@@ -37,11 +37,9 @@ from tests.printctl.machine.link.simulated import (
     foreseen,
     gcode,
     printed,
-    same_motion,
     wired,
 )
 from tests.printctl.machine.link.simulated_transport import HostDiedError
-from tests.slower import first_of
 
 
 class Silent(SimTransport):
@@ -95,38 +93,6 @@ def test_ink_that_stood_without_a_host_is_told_with_its_place(tmp_path, paused):
     assert [float(found[2]), float(found[3])] == pytest.approx(stood[:2], abs=0.02)
 
 
-def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):
-    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
-    with pytest.raises(HostDiedError):
-        printed(data, tmp_path, doomed(printer, clock, 60, 1.0))
-    printer.reset()
-    printer.settle()
-    printer.take_output()
-    before = len(printer.executed())
-    status = resumed(data, tmp_path, SimTransport(printer, clock))
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert len(printer.executed()) == before
-
-
-@pytest.mark.parametrize("seed", first_of(range(25), 6))
-def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
-    transport, last, part = SimTransport(printer, clock), int(rng.integers(1, 60)), rng.random()
-
-    def arm(status: Status) -> None:
-        if status.state is LinkState.PRINTING and status.lines_done == 0:
-            transport.die_at(last, part)
-
-    with pytest.raises(HostDiedError):
-        printed(data, tmp_path, transport, on_status=arm)
-    with pytest.raises(HostDiedError):
-        resumed(data, tmp_path, doomed(printer, clock, int(rng.integers(1, 9)), 0.5))
-    status = resumed(data, tmp_path, SimTransport(printer, clock))
-    assert status.state is LinkState.DONE, status
-    assert same_motion(printer.executed(), foreseen(data))
-
-
 @pytest.mark.parametrize("last", ["reset", "another"])
 def test_failed_attempts_to_go_on_leave_what_was_known(tmp_path, last):
     """Silent, killed before the printer answers, silent again, then a board not as it was."""
@@ -173,22 +139,6 @@ def test_failed_attempts_to_go_on_leave_what_was_known(tmp_path, last):
     assert status.state is LinkState.POSITION_UNKNOWN
     with pytest.raises(Refused, match=r"printctl recover"):
         resumable(tmp_path, job.sha256)
-
-
-@pytest.mark.parametrize("place", [b"Z15", b"Z5", b"X57"])
-@pytest.mark.parametrize("last", [45, 90])
-def test_place_renamed_while_the_host_was_dead_is_position_unknown(tmp_path, place, last):
-    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
-    with pytest.raises(HostDiedError):
-        printed(data, tmp_path, doomed(printer, clock, last, 1.0))
-    printer.settle()
-    printer.exchange(b"\nG92 " + place + b"\n")
-    printer.take_output()
-    before = printer.machine.motion.planner["position"][0].tolist()
-    status = resumed(data, tmp_path, SimTransport(printer, clock))
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert f"{place[:1].decode()} is called" in status.message
-    assert printer.machine.motion.planner["position"][0].tolist() == before
 
 
 @pytest.mark.parametrize("other", [b"G91\n", b"M83\n", b"M221 S50\n", b"M140 S60\n"])
@@ -251,6 +201,34 @@ def test_command_that_recovers_can_be_copied(tmp_path):
     ]
     assert "printctl recover 'my run' --from-line " in line
     assert line.split("--from-line ")[1].split()[0].isdigit()
+
+
+def interrupted(folder, *records: dict) -> None:
+    journal = Journal(folder / JOURNAL)
+    journal.add("job", name="a.gcode", sha256="0", lines=100)
+    journal.add("state", state=LinkState.PRINTING, message="")
+    journal.add("ack", done=20)
+    for record in records:
+        journal.add(**record)
+    journal.close()
+
+
+def test_print_that_was_being_ended_is_not_gone_on_with(tmp_path):
+    interrupted(tmp_path)
+    assert resumable(tmp_path, "0").done == 20
+    stopping = {"sort": "state", "state": LinkState.STOPPING, "message": "stopped by the user"}
+    interrupted(tmp_path, stopping)
+    with pytest.raises(Refused, match=r"was being ended .*heaters may be off"):
+        resumable(tmp_path, "0")
+
+
+def test_print_whose_journal_misses_records_is_not_gone_on_with(tmp_path):
+    interrupted(tmp_path)
+    with (tmp_path / JOURNAL).open("ab") as handle:
+        lost = encode({"t": "control", "n": 21, "command": "M114"}).replace(b"21", b"22")
+        handle.write(lost + encode({"t": "ack", "done": 30}))
+    with pytest.raises(Refused, match=r"damaged in 1 places.*printctl recover"):
+        resumable(tmp_path, "0")
 
 
 # --- `printctl kill` where the print's link process is gone and the motors may run on

@@ -34,7 +34,8 @@ from printctl.machine.records.states import LinkState
 from sim.devices.board.wire import Wire
 from sim.devices.families.marlin.numbering import EMERGENCY
 from sim.devices.families.marlin.printer import MarlinPrinter
-from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
+from tests.printctl.machine.control.bench import Bench, pause, resume
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, zigzag
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import (
     PRINTER,
@@ -46,7 +47,6 @@ from tests.printctl.machine.link.simulated import (
     wire,
     wired,
 )
-from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 from tests.slower import first_rows
 
 JOB = [b"G1 X1", b"G1 X2", b"G1 X3", b"G1 X4"]
@@ -290,25 +290,19 @@ def flipped(line: bytes) -> list[bytes]:
     ]
 
 
-def written_in_a_print(tmp_path) -> list[bytes]:
+def written_in_a_print() -> list[bytes]:
     """All lines of a print with a pause, renumbering apart, which comes before any move."""
-    printer, clock = FakeMarlin(), VirtualClock()
-    transport = FakeTransport(printer, clock)
-    job = job_of([b"M104 S37", b"M400", b"M114", *zigzag(20)])
-
-    def on_status(status):
-        if status.state is LinkState.PAUSED:
-            streamer.resume()
-
-    streamer = streamer_of(job, transport, tmp_path, on_status)
-    streamer.pause()
-    assert streamer.run().state is LinkState.DONE
-    lines = {line + b"\n" for line in bytes(transport.written).split(b"\n") if line}
+    job = b"\n".join([b"M104 S37", b"M400", b"M114", *zigzag(20)])
+    bench = Bench(job)
+    bench.on_line(9, pause)
+    bench.when(LinkState.PAUSED, resume)
+    assert bench.run().state is LinkState.DONE
+    lines = {line + b"\n" for line in b"".join(bench.sent).split(b"\n") if line}
     return sorted(lines - {RENUMBER.strip() + b"\n"})
 
 
-def test_no_flipped_bit_makes_a_stop_or_a_renumbering_of_what_is_sent(tmp_path):
-    lines = written_in_a_print(tmp_path)
+def test_no_flipped_bit_makes_a_stop_or_a_renumbering_of_what_is_sent():
+    lines = written_in_a_print()
     assert QUESTION.strip() + b"\n" in lines
     for line in lines:
         for garbled in flipped(line):

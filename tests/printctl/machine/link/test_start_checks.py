@@ -20,11 +20,11 @@ from sim.devices.board.printer import SimulatedPrinter
 from sim.devices.families.klipper.printer import KlipperPrinter
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.devices.families.registry import simulated_printer
-from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
+from tests.printctl.machine.control.bench import JOB, Bench
+from tests.printctl.machine.control.scripted_printer import ScriptedPrinter
 from tests.printctl.machine.link.layered import Script, layered, played
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import PRINTER, START
-from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 
 DATA = layered(1, 10)
 BARE = b"G1 X51 Y50 Z10 F600\nM400\n"
@@ -253,7 +253,7 @@ def test_start_is_refused_while_the_bed_is_above_the_set_ups_limit(tmp_path, pro
     assert len(board.executed()) == 0
 
 
-class Driven(FakeMarlin):
+class Driven(ScriptedPrinter):
     """Its card, or another program, drives it on."""
 
     def _reply(self, word: str, command: str) -> str:
@@ -261,33 +261,21 @@ class Driven(FakeMarlin):
         return super()._reply(word, command)
 
 
-class Busy(FakeMarlin):
-    """It waits for a person, and says that it is busy; M400 is never answered."""
+class Busy(ScriptedPrinter):
+    """It waits for a person: M400 is never answered, and it is busy."""
 
-    def _reply(self, word: str, command: str) -> str:
-        return "echo:busy: processing\n" if word == "M400" else super()._reply(word, command)
-
-
-class BusyTransport(FakeTransport):
-    """The board says once a second that it is busy."""
-
-    def read(self, timeout: float) -> bytes:
-        said = b"echo:busy: processing\n" * (self.clock.now() % 1.0 < 0.05)
-        return super().read(timeout) or said
+    def _begins_s(self, command: str) -> float:
+        return 1e9 if command == "M400" else super()._begins_s(command)
 
 
-@pytest.mark.parametrize("printer", [Driven(), Busy()])
-def test_machine_that_never_stands_is_waited_for_30_s_and_refused(tmp_path, printer):
-    wire = (BusyTransport if isinstance(printer, Busy) else FakeTransport)(printer, VirtualClock())
-    messages: list[str] = []
-    streamer = streamer_of(
-        job_of(zigzag(3)), wire, tmp_path, lambda status: messages.append(status.message)
-    )
-    status = streamer.run()
+@pytest.mark.parametrize("make", [Driven, Busy])
+def test_machine_that_never_stands_is_waited_for_30_s_and_refused(make):
+    bench = Bench(JOB, make())
+    status = bench.run()
     assert (status.state, status.error) == (LinkState.FAILED, HandshakeError.__name__)
-    assert REST_LIMIT_S < wire.clock.now() < REST_LIMIT_S + 5.0
-    assert any("waiting for it, up to 30 s" in text for text in messages)
-    assert not any(line.startswith("G1") for line in printer.executed)
+    assert REST_LIMIT_S < bench.exchange.now_s < REST_LIMIT_S + 5.0
+    assert any("waiting for it, up to 30 s" in one.message for one in bench.statuses)
+    assert bench.printer.taken == []
 
 
 def test_the_board_s_own_switch_off_stays_while_a_heater_is_on(tmp_path):

@@ -127,6 +127,26 @@ def test_rate_is_changed_while_the_port_is_open(pty):
     wire.close()
 
 
+def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(pty, monkeypatch):
+    master, slave = pty
+    wire = SerialTransport(os.ttyname(slave), 115_200)
+    drop = wire._serial.reset_output_buffer
+    closing = threading.Thread(target=wire.close)
+
+    def dropping() -> None:
+        drop()
+        closing.start()
+        closing.join(0.2)  # what is closed now could be another file's when it is written to
+
+    monkeypatch.setattr(wire._serial, "reset_output_buffer", dropping)
+    wire.write_urgent(b"\nM112\n")
+    assert os.read(master, 100) == b"\nM112\n"
+    closing.join(5)
+    monkeypatch.setattr(wire._serial, "reset_output_buffer", drop)
+    with pytest.raises(PortLost):
+        wire.write_urgent(b"\nM112\n")
+
+
 def test_refusals_name_the_remedy():
     assert "usermod -aG dialout" in str(_refusal("/dev/x", SerialException(13, "denied")))
     assert isinstance(_refusal("/dev/x", SerialException(13, "denied")), PortDenied)

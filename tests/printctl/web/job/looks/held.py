@@ -21,7 +21,7 @@ from printctl.observe.records import OBSERVER_LOCK, LookRecord, look_folder, sav
 from printctl.web.workspace import Workspace
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
 from tests.printctl.machine.link.jobs import quick_profile
-from tests.printctl.machine.link.looking import layered
+from tests.printctl.machine.link.layered import layered
 
 JOB = "file~zigzag.gcode"
 SIZE = (900, 700)
