@@ -187,6 +187,13 @@ def test_resume_is_refused_while_the_needle_is_elsewhere():
     assert answers[1] == ""
 
 
+def test_resume_of_a_print_that_is_not_paused_is_refused():
+    bench, answers = Bench(JOB), list[str]()
+    bench.on_line(6, lambda streamer: streamer.resume(answer=answers.append))
+    assert_exact(bench, bench.run())
+    assert "isn't paused" in answers[0]
+
+
 def test_command_typed_in_a_pause_is_judged_and_answered():
     bench, replies, refusals = Bench(JOB), list[Any](), list[str]()
 
