@@ -281,11 +281,25 @@ def test_each_ok_late_by_up_to_five_seconds(tmp_path, seed):
     check_print(wire_slow_boards(LATE, seed=seed), tmp_path)
 
 
-@pytest.mark.parametrize(
-    "delays", first_of([(0, 0, 0, 3), (3,), (0, 1.5, 0, 0, 1), (2, 0), (0, 0, 2), (0, 5)], 3)
-)
+@pytest.mark.parametrize("delays", first_of([(0, 0, 0, 3), (3,), (0, 1.5, 0, 0, 1), (0, 0, 2)], 3))
 def test_oks_that_come_bunched(tmp_path, delays):
     check_print(wire_slow_boards(ok_delays_s=delays), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delays", [(2, 0), (0, 5)])
+def test_oks_of_which_every_second_is_late_are_refused_and_no_move_is_made_twice(tmp_path, delays):
+    """The link gives up after `TRIES` tokens: late oks look as if each token were lost."""
+    transport, data = wire_slow_boards(ok_delays_s=delays), gcode(MOVES)
+    status, _ = printed(data, tmp_path, transport)
+    assert status.state is LinkState.FAILED, status
+    transport.printer.finish()
+    if status.lines_done:  # told at the latest once the last line was taken
+        assert not status.position_known
+        assert status.lines_done == status.lines_total
+        assert same_motion(transport.printer.executed(), foreseen(data))
+    else:
+        assert "can't be understood" in status.message
 
 
 @pytest.mark.parametrize("seed", first_of([0, 3]))
