@@ -13,9 +13,10 @@ from printctl.machine.job.syringes import usable_mm
 from printctl.machine.prints.state import refuse_forgotten
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import alive
+from printctl.machine.process.outcome import resumable
 from printctl.machine.process.starting import resume_print
 from printctl.machine.records.record import JOURNAL, load_record
-from printctl.machine.records.replay import read_journal, read_journal_if_any
+from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
 from printctl.observe.records import OBSERVER_LOCK, asking_look, read_looks
 from printctl.observe.starting import end_idle_observer, ensure_observer
@@ -126,7 +127,7 @@ def _refuse_unchanged(folder: Path) -> None:
     ------
     PrintctlError
     """
-    history = read_journal(folder / JOURNAL)
+    history = resumable(folder)
     if history.reload is not None:
         return
     asked = history.wanted is not None and history.wanted["after"] == MarkKind.RELOAD
@@ -149,6 +150,7 @@ def restart(folder: Path, port: str | None = None, unobserved: bool = False) -> 
         See `resume_print`; `Refused` where the printer has certainly forgotten its place.
     """
     record = load_record(folder)
+    resumable(folder)  # how it ended comes first; what the printer knows matters only then
     refuse_forgotten(folder, port or record.port, load(Printer, record.profile))
     if not unobserved:
         ensure_observer(folder)

@@ -169,7 +169,9 @@ class Channel:
         if names or is_motion(text):
             for axis, mm in read_sent(text).words.items():
                 if axis in AXES and mm is not None:
-                    before = [] if names else self.led.get(axis, [])
+                    before = self.led.get(axis, [])
+                    if names and before:  # a move that goes on is renamed with the rest
+                        before = [place + mm - before[-1] for place in before]
                     self.led[axis] = [*before, mm]
 
     def _ask_board(self, journalled: bool) -> Steps[None]:

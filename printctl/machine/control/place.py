@@ -163,13 +163,24 @@ class PositionCheck:
         z = position["Z"]
         wrong = ""
         if heights and not min(heights) - WITHIN_MM <= z <= max(heights) + WITHIN_MM:
-            wrong = disagreement(Modal(z=at.z), position)
-            self._logbook.alarm(wrong)
+            self._logbook.alarm(disagreement(Modal(z=at.z), position))
+            # Z alone may be a line's that noise garbled; a printer that was reset is wrong in more
+            wrong = disagreement(at, position) if self._beside_the_way(position) else ""
         x, y, e = position["X"], position["Y"], position.get("E")
         there = replace(at, x=x, y=y, z=max([z, *heights]), e=e)
         dropped = bool(disagreement(at, position))
         place = Modal(x=x, y=y, z=z, e=e)
         return Standstill(there, read=True, dropped=dropped, place=place, wrong=wrong)
+
+    def _beside_the_way(self, position: Mapping[str, float]) -> bool:
+        """Whether X or Y is none that the moves under way lead through, but for arcs' bulges."""
+        under_way = self._progress.places_under_way()
+        for axis in "xy":
+            places = [place[axis] for place in under_way if axis in place]
+            mm = position[axis.upper()]
+            if places and not min(places) - WITHIN_MM <= mm <= max(places) + WITHIN_MM:
+                return True
+        return False
 
     def made(self) -> Steps[bool]:
         """Whether the motors stand where the job's last line leads: nothing is left to be dropped.

@@ -25,6 +25,7 @@ from printctl.machine.records.states import LinkState, PrintEnded
 
 COUNT_ANSWERS_S: Final = 5.0
 """Interval of counts of answers: each costs a line and its answer, while the planner goes on."""
+NOT_PAUSED: Final = "the print isn't paused, and waits for no pause: nothing was done"
 
 
 def run_print(run: Print, history: JournalledPrint | None) -> Steps[None]:
@@ -211,8 +212,9 @@ def _obey(run: Print) -> Steps[None]:
         if request is Request.PAUSE:
             yield from pause(run, run.queue.pause_words)
         elif isinstance(request, ResumeRequest):
+            waited = run.watch.after is not None
             want_pause(run, None)  # a pause that is waited for no longer
-            run.channel.tell(request.answer, "")
+            run.channel.tell(request.answer, "" if waited else NOT_PAUSED)
         elif request is Request.RELOAD:  # requested in a pause that is over
             want_pause(run, MarkKind.RELOAD)
 

@@ -167,6 +167,8 @@ class Client:
                 except OSError:
                     continue  # it was about to end
                 for message in connection.messages(patience_s):
+                    if message.get("over"):
+                        return None
                     if message["event"] == "refused":
                         raise error_of(message.get("error", ""), message["message"])
                     return message

@@ -26,7 +26,7 @@ from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.station_status import Place, StationState, StationStatus
 from printctl.machine.control.streamer import Streamer
-from printctl.machine.errors import JournalError, PortLost, Refused
+from printctl.machine.errors import JournalError, NoLink, PortLost, Refused
 from printctl.machine.process.contact import save_station
 from printctl.machine.process.launch import ignore_signals
 from printctl.machine.process.plug import Plug
@@ -191,6 +191,8 @@ class Machine:
         reply = partial(self._post, guest)
         own = bool(request.get("print")) and do != "kill"
         if own and request["print"] != self._print_id:  # of one that is over
+            over = refusal(NoLink("that print is over; its folder's records say how it ended"))
+            reply({**over, "over": True})
             self._hang_up(guest)
             return True
         if do in ("status", "subscribe"):

@@ -114,8 +114,8 @@ def _made(job: Job, history: JournalledPrint, printer: Printer) -> int:
     return sure if dropped else history.done
 
 
-def resumable(folder: Path, sha256: str) -> JournalledPrint:
-    """Read the journal of a print that was interrupted, of a job file with this hash.
+def resumable(folder: Path, sha256: str | None = None) -> JournalledPrint:
+    """Read the journal of a print that was interrupted, of a job file with this hash if given.
 
     Interrupted is a print whose link process died, whose port went away, or whose printer fell
     silent. The printer itself is asked later.
@@ -152,7 +152,7 @@ def resumable(folder: Path, sha256: str) -> JournalledPrint:
         )
     if not history.begun:
         raise Refused(f"no line of the job was sent in {folder}; print it anew")
-    if history.job.get("sha256") != sha256:
+    if sha256 is not None and history.job.get("sha256") != sha256:
         raise Refused(
             f"the print in {folder} was of another file ({history.job.get('name')}, hash "
             "differs); give that file, or print anew in another folder"

@@ -333,13 +333,17 @@ class Server:
         while self._mail:
             whom, message = self._mail.popleft()
             data = b"" if message is None else json.dumps(message).encode() + b"\n"
-            for guest in list(self._guests.values()):
-                if message is None:
-                    guest.leaving |= whom is guest or (whom == "print" and guest.of_print)
-                elif guest.leaving or whom not in (guest, guest.subscribed):
-                    continue
+            for guest in self._addressed(whom, hang_up=message is None):
+                guest.leaving |= message is None
                 guest.unsent += data
                 self._flush(guest)
+
+    def _addressed(self, whom: Guest | str, hang_up: bool) -> list[Guest]:
+        """Return those whom a message is for; one alone is looked up, as there may be hundreds."""
+        if isinstance(whom, Guest):
+            return [whom] if whom.socket in self._guests else []
+        guests = self._guests.values()
+        return [one for one in guests if (one.of_print if hang_up else one.subscribed == whom)]
 
     def _flush(self, guest: Guest) -> None:
         try:

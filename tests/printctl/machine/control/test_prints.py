@@ -61,6 +61,13 @@ def test_commands_between_lines_are_in_the_journal_before_they_leave():
                 assert controls.get(int(number)) == text
 
 
+def test_resume_of_a_print_that_is_not_paused_is_refused():
+    bench, answers = Bench(JOB), list[str]()
+    bench.on_line(6, lambda streamer: streamer.resume(answer=answers.append))
+    assert_exact(bench, bench.run())
+    assert "isn't paused" in answers[0]
+
+
 # --- stops ------------------------------------------------------------------------------------
 
 

@@ -299,10 +299,13 @@ def test_a_stop_of_who_leaves_at_once_is_heard(tmp_path):
 
 
 # --- modes: who is spoken to
-def test_request_for_another_print_is_hung_up_on_and_reaches_none(door):
+def test_request_for_another_print_is_refused_and_reaches_none(door):
     spy, server, enter, token = door
     guest = enter()
     say(guest, do="stop", print="an earlier print", token=token)
+    answer = hear(guest)
+    assert answer["event"] == "refused"
+    assert answer["message"].startswith("that print is over")
     assert guest.recv(1) == b""
     assert spy.requests == []
     own, late = enter(), enter()
@@ -449,6 +452,22 @@ def test_a_crowd_that_says_nothing_makes_room_and_who_has_spoken_stays(open_door
         assert hear(watching)["state"] == "paused"
         say(last, do="kill")
         assert spy.killed.wait(5)
+
+
+def test_a_message_to_one_client_looks_at_no_other(open_door):
+    _, server, _, address = open_door
+    with ExitStack() as stack:
+        guests = [client(stack) for _ in range(40)]
+        for guest in guests:
+            guest.connect(address.removeprefix("unix:"))
+            say(guest, do="detach", answer=True)
+            assert hear(guest)["event"] == "heard"
+        flushed = list[object]()
+        flush = server._flush
+        server._flush = lambda one: (flushed.append(one), flush(one))  # type: ignore
+        say(guests[7], do="alive", answer=True)
+        assert hear(guests[7])["event"] == "heard"
+        assert len(flushed) == 1
 
 
 def test_a_crowd_of_subscribers_doesnt_keep_a_kill_out(open_door):

@@ -190,12 +190,28 @@ def check_print(transport: SimulatedTransport, folder: Path) -> None:
     assert same_motion(transport.printer.executed(), foreseen(data))
 
 
-OK_DELAYS = [(0, 0, 0, 3), (3,), (0, 1.5, 0, 0, 1), (2, 0), (0, 0, 2), (0, 5)]
+OK_DELAYS = [(0, 0, 0, 3), (3,), (0, 1.5, 0, 0, 1), (0, 0, 2)]
 ROWS = [((LATE,), seed, {}) for seed in (0, 3, 1, 2)]
 ROWS += [((), seed, {"ok_delay_up_to_s": 5.0}) for seed in (0, 3)]
 ROWS += [((), 0, {"speed": share}) for share in (0.3, 0.5)]
 ROWS += [((), 0, {"ok_delays_s": delays}) for delays in OK_DELAYS]
 STALLED = ((STALL,), 3, {"speed": 0.5, "ok_delay_up_to_s": 0.8, "drop_ok": 0.05})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delays", [(2, 0), (0, 5)])
+def test_oks_of_which_every_second_is_late_are_refused_and_no_move_is_made_twice(tmp_path, delays):
+    """The link gives up after `TRIES` tokens: late oks look as if each token were lost."""
+    transport, data = wire_slow_boards(ok_delays_s=delays), gcode(MOVES)
+    status, _ = printed(data, tmp_path, transport)
+    assert status.state is LinkState.FAILED, status
+    transport.printer.finish()
+    if status.lines_done:  # told at the latest once the last line was taken
+        assert not status.position_known
+        assert status.lines_done == status.lines_total
+        assert same_motion(transport.printer.executed(), foreseen(data))
+    else:
+        assert "can't be understood" in status.message
 
 
 @pytest.mark.parametrize(

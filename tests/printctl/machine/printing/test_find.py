@@ -380,3 +380,24 @@ def test_drive_or_syringe_limits_whichever_is_shorter():
     assert capacity_mm(SYRINGE) == pytest.approx(58.71, abs=0.01)
     assert usable_mm(SYRINGE, PRINTER) == 0.5
     assert usable_mm(SYRINGE, load(Printer, "generic_marlin")) == capacity_mm(SYRINGE)
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_resume_of_a_print_that_has_ended_says_how_it_ended_and_what_is_left(tmp_path, changed):
+    """Not that its printer has forgotten it, nor that its process died."""
+    folder = tmp_path / "print"
+    folder.mkdir()
+    (tmp_path / "job.gcode").write_text("G1 X1\n")
+    job = str(tmp_path / "job.gcode")
+    ended = Status(LinkState.STOPPED, message="stopped by the user", position_known=True)
+    ContactRecord(0, "", "", job, "generic_marlin", "simulated", 0.0, status=ended.to_dict()).save(
+        folder
+    )
+    journal = Journal(folder / JOURNAL)
+    journal.add("job", id="1", name="job.gcode", lines=1)
+    journal.add("state", state="printing", message="")
+    journal.add("end", state="stopped", message=ended.message, done=1, position_known=True)
+    journal.close()
+    words = r"has ended \(stopped: stopped by the user\).*`printctl recover` writes its rest"
+    with pytest.raises(Refused, match=words):
+        continue_print(folder, plunger_mm=0.0 if changed else None)
