@@ -58,7 +58,7 @@ def alive(folder: Path, held: str = LOCK) -> bool:
     try:
         with (folder / held).open("a+b") as handle:
             lock(handle, shared=True)
-    except FileNotFoundError:  # no folder, so nobody works in it
+    except (FileNotFoundError, NotADirectoryError):  # no folder, so nobody works in it
         return False
     except OSError:
         return True

@@ -133,13 +133,13 @@ def _unfinished(order: Order) -> ContactRecord | None:
 
 
 @contextmanager
-def _disk_of(folder: Path) -> Iterator[None]:
-    """Say by a LinkError that a print's folder can't be written to before its first line."""
+def _disk_of(path: Path) -> Iterator[None]:
+    """Say by a LinkError that a print's folder, or file, can't be written before its first line."""
     try:
         yield
     except OSError as exc:
         raise LinkError(
-            f"{folder} can't be written to: {exc.strerror}; free space on the disk, or name "
+            f"{path} can't be written to: {exc.strerror}; free space on the disk, or name "
             "another folder; no line of the job was sent"
         ) from exc
 
@@ -194,11 +194,13 @@ def run_print(
         job = job.grown_by(history.inserts)
     alone = plug.transport is None
     with ExitStack() as parting:
+        wire_log = Path(order.care.wire_log) if order.care.wire_log else None
+        with _disk_of(wire_log or order.folder):
+            traffic = WireLog(wire_log)
+        parting.callback(traffic.close)
         if alone:
             parting.callback(plug.close)
         port = plug.transport or plug.open()
-        traffic = WireLog(Path(order.care.wire_log) if order.care.wire_log else None)
-        parting.callback(traffic.close)
         transport = LoggedTransport(port, traffic)
         keeper = _WireKeeper(traffic, order.folder / FILE, len(history.alarms) if history else 0)
         with _disk_of(order.folder):

@@ -169,6 +169,12 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
                 f"the print in {order.folder} was a simulated one, and {order.port} has printed "
                 "none of it; print the file from its beginning, in another folder"
             )
+        if _journalled_hash(order.folder) not in ("", order.sha256):
+            raise SafetyError(
+                f"the print in {order.folder} was of another file, or {order.job.name} has changed "
+                "since: what was printed lies where the needle would write; `printctl resume` goes "
+                "on with the file that was printed"
+            )
         return resume_print(order.folder, open_port())
     counts = order.port != SIMULATED or is_complete_record(
         record_for(order.folder), order.sha256, load(Printer, order.printer)

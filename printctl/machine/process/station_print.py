@@ -80,7 +80,9 @@ def print_here(machine: Machine, request: Request) -> Status:
         machine.answer(request, refusal(kind(status.message)))
     if plug.simulated:
         plug.close()
-        _remember_executed(machine, here, status)
+        plug.start_mm = at or plug.start_mm
+        if begun:
+            _remember_executed(machine, here, status)
     return status
 
 

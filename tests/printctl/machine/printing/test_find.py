@@ -106,6 +106,8 @@ def test_interrupted_print_is_neither_repeated_nor_resumed_unasked(
     order.job.write_text(text + "G1 X1\n")  # as of a recipe that was changed meanwhile
     with pytest.raises(SafetyError, match=r"another file was interrupted.*give-up"):
         find_or_start(replace(order), lambda: port)
+    with pytest.raises(SafetyError, match="was of another file"):
+        find_or_start(replace(order, resume=True), lambda: port)
     order.job.write_text(text)
     resumed = find_or_start(replace(order, resume=True), lambda: port)
     resumed.kill()

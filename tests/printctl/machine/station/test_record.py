@@ -29,7 +29,7 @@ from printctl.machine.errors import (
     PortMissing,
     Refused,
 )
-from printctl.machine.job.care import NewSyringe
+from printctl.machine.job.care import Care, NewSyringe
 from printctl.machine.job.job import load_job
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import plunger_travel
@@ -256,9 +256,10 @@ def test_print_whose_folder_cant_be_written_to_ends_no_station(
     monkeypatch.setattr(process, "stand_by", lambda machine, fresh: None)
     job = write_job(tmp_path / "part.gcode", 3, (0, 0, 5))
     (tmp_path / "file").write_text("")
-    for folder in ("full", "file"):
+    for folder, log in (("full", ""), ("file", ""), ("run", tmp_path / "nowhere" / "wire.log")):
         machine, disk.full = unplugged(tmp_path), folder == "full"
-        order = Order(job, "generic_marlin", "", tmp_path / folder).to_json()
+        care = Care(wire_log=str(log))
+        order = Order(job, "generic_marlin", "", tmp_path / folder, care=care).to_json()
         (answer,) = asked_to_print(machine, order)
         assert "can't be written to" in str(answer["message"])
         assert machine.state is StationState.READY
