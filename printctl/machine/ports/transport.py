@@ -30,6 +30,8 @@ from printctl.machine.ports.locking import hold_address
 from printctl.machine.ports.serial_port import CHUNK_BYTES, WRITE_LIMIT_S, SerialTransport
 
 CONNECT_LIMIT_S: Final = 5.0
+URGENT_LIMIT_S: Final = 0.5
+"""Longest wait of an urgent write for room; whoever halts a printer repeats it."""
 ANSWER_S: Final = 0.6
 ROUNDS: Final = 2
 FIRST_WORD_S: Final = 2.0
@@ -107,6 +109,7 @@ class TcpTransport:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setblocking(False)
         self._lock = threading.Lock()
+        self._urgent_writes = 0
 
     def programs(self) -> PortPrograms:
         """Return none: no program reads another's connection."""
@@ -126,27 +129,48 @@ class TcpTransport:
         return data or b""
 
     def write(self, data: bytes) -> None:
-        """Write all of ``data``, or raise `PortLost` within `WRITE_LIMIT_S`."""
-        limit = time.monotonic() + WRITE_LIMIT_S
+        """Write all of ``data``, or raise `PortLost` within `WRITE_LIMIT_S`.
+
+        What hasn't left when `write_urgent` comes is dropped.
+        """
+        limit, before = time.monotonic() + WRITE_LIMIT_S, self._urgent_writes
         while data:
-            try:
-                with self._lock:
-                    data = data[self._socket.send(data) :]
-            except BlockingIOError:
-                left = max(0.0, limit - time.monotonic())
-                if not select.select([], [self._socket], [], left)[1]:
-                    raise PortLost(
-                        f"connection {self.name} took no byte for {WRITE_LIMIT_S:g} s"
-                    ) from None
-            except (OSError, ValueError) as exc:
-                raise self._lost(exc) from exc
+            with self._lock:
+                if self._urgent_writes != before:
+                    return
+                data = self._send(data)
+            if data:
+                self._await_room(limit, WRITE_LIMIT_S)
 
     def write_urgent(self, data: bytes) -> None:
-        """Write ``data`` at once, from any thread; what TCP has already taken goes before it."""
+        """Write all of ``data`` before anything else, from any thread; see `write`.
+
+        What TCP has already taken goes before it. Raises `PortLost` where the connection stays full
+        for `URGENT_LIMIT_S`.
+        """
+        limit = time.monotonic() + URGENT_LIMIT_S
+        with self._lock:  # held by `write` for a moment only
+            self._urgent_writes += 1
+            while data := self._send(data):
+                self._await_room(limit, URGENT_LIMIT_S)
+
+    def _send(self, data: bytes) -> bytes:
+        """Send what the connection takes now; return the rest."""
         try:
-            self._socket.send(data)
+            return data[self._socket.send(data) :]
+        except BlockingIOError:
+            return data
         except (OSError, ValueError) as exc:
             raise self._lost(exc) from exc
+
+    def _await_room(self, limit: float, limit_s: float) -> None:
+        left = max(0.0, limit - time.monotonic())
+        try:
+            room = select.select([], [self._socket], [], left)[1]
+        except (OSError, ValueError) as exc:
+            raise self._lost(exc) from exc
+        if not room:
+            raise PortLost(f"connection {self.name} took no byte for {limit_s:g} s")
 
     def _lost(self, exc: Exception) -> PortLost:
         return PortLost(f"connection {self.name} went away: {exc}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -96,6 +97,59 @@ def test_tcp_port_is_held_by_one_program_alone_under_whatever_name():
     for _ in range(2):
         with pytest.raises(PortMissing, match="nobody answers"):
             open_port(f"tcp:127.0.0.1:{port}", PRINTER)
+
+
+def test_urgent_write_to_a_full_connection_leaves_whole():
+    listener = socket.create_server(("127.0.0.1", 0))
+    wire = open_port(f"tcp:127.0.0.1:{listener.getsockname()[1]}", PRINTER)
+    printer = listener.accept()[0]
+    filled = 0
+    while select.select([], [wire._socket], [], 0.2)[1]:
+        with contextlib.suppress(BlockingIOError):
+            filled += wire._socket.send(bytes(65536))
+    with pytest.raises(BlockingIOError):  # room for less than `select` counts
+        while True:
+            filled += wire._socket.send(b"\0")
+    with pytest.raises(PortLost, match=r"took no byte for 0\.5 s"):
+        wire.write_urgent(b"\nM112\n")
+    urgent = threading.Thread(target=wire.write_urgent, args=(b"\nM112\n",))
+    urgent.start()
+    heard = b""
+    while not heard.endswith(b"\nM112\n"):
+        heard += printer.recv(65536)
+    urgent.join()
+    assert heard == bytes(filled) + b"\nM112\n"
+    for one in (printer, wire, listener):
+        one.close()
+
+
+def test_urgent_write_is_not_mixed_with_a_line_that_is_being_written(monkeypatch):
+    class TakesTwoBytes:
+        taken, full = b"", False
+
+        def send(self, data: bytes) -> int:
+            self.full = not self.full
+            if not self.full:
+                raise BlockingIOError
+            self.taken += data[:2]
+            return len(data[:2])
+
+    listener = socket.create_server(("127.0.0.1", 0))
+    wire = open_port(f"tcp:127.0.0.1:{listener.getsockname()[1]}", PRINTER)
+    with monkeypatch.context() as patch:
+        slow, urgent = TakesTwoBytes(), [b"\nM112\n"]
+
+        def select_after_a_kill(read, write, other, timeout):
+            if urgent:
+                wire.write_urgent(urgent.pop())
+            return read, write, other
+
+        patch.setattr(wire, "_socket", slow)
+        patch.setattr(select, "select", select_after_a_kill)
+        wire.write(b"N1 G1 X5*33\n")
+        assert slow.taken == b"N1\nM112\n"
+    wire.close()
+    listener.close()
 
 
 @pytest.mark.parametrize(("dtr", "rts"), [(True, True), (False, True), (False, False)])
