@@ -66,6 +66,8 @@ def _outcome(folder: Path, record: ContactRecord) -> Status:
 
 def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint) -> str:
     """Say what a printer whose host is gone may go on doing, by its family."""
+    if history.stopping:
+        return _was_stopping(record, history)
     if history.state in _HELD_AS:
         return f"it was {_HELD_AS[history.state]}, so its motors stood; heaters stay on"
     if not history.begun:
@@ -78,6 +80,18 @@ def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint)
         f"nothing has stopped its motors: {moves} (last word on "
         f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on. `printctl "
         "kill`, its own stop or its power ends both"
+    )
+
+
+def _was_stopping(record: ContactRecord, history: JournalledPrint) -> str:
+    """Say what is known where the process died on the way out: not how far it came."""
+    motors = "its motors make the moves that it holds"
+    with contextlib.suppress(ProfileError):
+        if quickstop := link_facts(load(Printer, record.profile)).quickstop:
+            motors = f"its motors were told to stop ({quickstop.decode()})"
+    return (
+        f"it was being ended ({history.message}): {motors}; its needle may be up or still down, "
+        "and heaters may be on. `printctl kill`, its own stop or its power ends what goes on"
     )
 
 

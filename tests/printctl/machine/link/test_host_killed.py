@@ -219,7 +219,8 @@ def killed(folder, profile: str, state: LinkState, done: int = 60, port: str = "
         journal.add("state", state=LinkState.PRINTING, message="")
         journal.add("ack", done=done)
         if state is not LinkState.PRINTING:
-            journal.add("state", state=state, message="")
+            message = "stopped by the user" if state is LinkState.STOPPING else ""
+            journal.add("state", state=state, message=message)
     return read_outcome(folder)
 
 
@@ -236,6 +237,20 @@ def test_motors_may_run_out_what_the_printer_has_taken(tmp_path, profile, held):
     assert "nothing has stopped its motors" in message
     assert held in message
     assert "heaters stay on" in message
+
+
+@pytest.mark.parametrize(
+    ("profile", "motors"),
+    [
+        ("generic_marlin", "its motors were told to stop (M410)"),
+        ("klipper_bioprinter", "its motors make the moves that it holds"),
+    ],
+)
+def test_what_is_known_of_a_print_whose_process_died_in_a_stop(tmp_path, profile, motors):
+    message = killed(tmp_path, profile, LinkState.STOPPING).message
+    assert f"it was being ended (stopped by the user): {motors}" in message
+    assert "needle may be up or still down, and heaters may be on" in message
+    assert "nothing has stopped its motors" not in message
 
 
 def test_a_paused_printer_stands(tmp_path):
