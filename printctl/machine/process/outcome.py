@@ -36,10 +36,14 @@ def read_outcome(folder: Path) -> Status:
 def _outcome(folder: Path, record: ContactRecord) -> Status:
     if record.status:
         return Status.from_dict(record.status)
+    history, unread = JournalledPrint(), ""
     try:
         history = read_journal(folder / JOURNAL)
-    except JournalError:
-        history = JournalledPrint()
+    except JournalError as exc:
+        # without an address the process died before it wrote a journal
+        unread = str(exc) if record.address or (folder / JOURNAL).exists() else ""
+    if history.damaged and not history.begun:
+        unread = f"journal {folder / JOURNAL} is damaged"
     counts = {
         "lines_done": history.done,
         "lines_total": history.total,
@@ -53,14 +57,27 @@ def _outcome(folder: Path, record: ContactRecord) -> Status:
             **counts,
             "state": LinkState.INTERRUPTED,
             "message": (
-                f"the process that spoke to the printer ended without a word while "
-                f"{history.state.value}; at least {history.done} of {history.total} lines were "
-                f"acknowledged; {_still_moving(folder, record, history)}"
+                f"the process that spoke to the printer ended without a word"
+                f"{_unknown(unread) if unread else _last_known(folder, record, history)}"
             ),
             "alarms": len(history.alarms),
             "position_known": False,
             "error": "LinkError",
         }
+    )
+
+
+def _unknown(why: str) -> str:
+    return (
+        f", and how far it came isn't known: {why}; its motors may move and its heaters be on. "
+        "`printctl kill`, its own stop or its power ends both"
+    )
+
+
+def _last_known(folder: Path, record: ContactRecord, history: JournalledPrint) -> str:
+    return (
+        f" while {history.state.value}; at least {history.done} of {history.total} lines were "
+        f"acknowledged; {_still_moving(folder, record, history)}"
     )
 
 
