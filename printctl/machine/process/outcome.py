@@ -36,10 +36,14 @@ def read_outcome(folder: Path) -> Status:
 def _outcome(folder: Path, record: ContactRecord) -> Status:
     if record.status:
         return Status.from_dict(record.status)
+    history, unread = JournalledPrint(), ""
     try:
         history = read_journal(folder / JOURNAL)
-    except JournalError:
-        history = JournalledPrint()
+    except JournalError as exc:
+        # without an address the process died before it wrote a journal
+        unread = str(exc) if record.address or (folder / JOURNAL).exists() else ""
+    if history.damaged and not history.begun:
+        unread = f"journal {folder / JOURNAL} is damaged"
     counts = {
         "lines_done": history.done,
         "lines_total": history.total,
@@ -53,9 +57,8 @@ def _outcome(folder: Path, record: ContactRecord) -> Status:
             **counts,
             "state": LinkState.INTERRUPTED,
             "message": (
-                f"the process that spoke to the printer ended without a word while "
-                f"{history.state.value}; at least {history.done} of {history.total} lines were "
-                f"acknowledged; {_still_moving(folder, record, history)}"
+                f"the process that spoke to the printer ended without a word"
+                f"{_unknown(unread) if unread else _last_known(folder, record, history)}"
             ),
             "alarms": len(history.alarms),
             "position_known": False,
@@ -64,8 +67,24 @@ def _outcome(folder: Path, record: ContactRecord) -> Status:
     )
 
 
+def _unknown(why: str) -> str:
+    return (
+        f", and how far it came isn't known: {why}; its motors may move and its heaters be on. "
+        "`printctl kill`, its own stop or its power ends both"
+    )
+
+
+def _last_known(folder: Path, record: ContactRecord, history: JournalledPrint) -> str:
+    return (
+        f" while {history.state.value}; at least {history.done} of {history.total} lines were "
+        f"acknowledged; {_still_moving(folder, record, history)}"
+    )
+
+
 def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint) -> str:
     """Say what a printer whose host is gone may go on doing, by its family."""
+    if history.stopping:
+        return _was_stopping(record, history)
     if history.state in _HELD_AS:
         return f"it was {_HELD_AS[history.state]}, so its motors stood; heaters stay on"
     if not history.begun:
@@ -78,6 +97,18 @@ def _still_moving(folder: Path, record: ContactRecord, history: JournalledPrint)
         f"nothing has stopped its motors: {moves} (last word on "
         f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on. `printctl "
         "kill`, its own stop or its power ends both"
+    )
+
+
+def _was_stopping(record: ContactRecord, history: JournalledPrint) -> str:
+    """Say what is known where the process died on the way out: not how far it came."""
+    motors = "its motors make the moves that it holds"
+    with contextlib.suppress(ProfileError):
+        if quickstop := link_facts(load(Printer, record.profile)).quickstop:
+            motors = f"its motors were told to stop ({quickstop.decode()})"
+    return (
+        f"it was being ended ({history.message}): {motors}; its needle may be up or still down, "
+        "and heaters may be on. `printctl kill`, its own stop or its power ends what goes on"
     )
 
 

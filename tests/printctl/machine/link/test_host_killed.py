@@ -6,6 +6,7 @@ import os
 import re
 import time
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from printctl.machine.prints.recovery import NoCheckpoint, plan_recovery
 from printctl.machine.prints.state import assemble_state
 from printctl.machine.process.outcome import read_outcome, resumable
 from printctl.machine.records.journal import Journal, encode
-from printctl.machine.records.record import JOURNAL, ContactRecord
+from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
 from printctl.machine.records.replay import JournalledPrint, read_journal
 from printctl.machine.records.states import LinkState, Status
 from printctl.pipeline.past_print import entry_of
@@ -169,7 +170,8 @@ def killed(folder, profile: str, state: LinkState, done: int = 60, port: str = "
         journal.add("state", state=LinkState.PRINTING, message="")
         journal.add("ack", done=done)
         if state is not LinkState.PRINTING:
-            journal.add("state", state=state, message="")
+            message = "stopped by the user" if state is LinkState.STOPPING else ""
+            journal.add("state", state=state, message=message)
     return read_outcome(folder)
 
 
@@ -186,6 +188,44 @@ def test_motors_may_run_out_what_the_printer_has_taken(tmp_path, profile, held):
     assert "nothing has stopped its motors" in message
     assert held in message
     assert "heaters stay on" in message
+
+
+@pytest.mark.parametrize(
+    ("profile", "motors"),
+    [
+        ("generic_marlin", "its motors were told to stop (M410)"),
+        ("klipper_bioprinter", "its motors make the moves that it holds"),
+    ],
+)
+def test_what_is_known_of_a_print_whose_process_died_in_a_stop(tmp_path, profile, motors):
+    message = killed(tmp_path, profile, LinkState.STOPPING).message
+    assert f"it was being ended (stopped by the user): {motors}" in message
+    assert "needle may be up or still down, and heaters may be on" in message
+    assert "nothing has stopped its motors" not in message
+
+
+@pytest.mark.parametrize("journal", ["gone", "a folder", "damaged"])
+def test_unreadable_journal_says_nothing_of_the_motors(tmp_path, journal):
+    killed(tmp_path, "generic_marlin", LinkState.PRINTING)
+    record, path = load_record(tmp_path), tmp_path / JOURNAL
+    replace(record, address="unix:/nowhere").save(tmp_path)
+    if journal == "damaged":
+        path.write_bytes(b"\0" * path.stat().st_size)
+    else:
+        path.unlink()
+    if journal == "a folder":
+        path.mkdir()
+    outcome = read_outcome(tmp_path)
+    assert outcome.state is LinkState.INTERRUPTED
+    assert "how far it came isn't known" in outcome.message
+    assert "its motors may move" in outcome.message
+    assert "had not begun" not in outcome.message
+
+
+def test_print_without_journal_or_address_had_not_begun(tmp_path):
+    killed(tmp_path, "generic_marlin", LinkState.PRINTING)
+    (tmp_path / JOURNAL).unlink()
+    assert "had not begun, so its motors stood" in read_outcome(tmp_path).message
 
 
 def test_a_paused_printer_stands(tmp_path):
