@@ -102,9 +102,9 @@ class Streamer:
         """Halt the firmware at once; see `Kill.strike`."""
         self.print.channel.kill.strike()
 
-    def stop(self) -> None:
-        """Request a controlled stop."""
-        self.print.queue.add(Request.STOP)
+    def stop(self, by: str = "the user") -> None:
+        """Request a controlled stop; ``by`` whom is in the message of the print's end."""
+        self.print.queue.add(Request.STOP, by)
 
     def pause(self, after: MarkKind | None = None) -> None:
         """Request a pause: now, or at the next mark of a kind; `Refused` with none ahead."""

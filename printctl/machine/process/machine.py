@@ -44,6 +44,7 @@ _HALTING: Final = (
     "a halt was sent and the printer hasn't confirmed it yet; if anything moves, cut its power"
 )
 _HALT: Final = b"\nM112\n"
+_SHUTDOWN: Final = "the system's shutdown"
 _NO_PRINT: Final = "no print goes on here"
 
 log = logging.getLogger(__name__)
@@ -146,7 +147,7 @@ class Machine:
         """Close, because the system shuts down; a print is stopped first."""
         self.closing = True
         if self.streamer is not None:
-            self.streamer.stop()
+            self.streamer.stop(_SHUTDOWN)
 
     def kill(self) -> None:
         """Halt the firmware at once. Called in a thread of its own; nothing here waits for others.
@@ -327,7 +328,7 @@ class Machine:
         if self.standby is not None:
             self.standby.end()
         if self.closing:  # the system shut down before the print could be stopped
-            streamer.stop()
+            streamer.stop(_SHUTDOWN)
 
     def end_print(self) -> None:
         """Hang up on the clients of a print that is over, and is in its records."""

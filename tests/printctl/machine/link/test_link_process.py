@@ -251,7 +251,9 @@ def test_shutdown_of_the_system_is_a_controlled_stop_and_hang_ups_are_nothing(
         for sign in signs:
             os.kill(client.record.pid, sign)
         served.gate.set()
-        assert client.wait(300).state is state
+        outcome = client.wait(300)
+        assert outcome.state is state
+        assert state is LinkState.DONE or "stopped by the system's shutdown" in outcome.message
         assert state is LinkState.DONE or served.printer.numbered[-1] == "M400"
 
 
