@@ -191,7 +191,8 @@ class LazyGroup(TyperGroup):
         except KeyboardInterrupt as exc:
             more = "; the same command goes on from what is done"
             goes_on = ctx.invoked_subcommand in GO_ON
-            raise _UserInterruptError(f"interrupted{more if goes_on else ''}") from exc
+            done = f": {exc}" if str(exc) else ""
+            raise _UserInterruptError(f"interrupted{done}{more if goes_on else ''}") from exc
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names, in the order of help."""

@@ -19,7 +19,7 @@ from printctl.machine.job.care import Care
 from printctl.machine.job.job import load_job
 from printctl.machine.job.syringes import usable_mm, with_reloads
 from printctl.machine.ports.detection import SIMULATED, named_port, read_baud
-from printctl.machine.prints.follow import confirm, follow, retreat_for
+from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import simulated_printer
 from printctl.machine.process.starting import find_or_start, running
@@ -154,8 +154,8 @@ def _print(order: Order, printer: Printer, tip: tuple[float, float, float], yes:
 
     with bars.all(), bars.stage("print") as report:
         try:
-            client = find_or_start(order, open_port)
-        except Exception:
+            client = find_or_start(order, open_port, interrupted(bars))
+        except (Exception, KeyboardInterrupt):
             end_idle_observer(order.folder)
             raise
         return follow(client, report, bars)

@@ -179,8 +179,12 @@ def pause(
     if now and after:
         raise UsageError("--now and --after exclude each other; give one")
     with running_print(run) as client:
-        if client.status.state is LinkState.PAUSED:
+        state = client.status.state
+        if state is LinkState.PAUSED:
             print_lines(f"is paused already; `printctl resume {run}` goes on")
+            return
+        if state is LinkState.PAUSING:
+            print_lines(f"is pausing already; `printctl status {run}` tells when it stands")
             return
         client.pause(MarkKind(after) if after else None)
         held = "after the line in flight and the moves that the printer holds"

@@ -149,6 +149,7 @@ class Logbook:
             position_known=ended.known,
             error=ended.error,
             look=None,
+            waits_for="",
         )
         self.state, self._final = ended.state, status
         lost = {"lost": True} if self._exchange.journal_lost else {}

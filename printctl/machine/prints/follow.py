@@ -6,12 +6,14 @@ import math
 import shlex
 import signal
 import sys
+from collections.abc import Callable
 
 from firmware_profiles import Ink, Syringe
 from printctl.errors import PrintctlError, PrinterFailedError, SafetyError
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.prints.words import alarm_words
 from printctl.machine.process.client import PrintClient
+from printctl.machine.process.starting import stop_and_leave
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, Status
@@ -85,6 +87,20 @@ def follow(client: PrintClient, report: Report, bars: StageBars, goes_on: bool =
     if not outcome.proved:
         bars.remark("print", outcome.message)
     return outcome
+
+
+def interrupted(bars: StageBars) -> Callable[[PrintClient], None]:
+    """Return what Ctrl-C does to a print before its first lines: ask, or end it without a terminal.
+
+    For `printctl.machine.process.starting.find_or_start`.
+    """
+
+    def act(client: PrintClient) -> None:
+        if not sys.stdin.isatty():
+            stop_and_leave(client)
+        _obey(_ask(bars), client)
+
+    return act
 
 
 def _remark_news(client: PrintClient, bars: StageBars, last: Status, status: Status) -> None:

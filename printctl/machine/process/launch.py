@@ -6,8 +6,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -32,6 +34,7 @@ def spawn(command: list[str]) -> int:
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
             timeout=START_LIMIT_S,
             check=False,
+            start_new_session=True,  # a Ctrl-C in the terminal is for whoever starts it
         )
     except subprocess.TimeoutExpired as exc:
         raise LinkError(
@@ -42,6 +45,24 @@ def spawn(command: list[str]) -> int:
         said = started.stderr.decode(errors="replace").strip()[-500:]
         raise LinkError(f"the process didn't start: {said}")
     return int(started.stdout)
+
+
+@contextmanager
+def interrupt_held() -> Iterator[None]:
+    """Hold Ctrl-C back until the block has ended, so that what it starts isn't lost sight of."""
+    handler = signal.getsignal(signal.SIGINT)
+    main = threading.current_thread() is threading.main_thread()
+    if not main or handler in (None, signal.SIG_IGN):
+        yield
+        return
+    pressed = []
+    signal.signal(signal.SIGINT, lambda *_: pressed.append(True))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    if pressed:
+        signal.raise_signal(signal.SIGINT)
 
 
 def await_process(

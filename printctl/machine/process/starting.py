@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Final
+from typing import Final, NoReturn
 
 from firmware_profiles import Printer, load
 from printctl.errors import PrintctlError, SafetyError
@@ -36,7 +38,7 @@ from printctl.machine.process.contact import (
     load_station,
     stays_alive,
 )
-from printctl.machine.process.launch import START_LIMIT_S, await_process, spawn
+from printctl.machine.process.launch import START_LIMIT_S, await_process, interrupt_held, spawn
 from printctl.machine.process.orders import Order
 from printctl.machine.process.outcome import resumable
 from printctl.machine.process.simulated import (
@@ -56,6 +58,13 @@ _PROCESS: Final = "printctl.machine.process"
 # --- a print on a port of its own ----------------------------------------------------------------
 
 
+def stop_and_leave(client: PrintClient) -> NoReturn:
+    """End a print whose start was interrupted; raise KeyboardInterrupt."""
+    client.stop()
+    client.detach()
+    raise KeyboardInterrupt(f"the print in {client.folder} was told to stop")
+
+
 def start_print(
     job: Path,
     printer: str,
@@ -66,13 +75,15 @@ def start_print(
     baud: int | str | None = None,
     care: Care | None = None,
     resume: bool = False,
+    on_interrupt: Callable[[PrintClient], None] = stop_and_leave,
 ) -> PrintClient:
     """Start a process that prints a job on a port of its own, and attach to it.
 
     Returns once the printer has answered the handshake and the first lines go out. What is given is
     an `Order`'s; here ``port`` is a device, ``tcp:HOST:PORT``, ``socket://HOST:PORT``, or ``auto``
     for the one with the profile's USB id, and ``resume`` goes on with the print whose process died
-    in ``folder``.
+    in ``folder``. Ctrl-C before the first lines calls ``on_interrupt`` once the process takes
+    requests; where that returns, the print is waited for again.
 
     Raises
     ------
@@ -96,6 +107,21 @@ def start_print(
     order = Order(job, printer, port, folder, retreat or Retreat(), resume, baud=baud)
     order = replace(order, care=care or Care())
     command = [*python_command(_PROCESS), "--detach", "--print", json.dumps(order.to_json())]
+    client: PrintClient | None = None
+    while True:
+        try:
+            if client is None:
+                with interrupt_held():
+                    client = _listening(command, folder)
+            return wait_for_first_lines(client, done)
+        except KeyboardInterrupt:
+            if client is None:
+                raise
+            on_interrupt(client)
+
+
+def _listening(command: list[str], folder: Path) -> PrintClient:
+    """Start a print's process; return a client once it listens, or has ended."""
     pid = spawn(command)
 
     def look() -> PrintClient | None:
@@ -109,15 +135,24 @@ def start_print(
         ready = record.pid == pid and (record.address or record.status)
         return attach(folder) if ready else None
 
-    client = await_process(pid, "link process", look, folder / LOG, START_LIMIT_S)
-    return wait_for_first_lines(client, done)
+    try:
+        return await_process(pid, "link process", look, folder / LOG, START_LIMIT_S)
+    except NoLink:  # it mustn't begin to print after all
+        with contextlib.suppress(OSError):
+            os.kill(pid, signal.SIGTERM)
+        raise
 
 
-def resume_print(folder: Path, port: str | None = None) -> PrintClient:
+def resume_print(
+    folder: Path,
+    port: str | None = None,
+    on_interrupt: Callable[[PrintClient], None] = stop_and_leave,
+) -> PrintClient:
     """Go on with the print in ``folder``, whose process died or lost its port.
 
     The printer is asked for its last line. If it was reset, or its position isn't the job's, the
-    print ends as ``position_unknown`` without a move. ``port`` is given where its name has changed.
+    print ends as ``position_unknown`` without a move. ``port`` is given where its name has changed;
+    ``on_interrupt`` as for `start_print`.
 
     Raises
     ------
@@ -136,18 +171,24 @@ def resume_print(folder: Path, port: str | None = None) -> PrintClient:
         baud=record.baud,
         care=Care.from_dict(record.care),
         resume=True,
+        on_interrupt=on_interrupt,
     )
 
 
 # --- a print that may be going on, ended or interrupted ------------------------------------------
 
 
-def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
+def find_or_start(
+    order: Order,
+    open_port: Callable[[], str],
+    on_interrupt: Callable[[PrintClient], None] = stop_and_leave,
+) -> PrintClient:
     """Attach to the order's print if it is going on or done; else go on with it, or start it.
 
     What was interrupted on a real machine is neither repeated nor resumed unasked. A simulated
     printer is simply started anew, but for a print that a station has done (`order.once`).
-    ``open_port`` gives the port, and is called only when a print is started.
+    ``open_port`` gives the port, and is called only when a print is started; ``on_interrupt`` is
+    called at Ctrl-C before its first lines, as by `start_print`.
 
     Raises
     ------
@@ -175,7 +216,7 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
                 "since: what was printed lies where the needle would write; `printctl resume` goes "
                 "on with the file that was printed"
             )
-        return resume_print(order.folder, open_port())
+        return resume_print(order.folder, open_port(), on_interrupt)
     counts = order.port != SIMULATED or is_complete_record(
         record_for(order.folder), order.sha256, load(Printer, order.printer)
     )
@@ -191,6 +232,7 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
         retreat=order.retreat,
         baud=order.baud,
         care=order.care,
+        on_interrupt=on_interrupt,
     )
 
 

@@ -15,11 +15,11 @@ from printctl.machine.job.job import GrownText, grown_text, parse_job
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.job.syringes import usable_mm
 from printctl.machine.ports.detection import SIMULATED, named_port
-from printctl.machine.prints.follow import confirm, follow, retreat_for
+from printctl.machine.prints.follow import confirm, follow, interrupted, retreat_for
 from printctl.machine.process.client import PrintClient
 from printctl.machine.process.orders import Order
 from printctl.machine.process.simulated import is_complete_record, simulated_printer
-from printctl.machine.process.starting import find_or_start, finished
+from printctl.machine.process.starting import find_or_start, finished, stop_and_leave
 from printctl.machine.records.replay import grown_in
 from printctl.observe.order import ObserverOrder
 from printctl.observe.starting import (
@@ -154,15 +154,16 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     gcode, care = context.folder / GCODE, care_of(context)
     order = Order(gcode, part.profile, part.port, folder, retreat, once=True, care=care)
     try:
-        client = _begun(context, order, port)
+        at_interrupt = interrupted(context.bars) if goes_on else stop_and_leave
+        client = _begun(context, order, port, at_interrupt)
         outcome = follow(client, report, context.bars, goes_on)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as exc:
         if goes_on:
-            context.bars.remark(
-                "print",
+            words = (
                 f"IT GOES ON by itself, if it has begun: look by `printctl status {folder}`, end "
-                f"it by `printctl stop {folder}`",
+                f"it by `printctl stop {folder}`"
             )
+            context.bars.remark("print", str(exc) or words)
         raise
     summary: dict[str, Any] = {
         "printer": context.printer.name,
@@ -191,11 +192,16 @@ def observe_from_start(context: RunContext, folder: Path) -> None:
         start_observer(folder)
 
 
-def _begun(context: RunContext, order: Order, port: Callable[[], str]) -> PrintClient:
+def _begun(
+    context: RunContext,
+    order: Order,
+    port: Callable[[], str],
+    at_interrupt: Callable[[PrintClient], None],
+) -> PrintClient:
     """Find the print or start it; one that goes on without its observer gets another."""
     try:
-        client = find_or_start(order, port)
-    except Exception:
+        client = find_or_start(order, port, at_interrupt)
+    except (Exception, KeyboardInterrupt):
         end_idle_observer(order.folder)
         raise
     if not client.status.ended:

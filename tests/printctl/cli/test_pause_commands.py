@@ -6,6 +6,7 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from typer.testing import CliRunner, Result
 from benchmarks.checkers.dish_camera import photograph
 from firmware_profiles import Printer, load
 from printctl.calibration.patterns import Pattern, PatternSetUp, WrittenPattern, read_pattern
-from printctl.cli import print_job
+from printctl.cli import print_job, running_print
 from printctl.cli.main import app
 from printctl.cli.running_print import confirm_presence as alive
 from printctl.cli.running_print import (
@@ -96,6 +97,17 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
         pause(run)
     with pytest.raises(PrintctlError, match=r"was done; there is nothing to recover"):
         recover(run)
+
+
+@pytest.mark.parametrize("after", [None, "layer"])
+def test_pause_of_a_print_that_is_pausing_says_so(monkeypatch, capsys, after):
+    client = MagicMock()
+    client.__enter__.return_value = client
+    client.status = Status(LinkState.PAUSING)
+    monkeypatch.setattr(running_print, "running_print", lambda run: client)
+    pause(Path("run"), after)
+    assert capsys.readouterr().out.startswith("is pausing already; `printctl status run`")
+    client.pause.assert_not_called()
 
 
 def test_status_of_a_print_that_waits_for_a_layer_is_json(tmp_path, profile, capsys):

@@ -391,7 +391,7 @@ def ordered(
     orders: list[Order] = []
     done = SimpleNamespace(state=SimpleNamespace(value="done"), lines_done=1, proved=True)
     client = SimpleNamespace(status=SimpleNamespace(ended=True))
-    monkeypatch.setattr(printing, "find_or_start", lambda order, _: orders.append(order) or client)
+    monkeypatch.setattr(printing, "find_or_start", lambda order, *_: orders.append(order) or client)
     monkeypatch.setattr(printing, "follow", lambda *given: done)
     context: Any = SimpleNamespace(
         recipe=cared_recipe(care, port="simulated"),

@@ -282,6 +282,25 @@ def test_reset_leaves_the_position_unknown_and_sends_nothing_more(line, paused):
     assert_true(bench, status)
 
 
+@pytest.mark.parametrize("held", ["look", "change"])
+def test_print_that_has_ended_waits_for_nothing(held):
+    bench = Bench(JOB, care=LOOKS if held == "look" else Care())
+    waited = []
+
+    def halt(streamer: Streamer) -> None:
+        waited.append(streamer.status.waits_for)
+        bench.printer.take(b"M112\n", bench.exchange.now_s)
+
+    if held == "look":
+        bench.when(LinkState.LOOKING, halt)
+    else:
+        bench.on_line(6, lambda streamer: streamer.reload())
+        bench.when(LinkState.PAUSED, lambda _: bench.after(30.0, halt))
+    status = bench.run()
+    assert waited[0]
+    assert (status.state, status.waits_for) == (LinkState.KILLED, "")
+
+
 def test_firmware_that_halts_itself_ends_the_print_as_killed():
     bench = Bench(JOB)
     bench.on_line(9, lambda _: bench.printer.take(b"M112\n", bench.exchange.now_s))

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from benchmarks.observe.faults import one_print
 from printctl.machine.control.look_book import LookDecision
@@ -26,12 +27,14 @@ from printctl.machine.errors import (
 )
 from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
-from printctl.machine.process import contact
+from printctl.machine.prints import follow
+from printctl.machine.process import contact, starting
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import alive
 from printctl.machine.process.starting import resume_print, start_print
 from printctl.machine.records.replay import read_journal
 from printctl.machine.records.states import LinkState
+from printctl.progress import StageBars
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import layered
@@ -194,8 +197,66 @@ def test_shutdown_of_the_system_is_a_controlled_stop_and_hang_ups_are_nothing(
         for sign in signs:
             os.kill(client.record.pid, sign)
         served.gate.set()
-        assert client.wait(300).state is state
+        outcome = client.wait(300)
+        assert outcome.state is state
+        assert state is LinkState.DONE or "stopped by the system" in outcome.message
         assert state is LinkState.DONE or served.printer.numbered[-1] == "M400"
+
+
+# --- Ctrl-C before the first lines: before the process listens, and while the printer is silent
+@pytest.fixture(params=["spawned", "connecting"])
+def ctrl_c(request, monkeypatch):
+    """Ctrl-C at a moment of `start_print`."""
+    name = "spawn" if request.param == "spawned" else "wait_for_first_lines"
+    real, pressed = getattr(starting, name), []
+
+    def press(*given):
+        found = real(*given) if name == "spawn" else None
+        if not pressed:
+            pressed.append(True)
+            signal.raise_signal(signal.SIGINT)
+        return found or real(*given)
+
+    monkeypatch.setattr(starting, name, press)
+    return pressed
+
+
+def test_print_whose_start_is_interrupted_is_stopped_before_its_first_line(
+    tmp_path, profile, ctrl_c
+):
+    write_job(tmp_path / "job.gcode", 50)
+    printer = FakeMarlin()
+    printer.mute = True
+    with pty_printer(printer) as served:
+        with pytest.raises(KeyboardInterrupt):
+            start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        outcome = attach(tmp_path / "run").wait(60)
+    assert ctrl_c
+    assert outcome.state is LinkState.STOPPED
+    assert "before the first line" in outcome.message
+    assert not printer.numbered
+
+
+@pytest.mark.parametrize(
+    ("word", "state"), [("s", LinkState.STOPPED), ("k", LinkState.KILLED), ("", LinkState.DONE)]
+)
+def test_ctrl_c_before_the_first_lines_asks(tmp_path, profile, ctrl_c, monkeypatch, word, state):
+    write_job(tmp_path / "job.gcode", 50)
+    printer = FakeMarlin()
+    printer.mute = bool(word)
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
+    monkeypatch.setattr(follow, "_ask", lambda bars: word)
+    with pty_printer(printer) as served:
+        client = start_print(
+            tmp_path / "job.gcode",
+            profile,
+            served.name,
+            tmp_path / "run",
+            on_interrupt=follow.interrupted(StageBars(Console(quiet=True))),
+        )
+        outcome = client.wait(60)
+    assert ctrl_c
+    assert outcome.state is state
 
 
 def test_client_that_never_reads_holds_nobody_up(tmp_path, profile):
