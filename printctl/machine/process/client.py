@@ -564,7 +564,10 @@ class Station(Client):
         self._ask("kill", SOON_S)
 
     def stop_motion(self) -> StationStatus:
-        """End a move by hand after at most half a second of it; the position stays known."""
+        """End a move by hand after at most half a second of it; the position stays known.
+
+        Refused while the printer is homing: only `kill` ends that.
+        """
         return self._request("stop_motion", SOON_S)
 
     def reconnect(self) -> StationStatus:
