@@ -187,9 +187,9 @@ class PrintClient(Client):
     """One client of one print; made by `start_print`, `Station.print` or `attach`.
 
     It lets go of its connection when it has heard of the end, on `detach`, and at the end of a
-    ``with`` block; the print goes on. Of a print that has ended, nothing can be requested: `Refused`
-    says how it ended. One whose process died is interrupted: `NoLink`. `stop` and `kill` do nothing
-    where the printer stands already; where it may still move, `kill` halts it.
+    ``with`` block; the print goes on. Requests to a print that has ended raise `Refused`, which
+    says how it ended; to one whose process died, `NoLink`. `stop` and `kill` do nothing where the
+    printer stands already; where it may still move, `kill` halts it.
 
     Attributes
     ----------

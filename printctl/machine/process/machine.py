@@ -261,8 +261,8 @@ class Machine:
             raise Refused("a print goes on; stop or pause it instead")
         if self.state is StationState.BUSY and self._status.message == HOMING:
             raise Refused(
-                "it is homing, which a stop can't end: the firmware does it by itself. Wait for its "
-                "end, or halt the printer (kill); its position is then lost"
+                "it is homing, which a stop can't end: the firmware does it by itself. Wait for "
+                "its end, or halt the printer (kill); its position is then lost"
             )
         with self._lock:
             if self.standby is not None:

@@ -106,8 +106,8 @@ class PrintCommands:
         """Go on; after a change of syringe with what was put in.
 
         BadRequestError for a profile outside the workspace, ConflictError when it isn't paused or
-        what was told contradicts itself, Refused when the print stays paused, ObserverError when its looks need
-        an observer and none can be started: nothing has moved then.
+        what was told contradicts itself, Refused when the print stays paused, ObserverError when
+        its looks need an observer and none can be started: nothing has moved then.
         """
         self._core.controls.require(who)
         syringe, plunger_mm, unchanged = given.syringe or None, given.plunger_mm, given.unchanged
