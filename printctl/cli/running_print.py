@@ -27,7 +27,7 @@ from printctl.machine.prints.state import (
     running_print,
 )
 from printctl.machine.prints.words import alarm_words
-from printctl.machine.process.client import attach
+from printctl.machine.process.client import attach, may_still_move
 from printctl.machine.process.contact import alive
 from printctl.machine.records.journal import this_user
 from printctl.machine.records.record import JOURNAL, load_record
@@ -145,7 +145,6 @@ def kill(run: RunArg) -> None:
     Look at the machine afterwards and reset it; `printctl recover RUN` plans the rest.
     """
     with attach(print_folder(run)) as client:
-        over = bool(client.record.status)
         client.kill()
         try:
             outcome = client.wait(HALT_S)
@@ -154,14 +153,11 @@ def kill(run: RunArg) -> None:
                 f"the link process of {client.folder} hasn't said within {HALT_S:.0f} s that the "
                 "printer has halted: cut the printer's power"
             ) from None
-    unconfirmed = UNCONFIRMED in outcome.message
-    if unconfirmed and not over:
-        raise LinkError(outcome.message)
-    if unconfirmed or (outcome.state is not LinkState.KILLED and not outcome.position_known):
-        # The link itself: slow to import.
-        from printctl.machine.process.kill_unlinked import kill_unlinked
-
-        outcome = kill_unlinked(client.folder)
+        if UNCONFIRMED in outcome.message:
+            raise LinkError(outcome.message)
+        if may_still_move(outcome):  # the process ended as it was asked
+            client.kill()
+            outcome = client.wait(HALT_S)
     before = "" if outcome.state is LinkState.KILLED else "not halted, for the print had ended: "
     print_lines(f"{before}{outcome.state.value}: {outcome.message}")
 

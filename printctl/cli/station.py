@@ -230,7 +230,8 @@ def send(command: str = arg("Such as M503."), folder: FolderOption = None) -> No
 def stop(folder: FolderOption = None) -> None:
     """End the move that goes on, after at most half a second of it; the position stays known.
 
-    Sending it twice does no harm. For a halt at once there is `printctl station kill`.
+    Sending it twice does no harm. Homing can't be ended by it. For a halt at once there is
+    `printctl station kill`.
     """
     print_status(the_station(folder).stop_motion())
 

@@ -18,6 +18,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
+from printctl.machine.control.halting import UNCONFIRMED
 from printctl.machine.control.look_book import LookDecision
 from printctl.machine.control.station_status import NO_PRINTER, StationState, StationStatus
 from printctl.machine.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
@@ -35,7 +36,7 @@ from printctl.machine.process.contact import (
 from printctl.machine.process.launch import START_LIMIT_S
 from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.record import LOG, ContactRecord, load_record
-from printctl.machine.records.states import EARLY, Status
+from printctl.machine.records.states import EARLY, LinkState, Status
 
 if TYPE_CHECKING:
     from printctl.machine.process.orders import Order
@@ -142,15 +143,16 @@ class Client:
             time.sleep(_AGAIN_S)
         return None
 
-    def send(self, do: str, /, **values: Any) -> None:
-        """Send a request without waiting for an answer; no effect where the process has gone."""
+    def send(self, do: str, /, **values: Any) -> bool:
+        """Send a request without waiting for an answer; False where the process has gone."""
         while (connection := self.connection()) is not None:
             with connection:
                 try:
                     connection.send(do, **self._about(), **values)
-                    return
+                    return True
                 except OSError:
                     continue  # it was about to end
+        return False
 
     def request(self, do: str, patience_s: float, /, **values: Any) -> Message | None:
         """Send a request and return the answer; None when the process has gone, or left it.
@@ -187,8 +189,9 @@ class PrintClient(Client):
     """One client of one print; made by `start_print`, `Station.print` or `attach`.
 
     It lets go of its connection when it has heard of the end, on `detach`, and at the end of a
-    ``with`` block; the print goes on. What it asks for once the print is over has no effect, and
-    `wait` says how it ended.
+    ``with`` block; the print goes on. Requests to a print that has ended raise `Refused`, which
+    says how it ended; to one whose process died, `NoLink`. `stop` and `kill` do nothing where the
+    printer stands already; where it may still move, `kill` halts it.
 
     Attributes
     ----------
@@ -233,19 +236,33 @@ class PrintClient(Client):
     # --- what a client may ask for ---------------------------------------------------------------
 
     def stop(self) -> None:
-        """Ask for a controlled stop: end the line in flight, relieve the plunger, lift."""
-        self.send("stop")
+        """Ask for a controlled stop: end the line in flight, relieve the plunger, lift.
+
+        A print that has ended is left as it is; `NoLink` where its printer may still move, for
+        nobody speaks to it any more.
+        """
+        if not self.send("stop") and may_still_move(self.status):
+            raise self._nobody_speaks()
 
     def kill(self) -> None:
-        """Halt the firmware at once; afterwards the position is unknown."""
-        self.send("kill")
+        """Halt the firmware at once; afterwards the position is unknown.
+
+        Where nobody speaks to the printer any more and it may still move, as after the process has
+        died, the print's port is opened and the halt written to it: LinkError when that can't be
+        done, or isn't confirmed. A print that has ended otherwise is left as it is.
+        """
+        if not self.send("kill") and may_still_move(self.status):
+            # The link itself: slow to import.
+            from printctl.machine.process.kill_unlinked import kill_unlinked
+
+            self._hear(kill_unlinked(self.folder))
 
     def pause(self, after: MarkKind | None = None) -> None:
         """Ask for a pause: relieve the plunger, lift, hold.
 
         Now, or ``after`` a layer or vessel; Refused when the job marks no such end ahead.
         """
-        self.request("pause", SOON_S, after=after)
+        self._demand("pause", SOON_S, after=after)
 
     def reload(self, head: int | None = None) -> None:
         """Ask for a change of syringe: at the next reload point, or here when it is paused.
@@ -253,7 +270,7 @@ class PrintClient(Client):
         Of several heads that of ``head``, or of the one in use. Refused when the job marks no
         reload point ahead.
         """
-        self.request("reload", SOON_S, head=head)
+        self._demand("reload", SOON_S, head=head)
 
     def resume(
         self,
@@ -263,12 +280,12 @@ class PrintClient(Client):
     ) -> None:
         """Go on after a pause; `Streamer.resume` says what may be told.
 
-        Returns once the print goes on, or has ended. Refused, with the reason, when it stays
-        paused; LinkError when it hasn't gone on within `PATIENCE_S`.
+        Returns once the print goes on. Refused, with the reason, when it stays paused, isn't paused
+        or has ended; LinkError when it hasn't gone on within `PATIENCE_S`.
         """
         new = asdict(change) if change else None
         try:
-            self.request(
+            answer = self.request(
                 "resume", PATIENCE_S, change=new, unchanged=unchanged, unobserved=unobserved
             )
         except NoLink as exc:
@@ -276,10 +293,12 @@ class PrintClient(Client):
                 f"the print in {self.folder} hasn't said within {PATIENCE_S:g} s whether it goes "
                 "on; `printctl status RUN` tells"
             ) from exc
+        if answer is None:
+            raise self._too_late()
 
     def alive(self) -> None:
         """Confirm that somebody is there: the dead-man's time begins anew."""
-        self.request("alive", SOON_S)
+        self._demand("alive", SOON_S)
 
     def command(self, text: str) -> list[str]:
         """Send a manual command between two lines of the job; give the printer's reply.
@@ -340,6 +359,28 @@ class PrintClient(Client):
         if answer is None:
             raise LinkError(f"no answer on look {look}: the print ended first")
         return answer
+
+    def _demand(self, do: str, patience_s: float, **values: Any) -> Message:
+        answer = self.request(do, patience_s, **values)
+        if answer is None:
+            raise self._too_late()
+        return answer
+
+    def _too_late(self) -> LinkError:
+        """Return why nothing can be requested of a print whose process has gone."""
+        status = self.status
+        if status.state is LinkState.INTERRUPTED:
+            return self._nobody_speaks()
+        words = f"{status.state.value}: {status.message}"
+        return Refused(f"the print in {self.folder} has ended ({words}); nothing was requested")
+
+    def _nobody_speaks(self) -> NoLink:
+        status = self.status
+        return NoLink(
+            f"nobody speaks to the printer of {self.folder} any more ({status.state.value}: "
+            f"{status.message}); nothing was requested. `printctl kill` halts it, `printctl "
+            "resume` goes on where that is possible"
+        )
 
     # --- what a client may hear ------------------------------------------------------------------
 
@@ -421,6 +462,12 @@ class PrintClient(Client):
         if status.ended:
             self.detach()
         return status
+
+
+def may_still_move(status: Status) -> bool:
+    """Whether a print has ended so that its printer may go on with what it has taken."""
+    halted = status.state is LinkState.KILLED and UNCONFIRMED not in status.message
+    return status.ended and not status.position_known and not halted
 
 
 def attach(folder: Path) -> PrintClient:
@@ -519,7 +566,10 @@ class Station(Client):
         self._ask("kill", SOON_S)
 
     def stop_motion(self) -> StationStatus:
-        """End a move by hand after at most half a second of it; the position stays known."""
+        """End a move by hand after at most half a second of it; the position stays known.
+
+        Refused while the printer is homing: only `kill` ends that.
+        """
         return self._request("stop_motion", SOON_S)
 
     def reconnect(self) -> StationStatus:

@@ -40,6 +40,8 @@ DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})
 """States in which the printer can't be spoken to."""
 QUEUE: Final = 20
 SYSTEM: Final = "the system (SIGTERM, as when it shuts down)"
+HOMING: Final = "home"
+"""Message of a station that is busy homing."""
 _UP: Final = frozenset({StationState.CONNECTING, StationState.READY, StationState.BUSY})
 _HALTING: Final = (
     "a halt was sent and the printer hasn't confirmed it yet; if anything moves, cut its power"
@@ -265,6 +267,11 @@ class Machine:
         """End the move that goes on, and forget those that wait; the queue isn't waited for."""
         if self.state is StationState.PRINTING:
             raise Refused("a print goes on; stop or pause it instead")
+        if self.state is StationState.BUSY and self._status.message == HOMING:
+            raise Refused(
+                "it is homing, which a stop can't end: the firmware does it by itself. Wait for "
+                "its end, or halt the printer (kill); its position is then lost"
+            )
         with self._lock:
             if self.standby is not None:
                 self.standby.halt_motion()

@@ -36,7 +36,7 @@ from printctl.machine.process.contact import (
     save_station,
     without_place,
 )
-from printctl.machine.process.machine import DOWN, Machine, Request, serve_in
+from printctl.machine.process.machine import DOWN, HOMING, Machine, Request, serve_in
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.socket_server import refusal
 from printctl.machine.process.station_print import print_here
@@ -296,7 +296,8 @@ def _by_hand(machine: Machine, request: Request) -> dict[str, Any]:
     do, before = request.do, machine.message
     machine.write_down("asked", do=do, values=request.values)
     if WORDS[do].idle is Idle.MOVES:
-        machine.enter(StationState.BUSY, do)
+        typed_home = do == "command" and "G28" in request.values["text"].upper()
+        machine.enter(StationState.BUSY, HOMING if typed_home else do)
     try:
         if do == "mount":
             answer = _mount(machine, request.values)

@@ -33,7 +33,7 @@ from printctl.web.workspace import checked_name
 
 FromLine = Annotated[int | None, Query(ge=1, le=2**31, description="Of the job's file.")]
 _HELD: Final = (LinkState.PAUSED, LinkState.PAUSING)
-_GOING: Final = (LinkState.PRINTING, LinkState.RESUMING)
+_GOING: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
 
 
 class PauseRequest(Body):
@@ -105,9 +105,9 @@ class PrintCommands:
     def resume(self, who: Asking, job: JobId, given: ResumeRequest) -> Status:
         """Go on; after a change of syringe with what was put in.
 
-        BadRequestError for a profile outside the workspace, ConflictError when what was told
-        contradicts itself, Refused when the print stays paused, ObserverError when its looks need
-        an observer and none can be started: nothing has moved then.
+        BadRequestError for a profile outside the workspace, ConflictError when it isn't paused or
+        what was told contradicts itself, Refused when the print stays paused, ObserverError when
+        its looks need an observer and none can be started: nothing has moved then.
         """
         self._core.controls.require(who)
         syringe, plunger_mm, unchanged = given.syringe or None, given.plunger_mm, given.unchanged
@@ -121,8 +121,10 @@ class PrintCommands:
         folder = self._core.workspace.print_folder(job)
         with attach(folder) as client:
             status = client.status
-            if status.state in _GOING and not status.waits_for:
+            if status.state is LinkState.RESUMING:
                 return status
+            if status.state in _GOING and not status.waits_for:
+                raise ConflictError(f"the print of {job} isn't paused ({status.state.value})")
             if not status.ended:
                 started = ensure_observer(folder)
                 change = new_syringe_of(client, syringe, plunger_mm) if changed else None

@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 from printctl.cli.running_print import status_lines
-from printctl.machine.errors import Refused
+from printctl.machine.errors import LinkError, NoLink, Refused
 from printctl.machine.job.job import Job
 from printctl.machine.job.moves import moves_ahead, surely_moved
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.ports.clock import VirtualClock
 from printctl.machine.prints.recovery import NoCheckpoint, plan_recovery
 from printctl.machine.prints.state import assemble_state
+from printctl.machine.process.client import attach
 from printctl.machine.process.outcome import read_outcome, resumable
 from printctl.machine.records.journal import Journal, encode
 from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
@@ -286,6 +287,44 @@ def test_kill_opens_the_port_and_halts(tmp_path, monkeypatch, capsys):
     assert out.startswith("killed: ")
     assert read_outcome(tmp_path).state is LinkState.KILLED
     assert read_journal(tmp_path / JOURNAL).state is LinkState.KILLED
+
+
+REQUESTS = ["pause", "resume", "reload", "alive"]
+
+
+@pytest.mark.parametrize("do", ["stop", *REQUESTS])
+def test_client_of_an_interrupted_print_is_told_that_nobody_speaks_to_its_printer(tmp_path, do):
+    killed(tmp_path, "generic_marlin", LinkState.PRINTING)
+    with pytest.raises(NoLink, match=r"nobody speaks .*`printctl kill` halts it"):
+        getattr(attach(tmp_path), do)()
+
+
+def test_client_kills_an_interrupted_print(tmp_path):
+    with pty_printer(FakeMarlin()) as served:
+        killed(tmp_path, "generic_marlin", LinkState.PRINTING, port=served.name)
+        client = attach(tmp_path)
+        client.kill()
+        assert served.printer.halted
+        assert client.wait(0).state is LinkState.KILLED
+
+
+def test_client_that_cant_kill_an_interrupted_print_says_so(tmp_path):
+    killed(tmp_path, "generic_marlin", LinkState.PRINTING, port="/dev/nowhere")
+    with pytest.raises(LinkError, match="not halted, cut the printer's power"):
+        attach(tmp_path).kill()
+
+
+def test_client_of_a_print_that_has_ended_is_told_how(tmp_path):
+    killed(tmp_path, "generic_marlin", LinkState.PRINTING)
+    ended = Status(LinkState.STOPPED, message="stopped by the user")
+    replace(load_record(tmp_path), status=ended.to_dict()).save(tmp_path)
+    client = attach(tmp_path)
+    for do in REQUESTS:
+        with pytest.raises(Refused, match=r"has ended \(stopped: stopped by the user\)"):
+            getattr(client, do)()
+    client.stop()
+    client.kill()
+    assert client.status == ended
 
 
 @pytest.mark.parametrize("mute", [False, True])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
@@ -14,17 +15,24 @@ from typing import Any
 
 import pytest
 
+from firmware_profiles import Printer, load
+from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.station_status import StationState
-from printctl.machine.errors import NoLink, Refused
+from printctl.machine.errors import NoLink, PortLost, Refused
 from printctl.machine.job.retreat import Retreat
+from printctl.machine.process import station as station_module
 from printctl.machine.process.client import Station, attach_station
 from printctl.machine.process.contact import load_station
 from printctl.machine.process.launch import spawn
+from printctl.machine.process.machine import Machine, Request
 from printctl.machine.process.orders import Order
+from printctl.machine.process.plug import Plug
 from printctl.machine.process.starting import connect
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.waiting import wait_for
+
+PRINTER = load(Printer, "generic_marlin")
 
 
 class Listening(FakeMarlin):
@@ -285,6 +293,28 @@ def test_stopped_move_ends_early_and_is_known(fake):
     assert 100 <= moved[0] < 190
     assert station.status.position_trusted
     assert station.jog("x", -1).position_mm == (pytest.approx(moved[0] - 1), 100, 100)
+
+
+def test_stop_refuses_to_end_what_only_a_kill_ends(tmp_path):
+    machine = Machine(Plug("generic_marlin", "simulated", tmp_path), Knowledge(PRINTER))
+    answers: list[dict[str, Any]] = []
+    machine.enter(StationState.BUSY, "jog")
+    machine._stop_motion(answers.append)
+    machine.enter(StationState.BUSY, "home")
+    with pytest.raises(Refused, match="it is homing, which a stop can't end"):
+        machine._stop_motion(answers.append)
+    assert len(answers) == 1
+
+
+@pytest.mark.parametrize(
+    ("do", "text", "what"), [("home", "", "home"), ("command", "g28 x", "home"), ("jog", "", "jog")]
+)
+def test_homing_is_named_however_it_is_asked_for(tmp_path, do, text, what):
+    machine, told = Machine(Plug("generic_marlin", "simulated", tmp_path), Knowledge(PRINTER)), []
+    machine.enter = lambda state, message, **_: told.append(message)  # type: ignore[method-assign]
+    with contextlib.suppress(PortLost):
+        station_module._by_hand(machine, Request(do, {"text": text}, lambda _: None))
+    assert told[0] == what
 
 
 # --- another program's lines to an idle printer: its position becomes unknown

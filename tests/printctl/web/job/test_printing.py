@@ -10,10 +10,11 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 import yaml
@@ -43,6 +44,7 @@ from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import ConflictError, NotInControlError
 from printctl.web.history.service import HistoryService
+from printctl.web.job import print_commands
 from printctl.web.job.jobs import entry_of
 from printctl.web.job.print_commands import PauseRequest, RecoverRequest, ResumeRequest
 from printctl.web.job.record import Records
@@ -58,6 +60,17 @@ def until(service: JobService, job: str, *states: LinkState):
     return until_so(service, job, ended_as(*states))
 
 
+@pytest.mark.parametrize("state", [LinkState.PRINTING, LinkState.RESUMING])
+def test_resume_of_a_print_that_isnt_paused_is_refused(service, monkeypatch, state):
+    job, client = add(service), MagicMock(status=Status(state))
+    client.__enter__.return_value = client
+    monkeypatch.setattr(print_commands, "attach", lambda folder: client)
+    asked_twice = state is LinkState.RESUMING
+    with nullcontext() if asked_twice else pytest.raises(ConflictError, match="isn't paused"):
+        assert service.hands.resume(OPERATOR, job, ResumeRequest()).state is state
+    client.resume.assert_not_called()
+
+
 def test_a_print_is_started_held_gone_on_with_and_done(service, station):
     job = add(service)
     said = ready(service, job)
@@ -71,7 +84,6 @@ def test_a_print_is_started_held_gone_on_with_and_done(service, station):
     assert held.progress is not None
     assert 0 < held.progress.share < 1
     assert held.progress.layers == 6
-    service.hands.resume(OPERATOR, job, ResumeRequest())
     service.hands.resume(OPERATOR, job, ResumeRequest())
     done = until(service, job, LinkState.DONE)
     assert done.progress is not None
