@@ -28,7 +28,7 @@ from printctl.machine.control.gating import allowed_command
 from printctl.machine.control.heat import target_command
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.manual_motion import push, travel
-from printctl.machine.control.standby import Standby
+from printctl.machine.control.standby import ElsewhereError, Standby
 from printctl.machine.control.station_status import Place
 from printctl.machine.control.steps import Steps
 from printctl.machine.errors import LinkError, Refused
@@ -97,7 +97,11 @@ class IdleCommands:
             check_step(self._known, at, target, mm_s)
         except NotAllowed as exc:
             raise Refused(str(exc)) from exc
-        whole = yield from travel(self.standby, target, mm_s)
+        try:
+            whole = yield from travel(self.standby, target, mm_s)
+        except ElsewhereError:
+            self.known.lose_position()
+            raise
         return {"message": "" if whole else "the move was ended before its goal"}
 
     def home(self, axes: Sequence[str], needle_off: bool = False) -> Steps[Answer]:

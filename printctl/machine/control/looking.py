@@ -117,6 +117,7 @@ def _look(run: Print) -> Steps[None]:
     at = yield from leave(run, "look", park=park)
     watch.checked(run.channel.now, done)
     if park is not None:
+        yield from run.position.refuse_elsewhere(at.x, at.y, at.z)
         yield from lead_needle(run, at, park, back=False)
     run.logbook.enter(LinkState.LOOKING, f"held for {look}: waiting for a decision")
     run.excursion.rests = True
@@ -153,6 +154,7 @@ def _leave_look(
         run.excursion.come_back((yield from run.position.height()))
     if park is not None:
         yield from own_modes(run)
+        yield from run.position.refuse_elsewhere(*park)
         yield from lead_needle(run, at, park, back=True)
     if goes_on:
         yield from come_back(run, at, by_person=ending.by != OBSERVER)

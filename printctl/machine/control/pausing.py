@@ -17,6 +17,7 @@ from printctl.machine.control.inserting import answer_clients, refuse_rest
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.look_book import LookRequest
 from printctl.machine.control.others import own_modes, take_back
+from printctl.machine.control.place import MOVED
 from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.steps import Record, Steps
 from printctl.machine.control.syringes import (
@@ -126,6 +127,11 @@ def _top(run: Print, at: Modal, changing: bool) -> float | None:
 
 def wait_and_come_back(run: Print, at: Modal, message: str) -> Steps[None]:
     """Wait for the word to go on; then count a new syringe, and come back to ``at``."""
+    astray = (yield from run.position.standing_away(run.excursion.counted)).wrong
+    if astray:
+        astray = f"the place isn't the job's any more ({astray}: {MOVED})"
+        run.logbook.alarm(astray)
+        message = f"{astray}; {message}"
     run.logbook.enter(LinkState.PAUSED, message)
     run.excursion.rests = True
     resume = yield from _stay_paused(run, at)
@@ -146,6 +152,7 @@ def come_back(run: Print, at: Modal, prime_mm: float = 0.0, by_person: bool = Fa
     yield from take_back(run)
     yield from own_modes(run)
     yield from run.position.refuse_renamed(waited=True)  # before the needle is lowered by that name
+    yield from run.position.refuse_elsewhere(at.x, at.y, at.z)
     yield from take_head(run)
     yield from lower(run, at, prime_mm)
     run.change.going_on, run.change.planned_head = False, None

@@ -8,6 +8,7 @@ motors themselves matter, M400 comes first and waits for them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, NoReturn
@@ -32,6 +33,8 @@ from sim.gcode.reading import is_motion, read_sent
 
 WITHIN_MM: Final = 0.011
 """Of the two decimals that M114 tells."""
+MOVED: Final = "it was reset without a word, or moved from elsewhere"
+"""Why a printer isn't where it was led to."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +53,7 @@ class Standstill:
     def words(self) -> str:
         """Return what to add to the message of the end."""
         if self.wrong:
-            return (
-                f"; {self.wrong}: it was reset without a word, or moved from elsewhere; nothing "
-                "was moved"
-            )
+            return f"; {self.wrong}: {MOVED}; nothing was moved"
         if not self.read:
             return "; its motors were stopped, and where it stands can't be read (M114)"
         if not self.dropped:
@@ -153,6 +153,22 @@ class PositionCheck:
         return Standstill(
             Modal(**words), read=bool(position), dropped=False, wrong=", ".join(wrong)
         )
+
+    def refuse_elsewhere(
+        self, x_mm: float | None, y_mm: float | None, lowest_mm: float | None
+    ) -> Steps[None]:
+        """End the print where the needle isn't above a place, before it is led from there.
+
+        A printer that was reset without a word counts from another place, and would be led astray.
+        """
+        wrong, position = yield from self.compare(Modal(x=x_mm, y=y_mm))
+        lowest = -math.inf if lowest_mm is None else lowest_mm - WITHIN_MM
+        if not wrong and position.get("Z", math.inf) < lowest:
+            height = yield from self.height()
+            if height < lowest:
+                wrong = f"Z is {height:.2f} mm where it was left at {lowest_mm:.2f} mm or above"
+        if wrong:
+            yield from self.end_astray(f"{wrong}: {MOVED}" if position else wrong)
 
     def standstill(self) -> Steps[Standstill]:
         """Return where the printer stands after it dropped moves."""

@@ -43,6 +43,10 @@ _WITHIN_MM: Final = 0.011
 """Of the two decimals that M114 reports."""
 
 
+class ElsewhereError(LinkError):
+    """A move ended where it wasn't to lead: the printer's count can't be trusted."""
+
+
 class Standby:
     """Idle printer in contact with the station.
 
@@ -242,12 +246,15 @@ class Standby:
         self.position = self.plunger = None
 
     def expect(self, place: Place) -> Steps[None]:
-        """Go on counting exactly from where the tip was sent; LinkError when it went elsewhere."""
+        """Go on counting exactly from where the tip was sent.
+
+        `ElsewhereError` when it went elsewhere.
+        """
         self.position = place
         yield from self.look()
         at = self.position
         if at is None or math.dist(at, place) > 2 * _WITHIN_MM:
-            raise LinkError(
+            raise ElsewhereError(
                 f"the printer stands at {_words(at)} and not at {_words(place)}: its own limits "
                 "(soft endstops) or a wrong position keep it from there"
             )

@@ -72,6 +72,16 @@ class StandbyEvents(PrintEvents):
             "stands in, then reconnect"
         )
 
+    def _on_renumbered(self, event: wire.Renumbered) -> None:
+        if not self.found:
+            super()._on_renumbered(event)
+            return
+        raise _lost_place(
+            f"the printer's count of lines became {event.last}, and ours is {event.expected}: the "
+            "board was reset without a word, or another program writes to this port (M110); see "
+            "where the tip stands and that nothing else is connected, then reconnect"
+        )
+
     def _on_stray(self, event: wire.StrayOk) -> None:
         if not self.found or not event.foreign or self._kill.asked.is_set():
             super()._on_stray(event)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from printctl.machine.control.halting import UNCONFIRMED
+from printctl.machine.control.look_book import LookDecision, LookRequest
 from printctl.machine.control.streamer import Streamer
 from printctl.machine.job.care import Care
 from printctl.machine.records.states import LinkState
@@ -127,10 +129,85 @@ def test_stop_away_from_the_job_behind_a_silent_reset_leaves_the_position_unknow
     observe(bench)
     bench.when(state, lambda streamer: (reset(streamer), bench.after(1.0, stop)))
     status = bench.run()
-    assert (status.state, status.position_known) == (LinkState.STOPPED, False), status.message
-    assert "X is 0.00 mm where it was led to" in status.message
+    # on its way back the print finds it by itself
+    ended = LinkState.POSITION_UNKNOWN if state is LinkState.RESUMING else LinkState.STOPPED
+    assert (status.state, status.position_known) == (ended, False), status.message
+    assert "X is 0.00 mm where" in status.message
     assert bench.printer.place["X"] == bench.printer.place["Y"] == 0.0
     assert_true(bench, status)
+
+
+def decide(bench: Bench, decision: LookDecision) -> Callable[[Streamer], None]:
+    def act(streamer: Streamer) -> None:
+        look = streamer.status.look
+        assert look is not None
+        answers = bench.answers.append, bench.refusals.append
+        streamer.look(LookRequest(look["number"], *answers, "seen", decision))
+
+    return act
+
+
+@pytest.mark.parametrize("park", [None, (70.0, 40.0, 40.0), (0.0, 0.0, 40.0)])
+@pytest.mark.parametrize("decision", [LookDecision.GO_ON, LookDecision.PAUSE])
+def test_needle_isnt_led_back_from_a_look_behind_a_silent_reset(park, decision):
+    bench = Bench(JOB, care=replace(LOOKS, look_park_mm=park))
+
+    def reset_and_decide(streamer: Streamer) -> None:
+        bench.printer.reset_now(silently=True)
+        decide(bench, decision)(streamer)
+
+    bench.when(LinkState.LOOKING, reset_and_decide)
+    bench.when(LinkState.PAUSED, lambda streamer: bench.after(5.0, stop))
+    status = bench.run()
+    assert not status.position_known, status.message
+    if park or decision is LookDecision.GO_ON:
+        assert status.state is LinkState.POSITION_UNKNOWN
+    assert bench.printer.place["X"] == bench.printer.place["Y"] == 0.0
+    assert_true(bench, status)
+
+
+@pytest.mark.parametrize("park", [None, (70.0, 40.0, 40.0)])
+def test_needle_isnt_led_to_its_parking_place_behind_a_silent_reset_of_the_lift(park):
+    bench = Bench(JOB, care=replace(LOOKS, look_park_mm=park))
+    bench.when(LinkState.PAUSING, lambda _: bench.after(0.8, reset_silently(bench)))
+    bench.when(LinkState.LOOKING, decide(bench, LookDecision.GO_ON))
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.POSITION_UNKNOWN, False)
+    assert bench.printer.place["X"] == bench.printer.place["Y"] == 0.0
+    assert_true(bench, status)
+
+
+@pytest.mark.parametrize("after_s", [0.6, 1.0])
+def test_pause_whose_lift_a_silent_reset_cut_says_that_the_place_isnt_the_jobs(after_s):
+    bench, answers = Bench(JOB), list[str]()
+    bench.on_line(10, pause)
+    bench.when(LinkState.PAUSING, lambda _: bench.after(after_s, reset_silently(bench)))
+
+    def try_to_resume(streamer: Streamer) -> None:
+        assert "isn't the job's any more" in streamer.status.message
+        streamer.resume(answer=answers.append)
+        bench.after(60.0, stop)
+
+    bench.when(LinkState.PAUSED, try_to_resume)
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, False), status.message
+    assert answers[0].startswith("not resumed: ")
+    assert_true(bench, status)
+
+
+def test_needle_isnt_lowered_behind_a_silent_reset_in_a_resume():
+    bench = Bench(JOB)
+    bench.on_line(10, pause)
+    bench.when(LinkState.PAUSED, resume)
+    bench.when(LinkState.RESUMING, reset_silently(bench))
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.POSITION_UNKNOWN, False)
+    assert bench.printer.place == dict.fromkeys("XYZE", 0.0)
+    assert_true(bench, status)
+
+
+def reset_silently(bench: Bench) -> Callable[[Streamer], None]:
+    return lambda _: bench.printer.reset_now(silently=True)
 
 
 def test_stop_in_a_pause_knows_the_place_that_typed_moves_led_to():

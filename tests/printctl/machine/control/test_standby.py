@@ -11,6 +11,8 @@ import pytest
 
 from printctl.machine.control import halting
 from printctl.machine.control.connecting import protocol_for
+from printctl.machine.control.idle_commands import IdleCommands
+from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.manual_motion import push, travel
 from printctl.machine.control.standby import Standby
 from printctl.machine.control.steps import Steps
@@ -19,9 +21,11 @@ from printctl.machine.errors import LinkError
 from printctl.machine.ports.clock import RealClock, VirtualClock
 from printctl.machine.ports.detection import PortPrograms
 from printctl.machine.process.kill_unlinked import _halt
-from printctl.machine.records.states import PrintEnded
+from printctl.machine.records.states import LinkState, PrintEnded
 from tests.printctl.machine.control.bench import PRINTER, QUIET_S, MemoryJournal
 from tests.printctl.machine.control.scripted_printer import ScriptedPrinter
+
+HANGS_S = 300.0
 
 
 @dataclass
@@ -46,6 +50,7 @@ class Port:
     write_urgent = write
 
     def read(self, timeout: float) -> bytes:
+        assert self.clock.now() < HANGS_S, "it hangs"
         until = self.clock.now() + timeout
         self.clock.sleep(max(0.0, min(self.printer.due_s, until) - self.clock.now()))
         if self.plan and self.plan[0][0] <= self.clock.now():
@@ -95,6 +100,50 @@ def test_what_a_printer_took_before_it_complained_is_made_before_the_answer(stan
     with pytest.raises(LinkError, match="it jams"):
         standby.drive(begun(standby))
     assert any(b"M0400" in data for data in port.sent[-6:])
+
+
+@pytest.mark.parametrize("begun", [moved, pushed])
+@pytest.mark.parametrize(("silently", "why"), [(False, "was reset"), (True, "without a word")])
+@pytest.mark.parametrize("after_s", [0.3, 2.0, 2.4])
+def test_a_reset_in_a_move_by_hand_ends_it_at_once(standing, begun, silently, why, after_s):
+    standby, port = standing
+    port.plan.append((at := port.clock.now() + after_s, lambda: port.printer.reset_now(silently)))
+    with pytest.raises(PrintEnded, match=why) as ended:
+        standby.drive(begun(standby))
+    assert (ended.value.state, ended.value.known) == (LinkState.POSITION_UNKNOWN, False)
+    assert port.clock.now() - at < 2.0
+    assert port.printer.place == dict.fromkeys("XYZE", 0.0)  # nothing moved in the wrong frame
+
+
+def test_a_silent_reset_of_a_printer_that_stands_is_noticed(standing):
+    standby, port = standing
+    port.printer.reset_now(silently=True)
+    with pytest.raises(PrintEnded, match="without a word"):
+        for _ in range(60):
+            standby.drive(standby.rest(0.05))
+
+
+@pytest.mark.parametrize("begun", [moved, pushed])
+def test_unreadable_answers_in_a_move_by_hand_end_it(standing, begun):
+    standby, port = standing
+
+    def garble() -> None:
+        said = port.printer.said
+        port.printer.said = lambda now: bytes(one ^ 0x9B for one in said(now))  # type: ignore[method-assign]
+
+    port.plan.append((at := port.clock.now() + 2.0, garble))
+    with pytest.raises(PrintEnded, match="no usable answer"):
+        standby.drive(begun(standby))
+    assert port.clock.now() - at < 20.0
+
+
+def test_a_move_that_ends_elsewhere_costs_the_trust_in_the_place(standing):
+    standby, port = standing
+    idle = IdleCommands(standby, Knowledge(PRINTER, homed=(True, True, True)))
+    port.plan.append((port.clock.now() + 1.0, lambda: port.printer.at.update(Y=52.0)))
+    with pytest.raises(LinkError, match=r"stands at X60\.00 Y52\.00"):
+        idle.grant("jog", {"by": {"x": 10.0}, "speed_mm_s": 5.0})
+    assert not idle.known.trusted
 
 
 @pytest.mark.parametrize(("by_reset", "why"), [(False, "port was opened"), (True, "reset line")])
