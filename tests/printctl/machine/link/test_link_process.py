@@ -218,7 +218,9 @@ def ctrl_c(request, monkeypatch):
         return found or real(*given)
 
     monkeypatch.setattr(starting, name, press)
-    return pressed
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's "&" ignores it
+    yield pressed
+    signal.signal(signal.SIGINT, before)
 
 
 def test_print_whose_start_is_interrupted_is_stopped_before_its_first_line(
