@@ -101,6 +101,7 @@ class Bench:
         wire: Wire | None = None,
         profile: Printer = PRINTER,
         resume: bool = False,
+        fresh: bool = True,
     ) -> None:
         self.job = parse_job(job, "bench.gcode", profile) if isinstance(job, bytes) else job
         self.printer, self.wire = printer or ScriptedPrinter(), wire or Wire()
@@ -130,6 +131,7 @@ class Bench:
             journal=self.journal,  # type: ignore[arg-type]
             printer=profile,
             retreat=SHORT,
+            fresh=fresh,
             on_status=self._on_status,
         )
         self.wiring, self.exchange = wiring, wiring.exchange
