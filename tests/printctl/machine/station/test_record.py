@@ -87,6 +87,23 @@ def test_end_without_a_word_is_told_with_the_last_state(
     assert f"without a word while {while_}" in status.message
 
 
+@pytest.mark.parametrize(
+    ("state", "remedy"),
+    [
+        (StationState.PRINTING, "`printctl resume /runs/a` goes on with it"),
+        (StationState.HALTING, "the halt may not have left"),
+        (StationState.BUSY, "busy; connect again"),
+    ],
+)
+def test_end_without_a_word_says_what_is_to_be_done(
+    tmp_path: Path, state: StationState, remedy: str
+) -> None:
+    status = StationStatus(state, print_folder="/runs/a").to_dict()
+    record = ContactRecord(0, "", "t", "", "generic_marlin", "/dev/x", time.time(), status=status)
+    record.save(tmp_path, STATION_RECORD)
+    assert remedy in attach_station(tmp_path).status.message
+
+
 def test_place_of_a_station_that_was_killed_is_not_trusted(tmp_path: Path) -> None:
     status = StationStatus(
         StationState.READY,
