@@ -254,6 +254,18 @@ class PrintEvents:
     def _on_booted(self, event: wire.FirmwareStarted) -> None:
         if self._kill.asked.is_set():
             raise PrintEnded(LinkState.KILLED, "killed by the user, by the reset line", known=False)
+        if not self._wiring.fresh and not self._logbook.begun:
+            self._lost_before_print()  # nobody has opened its port: it wasn't that
+
+    def _lost_before_print(self) -> NoReturn:
+        raise PrintEnded(
+            LinkState.FAILED,
+            f"the printer at {self._wiring.transport.name} was reset before the print's first "
+            "line: its position is gone; check its power and cable, see where the tip stands, and "
+            "try again",
+            known=False,
+            error=HandshakeError.__name__,
+        )
 
     def _on_reset(self, event: wire.FirmwareReset) -> None:
         self._on_booted(wire.FirmwareStarted())

@@ -162,6 +162,7 @@ class PositionCheck:
         A printer that was reset without a word counts from another place, and would be led astray.
         """
         wrong, position = yield from self.compare(Modal(x=x_mm, y=y_mm))
+        wrong = wrong.replace("the job says", "it was led to")
         lowest = -math.inf if lowest_mm is None else lowest_mm - WITHIN_MM
         if not wrong and position.get("Z", math.inf) < lowest:
             height = yield from self.height()

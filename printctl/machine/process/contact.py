@@ -143,9 +143,24 @@ def last_word(folder: Path) -> StationStatus:
     if state is StationState.CLOSED:  # the disk was full, and its record couldn't be written
         error = last.error
     else:
-        message = f"the station ended without a word while {state.value}; connect again"
+        message = f"the station ended without a word while {state.value}; {_remedy(state, last)}"
         state = StationState.LOST
     return without_place(replace(last, state=state, message=message, error=error))
+
+
+def _remedy(state: StationState, last: StationStatus) -> str:
+    """Return what to do about a station that ended without a word in a state."""
+    if state is StationState.PRINTING and last.print_folder:
+        return (
+            f"if its print isn't over, `printctl resume {last.print_folder}` goes on with it, and "
+            "a printer is connected only once it has ended or was given up; else connect again"
+        )
+    if state is StationState.HALTING:
+        return (
+            "the halt may not have left, or not wholly: motors and heaters may still be on; cut "
+            "the printer's power where that isn't certain, then connect again"
+        )
+    return "connect again"
 
 
 def without_place(last: StationStatus) -> StationStatus:

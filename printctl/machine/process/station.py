@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import time
 from contextlib import ExitStack
@@ -19,8 +20,9 @@ from firmware_profiles import ProfileError
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.idle_commands import AXES, IdleCommands
 from printctl.machine.control.known_state import Knowledge
+from printctl.machine.control.place import MOVED
 from printctl.machine.control.standby import Standby
-from printctl.machine.control.station_status import StationState, StationStatus
+from printctl.machine.control.station_status import Place, StationState, StationStatus
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import HandshakeError, LinkError, NoLink, PortLost, Refused
 from printctl.machine.families import refuse_unsent
@@ -49,6 +51,9 @@ IDLE_S: Final = 0.03
 """Longest wait for the printer before requests are looked at."""
 _DOWN_S: Final = 0.2
 """Longest wait for a request while the printer can't be spoken to."""
+
+ASTRAY_MM: Final = 0.03
+"""Beyond what M114's two decimals leave open of a place."""
 
 log = logging.getLogger(__name__)
 
@@ -217,8 +222,11 @@ def go_down(machine: Machine, state: StationState, message: str, error: str = ""
         request.reply(refusal(LinkError(message)))
 
 
-def _after_print(machine: Machine, status: Status) -> None:
-    """Stand by again where the printer still knows its place; else say why not."""
+def _after_print(machine: Machine, status: Status, at: Place | None = None) -> None:
+    """Stand by again where the printer still knows its place; else say why not.
+
+    ``at``: where it stood before the print.
+    """
     ended = f"print {status.state.value}: {status.message}"
     if status.error == PortLost.__name__ and status.state is not LinkState.KILLED:
         go_down(machine, StationState.LOST, ended, status.error)
@@ -226,19 +234,28 @@ def _after_print(machine: Machine, status: Status) -> None:
         go_down(machine, StationState.HALTED, ended, status.error)
     else:
         try:
-            _stand_by_again(machine, ended)
+            _stand_by_again(machine, ended, None if status.lines_done else at)
+        except PrintEnded as exc:
+            go_down(machine, StationState.HALTED, f"{ended}; {exc.message}", exc.error)
         except LinkError as exc:
             go_down(machine, StationState.LOST, f"{ended}; {exc}", type(exc).__name__)
 
 
-def _stand_by_again(machine: Machine, ended: str) -> None:
-    """Stand by behind a print; a simulated printer is started anew."""
+def _stand_by_again(machine: Machine, ended: str, at: Place | None) -> None:
+    """Stand by behind a print; a simulated printer is started anew.
+
+    ``at``: where it still has to stand, None for no matter where.
+    """
     if machine.plug.simulated:
         connect(machine, ended, trusted=machine.known.trusted)
         return
     stand_by(machine, fresh=False)
     if machine.reports and machine.standby is not None:
         machine.standby.drive(machine.standby.do("M155 S0"))
+    now = machine.standby.position if machine.standby is not None else None
+    if at is not None and (now is None or math.dist(at, now) > ASTRAY_MM):
+        machine.known.lose_position()
+        ended += f"; it doesn't stand where it stood before the print: {MOVED}; see where it is"
     machine.enter(StationState.READY, ended)
 
 
@@ -267,7 +284,8 @@ def _attend(machine: Machine, request: Request) -> None:
     """Do what is asked for, and answer."""
     try:
         if request.do == "print":
-            _after_print(machine, print_here(machine, request))
+            at = machine.standby.position if machine.standby is not None else None
+            _after_print(machine, print_here(machine, request), at)
         elif request.do == "close":
             _close(machine)
             machine.grant(request)

@@ -115,7 +115,7 @@ def _learn(machine: Machine, here: _Print, status: Status) -> None:
     """Record what a print did to place, plunger, syringe and dish."""
     known, folder = machine.known, here.order.folder
     job, done = grown_in(folder, here.job), status.lines_done
-    if here.declared is not None:
+    if here.declared is not None and done:  # else it told the firmware nothing
         known.count_anew(here.at or here.declared, here.declared, {"x", "y", "z"})
     if not status.position_known or not leaves_motors_on(job, done, known.printer):
         known.lose_position()

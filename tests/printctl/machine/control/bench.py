@@ -125,6 +125,7 @@ class Bench:
         profile: Printer = PRINTER,
         resume: bool = False,
         retreat: Retreat = SHORT,
+        fresh: bool = True,
     ) -> None:
         self.job = parse_job(job, "bench.gcode", profile) if isinstance(job, bytes) else job
         self.printer, self.wire = printer or ScriptedPrinter(), wire or Wire()
@@ -155,6 +156,7 @@ class Bench:
             journal=self.journal,  # type: ignore[arg-type]
             printer=profile,
             retreat=retreat,
+            fresh=fresh,
             on_status=self._on_status,
             wall_s=lambda: self.exchange.now_s,
         )

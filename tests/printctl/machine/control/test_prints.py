@@ -343,6 +343,18 @@ def test_printer_that_stays_silent_ends_the_print_at_its_limit_and_alarms_long_b
     assert_true(bench, status)
 
 
+@pytest.mark.parametrize("state", [LinkState.CONNECTING, LinkState.CHECKING])
+def test_reset_while_a_station_prepares_a_print_costs_the_place(state):
+    bench = Bench(JOB, fresh=False)
+    # behind the bytes that the state sends
+    bench.when(state, lambda _: bench.after(0.2, lambda _: bench.printer.reset_now()))
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.FAILED, False), status.message
+    assert (status.lines_done, status.error) == (0, "HandshakeError")
+    assert "was reset" in status.message
+    assert not bench.printer.taken
+
+
 @pytest.mark.parametrize("line", [5, 14])
 @pytest.mark.parametrize("paused", [False, True])
 def test_reset_leaves_the_position_unknown_and_sends_nothing_more(line, paused):

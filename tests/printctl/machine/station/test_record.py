@@ -18,6 +18,7 @@ from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.station_status import (
     NO_PRINTER,
     MountedParts,
+    Place,
     StationState,
     StationStatus,
 )
@@ -84,6 +85,23 @@ def test_end_without_a_word_is_told_with_the_last_state(
     status = attach_station(tmp_path).status
     assert status.state is StationState.LOST
     assert f"without a word while {while_}" in status.message
+
+
+@pytest.mark.parametrize(
+    ("state", "remedy"),
+    [
+        (StationState.PRINTING, "`printctl resume /runs/a` goes on with it"),
+        (StationState.HALTING, "the halt may not have left"),
+        (StationState.BUSY, "busy; connect again"),
+    ],
+)
+def test_end_without_a_word_says_what_is_to_be_done(
+    tmp_path: Path, state: StationState, remedy: str
+) -> None:
+    status = StationStatus(state, print_folder="/runs/a").to_dict()
+    record = ContactRecord(0, "", "t", "", "generic_marlin", "/dev/x", time.time(), status=status)
+    record.save(tmp_path, STATION_RECORD)
+    assert remedy in attach_station(tmp_path).status.message
 
 
 def test_place_of_a_station_that_was_killed_is_not_trusted(tmp_path: Path) -> None:
@@ -235,6 +253,33 @@ def test_printer_that_cant_be_stood_by_behind_a_print_is_lost_with_both_reasons(
     process._after_print(machine, Status(LinkState.STOPPED, message="stopped by the user"))
     assert (machine.state, machine.status.error) == (StationState.LOST, "HandshakeError")
     assert "print stopped: stopped by the user; no firmware answers" in machine.message
+
+
+@pytest.mark.parametrize(
+    ("now", "trusted"), [((0.0, 0.0, 0.0), False), ((100.0, 100.0, 20.0), True)]
+)
+def test_print_that_sent_nothing_keeps_the_trust_only_where_the_tip_stands_as_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, now: Place, trusted: bool
+) -> None:
+    standing = SimpleNamespace(
+        position=now,
+        trouble="",
+        halt_asked=False,
+        firmware=SimpleNamespace(name="Marlin", capabilities={}),
+        temperatures=(),
+        readings=(),
+    )
+    monkeypatch.setattr(
+        process, "stand_by", lambda machine, fresh: setattr(machine, "standby", standing)
+    )
+    machine = unplugged(tmp_path)
+    machine.known.homed = (True, True, True)
+    machine.enter(StationState.PRINTING, "printing")
+    failed = Status(LinkState.FAILED, message="the machine still moved")
+    process._after_print(machine, failed, (100.0, 100.0, 20.0))
+    assert machine.state is StationState.READY
+    assert machine.status.position_trusted is trusted
+    assert ("reset without a word" in machine.message) is not trusted
 
 
 def asked_to_print(machine: Machine, order: dict[str, object]) -> list[dict[str, object]]:
