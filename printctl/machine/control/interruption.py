@@ -34,7 +34,6 @@ WAITS: Final = (
     "kill doesn't wait"
 )
 FIRST: Final = "stopping behind the line that is being made: kill doesn't wait"
-BEFORE_FIRST: Final = "before the first line"
 SILENT: Final = "stopping once the printer answers: by plan it has made all that was sent"
 
 
@@ -130,7 +129,7 @@ class Interruption:
     def _end_early(self) -> None:
         who = self._queue.stopped_by
         if not self._logbook.resumed:
-            raise PrintEnded(LinkState.STOPPED, f"stopped by {who} {BEFORE_FIRST}")
+            raise PrintEnded(LinkState.STOPPED, f"stopped by {who} before the first line")
         message = f"stopped by {who} before the printer was found again"
         quickstop = link_facts(self._wiring.printer).quickstop
         if quickstop:

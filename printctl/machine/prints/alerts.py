@@ -11,7 +11,6 @@ from typing import Final, Literal
 import yaml
 
 from printctl.machine.control.halting import UNCONFIRMED
-from printctl.machine.control.interruption import BEFORE_FIRST
 from printctl.machine.errors import HandshakeError, PortLost
 from printctl.machine.records.states import LinkState, Status
 
@@ -71,7 +70,7 @@ def _of_end(status: Status, may_go_on: bool) -> Alert:
         means, remedy = "The plunger was relieved and the needle lifted straight up.", ""
         if not known:
             means, remedy = "It isn't sure where the needle is.", _LIFT
-        elif BEFORE_FIRST in detail or not status.lines_done:
+        elif not status.lines_done:
             means = _NOT_BEGUN
         return Alert(what, means, remedy, detail, "info")
     if status.state is LinkState.GIVEN_UP:

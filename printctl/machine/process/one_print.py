@@ -16,9 +16,9 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from firmware_profiles import ProfileError
+from firmware_profiles import Printer, ProfileError
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.looking import refuse_park
@@ -27,7 +27,7 @@ from printctl.machine.control.streamer import Streamer
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import JournalError, LinkError, NoLink
 from printctl.machine.families import refuse_unsent
-from printctl.machine.job.job import load_job
+from printctl.machine.job.job import Job, load_job
 from printctl.machine.ports.clock import RealClock
 from printctl.machine.ports.wire_log import FILE, LoggedTransport, WireLog
 from printctl.machine.process.contact import hold_folder
@@ -230,28 +230,33 @@ def run_print(
         if alone:
             serve_in(machine, order.folder, parting)
         identity = contact.print_id if history is None else history.print_id
-        journal.add(
-            "job",
-            id=identity,
-            name=job.name,
-            path=str(order.job.resolve()),
-            sha256=job.sha256,
-            lines=file_lines,
-            profile=order.printer,
-            port=order.port,
-            pid=os.getpid(),
-            started=time.time(),
-            **heard,
-            **({"accepted": list(order.care.accepted)} if order.care.accepted else {}),
-            **this_user(),
-            **origin(printer),
-        )
+        _begin_journal(journal, order, job, printer, id=identity, lines=file_lines, **heard)
         remember_folder(order.folder)
         machine.begin_print(streamer, identity)
         machine.enter(StationState.PRINTING, f"printing {job.name}", print_folder=str(order.folder))
         contact.begin(identity, *machine.listens_at)
         on_begin(streamer)
         return streamer.run(history)
+
+
+def _begin_journal(
+    journal: Journal, order: Order, job: Job, printer: Printer, **given: Any
+) -> None:
+    """Write down which print this is, of what, where and whose; ``given`` comes with it."""
+    journal.add(
+        "job",
+        name=job.name,
+        path=str(order.job.resolve()),
+        sha256=job.sha256,
+        profile=order.printer,
+        port=order.port,
+        pid=os.getpid(),
+        started=time.time(),
+        **given,
+        **({"accepted": list(order.care.accepted)} if order.care.accepted else {}),
+        **this_user(),
+        **origin(printer),
+    )
 
 
 @dataclass
