@@ -23,6 +23,7 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, NoReturn
 
 from firmware_profiles import Printer
@@ -90,7 +91,8 @@ def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting
 class Kill:
     """Emergency halt of one printer.
 
-    ``asked`` is set once a halt was requested: nothing else is sent from then on. ``awaiting`` is
+    ``asked`` is set once a halt was requested: nothing else is sent from then on, and the transport
+    itself lets nothing else out behind the first byte of the halt. ``awaiting`` is
     called then, by the thread that speaks to the printer, before it waits for the printer's
     confirmation. ``halted_itself``: the firmware had halted itself before a halt was requested.
     ``pulled_reset``: `strike` came to the reset line.
@@ -150,7 +152,7 @@ class Kill:
         if first:  # before it is written: the answer may come before the next line is reached
             self._left_s[what] = clock.now()
         try:
-            self._wiring.transport.write_urgent(data)
+            self._wiring.transport.write_halt(data)
         except PortLost:  # it may be full: the wire's end is found elsewhere
             if first:
                 del self._left_s[what]
@@ -204,7 +206,8 @@ class Kill:
             if not self._sent:
                 limit = exchange.now_s + KILL_WAIT_S
             if self.halted_itself and (question := self._wiring.protocol.take_output()):
-                exchange.effects.append(question)  # why: nothing else is left
+                ask = partial(self._wiring.transport.write_halt, question)
+                exchange.effects.append(ask)  # why: nothing else is left
             try:
                 now, data = yield Wait(math.inf)
             except PortLost:

@@ -82,6 +82,10 @@ class SimulatedTransport:
         """Write; nothing waits here."""
         self.write(data)
 
+    def write_halt(self, data: bytes) -> None:
+        """Write; nothing waits here."""
+        self.write(data)
+
     def on_the_way(self, data: bytes) -> bytes:
         """What becomes of the host's bytes."""
         return self.line.down(data)

@@ -62,7 +62,7 @@ class Wire:
     def __init__(self) -> None:
         self.written = threading.Event()
 
-    def write_urgent(self, data: bytes) -> None:
+    def write_halt(self, data: bytes) -> None:
         self.written.set()
 
 
@@ -73,7 +73,7 @@ def test_each_command_of_a_halt_is_told_with_its_own_time(monkeypatch, parser, e
     """A write takes 0.25 ms; the printer answers 40 ms after M112."""
     clock, printer = VirtualClock(), load(Printer, "marlin_avr")
 
-    def write_urgent(data: bytes) -> None:
+    def write_halt(data: bytes) -> None:
         clock.sleep(0.25e-3)
         if b"M112" in data:
             kill.halted()
@@ -84,7 +84,7 @@ def test_each_command_of_a_halt_is_told_with_its_own_time(monkeypatch, parser, e
 
     kill = Kill(
         SimpleNamespace(
-            transport=SimpleNamespace(write_urgent=write_urgent),
+            transport=SimpleNamespace(write_halt=write_halt),
             clock=clock,
             exchange=ExchangeOf(clock),
             printer=printer.model_copy(update={"emergency_parser": parser, "lines_in_flight": 1}),

@@ -56,7 +56,7 @@ class StuckTransport(FakeTransport):
         else:
             super().write(data)
 
-    def write_urgent(self, data: bytes) -> None:
+    def write_halt(self, data: bytes) -> None:
         self.waiting += self.printer.receive(data)
         self.freed.set()
 
@@ -124,7 +124,7 @@ class FullWire(FakeTransport):
 
     refusals = 3
 
-    def write_urgent(self, data: bytes) -> None:
+    def write_halt(self, data: bytes) -> None:
         self.refusals -= 1
         if self.refusals >= 0:
             raise PortLost("resource temporarily unavailable")
