@@ -53,6 +53,7 @@ def _begin(run: Print, history: JournalledPrint | None) -> Steps[None]:
     logbook = run.logbook
     if history is not None:
         logbook.go_on(history)
+        run.channel.kill.learn(history.capabilities)
     logbook.enter(LinkState.CONNECTING, f"opening {run.wiring.transport.name}")
     if history is None:
         yield from _start(run)

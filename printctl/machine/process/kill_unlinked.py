@@ -21,6 +21,7 @@ from printctl.machine.process.contact import hold_folder
 from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
 from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, PrintEnded, Status
 
 
@@ -42,7 +43,8 @@ def kill_unlinked(folder: Path) -> Status:
             raise LinkError(f"not halted, cut the printer's power: {exc}") from exc
         with closing(transport), closing(_journal(folder)) as journal:
             protocol = protocol_for(printer, transport.quiet_s)
-            message = _halt(Wiring(transport, protocol, RealClock(), journal, printer))
+            wiring = Wiring(transport, protocol, RealClock(), journal, printer)
+            message = _halt(wiring, read_journal_if_any(folder / JOURNAL).capabilities)
             if UNCONFIRMED in message:
                 with suppress(JournalError):
                     journal.add("alarm", text=message)
@@ -73,9 +75,13 @@ def _journal(folder: Path) -> Journal:
         return Journal(Path(os.devnull))
 
 
-def _halt(wiring: Wiring) -> str:
-    """Halt the firmware; return what came of it, in words."""
+def _halt(wiring: Wiring, capabilities: dict[str, bool]) -> str:
+    """Halt the firmware; return what came of it, in words.
+
+    ``capabilities``: as the firmware has reported them; without, the profile's count.
+    """
     kill = Kill(wiring)
+    kill.learn(capabilities)
 
     def hear(data: bytes, now: float) -> None:
         for event in wiring.protocol.feed(data, now):

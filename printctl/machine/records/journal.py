@@ -34,6 +34,7 @@ insert     ``look``, ``after``, ``lines``, ``sha256``, ``why``: lines that follo
            ``flow``: what the job's moves that write push behind them, over what the file says;
            ``reload_at``, ``reload_heads``: where the changes of syringe are due in the grown job
 looked     ``look``, ``done``, ``decision``, ``why``, ``by``: a look was decided
+firmware   ``capabilities``, by name, as the firmware has reported them (M115)
 settings   ``told``: commands that set the firmware as it was before the job's first line, by code
 frame      ``told``, ``offset``: how the printer's count lay before the job's first line
 heat       ``targets``, °C by heater, as this print has set them after ``line`` lines of the job

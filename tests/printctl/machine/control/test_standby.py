@@ -158,4 +158,4 @@ def test_an_unlinked_kill_says_what_started_the_board_anew(monkeypatch, by_reset
     )
     protocol = protocol_for(PRINTER, QUIET_S)
     wiring = Wiring(port, protocol, RealClock(), MemoryJournal(), PRINTER)  # type: ignore[arg-type]
-    assert why in _halt(wiring)
+    assert why in _halt(wiring, {})
