@@ -241,7 +241,9 @@ def kill(folder: FolderOption = None) -> None:
 
     A Marlin with emergency parser gets M410 first and M112 after 1.8 s, or 2.8 s where the profile
     has two lines in flight; others M112 at once.
-    `printctl station reconnect` comes back from it, once the machine was looked at.
+    `printctl station reconnect` comes back from it, once the machine was looked at. Where the
+    station's own process has died, its port is opened and the halt written to it; then connect
+    anew.
     """
     the_station(folder).kill()
     print_lines("a halt is sent; `printctl station status` tells whether the printer has halted")

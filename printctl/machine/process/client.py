@@ -562,8 +562,19 @@ class Station(Client):
             time.sleep(0.02)
 
     def kill(self) -> None:
-        """Halt the firmware past all queues, from any state and thread; nothing can block it."""
-        self._ask("kill", SOON_S)
+        """Halt the firmware past all queues, from any state and thread; nothing can block it.
+
+        Where the station's process has died, its port is opened and the halt written to it:
+        LinkError when that can't be done, or isn't confirmed. `NoLink` where it was closed.
+        """
+        if self.request("kill", SOON_S) is not None:
+            return
+        if stays_alive(self.folder, STATION_LOCK):
+            raise self._silent()
+        # The link itself: slow to import.
+        from printctl.machine.process.kill_unlinked import kill_unlinked_station
+
+        kill_unlinked_station(self.folder)
 
     def stop_motion(self) -> StationStatus:
         """End a move by hand after at most half a second of it; the position stays known.

@@ -45,8 +45,8 @@ end        state, message, done, error, position_known: last; where the printer 
            ``lost`` where records before it couldn't be written
 ========== =====================================================================================
 
-job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, looked, stood and end
-records also have ``at``, the wall-clock time, s since 1970.
+job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, looked, firmware, stood
+and end records also have ``at``, the wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
 death of the process (kill -9). The dated ones above are also forced to the disk, but for a
@@ -86,7 +86,7 @@ RESERVE_BYTES: Final = 65_536
 _PACE_EVERY_S: Final = 1.0
 _DATED: Final = frozenset(
     {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
-    | {"look", "insert", "looked"}
+    | {"look", "insert", "looked", "firmware"}
 )
 
 
