@@ -19,7 +19,6 @@ from printctl.machine.control.look_book import LookBook
 from printctl.machine.control.place import PositionCheck, SlipWatch
 from printctl.machine.control.progress import JobProgress
 from printctl.machine.control.requests import RequestQueue
-from printctl.machine.control.steps import Steps
 from printctl.machine.control.watch import Watch
 from printctl.machine.control.wiring import Wiring
 from printctl.machine.job.care import Care
@@ -50,7 +49,6 @@ class Print:
         self.channel.handler = PrintEvents(self.channel, self.queue, self.interruption)
         self.heat, self.firmware = HeatCheck(self.channel), FirmwareCheck(self.channel)
         self.position = PositionCheck(self.channel)
-        self.channel.compare_place = self._compare_away
         self.slips = SlipWatch(self.channel, self.position)
         self.valve_shut = False  # by the link, within a path: it is opened again
         self.clients_due = math.inf  # s: when other clients' changes are polled
@@ -91,14 +89,6 @@ class Print:
         done = self.progress.done
         frame = frame_at(self.job, done, self.printer, self.watch.care.start_mm)
         return frame.shift_at(done - 1)
-
-    def _compare_away(self) -> Steps[None]:
-        """End the print where the needle isn't where it was led to from the job's place.
-
-        A stop compares by itself, and the job's lines wait for a comparison of theirs.
-        """
-        if self.excursion.going_on and self.logbook.state is not LinkState.STOPPING:
-            yield from self.position.refuse_led_astray(self.excursion.counted)
 
     def _with_details(self, status: Status) -> Status:
         """Return a status with readings, look, dead-man's time and what the print waits for."""
