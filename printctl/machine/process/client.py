@@ -670,10 +670,19 @@ class Station(Client):
         return StationStatus.from_dict(self._ask(do, patience_s, **values)["status"])
 
     def _ask(self, do: str, patience_s: float, **values: Any) -> Message:
+        lived = self._alive()
         answer = self.request(do, patience_s, **values)
-        if answer is None:
-            raise self._silent() if self._alive() else NoLink(NO_PRINTER)
-        return answer
+        if answer is not None:
+            return answer
+        if stays_alive(self.folder, STATION_LOCK):
+            raise self._silent()
+        if lived and last_word(self.folder).state is not StationState.CLOSED:
+            raise LinkError(
+                f"the station's process ended before it had answered ({do}): what moves may move "
+                "on, and heaters stay on; `printctl station kill` halts the printer, its power "
+                "ends both"
+            )
+        raise NoLink(NO_PRINTER)
 
 
 def attach_station(folder: Path) -> Station:

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from firmware_profiles import Printer, load
+from printctl.failures import message_and_code
 from printctl.machine.control.known_state import Knowledge
 from printctl.machine.control.station_status import StationState, StationStatus
 from printctl.machine.errors import LinkError, NoLink, PortLost, Refused
@@ -279,6 +280,34 @@ class WithoutParser(Listening):
     def _reply(self, word: str, command: str) -> str:
         said = super()._reply(word, command)
         return said.replace("PARSER:1", "PARSER:0") if word == "M115" else said
+
+
+def test_move_whose_station_dies_may_go_on_and_says_so(fake, folder):
+    served, station = fake
+    station.set_position(100, 100, 100)
+    served.hold_at = served.printer.last + 5
+    said: list[BaseException] = []
+
+    def move() -> None:
+        try:
+            attach_station(folder).jog("x", 50, speed_mm_s=5)
+        except LinkError as exc:
+            said.append(exc)
+
+    thread = threading.Thread(target=move)
+    thread.start()
+    assert served.held.wait(10)
+    os.kill(load_station(folder).pid, signal.SIGKILL)
+    thread.join(20)
+    let_go(served)
+    assert message_and_code(said[0]) == (str(said[0]), 4)
+    assert "may move on" in str(said[0])
+    with pytest.raises(NoLink, match="no printer is connected"):
+        station.jog("x", 1)
+    station.kill()
+    assert served.printer.halted
+    served.printer.reset()
+    connect(load_station(folder).profile, served.name, folder)
 
 
 @pytest.mark.parametrize("kind", [Listening, WithoutParser])
