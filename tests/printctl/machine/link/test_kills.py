@@ -88,7 +88,7 @@ def test_answers_to_the_kills_own_quickstop_are_no_other_program(tmp_path):
     streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, killing)
     status = streamer.run()
     assert status.state is LinkState.KILLED
-    assert printer.executed.count("M410") == 2
+    assert printer.executed.count("M410") == 3
     assert not read_journal(tmp_path / "journal.log").alarms
 
 
