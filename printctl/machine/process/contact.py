@@ -160,6 +160,11 @@ def _remedy(state: StationState, last: StationStatus) -> str:
             "the halt may not have left, or not wholly: motors and heaters may still be on; cut "
             "the printer's power where that isn't certain, then connect again"
         )
+    if state is StationState.BUSY:
+        return (
+            "what moves may move on, and heaters stay on: `printctl station kill` halts the "
+            "printer; then connect again"
+        )
     return "connect again"
 
 

@@ -300,6 +300,7 @@ def test_move_whose_station_dies_may_go_on_and_says_so(fake, folder):
     os.kill(load_station(folder).pid, signal.SIGKILL)
     thread.join(20)
     let_go(served)
+    assert "`printctl station kill` halts the printer" in station.status.message
     assert message_and_code(said[0]) == (str(said[0]), 4)
     assert "may move on" in str(said[0])
     with pytest.raises(NoLink, match="no printer is connected"):
