@@ -79,7 +79,10 @@ class Channel:
         # by axis: the places, mm, that commands between lines led to since the motors were at rest
         self.led: dict[str, list[float]] = {}
         self._awaited, self._recorded = -1, b""  # number and text of the command being waited for
-        self._moving = self._set_back = False  # it leads somewhere; the count of lines was set back
+        self._moving = False  # it leads somewhere
+        self.set_backs = self._compared = (
+            0  # of the count of lines; those the place was compared at
+        )
         self._replies: list[wire.CommandReplied] = []
         self._in_step: list[int] = []
 
@@ -181,8 +184,8 @@ class Channel:
 
     def _compare_where_set_back(self) -> Steps[None]:
         """Have the place compared before anything else where the count of lines was set back."""
-        if self._set_back:
-            self._set_back = False
+        if self.set_backs > self._compared:
+            self._compared = self.set_backs
             yield from self.compare_place()
 
     def _note_way(self, text: bytes) -> bool:
@@ -253,7 +256,7 @@ class Channel:
                     self._awaited = event.first + len(event.controls) - 1
                 elif isinstance(event, (wire.FirmwareStarted, wire.FirmwareReset)):
                     self.heard.booted = True
-                self._set_back |= isinstance(event, wire.Renumbered)
+                self.set_backs += isinstance(event, wire.Renumbered)
                 self.handler.handle(event)
                 if isinstance(event, wire.TokenSent) and event.number == self._awaited:
                     self._yield_number()
