@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import cv2
@@ -135,9 +135,16 @@ class Ways:
         steps = np.linalg.norm(np.diff(self.point[:, :2], axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
+    def only(self, rows: IntArray) -> Ways:
+        """Return some of the places."""
+        return Ways(**{name: value[rows] for name, value in vars(self).items() if name in _FIELDS})
+
     def moved(self, by_mm: FloatArray) -> Ways:
         """Return the same, moved by (2,) mm."""
         return replace(self, point=self.point + np.append(by_mm, 0.0))
+
+
+_FIELDS = tuple(field.name for field in fields(Ways))
 
 
 def _to_the_rim(ways: Ways, frame: Frame, left: FloatArray) -> FloatArray:

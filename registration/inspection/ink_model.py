@@ -1,0 +1,320 @@
+"""What ink adds to a picture around a line's middle, learned from the look itself.
+
+A view is modelled as ground plus, for each line that passes a pixel, its share of ink times a
+profile over the distance from its middle (superposition: exact for the logarithm of light through
+translucent ink by Beer and Lambert's law, and for the cover of blurred lines that touch). A profile
+is a piecewise linear function of distance with five parts: even in distance; odd, times the two
+components of the line's normal (slopes lit from one side: Lambert's cosine law to first order); and
+even, times cosine and sine of twice its direction (rims that mirror light from one side). Fresh ink
+over the ground, fresh ink over older ink, and older ink have profiles of their own. They are found
+by weighted least squares over all pixels at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from kernels.compile import jit
+from registration.inspection.passes import REACH, Passes
+from registration.inspection.values import FloatImage
+
+NODES: Final = 15
+"""Of a profile, from the middle to `REACH`, where it is 0: a tenth of a width apart."""
+PARTS: Final = 5
+CLASSES: Final = 3
+"""Fresh over the ground, fresh over older ink, older ink."""
+_UNKNOWNS: Final = CLASSES * PARTS * NODES
+_RIDGE: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
+"""Of a node's usual share of pixels, that pulls each part to 0 where nothing tells it."""
+_NONE: Final = 1e6
+"""The same of a part that isn't there."""
+_SMOOTH: Final = 3e-3
+"""The same on second differences along a profile."""
+
+
+@dataclass(frozen=True)
+class InkModel:
+    """Profiles of ink in each channel.
+
+    Attributes
+    ----------
+    profile : (3, 5, 16, c) float64
+        By class, part, node of distance.
+    """
+
+    profile: FloatArray
+
+    def at(self, which: IntArray, distance: FloatArray, normal: FloatArray) -> FloatArray:
+        """Return what ink adds, (n, u, c).
+
+        Parameters
+        ----------
+        which : (n,) int64
+            Class of each place.
+        distance : (u,) float64, widths
+        normal : (n, 2) float64
+            Towards positive distances, a unit vector in the picture.
+        """
+        size = np.minimum(np.abs(distance) * (NODES / REACH), NODES - 1e-9)
+        low = size.astype(np.int64)
+        part = (size - low)[None, :, None]
+        nodes = self.profile[which]  # (n, 5, 16, c)
+        weight = _weights(normal)
+        sign = np.where(distance < 0, -1.0, 1.0)
+        total = np.zeros((len(which), len(distance), self.profile.shape[3]))
+        for k in range(PARTS):
+            own = nodes[:, k][:, low] * (1 - part) + nodes[:, k][:, low + 1] * part
+            odd = sign[None, :, None] if k in (1, 2) else 1.0
+            total += weight[k][:, None, None] * odd * own
+        return total
+
+    def drawn(
+        self, passes: Passes, over: FloatImage, kind: IntArray, share: ShareOfPiece
+    ) -> FloatImage:
+        """Return the modelled ink, (h, w, c), 0 where there is only ground."""
+        out = np.zeros((*passes.count.shape, self.profile.shape[3]), dtype=np.float32)
+        _draw(
+            passes.count, passes.distance, passes.turn, passes.piece, passes.part, over, kind,
+            share.first, share.many, share.low, share.high, share.value,
+            np.ascontiguousarray(self.profile), out,
+        )  # fmt: skip
+        return out
+
+
+@dataclass(frozen=True)
+class ShareOfPiece:
+    """Share of ink along fresh pieces, by the places on them.
+
+    Attributes
+    ----------
+    first, many : (n,) float64
+        Number of the place where a piece begins, and places along it.
+    low, high : (n,) int64
+        First and last place of its run.
+    value : (m,) float64
+        Of each place; one more at the end, for older pieces.
+    """
+
+    first: FloatArray
+    many: FloatArray
+    low: IntArray
+    high: IntArray
+    value: FloatArray
+
+    def of(self, value: FloatArray) -> ShareOfPiece:
+        """Return it with other shares, (m - 1,)."""
+        return ShareOfPiece(self.first, self.many, self.low, self.high, np.append(value, 1.0))
+
+
+def fitted(
+    image: FloatImage,
+    use: BoolArray,
+    passes: Passes,
+    over: FloatImage,
+    kind: IntArray,
+    share: ShareOfPiece,
+    parts: tuple[int, ...] = tuple(range(PARTS)),
+) -> InkModel:
+    """Fit profiles to a view from which its light is taken out.
+
+    Parameters
+    ----------
+    image : (h, w, c) float32
+        0 where there is ground alone.
+    use : (h, w) bool
+        Pixels that are fitted.
+    passes : Passes
+    over : (h, w) float32
+        How much older ink lies there, 0 to 1.
+    kind : (n,) int64
+        Of each piece: 0 fresh, 1 older.
+    share : ShareOfPiece
+    parts : tuple of int
+        Those that profiles may have.
+    """
+    channels = image.shape[2]
+    power = np.zeros((_UNKNOWNS, _UNKNOWNS))
+    score = np.zeros((_UNKNOWNS, channels))
+    _accumulate(
+        image, use, passes.count, passes.distance, passes.turn, passes.piece, passes.part, over,
+        kind, share.first, share.many, share.low, share.high, share.value, power, score,
+    )  # fmt: skip
+    solved = np.linalg.solve(power + _prior(power, parts), score)
+    nodes = solved.reshape(CLASSES, PARTS, NODES, channels)
+    return InkModel(np.concatenate([nodes, np.zeros((CLASSES, PARTS, 1, channels))], axis=2))
+
+
+def _prior(power: FloatArray, parts: tuple[int, ...]) -> FloatArray:
+    """Return what keeps untold profiles at 0 and all smooth."""
+    usual = max(float(np.diag(power).max()), 1.0)
+    bend = np.zeros((NODES, NODES))
+    for j in range(1, NODES):
+        row = np.zeros(NODES)
+        row[j - 1], row[j] = 1.0, -2.0
+        if j + 1 < NODES:
+            row[j + 1] = 1.0
+        bend += np.outer(row, row)
+    prior = np.zeros_like(power)
+    for k in range(CLASSES * PARTS):
+        own = slice(k * NODES, (k + 1) * NODES)
+        stiff = _RIDGE[k % PARTS] if k % PARTS in parts else _NONE
+        prior[own, own] = usual * (stiff * np.eye(NODES) + _SMOOTH * bend)
+    return prior
+
+
+def _weights(normal: FloatArray) -> tuple[FloatArray, ...]:
+    """Return what each part of a profile is multiplied by, (n,) each."""
+    x, y = normal.T
+    return np.ones(len(normal)), x, y, x * x - y * y, 2.0 * x * y
+
+
+@jit
+def _share(
+    k: int,
+    t: float,
+    first: FloatArray,
+    many: FloatArray,
+    low: IntArray,
+    high: IntArray,
+    value: FloatArray,
+) -> float:
+    at = int(first[k] + t * many[k])
+    return float(value[min(max(at, low[k]), high[k])])
+
+
+@jit
+def _terms(
+    y: int,
+    x: int,
+    distance: NDArray[Any],
+    turn: NDArray[Any],
+    piece: NDArray[Any],
+    part: NDArray[Any],
+    count: int,
+    over: float,
+    kind: IntArray,
+    first: FloatArray,
+    many: FloatArray,
+    low: IntArray,
+    high: IntArray,
+    value: FloatArray,
+    index: IntArray,
+    weight: FloatArray,
+) -> int:
+    """Unknowns that a pixel hangs on and how much, in ``index`` and ``weight``; their number."""
+    n = 0
+    for m in range(count):
+        d = distance[y, x, m]
+        size = abs(d) * (NODES / REACH)
+        j = int(size)
+        if j >= NODES:
+            continue
+        f = size - j
+        sign = -1.0 if d < 0 else 1.0
+        u, v = turn[y, x, m, 0], turn[y, x, m, 1]
+        k = piece[y, x, m]
+        own = _share(k, part[y, x, m], first, many, low, high, value)
+        for c in range(CLASSES):
+            if kind[k] == 0:
+                amount = own * (1.0 - over if c == 0 else over) if c < 2 else 0.0
+            else:
+                amount = 1.0 if c == 2 else 0.0
+            if amount == 0.0:
+                continue
+            for p in range(PARTS):
+                w = amount
+                if p == 1:
+                    w *= sign * u
+                elif p == 2:
+                    w *= sign * v
+                elif p == 3:
+                    w *= u * u - v * v
+                elif p == 4:
+                    w *= 2.0 * u * v
+                base = (c * PARTS + p) * NODES
+                index[n] = base + j
+                weight[n] = w * (1.0 - f)
+                n += 1
+                if j + 1 < NODES:
+                    index[n] = base + j + 1
+                    weight[n] = w * f
+                    n += 1
+    return n
+
+
+@jit
+def _accumulate(
+    image: NDArray[Any],
+    use: BoolArray,
+    count: NDArray[Any],
+    distance: NDArray[Any],
+    turn: NDArray[Any],
+    piece: NDArray[Any],
+    part: NDArray[Any],
+    over: NDArray[Any],
+    kind: IntArray,
+    first: FloatArray,
+    many: FloatArray,
+    low: IntArray,
+    high: IntArray,
+    value: FloatArray,
+    power: FloatArray,
+    score: FloatArray,
+) -> None:
+    """Add up normal equations."""
+    index = np.empty(200, dtype=np.int64)
+    weight = np.empty(200)
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            if not use[y, x] or count[y, x] == 0:
+                continue
+            n = _terms(
+                y, x, distance, turn, piece, part, count[y, x], over[y, x], kind, first, many,
+                low, high, value, index, weight,
+            )  # fmt: skip
+            for a in range(n):
+                ia, wa = index[a], weight[a]
+                for b in range(n):
+                    power[ia, index[b]] += wa * weight[b]
+                for c in range(image.shape[2]):
+                    score[ia, c] += wa * image[y, x, c]
+
+
+@jit
+def _draw(
+    count: NDArray[Any],
+    distance: NDArray[Any],
+    turn: NDArray[Any],
+    piece: NDArray[Any],
+    part: NDArray[Any],
+    over: NDArray[Any],
+    kind: IntArray,
+    first: FloatArray,
+    many: FloatArray,
+    low: IntArray,
+    high: IntArray,
+    value: FloatArray,
+    profile: FloatArray,
+    out: NDArray[Any],
+) -> None:
+    """Add up what lines add to each pixel."""
+    index = np.empty(200, dtype=np.int64)
+    weight = np.empty(200)
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            if count[y, x] == 0:
+                continue
+            n = _terms(
+                y, x, distance, turn, piece, part, count[y, x], over[y, x], kind, first, many,
+                low, high, value, index, weight,
+            )  # fmt: skip
+            for a in range(n):
+                row = index[a] // NODES
+                for c in range(out.shape[2]):
+                    own = profile[row // PARTS, row % PARTS, index[a] % NODES, c]
+                    out[y, x, c] += weight[a] * own
