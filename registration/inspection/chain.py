@@ -8,13 +8,13 @@ way, so states last some length (Rabiner 1989, Proceedings of the IEEE 77, 257).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from kernels.arrays import FloatArray, IntArray
 from kernels.compile import jit
+from registration.inspection.noise import Noise
 
 FULL, THIN, BARE, HIDDEN = range(4)
 _TAIL: Final = 4.0
@@ -25,27 +25,19 @@ _BEGINS_PER_MM: Final = (0.0, 1 / 500, 1 / 300, 1 / 300)
 """How often each state begins on full lines: some faults in a print of metres."""
 _LASTS_MM: Final = (math.inf, 5.0, 1.0, 0.5)
 _STRANGE: Final = 6.0
-"""Spreads over which a hidden place's misfit is equally likely."""
+"""Natural logarithms over which a hidden place's misfit is equally likely."""
+_ANY_SHARE: Final = 5.0
+"""Shares over which what a hidden place seems to hold is equally likely."""
 
 
-@dataclass(frozen=True)
-class Noise:
-    """How shares scatter.
+def _stationary() -> FloatArray:
+    begins, lasts = np.array(_BEGINS_PER_MM[1:]), np.array(_LASTS_MM[1:])
+    odds = begins * lasts
+    return np.asarray(np.append(1.0, odds) / (1.0 + odds.sum()))
 
-    Attributes
-    ----------
-    full, bare : (n,) float64
-        Spread of a measured share on full and on bare lines.
-    last_full, last_bare : float
-        Correlation of neighbouring places.
-    """
 
-    full: FloatArray
-    bare: FloatArray
-    last_full: float
-    last_bare: float
-    misfit_full: tuple[float, float]
-    misfit_bare: tuple[float, float]
+PRIOR_BARE: Final = float(_stationary()[BARE])
+"""Chance of a bare place before a look."""
 
 
 def posterior(
@@ -58,7 +50,7 @@ def posterior(
     share : (n,) float64
         Ink measured, 1 for a full line; NaN where nothing was measured.
     misfit : (n,) float64
-        How badly a place is explained by any share of ink, in spreads of what is usual.
+        Logarithm of how badly a place is explained by any share of ink.
     noise : Noise
     run : (n,) int64
         Number of the unbroken way that each belongs to.
@@ -81,20 +73,11 @@ def log_odds_of_bare(
     (Markov's inequality), so that it serves as a p-value.
     """
     emit = _emissions(share, misfit, noise)[first : last + 1]
-    begin = emit[:1, 2:4, 4].sum(axis=0)
-    bare = emit[0, 2, 4] + emit[1:, 2, 2].sum()
-    # Each place as whatever but bare explains it best.
-    marginal = np.max(emit[:, (0, 1, 3), 4], axis=1)
-    stay = np.max([emit[:, k, k] for k in (0, 1, 3)], axis=0)
-    other = marginal[0] + np.maximum(stay, marginal)[1:].sum()
-    del begin
-    return float(bare - other)
-
-
-def _stationary() -> FloatArray:
-    begins, lasts = np.array(_BEGINS_PER_MM[1:]), np.array(_LASTS_MM[1:])
-    odds = begins * lasts
-    return np.asarray(np.append(1.0, odds) / (1.0 + odds.sum()))
+    bare = emit[0, BARE, 4] + emit[1:, BARE, BARE].sum()
+    others = (FULL, THIN, HIDDEN)
+    alone = emit[:, others, 4].max(axis=1)
+    tied = np.max([emit[:, k, k] for k in others], axis=0)
+    return float(bare - alone[0] - np.maximum(tied, alone)[1:].sum())
 
 
 def _moves(step_mm: float) -> FloatArray:
@@ -113,32 +96,27 @@ def _moves(step_mm: float) -> FloatArray:
 
 def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArray:
     """Logarithm of each reading's density, (n, 4, 5): behind a place of each state, and of none."""
-    before = np.append(np.nan, share[:-1])
     known = np.isfinite(share)
-    x, last = np.where(known, share, 0.0), np.where(np.isfinite(before), before, np.nan)
+    x, last = np.where(known, share, 0.0), np.append(np.nan, share[:-1])
     out = np.zeros((len(share), 4, 5))
-    for state, middle, spread, tie in (
-        (FULL, 1.0, noise.full, noise.last_full),
-        (BARE, 0.0, noise.bare, noise.last_bare),
-    ):
+    for state, middle, spread in ((FULL, 1.0, noise.full), (BARE, 0.0, noise.bare)):
         alone = _log_t(x - middle, spread)
-        rest = np.where(np.isfinite(last), x - middle - tie * (last - middle), 0.0)
-        tied = _log_t(rest, spread * math.sqrt(1.0 - tie * tie))
+        rest = x - middle - noise.tie * np.nan_to_num(last - middle)
+        tied = _log_t(rest, spread * math.sqrt(1.0 - noise.tie**2))
         out[:, state] = alone[:, None]
         out[:, state, state] = np.where(np.isfinite(last), tied, alone)
     out[:, THIN] = _log_between(x, noise.full)[:, None]
-    out[:, HIDDEN] = math.log(1.0 / 5.0)
+    out[:, HIDDEN] = -math.log(_ANY_SHARE)
     full, bare = (
-        _log_t(misfit - middle, np.full(len(misfit), spread))
-        for middle, spread in (noise.misfit_full, noise.misfit_bare)
+        _log_t(np.maximum(misfit - each[:, 0], 0.0), each[:, 1])
+        for each in (noise.misfit_full, noise.misfit_bare)
     )
+    worst = np.maximum(*(each.sum(axis=1) for each in (noise.misfit_full, noise.misfit_bare)))
     usual = np.maximum(full, bare)
-    worst = max(m + s for m, s in (noise.misfit_full, noise.misfit_bare))
+    strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - 2.0)
     out[:, (FULL, THIN)] += full[:, None, None]
     out[:, BARE] += usual[:, None]
-    out[:, HIDDEN] += np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - 2.0)[
-        :, None
-    ]
+    out[:, HIDDEN] += strange[:, None]
     out[~known] = 0.0
     return out
 

@@ -24,7 +24,7 @@ _OUTLYING: Final = 2.5
 _CELL_PX: Final = 6
 
 
-def light_of(rest: FloatImage, weight: FloatImage, px_per_mm: float, local: bool) -> FloatImage:
+def light_of(rest: FloatImage, weight: FloatImage, px_per_mm: float) -> FloatImage:
     """Return light (h, w, c).
 
     Parameters
@@ -34,8 +34,6 @@ def light_of(rest: FloatImage, weight: FloatImage, px_per_mm: float, local: bool
     weight : (h, w) float32
         How much each pixel tells of light, 0 to 1.
     px_per_mm : float
-    local : bool
-        Whether light is followed beyond a polynomial.
     """
     high, wide = weight.shape
     size = (max(2, wide // _CELL_PX), max(2, high // _CELL_PX))
@@ -48,10 +46,9 @@ def light_of(rest: FloatImage, weight: FloatImage, px_per_mm: float, local: bool
         mean = cv2.resize(rest[:, :, c] * weight, size, interpolation=cv2.INTER_AREA)
         mean /= np.maximum(share, np.float32(1e-3))
         light = _polynomial(mean.ravel(), share.ravel(), powers).reshape(share.shape)
-        if local:
-            left = (mean - light) * share
-            near = cv2.GaussianBlur(share, (0, 0), sigma) + np.float32(_PRIOR)
-            light = light + cv2.GaussianBlur(left.astype(np.float32), (0, 0), sigma) / near
+        left = (mean - light) * share
+        near = cv2.GaussianBlur(share, (0, 0), sigma) + np.float32(_PRIOR)
+        light = light + cv2.GaussianBlur(left.astype(np.float32), (0, 0), sigma) / near
         out[:, :, c] = cv2.resize(
             light.astype(np.float32), (wide, high), interpolation=cv2.INTER_CUBIC
         )

@@ -21,16 +21,23 @@ from numpy.typing import NDArray
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from kernels.compile import jit
 from registration.inspection.passes import REACH, Passes
-from registration.inspection.values import FloatImage
+from registration.inspection.values import ExpectedLines, FloatImage
+from registration.inspection.ways import Ways, from_stroke_begin
 
 NODES: Final = 15
 """Of a profile, from the middle to `REACH`, where it is 0: a tenth of a width apart."""
 PARTS: Final = 5
+EVEN: Final = (0, 3, 4)
+ODD: Final = (1, 2)
 CLASSES: Final = 3
 """Fresh over the ground, fresh over older ink, older ink."""
 _UNKNOWNS: Final = CLASSES * PARTS * NODES
 _RIDGE: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
 """Of a node's usual share of pixels, that pulls each part to 0 where nothing tells it."""
+_HARDER: Final = (1.0, 10.0, 0.01)
+"""Times that, by class: where fresh ink lies over older ink alone, the older explains it."""
+_EDGE, _SOFT = 0.5, 0.15
+"""Widths from the middle where a line ends, and half of what its edge is blurred over."""
 _NONE: Final = 1e6
 """The same of a part that isn't there."""
 _SMOOTH: Final = 3e-3
@@ -106,9 +113,23 @@ class ShareOfPiece:
     high: IntArray
     value: FloatArray
 
-    def of(self, value: FloatArray) -> ShareOfPiece:
-        """Return it with other shares, (m - 1,)."""
-        return ShareOfPiece(self.first, self.many, self.low, self.high, np.append(value, 1.0))
+    @staticmethod
+    def along(ways: Ways, lines: ExpectedLines, value: FloatArray) -> ShareOfPiece:
+        """Return shares (m - 1,) of places by the pieces that they lie on."""
+        count, n = len(ways), len(lines)
+        length = np.linalg.norm(lines.end - lines.start, axis=1)
+        begin = from_stroke_begin(lines.stroke, length)
+        first, many = np.full(n, float(count)), np.zeros(n)
+        low = np.full(n, count)
+        high = low.copy()
+        starts = np.flatnonzero(np.concatenate([[True], np.diff(ways.run) != 0]))
+        for a, past in zip(starts, np.append(starts[1:], count), strict=True):
+            rows = np.arange(ways.piece[a], ways.piece[past - 1] + 1)
+            zero = ways.along[a] - 0.5 * ways.step[a]
+            first[rows] = a + (begin[rows] - zero) / ways.step[a]
+            many[rows] = length[rows] / ways.step[a]
+            low[rows], high[rows] = a, past - 1
+        return ShareOfPiece(first, many, low, high, np.append(value, 1.0))
 
 
 def fitted(
@@ -119,6 +140,8 @@ def fitted(
     kind: IntArray,
     share: ShareOfPiece,
     parts: tuple[int, ...] = tuple(range(PARTS)),
+    known: InkModel | None = None,
+    plain: bool = True,
 ) -> InkModel:
     """Fit profiles to a view from which its light is taken out.
 
@@ -136,6 +159,10 @@ def fitted(
     share : ShareOfPiece
     parts : tuple of int
         Those that profiles may have.
+    known : InkModel or None
+        What profiles are where the view tells nothing of them.
+    plain : bool
+        Whether that is a plain cover otherwise, and not nothing.
     """
     channels = image.shape[2]
     power = np.zeros((_UNKNOWNS, _UNKNOWNS))
@@ -144,14 +171,35 @@ def fitted(
         image, use, passes.count, passes.distance, passes.turn, passes.piece, passes.part, over,
         kind, share.first, share.many, share.low, share.high, share.value, power, score,
     )  # fmt: skip
-    solved = np.linalg.solve(power + _prior(power, parts), score)
+    prior = _prior(power, parts)
+    mean = _plain(power, score) if plain else np.zeros_like(score)
+    if known is not None:
+        mean = known.profile[:, :, :-1].reshape(_UNKNOWNS, channels)
+    solved = np.linalg.solve(power + prior, score + prior @ mean)
     nodes = solved.reshape(CLASSES, PARTS, NODES, channels)
     return InkModel(np.concatenate([nodes, np.zeros((CLASSES, PARTS, 1, channels))], axis=2))
 
 
+def _plain(power: FloatArray, score: FloatArray) -> FloatArray:
+    """Return the even profile that covers a line's width and no more, as strong as it fits.
+
+    Lines that touch fit any profile whose copies, a pitch apart, add up to the same.
+    """
+    basis = np.zeros((_UNKNOWNS, CLASSES))
+    at = np.arange(NODES) * (REACH / NODES)
+    cover = np.clip((_EDGE + _SOFT - at) / (2.0 * _SOFT), 0.0, 1.0)
+    for k in range(CLASSES):
+        first = k * PARTS * NODES
+        basis[first : first + NODES, k] = cover
+    own = basis.T @ power @ basis
+    scale = max(float(np.trace(own)) / CLASSES, 1e-9)
+    own += scale * np.diag(np.array(_HARDER) * _RIDGE[0])
+    return np.asarray(basis @ np.linalg.solve(own, basis.T @ score))
+
+
 def _prior(power: FloatArray, parts: tuple[int, ...]) -> FloatArray:
     """Return what keeps untold profiles at 0 and all smooth."""
-    usual = max(float(np.diag(power).max()), 1.0)
+    usual = max(float(np.diag(power).max()), 1.0)  # pixels
     bend = np.zeros((NODES, NODES))
     for j in range(1, NODES):
         row = np.zeros(NODES)
@@ -162,7 +210,8 @@ def _prior(power: FloatArray, parts: tuple[int, ...]) -> FloatArray:
     prior = np.zeros_like(power)
     for k in range(CLASSES * PARTS):
         own = slice(k * NODES, (k + 1) * NODES)
-        stiff = _RIDGE[k % PARTS] if k % PARTS in parts else _NONE
+        own_part, which = k % PARTS, k // PARTS
+        stiff = _RIDGE[own_part] * _HARDER[which] if own_part in parts else _NONE
         prior[own, own] = usual * (stiff * np.eye(NODES) + _SMOOTH * bend)
     return prior
 

@@ -19,8 +19,10 @@ import numpy as np
 from scipy import fft
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH, Passes
-from registration.inspection.values import FloatImage
+from registration.inspection.values import FloatImage, Shift
+from registration.inspection.ways import Ways
 
 _NODES: Final = 8
 """Of a profile, here."""
@@ -29,6 +31,17 @@ _USUAL_MM: Final = 0.03
 _CELL: Final = 0.5
 """Of a width: pixels nearer to each other tell the same."""
 _RIDGE: Final = 1e-3
+_AS_WELL: Final = 1.1
+"""Times the rest of even ink, that slopes may leave: lines of one direction fit with both parts
+wherever they lie."""
+_BOTH_WAYS: Final = 0.05
+"""Of the way in one direction that must run across it, for a layer's place to be told in both."""
+_LEAST_REST: Final = 1e-3
+"""Of the picture's power, that is never explained."""
+_LEAST_MM: Final = 1e-3
+"""Least scatter of lines beside their places: a pixel's grid."""
+_OUTLYING: Final = 3.0
+"""Spreads from which on a place hardly counts."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +64,11 @@ def coarse_shift(
     image: FloatImage,
     lost: BoolArray,
     passes: Passes,
-    kind: IntArray,
+    inner: FloatImage,
     width_px: float,
     most_px: float,
     px_per_mm: float,
+    even_alone: bool,
 ) -> CoarseShift:
     """Return the likeliest shift.
 
@@ -65,35 +79,84 @@ def coarse_shift(
     lost : (h, w) bool
     passes : Passes
         At the designed place.
-    kind : (n,) int64
-        Of each piece, 0 fresh.
+    inner : (h, w, 4) float32
+        How much each pass tells, 0 to 1.
     width_px, most_px : float, px
         Of a line; farthest shift.
     px_per_mm : float
+    even_alone : bool
+        Whether ink can't show by slopes alone.
     """
-    even, odd = _maps(passes, kind)
+    even, odd = _maps(passes, inner)
     far = max(1, math.ceil(most_px))
     shape = tuple(fft.next_fast_len(n + 2 * far, real=True) for n in image.shape[:2])
     seen = [
         fft.rfft2(np.where(lost, np.float32(0.0), image[:, :, c]), shape)
         for c in range(image.shape[2])
     ]
-    cell = max(1.0, (_CELL * width_px) ** 2)
+    whole = float((np.where(lost[:, :, None], 0.0, image) ** 2).sum())
+    told = float((inner.max(axis=2) > 0.0).sum()) * image.shape[2]
+    count = 0.5 * told / max(1.0, (_CELL * width_px) ** 2)
     by = np.arange(-far, far + 1)
     away = np.hypot(*np.meshgrid(by, by))
     prior = -1.5 * np.log1p((away / (_USUAL_MM * px_per_mm)) ** 2)
     prior[away > most_px] = -np.inf
+    prior[~_told_by_sides(passes, inner, by)] = -np.inf
     scores = [_scores(seen, maps, by, shape) for maps in (even, odd)]
-    both = 0.5 * _explained(np.concatenate(scores, axis=1), even + odd) / cell + prior
+    both = _log_of(_explained(np.concatenate(scores, axis=1), even + odd), whole, count) + prior
     best = []
     for score, maps in zip(scores, (even, odd), strict=True):
-        log = 0.5 * _explained(score, maps) / cell + prior
+        log = _log_of(_explained(score, maps), whole, count) + prior
         row, column = np.unravel_index(int(np.argmax(log)), log.shape)
         best.append((float(both[row, column]), log, int(row), int(column)))
-    is_odd = best[1][0] > best[0][0]
+    near = float(best[1][1].max() - best[0][1].max()) > -count * math.log(_AS_WELL)
+    is_odd = not even_alone and near and best[1][0] > best[0][0]
     _, log, row, column = best[is_odd]
     place = np.array([_finer(log[row], column), _finer(log[:, column], row)]) - far
     return CoarseShift(place, is_odd)
+
+
+def finer_shift(
+    shift: Shift, offset: FloatArray, ways: Ways, use: BoolArray, options: SeeingOptions
+) -> Shift:
+    """Return a shift corrected by the offsets of lines, by robust least squares.
+
+    Parameters
+    ----------
+    shift : Shift
+    offset : (n,) float64, widths
+        Of each place, to the left of where the shift puts it.
+    ways : Ways
+    use : (n,) bool
+    options : SeeingOptions
+    """
+    if not use.any():
+        return shift
+    off, normal = offset[use] * ways.width[use], ways.normal[use]
+    independent = np.minimum(ways.step[use] / ways.width[use], 1.0)
+    step, cov = np.zeros(2), np.full((2, 2), np.inf)
+    for _ in range(3):
+        rest = off - normal @ step
+        spread = max(1.4826 * float(np.median(np.abs(rest))), _LEAST_MM)
+        weight = independent / (1.0 + (rest / (_OUTLYING * spread)) ** 2) / spread**2
+        power = (normal * weight[:, None]).T @ normal + np.eye(2) / options.shift_mm**2
+        cov = np.linalg.inv(power)
+        step = cov @ ((normal * weight[:, None]).T @ off)
+    return Shift(float(shift.dx_mm + step[0]), float(shift.dy_mm + step[1]), cov)
+
+
+def _told_by_sides(passes: Passes, inner: FloatImage, by: IntArray) -> BoolArray:
+    """Which shifts lines' sides tell of, (dy, dx): along parallel lines there is none.
+
+    There gaps would tell, by moving off the ink that is expected.
+    """
+    weight = inner * (np.abs(passes.distance) < 0.5)
+    spread = np.einsum("yxm,yxmi,yxmj->ij", weight, passes.turn, passes.turn)
+    size, axes = np.linalg.eigh(spread)
+    x, y = np.meshgrid(by, by)
+    if size[0] > _BOTH_WAYS * size[1]:
+        return np.ones(x.shape, dtype=np.bool_)
+    return np.asarray(np.abs(x * axes[0, 0] + y * axes[1, 0]) < 0.75)
 
 
 def _scores(
@@ -114,14 +177,19 @@ def _explained(scores: FloatArray, maps: list[FloatImage]) -> FloatArray:
     return np.asarray((scores * solved).sum(axis=(0, 1)))
 
 
-def _maps(passes: Passes, kind: IntArray) -> tuple[list[FloatImage], list[FloatImage]]:
+def _log_of(explained: FloatArray, whole: float, count: float) -> FloatArray:
+    """Logarithm of likelihood, the rest's variance unknown: no model explains a picture wholly."""
+    rest = np.maximum(whole - explained, _LEAST_REST * whole + 1e-9)
+    return np.asarray(-count * np.log(rest))
+
+
+def _maps(passes: Passes, inner: FloatImage) -> tuple[list[FloatImage], list[FloatImage]]:
     """Even and odd functions of distance to fresh lines, (h, w) each."""
-    fresh = np.append(kind == 0, False)[passes.piece] & (np.abs(passes.distance) < REACH)
     at = np.abs(passes.distance) * (_NODES / REACH)
     sign = np.where(passes.distance < 0, np.float32(-1.0), np.float32(1.0))
     even, odd = [], []
     for j in range(_NODES):
-        hat = np.where(fresh, np.maximum(1.0 - np.abs(at - j), 0.0), 0.0).astype(np.float32)
+        hat = inner * np.maximum(np.float32(1.0) - np.abs(at - np.float32(j)), np.float32(0.0))
         even.append(hat.sum(axis=2))
         if j:
             odd += [(hat * sign * passes.turn[..., k]).sum(axis=2) for k in range(2)]

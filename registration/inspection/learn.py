@@ -1,22 +1,25 @@
-"""Learn light, the layer's shift, ink's profile and each place's share of ink from one look."""
+"""Learn light, the layer's shift, ink's profiles and each place's share of ink from one look.
+
+Begin with `learned`: a coarse shift, then rounds in which profiles, shares, light and shift follow
+from each other. Places that turn out bare tell nothing of ink in the next round.
+"""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Final
 
-import cv2
 import numpy as np
 
-from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.chain import BARE, FULL, HIDDEN, THIN, Noise, posterior
+from kernels.arrays import BoolArray, FloatArray
+from registration.inspection.chain import BARE, HIDDEN, THIN, posterior
 from registration.inspection.ground import light_of, telling_pixels
-from registration.inspection.ink_model import InkModel, ShareOfPiece, fitted
-from registration.inspection.layer_shift import coarse_shift
+from registration.inspection.ink_model import EVEN, ODD, PARTS, InkModel, ShareOfPiece, fitted
+from registration.inspection.layer_shift import coarse_shift, finer_shift
+from registration.inspection.noise import BareStrips, Noise, noise_of
 from registration.inspection.options import SeeingOptions
-from registration.inspection.passes import Passes, Pieces
-from registration.inspection.picture import View, ViewFrame
+from registration.inspection.passes import REACH, Passes, Pieces
+from registration.inspection.picture import LOWEST, View, ViewFrame
 from registration.inspection.shares import (
     ACROSS,
     Shares,
@@ -25,13 +28,61 @@ from registration.inspection.shares import (
     own_profile,
     strips_of,
 )
-from registration.inspection.values import ExpectedLines, FloatImage
-from registration.inspection.ways import Seen, Ways, from_stroke_begin
+from registration.inspection.values import Appearance, ExpectedLines, FloatImage, Shift
+from registration.inspection.ways import Seen, Ways
 
-_ROUNDS: Final = 4
-_BARE: Final = 2000
+_ROUNDS: Final = 5
+_LAST_MOVE: Final = 2
+"""Rounds at the end in which the shift rests, and profiles have all their parts."""
 _OVER: Final = (0.65, 0.35)
 """Widths from the middle of older ink at which there is none of it, and all."""
+_OLD: Final = 0.3
+"""Of a place's width over older ink: more, and it is judged against that."""
+_UNSEEN: Final = 0.2
+"""Of a strip's inner part that may be lost."""
+_ENDS: Final = 0.5
+"""Widths from a line's end, within which it isn't judged by itself: ink recedes or bulges there."""
+_ROUGH: Final = 0.05
+"""Scatter of heights on the ground, thicknesses of the layer."""
+_INK_TELLS: Final = 0.3
+"""How much ink tells of light, against ground."""
+_FEWEST: Final = 100
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A view and its model at one shift.
+
+    Attributes
+    ----------
+    ways : Ways
+        Moved by the shift.
+    seen : Seen
+    pieces : Pieces
+    passes : Passes
+    over : (h, w) float32
+        How much older ink lies at each pixel, 0 to 1.
+    old : (n,) bool
+        Places over older ink.
+    model : InkModel
+    drawn : (h, w, c) float32
+        What the model draws.
+    own : (n, u, c) float64
+        What full ink of its own adds across each place.
+    strips : (n, u, c) float64
+        The view across each place, without everything else.
+    """
+
+    ways: Ways
+    seen: Seen
+    pieces: Pieces
+    passes: Passes
+    over: FloatImage
+    old: BoolArray
+    model: InkModel
+    drawn: FloatImage
+    own: FloatArray
+    strips: FloatArray
 
 
 @dataclass(frozen=True)
@@ -40,229 +91,299 @@ class Learned:
 
     Attributes
     ----------
-    shift_mm : (2,) float64, mm
+    view : View
+    frame : ViewFrame
+    image : (h, w, c) float32
+        Without light; the ground is 0, its noise 1.
+    mix : (c, c) float64
+        What channels were multiplied by for that.
+    shift : Shift
+    drawn : Drawn
+    shown : (n,) bool
+        Places that the picture shows.
+    shares : Shares
+    noise : Noise
+    misfit : (n,) float64
+        Its logarithm.
     states : (n, 4) float64
-        Probabilities of full, thin, bare and hidden at each place.
+        Probabilities of full, thin, bare and hidden.
+    inverse : (u c, u c) float64
+        Inverse covariance of a strip over the ground.
+    odd : bool
+        Whether ink shows by slopes lit from one side alone.
     """
 
     view: View
     frame: ViewFrame
-    ways: Ways
-    seen: Seen
-    shift_mm: FloatArray
-    covariance_mm2: FloatArray
     image: FloatImage
-    rest: FloatImage
-    passes: Passes
-    pieces: Pieces
-    over: FloatImage
-    over_at: FloatArray
-    model: InkModel
-    own: FloatArray
-    strips: FloatArray
+    mix: FloatArray
+    shift: Shift
+    drawn: Drawn
+    shown: BoolArray
     shares: Shares
     noise: Noise
     misfit: FloatArray
     states: FloatArray
-    strip_noise: StripNoise
-    odd: bool = False
+    inverse: FloatArray
+    odd: bool
+
+    def appearance(self) -> Appearance:
+        """How ink looks, in the picture's own channels."""
+        return Appearance(self.drawn.model.profile @ np.linalg.inv(self.mix).T)
 
 
 def learned(
-    view: View, frame: ViewFrame, lines: ExpectedLines, ways: Ways, options: SeeingOptions
+    view: View,
+    frame: ViewFrame,
+    lines: ExpectedLines,
+    ways: Ways,
+    options: SeeingOptions,
+    known: Appearance | None = None,
 ) -> Learned:
-    pieces, share = _pieces(lines, frame, ways, options)
-    passes = Passes.of(pieces, view.shape)
-    away = np.minimum(passes.nearest(pieces.kind, 0), passes.nearest(pieces.kind, 1))
-    ground = telling_pixels(view.lost, away)
-    channels = view.channels
-    light = light_of(channels, ground, view.px_per_mm, local=not view.is_heights)
-    image = _whitened(channels - light, ground)
-    free = ~view.lost
-    width_px = float(np.median(pieces.width[pieces.kind == 0]))
-    coarse = coarse_shift(
-        image, view.lost, passes, pieces.kind, width_px, options.shift_mm * view.px_per_mm,
-        view.px_per_mm,
-    )  # fmt: skip
-    shift = _in_mm(coarse.by_px, frame, ways)
-    simple = (1, 2) if coarse.odd else (0, 3, 4)
-    state = np.ones(len(ways))
-    for number in range(_ROUNDS):
-        moved = ways.moved(shift)
-        pieces, share = _pieces(_moved(lines, shift), frame, moved, options)
-        passes = Passes.of(pieces, view.shape)
-        seen = Seen.of(moved, frame, options.round_lines)
-        older = passes.nearest(pieces.kind, 1)
-        over = np.clip((_OVER[0] - older) / (_OVER[0] - _OVER[1]), 0.0, 1.0).astype(np.float32)
-        now = share.of(state)
-        last = number == _ROUNDS - 1
-        parts = tuple(range(5)) if last else simple
-        model = fitted(image, free, passes, over, pieces.kind, now, parts)
-        rest = image - model.drawn(passes, over, pieces.kind, now)
-        over_at = strips_of(over[:, :, None], seen, moved)[:, :, 0]
-        own = own_profile(model, over_at, seen)
-        strips = strips_of(rest, seen, moved) + state[:, None, None] * own
-        shown = seen.inside(view.shape, ways.width)
-        lost = strips_of(view.lost[:, :, None].astype(np.float32), seen, moved)[:, :, 0]
-        shown &= lost[:, np.abs(ACROSS) < 0.6].mean(axis=1) < 0.2
-        # Twice: noise by the rest of full strips first.
-        good = shown & (state > 0.5) & ~moved.crossed
-        rests = (strips - state[:, None, None] * own).reshape(len(ways), -1)[good]
-        bare, which = _bare_strips(rest, passes, view, seen, ways, width_px)
-        strip_noise = StripNoise.of(rests, bare)
-        on_ground = measured(bare.reshape(len(bare), len(ACROSS), -1), own[which], strip_noise)
-        shares = measured(strips, own, strip_noise)
-        top = _full_level(shares.share[good])
-        shares = replace(shares, share=shares.share / top, u_share=shares.u_share / top)
-        noise, misfit = _noise(shares, on_ground, good, ways, top)
-        known = np.where(shown & ~moved.crossed, shares.share, np.nan)
-        states = posterior(known, misfit, noise, ways.run, ways.step)
-        p = states[:, :HIDDEN].sum(axis=1)
-        state = np.where(p > 0.1, 1.0 - states[:, BARE] / np.maximum(p, 1e-9), 1.0)
-        thin = states[:, THIN] > 0.5
-        state = np.where(thin, np.clip(shares.share, 0.2, 1.0), state)
-        step, cov = _offset(shares, good, ways, state)
-        if number < _ROUNDS - 2:
-            shift = shift + step
+    """Learn a look.
 
-    return Learned(
-        view, frame, ways, seen, shift, cov, image, rest, passes, pieces, over, over_at, model,
-        own, strips, shares, noise, misfit, states, strip_noise, coarse.odd,
+    Parameters
+    ----------
+    view : View
+    frame : ViewFrame
+    lines : ExpectedLines
+    ways : Ways
+        Places along the fresh lines, as designed.
+    options : SeeingOptions
+    known : Appearance or None
+        How ink looked before.
+    """
+    channels = view.channels
+    if view.is_heights:  # what lies below the layer is as low as bare ground
+        ways, lines = _fresh_alone(ways, lines)
+    pieces = Pieces.of(lines, frame)
+    passes = Passes.of(pieces, view.shape)
+    ground = telling_pixels(view.lost, np.abs(passes.distance).min(axis=2))
+    if view.is_heights:
+        own = channels[ground > 0]
+        lowest = max(LOWEST, float(np.median(own))) if len(own) >= _FEWEST else LOWEST
+        light = np.full_like(channels, lowest)
+        mix = np.eye(1) / _ROUGH
+    else:
+        light = light_of(channels, ground, view.px_per_mm)
+        mix = _whitening((channels - light)[ground > 0], channels - light)
+    image = _mixed(channels - light, mix)
+    coarse = coarse_shift(
+        _without_older(image, view.lost, passes, pieces, ways, lines), view.lost, passes,
+        _inner(passes, ways, lines), float(np.median(pieces.width[pieces.kind == 0])),
+        options.shift_mm * view.px_per_mm, view.px_per_mm, view.is_heights,
     )  # fmt: skip
+    shift = Shift(*_in_mm(coarse.by_px, frame, ways).tolist(), np.full((2, 2), np.inf))
+    state = np.ones(len(ways))
+    prior = None if known is None else _of_picture(known, mix)
+    for number in range(_ROUNDS):
+        last = number >= _ROUNDS - _LAST_MOVE
+        parts = tuple(range(PARTS)) if last else (ODD if coarse.odd else EVEN)
+        drawn = _draw(
+            view,
+            frame,
+            image,
+            lines,
+            ways,
+            shift,
+            state,
+            parts,
+            options,
+            prior,
+            number == 0,
+            not coarse.odd,
+        )
+        shown, shares, noise, misfit, states, inverse = _judge(view, image, drawn, state)
+        state = _presence(states, shares.share)
+        if not last:
+            shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
+        if not view.is_heights and not last:
+            light = light + _light_left(view, image, drawn, ground, mix)
+            image = _mixed(channels - light, mix)
+    return Learned(
+        view,
+        frame,
+        image,
+        mix,
+        shift,
+        drawn,
+        shown,
+        shares,
+        noise,
+        misfit,
+        states,
+        inverse,
+        coarse.odd,
+    )
+
+
+def _fresh_alone(ways: Ways, lines: ExpectedLines) -> tuple[Ways, ExpectedLines]:
+    """Places and lines without older ones."""
+    row = np.cumsum(lines.fresh) - 1
+    some = ExpectedLines(**{name: value[lines.fresh] for name, value in vars(lines).items()})
+    return replace(ways, piece=row[ways.piece]), some
+
+
+def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
+    """How much each pass tells of a layer's place, (h, w, 4): not by ends, which recede or bulge."""
+    share = ShareOfPiece.along(ways, lines, np.ones(len(ways)))
+    first, many = np.append(share.first, 0.0), np.append(share.many, 0.0)
+    at = (first[passes.piece] + passes.part * many[passes.piece]).astype(np.int64)
+    room = np.append(ways.to_end / ways.width, 0.0)[np.minimum(at, len(ways))]
+    fresh = np.append(lines.fresh, False)[passes.piece]
+    weight = np.clip(2.0 * room - 1.0, 0.0, 1.0)
+    return np.where(fresh, weight, 0.0).astype(np.float32)
+
+
+def _draw(
+    view: View,
+    frame: ViewFrame,
+    image: FloatImage,
+    lines: ExpectedLines,
+    ways: Ways,
+    shift: Shift,
+    state: FloatArray,
+    parts: tuple[int, ...],
+    options: SeeingOptions,
+    prior: InkModel | None,
+    first: bool,
+    plain: bool,
+) -> Drawn:
+    """Fit profiles at a shift (``first`` with what is known of them), and take strips."""
+    by = np.array([shift.dx_mm, shift.dy_mm])
+    off = np.where(lines.fresh[:, None], np.append(by, 0.0), 0.0)
+    moved = replace(lines, start=lines.start + off, end=lines.end + off)
+    there, pieces = ways.moved(by), Pieces.of(moved, frame)
+    passes, seen = Passes.of(pieces, view.shape), Seen.of(there, frame, options.round_lines)
+    older = passes.nearest(pieces.kind, 1)
+    over = np.clip((_OVER[0] - older) / (_OVER[0] - _OVER[1]), 0.0, 1.0).astype(np.float32)
+    share = ShareOfPiece.along(ways, lines, state)
+    model = prior
+    if prior is None or not first:
+        model = fitted(image, ~view.lost, passes, over, pieces.kind, share, parts, prior, plain)
+    drawn = model.drawn(passes, over, pieces.kind, share)
+    over_at = strips_of(over[:, :, None], seen, there)[:, :, 0]
+    own = own_profile(model, over_at, seen)
+    strips = strips_of(image - drawn, seen, there) + state[:, None, None] * own
+    old = over_at[:, np.abs(ACROSS) <= 0.5].mean(axis=1) > _OLD
+    return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, strips)
+
+
+def _judge(
+    view: View, image: FloatImage, drawn: Drawn, state: FloatArray
+) -> tuple[BoolArray, Shares, Noise, FloatArray, FloatArray, FloatArray]:
+    """Measure shares, learn how they scatter, and tell states."""
+    ways, count = drawn.ways, len(drawn.ways)
+    inner = np.abs(ACROSS) < 0.6
+    lost = strips_of(view.lost[:, :, None].astype(np.float32), drawn.seen, ways)[:, inner, 0]
+    shown = drawn.seen.inside(view.shape, 0.6 * ways.width) & (lost.mean(axis=1) < _UNSEEN)
+    told = shown & ~ways.crossed & (ways.to_end > _ENDS * ways.width)
+    shares = Shares(*np.zeros((5, count)))
+    spreads, misfits, tie = np.ones((2, count)), np.zeros((2, count, 2)), 0.5
+    rest = drawn.strips - state[:, None, None] * drawn.own
+    inverse: FloatArray | None = None
+    for rows, over in ((~drawn.old, None), (drawn.old, drawn.over)):
+        if not rows.any():
+            continue
+        good = told & rows & (state > 0.5)
+        own_rows = np.flatnonzero(rows)
+        bare = BareStrips.laid(
+            image - drawn.drawn, drawn.passes, drawn.pieces.kind, view.lost, drawn.seen, ways,
+            own_rows, over,
+        )  # fmt: skip
+        strip_noise = StripNoise.of(rest.reshape(count, -1)[good], bare.strips)
+        inverse = strip_noise.inverse if inverse is None or over is None else inverse
+        found = measured(drawn.strips[rows], drawn.own[rows], strip_noise)
+        top = _full_level(found.share[told[rows]])
+        own = drawn.own * top
+        found = replace(found, share=found.share / top, u_share=found.u_share / top)
+        for name in ("share", "u_share", "offset", "wider", "misfit"):
+            getattr(shares, name)[rows] = getattr(found, name)
+        log = np.log(np.maximum(shares.misfit, 1e-9))
+        # Slopes that light grazes along a line show little of it there.
+        usual = float(np.median(shares.u_share[good])) if good.any() else 1.0
+        dim = np.maximum(1.0, shares.u_share / max(usual, 1e-9))
+        each, tie, both = noise_of(
+            1.0 + (shares.share - 1.0) / dim, log, good, ways.run, bare, own, strip_noise
+        )
+        spreads[:, rows], misfits[:, rows] = each[:, None] * dim[rows], both[:, None]
+    noise = Noise(spreads[0], spreads[1], tie, misfits[0], misfits[1])
+    misfit = np.log(np.maximum(shares.misfit, 1e-9))
+    known = np.where(told, shares.share, np.nan)
+    states = posterior(known, misfit, noise, ways.run, ways.step)
+    return told, shares, noise, misfit, states, inverse
+
+
+def _presence(states: FloatArray, share: FloatArray) -> FloatArray:
+    """How much ink is drawn at each place in the next round."""
+    known = states[:, :HIDDEN].sum(axis=1)
+    there = np.where(known > 0.1, 1.0 - states[:, BARE] / np.maximum(known, 1e-9), 1.0)
+    thin = states[:, THIN] > 0.5
+    return np.asarray(np.where(thin, np.clip(share, 0.2, 1.0), there))
 
 
 def _full_level(share: FloatArray) -> float:
+    """Usual share of lines that have ink, of which some may be missing."""
     if len(share) < 4:
         return 1.0
-    level = float(np.percentile(share, 70))
+    level = float(np.percentile(share, 80))
     for _ in range(4):
         upper = share[share > 0.5 * level]
         level = float(np.median(upper)) if len(upper) else level
     return level if level > 0.05 else 1.0
 
 
-def _bare_strips(rest, passes, view, seen, ways, width_px):
-    """Strips laid across unwritten ground, (k, u c), and the places whose directions they have."""
-    rng = np.random.default_rng(26)
-    clear = ((passes.count == 0) & ~view.lost).astype(np.uint8)
-    clear = cv2.copyMakeBorder(clear, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-    room = cv2.distanceTransform(clear, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    y, x = np.nonzero(room > width_px)
-    if len(y) < 200:
-        return np.zeros((0, len(ACROSS) * rest.shape[2])), np.zeros(0, dtype=np.int64)
-    pick = rng.integers(0, len(y), _BARE)
-    which = rng.integers(0, len(ways), _BARE)
-    at = np.column_stack([x[pick], y[pick]]).astype(np.float64)
-    laid = Seen(at, seen.across[which], seen.along[which])
-    bare = strips_of(rest, laid, ways.only(which))
-    return bare.reshape(_BARE, -1), which
+def _light_left(
+    view: View, image: FloatImage, drawn: Drawn, ground: FloatImage, mix: FloatArray
+) -> FloatImage:
+    """Light that the model leaves unexplained, (h, w, c)."""
+    rest = _mixed(image - drawn.drawn, np.linalg.inv(mix))
+    weight = np.where(view.lost, 0.0, np.where(ground > 0, 1.0, _INK_TELLS)).astype(np.float32)
+    return light_of(rest, weight, view.px_per_mm)
 
 
-def _noise(shares, ground, good, ways, top):
-    x = shares.share[good]
-    near = np.abs(x - 1.0) < 0.5 if (np.abs(x - 1.0) < 0.5).any() else np.ones(len(x), bool)
-    spread = max(1.4826 * float(np.median(np.abs(x[near] - 1.0))), 0.02) if len(x) else 1.0
-    one = np.flatnonzero(good[1:] & good[:-1] & (ways.run[1:] == ways.run[:-1]))
-    a, b = shares.share[one] - 1.0, shares.share[one + 1] - 1.0
-    ok = (np.abs(a) < 3 * spread) & (np.abs(b) < 3 * spread)
-    tie = float((a * b)[ok].sum() / max((a * a)[ok].sum(), 1e-9)) if ok.any() else 0.5
-    tie = min(max(tie, 0.0), 0.95)
-    q = np.log(np.maximum(shares.misfit, 1e-9))
-    q_full, s_full = _level(q[good])
-    if len(ground.share):
-        bare = 1.4826 * float(np.median(np.abs(ground.share))) / top
-        q_bare, s_bare = _level(np.log(np.maximum(ground.misfit, 1e-9)))
-    else:
-        bare, q_bare, s_bare = spread, q_full, s_full
-    bare = np.maximum(np.hypot(bare, 0.08), spread)
-    noise = Noise(np.full(len(ways), spread), np.full(len(ways), bare), tie, tie, (q_full, s_full), (q_bare, s_bare))
-    return noise, q
+def _without_older(
+    image: FloatImage,
+    lost: BoolArray,
+    passes: Passes,
+    pieces: Pieces,
+    ways: Ways,
+    lines: ExpectedLines,
+) -> FloatImage:
+    """The view less older ink, as it shows where no fresh line is near."""
+    if not (pieces.kind == 1).any():
+        return image
+    alone = ~lost & (passes.nearest(pieces.kind, 0) > REACH)
+    over = np.zeros(lost.shape, dtype=np.float32)
+    share = ShareOfPiece.along(ways, lines, np.zeros(len(ways)))
+    model = fitted(image, alone, passes, over, pieces.kind, share, EVEN)
+    return image - model.drawn(passes, over, pieces.kind, share)
 
 
-def _level(values):
-    if not len(values):
-        return 0.0, 1.0
-    middle = float(np.median(values))
-    return middle, max(1.4826 * float(np.median(np.abs(values - middle))), 0.1)
+def _whitening(ground: FloatArray, everything: FloatImage) -> FloatArray:
+    """Matrix (c, c) that makes noise of the ground 1 in each channel and independent."""
+    count = everything.shape[2]
+    own = ground if len(ground) >= _FEWEST else everything.reshape(-1, count)
+    low, high = np.percentile(own, [1, 99], axis=0)
+    inner = own[((own >= low) & (own <= high)).all(axis=1)]
+    cov = np.cov(inner.T).reshape(count, count)
+    cov += (1e-3 * np.trace(cov) / count + 1e-8) * np.eye(count)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)))
 
 
-def _offset(shares, good, ways, state):
-    use = good & (state > 0.5)
-    off, normal = shares.offset[use] * ways.width[use], ways.normal[use]
-    if not use.any():
-        return np.zeros(2), np.full((2, 2), np.inf)
-    spread = max(1.4826 * float(np.median(np.abs(off - np.median(off)))), 1e-4)
-    weight = 1.0 / (1.0 + (off / (3 * spread)) ** 2)
-    n_eff = use.sum() / 8.0
-    power = (normal * weight[:, None]).T @ normal / spread**2 * (n_eff / use.sum())
-    power += np.eye(2) / 0.3**2
-    score = (normal * weight[:, None]).T @ off / spread**2 * (n_eff / use.sum())
-    cov = np.linalg.inv(power)
-    return cov @ score, cov
+def _mixed(values: FloatImage, mix: FloatArray) -> FloatImage:
+    return np.ascontiguousarray(values @ mix.T.astype(np.float32))
 
 
-def _moved(lines: ExpectedLines, shift: FloatArray) -> ExpectedLines:
-    by = np.where(lines.fresh[:, None], np.append(shift, 0.0), 0.0)
-    return replace(lines, start=lines.start + by, end=lines.end + by)
+def _of_picture(known: Appearance, mix: FloatArray) -> InkModel | None:
+    """What ink would add to the whitened view; None where it had other channels."""
+    if known.profile.shape[3] != len(mix):
+        return None
+    return InkModel(known.profile @ mix.T)
 
 
-def _in_mm(by_px, frame, ways):
+def _in_mm(by_px: FloatArray, frame: ViewFrame, ways: Ways) -> FloatArray:
+    """A move of the view's pixels as one on the layer's plane, (2,)."""
     middle = ways.point.mean(axis=0)
     base = frame.to_pixels(np.stack([middle, middle + (1, 0, 0), middle + (0, 1, 0)]))
-    jac = np.column_stack([base[1] - base[0], base[2] - base[0]])
-    return np.linalg.solve(jac, by_px)
-
-
-def _whitened(image, ground):
-    own = image[ground > 0]
-    c = image.shape[2]
-    if len(own) < 100:
-        own = image.reshape(-1, c)
-    low, high = np.percentile(own, [1, 99], axis=0)
-    keep = ((own >= low) & (own <= high)).all(axis=1)
-    cov = np.cov(own[keep].T).reshape(c, c) + 1e-8 * np.eye(c)
-    cov += 1e-3 * np.trace(cov) / c * np.eye(c)
-    inv = np.linalg.inv(np.linalg.cholesky(cov))
-    return np.ascontiguousarray(image @ inv.T.astype(np.float32))
-
-
-def _pieces(lines, frame, ways, options):
-    middle = 0.5 * (lines.start + lines.end)
-    way = lines.end - lines.start
-    flat = np.linalg.norm(way[:, :2], axis=1)
-    unit = way[:, :2] / np.maximum(flat, 1e-9)[:, None]
-    normal = np.column_stack([-unit[:, 1], unit[:, 0], np.zeros(len(unit))])
-    start, end = frame.to_pixels(lines.start), frame.to_pixels(lines.end)
-    h = 0.5 * lines.width_mm[:, None]
-    across = frame.to_pixels(middle + h * normal) - frame.to_pixels(middle - h * normal)
-    along = end - start
-    length_px = np.linalg.norm(along, axis=1)
-    cross = np.abs(across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0])
-    width = np.where(length_px > 1e-6, cross / np.maximum(length_px, 1e-6), 0.0)
-    small = width < 0.3 * np.median(width)
-    width = np.where(small, np.linalg.norm(across, axis=1), width)
-    scale = width / lines.width_mm
-    length = np.linalg.norm(way, axis=1)
-    begin = from_stroke_begin(lines.stroke, length)
-    pieces = Pieces(
-        np.ascontiguousarray(start), np.ascontiguousarray(end), width, begin * np.median(scale),
-        lines.stroke.astype(np.int64), np.where(lines.fresh, 0, 1).astype(np.int64),
-    )
-    n = len(ways)
-    first = np.full(len(lines), float(n))
-    many = np.zeros(len(lines))
-    low = np.full(len(lines), n, dtype=np.int64)
-    high = low.copy()
-    runs = np.flatnonzero(np.concatenate([[True], np.diff(ways.run) != 0]))
-    ends = np.append(runs[1:], n) - 1
-    for a, b in zip(runs, ends):
-        s = ways.step[a]
-        begin_run = ways.along[a] - 0.5 * s
-        rows = np.flatnonzero(
-            (lines.stroke == ways.stroke[a]) & lines.fresh
-            & (begin + length > begin_run - 1e-6) & (begin < ways.along[b] + 0.5 * s + 1e-6)
-        )
-        first[rows] = a + (begin[rows] - begin_run) / s
-        many[rows] = length[rows] / s
-        low[rows], high[rows] = a, b
-    return pieces, ShareOfPiece(first, many, low, high, np.ones(n + 1))
+    return np.linalg.solve((base[1:] - base[0]).T, by_px)

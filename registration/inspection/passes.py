@@ -14,11 +14,15 @@ from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from kernels.compile import jit
+from registration.inspection.values import ExpectedLines, Frame
+from registration.inspection.ways import from_stroke_begin
 
 REACH: Final = 1.5
 """Widths from its middle as far as a line is seen: its rim, shade and blur."""
 _MOST: Final = 4
 """Passes kept of a pixel: a crossing of two lines that each touch a neighbour."""
+_SEEN: Final = 0.3
+"""Of its width at least that a piece with a direction shows."""
 _DETOUR: Final = 2.5
 """Widths along a line, from which on it has come back."""
 
@@ -45,17 +49,33 @@ class Pieces:
     stroke: IntArray
     kind: IntArray
 
-    def moved(self, by_px: FloatArray) -> Pieces:
-        """Return the same with fresh pieces moved by (2,) px."""
-        off = np.where(self.kind[:, None] == 0, by_px, 0.0)
+    @staticmethod
+    def of(lines: ExpectedLines, frame: Frame) -> Pieces:
+        """Look up where a frame shows lines, and how wide at right angles to their way there."""
+        way = lines.end - lines.start
+        flat = np.maximum(np.linalg.norm(way[:, :2], axis=1, keepdims=True), 1e-9)
+        left = np.column_stack([-way[:, 1], way[:, 0], np.zeros(len(way))]) / flat
+        start, end = frame.to_pixels(lines.start), frame.to_pixels(lines.end)
+        middle, half = 0.5 * (lines.start + lines.end), 0.5 * lines.width_mm[:, None] * left
+        across = frame.to_pixels(middle + half) - frame.to_pixels(middle - half)
+        ahead = end - start
+        area = np.abs(across[:, 0] * ahead[:, 1] - across[:, 1] * ahead[:, 0])
+        width = area / np.maximum(np.linalg.norm(ahead, axis=1), 1e-9)
+        # A piece that is hardly longer than a point, or steep, has no direction in the view.
+        whole = np.linalg.norm(across, axis=1)
+        width = np.where(width > _SEEN * whole, width, whole)
+        length = np.linalg.norm(way, axis=1)
+        scale = float(np.nanmedian(width / lines.width_mm))
+        begin = from_stroke_begin(lines.stroke, length)
         return Pieces(
-            self.start + off, self.end + off, self.width, self.along, self.stroke, self.kind
-        )
+            np.ascontiguousarray(start), np.ascontiguousarray(end), width, scale * begin,
+            lines.stroke.astype(np.int64), np.where(lines.fresh, 0, 1).astype(np.int64),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Passes:
-    """Lines near each pixel, nearest first is not promised.
+    """Lines near each pixel, in no order.
 
     Attributes
     ----------

@@ -36,6 +36,10 @@ _ENOUGH: Final = 5000
 """Pixels of ground that are left."""
 _BLUR_PX: Final = 5
 """Of Gauss's filter while two pictures are laid over each other."""
+LOWEST: Final = -0.5
+HIGHEST: Final = 1.5
+"""Thicknesses from the layer's middle: how far below the layer something lies, or above it stands,
+tells nothing of the layer's ink."""
 _SHIFT: Final = 4
 
 Outlines = Sequence[FloatArray]
@@ -63,7 +67,7 @@ class View:
     is_log : bool
         Whether values are logarithms of brightness.
     is_heights : bool
-        Whether the picture is a map of heights.
+        Whether values are heights over the layer's middle, in thicknesses.
     moved_px : float
         By how many pixels of the picture the camera moved since the one before; NaN without one.
     """
@@ -110,8 +114,11 @@ def view_of(
     ways: Ways,
     gap_mm: float,
     hidden: Outlines | BoolArray,
+    thickness_mm: float | None = None,
 ) -> tuple[View, ViewFrame]:
     """Crop and bin a picture so that a line is some nine pixels wide.
+
+    With a ``thickness_mm`` the second of two channels is taken: heights, mm.
 
     Raises
     ------
@@ -130,6 +137,10 @@ def view_of(
     x0, y0, x1, y1 = _box(picture, seen)
     part = picture[y0:y1, x0:x1]
     unmeasured = unmeasured_pixels(part)
+    if thickness_mm is not None:
+        part = np.clip(_heights(part, thickness_mm), LOWEST, HIGHEST)
+    elif np.issubdtype(part.dtype, np.floating) and part.ndim == 3:
+        part = part[:, :, :1]
     now, bad = _binned(measured_alone(part, unmeasured), scale)
     cover = 255 * unmeasured.astype(np.uint8)
     if isinstance(hidden, np.ndarray):
@@ -139,10 +150,9 @@ def view_of(
             cv2.fillPoly(cover, [np.rint(np.asarray(outline) - (x0, y0)).astype(np.int32)], 255)
     lost = _shrunk(cover.astype(np.float32), now.shape[1::-1]) > 0
     is_float = np.issubdtype(picture.dtype, np.floating)
-    is_heights = is_float and now.shape[2] == 2
     view = View(
-        now[:, :, :1].copy() if is_heights else now, None, lost | bad, (x0, y0), scale,
-        seen.px_per_mm / scale, not is_float, is_heights,
+        now, None, lost | bad, (x0, y0), scale, seen.px_per_mm / scale, not is_float,
+        thickness_mm is not None,
     )  # fmt: skip
     return view, ViewFrame(frame, (x0, y0), scale)
 
@@ -226,6 +236,15 @@ def drawn_lines(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> M
     return out
 
 
+def _heights(part: Image, thickness_mm: float) -> Image:
+    if part.ndim != 3 or part.shape[2] != 2 or not thickness_mm > 0:
+        raise PictureError(
+            f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
+            "goes with a picture of `height_map` alone"
+        )
+    return part[:, :, 1] / np.float32(thickness_mm)
+
+
 def _box(picture: Image, seen: Seen) -> tuple[int, int, int, int]:
     """Part of the picture that shows the lines and some bath around."""
     margin = _MARGIN_MM * seen.px_per_mm
@@ -280,9 +299,7 @@ def _floor(part: Image, old: Image) -> float:
     return _dark_floor(part) * old_light / light
 
 
-def _ground(
-    view: View, frame: ViewFrame, lines: ExpectedLines, written: BoolArray
-) -> BoolArray:
+def _ground(view: View, frame: ViewFrame, lines: ExpectedLines, written: BoolArray) -> BoolArray:
     """What lies far from what was written, (h, w)."""
     ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)[written]
     ground = ~view.lost

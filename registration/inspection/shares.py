@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from kernels.arrays import BoolArray, FloatArray, IntArray
+from kernels.arrays import FloatArray
 from registration.inspection.ink_model import InkModel
 from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways
@@ -27,6 +27,8 @@ _FEWEST: Final = 40
 """Strips by which noise is learned."""
 _INDEPENDENT: Final = 0.3
 """Of strips: their neighbours tell the same."""
+_LEAST: Final = 1e-4
+"""Least variance of a sample; that of the ground is 1."""
 _FLOOR: Final = 0.02
 """Of the mean variance, that every sample has at least."""
 
@@ -46,7 +48,8 @@ class StripNoise:
         both = [_covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
         if not both:
             return StripNoise(np.eye(full.shape[1]))
-        return StripNoise(np.linalg.inv(np.mean(both, axis=0)))
+        size = full.shape[1]
+        return StripNoise(np.linalg.inv(np.mean(both, axis=0) + _LEAST * np.eye(size)))
 
 
 def _covariance(rests: FloatArray) -> FloatArray:

@@ -324,17 +324,8 @@ class Appearance:
 
     Attributes
     ----------
-    mix : (c,) float64
-        Weights of the picture's channels.
-    terms : (3, u) float64
-        Across a line, over ±1.5 widths, bath 0, by direction (`ink_image.Template`).
-    filled : bool
-        Whether ink is told by its level, and not by its edges alone.
-    ink : (c,) float64
-        Its level over the bath in each channel.
+    profile : (3, 5, 16, c) float64
+        Of `ink_model.InkModel`, in the picture's own channels: logarithms, or values.
     """
 
-    mix: FloatArray
-    terms: FloatArray
-    filled: bool
-    ink: FloatArray
+    profile: FloatArray

@@ -22,7 +22,7 @@ from registration.inspection.heights.height import HeightFrame
 from registration.inspection.heights.moved_part import moved_part
 from registration.inspection.heights.own_depth import ScanByDepth, TurnedMaps
 from registration.inspection.options import IN_PART
-from registration.inspection.pictures.working import drawn_lines
+from registration.inspection.picture import drawn_lines
 from registration.inspection.values import ExpectedLines, FloatImage, Frame
 from registration.scan import Scan
 

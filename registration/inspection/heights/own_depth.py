@@ -26,7 +26,7 @@ from registration.inspection.heights.height import (
     speckle_less,
 )
 from registration.inspection.heights.line_places import LinePlaces
-from registration.inspection.pictures.unmeasured import unmeasured_scans
+from registration.inspection.unmeasured import unmeasured_scans
 from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.heights.height import HeightFrame
-from registration.inspection.pictures.working import drawn_lines
+from registration.inspection.picture import drawn_lines
 from registration.inspection.values import ExpectedLines, FloatImage
 
 _MOST: Final = 40_000

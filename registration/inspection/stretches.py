@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 from kernels.arrays import BoolArray
 from registration.inspection.values import Stations, Stretch
-from registration.inspection.widths.widths import Widths
+from registration.inspection.line_width import Widths
 
 _WINDOW: Final = 3
 """Stations together."""
@@ -45,7 +45,7 @@ def _of_stroke(
     ones = np.ones(_WINDOW) / _WINDOW
     # Neighbours share noise: a window counts as one and a half places, not three.
     mean = np.convolve(ratio, ones, "valid")
-    common = _common(stations, widths, rows) * mean  # relative to the width that is seen
+    common = widths.common * mean  # relative to the width that is seen
     u = np.sqrt(np.convolve(random**2, ones, "valid") / 1.5 + common**2)
     found = []
     kinds: tuple[tuple[Literal["thin", "thick"], float], ...] = (("thin", -1.0), ("thick", 1.0))
@@ -68,11 +68,6 @@ def _of_stroke(
                 )
             )
     return found
-
-
-def _common(stations: Stations, widths: Widths, rows: np.ndarray) -> float:
-    typical = float(np.median(stations.expected_mm[rows]))
-    return math.hypot(widths.common, widths.common_mm / typical)
 
 
 def _groups(flags: BoolArray) -> list[tuple[int, int]]:
@@ -100,5 +95,5 @@ def width_ratio(stations: Stations, widths: Widths) -> tuple[float, float]:
     ]
     by_place = spread / math.sqrt(max(1.0, len(rows) / 4.0))
     by_stroke = float(np.std(of_strokes)) / math.sqrt(len(of_strokes)) if of_strokes[2:] else 0.0
-    common = _common(stations, widths, rows) * middle
+    common = widths.common * middle
     return middle, math.sqrt(common**2 + 1.57 * max(by_place, by_stroke) ** 2)

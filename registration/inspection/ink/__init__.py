@@ -1,4 +1,0 @@
-"""Appearance of ink over one background, and its presence along each line.
-
-Begin with `presence.py`.
-"""
