@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final, Literal
 
 import cv2
@@ -10,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.plane_map import PlaneMap
 from registration.inspection.picture import Mask
+from registration.inspection.plane_map import PlaneMap
 from registration.inspection.values import Blob, FloatImage
 
 _LEVEL: Final = 0.5
@@ -25,6 +26,8 @@ _NEAR_MM: Final = 1.2
 _MOST: Final = 200
 _BESIDE_GLARE: Final = 0.1
 """Of a find's surroundings that aren't seen: more, and it is a fringe of that."""
+_CREST: Final = 95
+"""Percentile of a blob's heights that is told as its height: spikes aren't it."""
 _OUTSIDE: Final = 0.25
 """Of a find's level, below which its surroundings lie."""
 
@@ -37,8 +40,9 @@ def find_blobs(
     width_px: float,
     place: PlaneMap,
     rate: float,
-) -> tuple[tuple[Blob, ...], BoolArray]:
-    """Return blobs, and where something big lies, (h, w).
+    unit_mm: float = math.nan,
+) -> tuple[Blob, ...]:
+    """Return blobs.
 
     Parameters
     ----------
@@ -55,33 +59,32 @@ def find_blobs(
         Pixels to the printer's plane.
     rate : float
         False blobs per sound layer.
+    unit_mm : float, mm
+        Height that 1 of the image is; NaN where it isn't one of heights.
     """
-    nothing = np.zeros(image.shape, dtype=np.bool_)
     away = cv2.distanceTransform((lines == 0).astype(np.uint8), cv2.DIST_L2, 3)
     area = np.asarray((free > 0) & ~unseen & (away < _NEAR_MM / place.px_mm))
     smooth = cv2.GaussianBlur(image, (0, 0), max(0.8, 0.25 * width_px))
     some = smooth[area]
     if len(some) < 100:
-        return (), nothing
+        return ()
     middle, spread = _bath_level(some)
     places = max(1.0, area.sum() / width_px**2)
     sure = float(-ndtri(min(0.5, rate / places)))
     level = max(_LEVEL, middle + sure * spread)
     if level > 0.85:
-        return (), nothing
+        return ()
     found = ((smooth > level) & area).astype(np.uint8)
     grown = cv2.dilate(lines, np.ones((3, 3), np.uint8), iterations=2 + round(0.5 * width_px))
     count, labels, stats, middles = cv2.connectedComponentsWithStats(found, connectivity=8)
     size = stats[:, cv2.CC_STAT_AREA]
     large = [k for k in range(1, count) if size[k] >= _LEAST * width_px**2]
-    blobs, big = [], nothing.copy()
+    blobs = list[Blob]()
     for k in sorted(large, key=lambda k: -size[k])[:_MOST]:
         x, y, wide, high = stats[k, :4]
         box = np.s_[y : y + high, x : x + wide]
         own = np.asarray(labels[box] == k)
         kind, outline = _kind(own.astype(np.uint8), width_px)
-        if kind == "object":
-            big[box] |= own
         height = float(smooth[box][own].mean())
         if not _has_edge(smooth, area, unseen, labels, k, stats[k], width_px, height):
             continue
@@ -94,9 +97,10 @@ def find_blobs(
                 float(size[k]) * place.px_mm**2,
                 bool((grown[box][own] > 0).any()),
                 float(ndtr((middle - height) / spread)),
+                float(np.percentile(image[box][own], _CREST)) * unit_mm,
             )
         )
-    return tuple(blobs), big
+    return tuple(blobs)
 
 
 def _has_edge(

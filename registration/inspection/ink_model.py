@@ -38,6 +38,8 @@ _HARDER: Final = (1.0, 10.0, 0.01)
 """Times that, by class: where fresh ink lies over older ink alone, the older explains it."""
 _EDGE, _SOFT = 0.5, 0.15
 """Widths from the middle where a line ends, and half of what its edge is blurred over."""
+_BESIDE: Final = 30.0
+"""Times the ridge beyond a line's edge: what lines that touch have in common is each one's own."""
 _NONE: Final = 1e6
 """The same of a part that isn't there."""
 _SMOOTH: Final = 3e-3
@@ -207,12 +209,14 @@ def _prior(power: FloatArray, parts: tuple[int, ...]) -> FloatArray:
         if j + 1 < NODES:
             row[j + 1] = 1.0
         bend += np.outer(row, row)
+    at = np.arange(NODES) * (REACH / NODES)
+    beside = np.diag(np.where(at > _EDGE + 1.5 * _SOFT, _BESIDE, 1.0))
     prior = np.zeros_like(power)
     for k in range(CLASSES * PARTS):
         own = slice(k * NODES, (k + 1) * NODES)
         own_part, which = k % PARTS, k // PARTS
         stiff = _RIDGE[own_part] * _HARDER[which] if own_part in parts else _NONE
-        prior[own, own] = usual * (stiff * np.eye(NODES) + _SMOOTH * bend)
+        prior[own, own] = usual * (stiff * beside + _SMOOTH * bend)
     return prior
 
 

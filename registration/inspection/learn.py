@@ -291,7 +291,7 @@ def _judge(
             image - drawn.drawn, drawn.passes, drawn.pieces.kind, view.lost, drawn.seen, ways,
             own_rows, over,
         )  # fmt: skip
-        strip_noise = StripNoise.of(rest.reshape(count, -1)[good], bare.strips)
+        strip_noise = StripNoise.of(rest.reshape(count, -1)[good], bare.strips, drawn.own[rows])
         inverse = strip_noise.inverse if inverse is None or over is None else inverse
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise)
         top = _full_level(found.share[told[rows]])

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import BoolArray, FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 from kernels.compile import jit
 from registration.inspection.values import ExpectedLines, Frame
 from registration.inspection.ways import from_stroke_begin

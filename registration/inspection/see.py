@@ -18,12 +18,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-import cv2
 import numpy as np
 from scipy.special import logit
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.errors import PictureError
 from registration.inspection.blobs import find_blobs
 from registration.inspection.chain import BARE, HIDDEN, PRIOR_BARE
 from registration.inspection.findings import LayerFindings
@@ -50,7 +48,7 @@ from registration.inspection.values import (
     Stretch,
     Unseen,
 )
-from registration.inspection.ways import Ways, check_lines, lay_ways, stretches_of
+from registration.inspection.ways import Ways, check_lines, lay_ways
 
 _STEPS_IN_GAP: Final = 4
 _TELLS: Final = 3.0
@@ -65,6 +63,8 @@ _FILLED: Final = 0.5
 """Of a profile's highest level, that its middle has where ink is told by its level."""
 _FAINT: Final = 2.0
 """Standard deviations of the ground that ink must differ by for that."""
+_CLEAR: Final = 0.9
+"""Widths from a line's middle, from which on there should be bath alone."""
 _PART: Final = 0.7
 """Of a station, free on both sides, for its width to be told."""
 
@@ -123,7 +123,7 @@ def see_layer(
         late = np.zeros(len(lines), dtype=np.bool_) if since is None else since
         view = with_before(view, own, picture, before, lines, lines.fresh | late, stood_still)
     look = learned(view, own, lines, ways, options, known)
-    return _findings(look, ways, lines, lumens, options)
+    return _findings(look, ways, lines, lumens, options, thickness_mm)
 
 
 def _findings(
@@ -132,6 +132,7 @@ def _findings(
     lines: ExpectedLines,
     lumens: Sequence[Lumen],
     options: SeeingOptions,
+    thickness_mm: float | None,
 ) -> LayerFindings:
     bare = np.asarray(look.states[:, BARE] > 0.5)
     gaps = gaps_of(look, ways, bare)
@@ -149,7 +150,7 @@ def _findings(
         stations=stations,
         gaps=gaps,
         stretches=_stretches(stations, widths, options),
-        blobs=told.blobs(look, lines, ways, options),
+        blobs=told.blobs(look, lines, ways, options, thickness_mm),
         lumens=told.lumens(look, lumens, lines),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
@@ -269,20 +270,31 @@ class Told:
         return Told(level, 1.0 / math.sqrt(power))
 
     def blobs(
-        self, look: Learned, lines: ExpectedLines, ways: Ways, options: SeeingOptions
+        self,
+        look: Learned,
+        lines: ExpectedLines,
+        ways: Ways,
+        options: SeeingOptions,
+        thickness_mm: float | None,
     ) -> tuple[Blob, ...]:
-        """Ink where none is expected."""
+        """Ink where none is expected; on a map of heights also on lines."""
+        view, px_mm = look.view, 1.0 / look.view.px_per_mm
+        width_px = float(np.median(ways.width)) / px_mm
+        place = PlaneMap.of(look.frame, look.drawn.ways, px_mm)
+        expected = _drawn(look, lines)
+        if thickness_mm is not None:
+            over = ((look.image - look.drawn.drawn)[:, :, 0] / look.mix[0, 0]).astype(np.float32)
+            return find_blobs(
+                over, (~view.lost).astype(np.uint8), view.lost, expected, width_px, place,
+                options.false_rate, thickness_mm,
+            )  # fmt: skip
         if self.level is None:
             return ()
-        expected = _drawn(look, lines)
         away = np.abs(look.drawn.passes.distance).min(axis=2)
-        px_mm = 1.0 / look.view.px_per_mm
-        found, _ = find_blobs(
-            self.level, ((away > 0.9) & ~look.view.lost).astype(np.uint8), look.view.lost, expected,
-            float(np.median(ways.width)) / px_mm,
-            PlaneMap.of(look.frame, look.drawn.ways, px_mm), options.false_rate,
-        )  # fmt: skip
-        return found
+        free = ((away > _CLEAR) & ~view.lost).astype(np.uint8)
+        return find_blobs(
+            self.level, free, view.lost, expected, width_px, place, options.false_rate
+        )
 
     def lumens(
         self, look: Learned, lumens: Sequence[Lumen], lines: ExpectedLines

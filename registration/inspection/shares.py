@@ -27,6 +27,8 @@ _FEWEST: Final = 40
 """Strips by which noise is learned."""
 _INDEPENDENT: Final = 0.3
 """Of strips: their neighbours tell the same."""
+_ROUGH: Final = 0.15
+"""Of a profile, to which the model is right at any sample."""
 _LEAST: Final = 1e-4
 """Least variance of a sample; that of the ground is 1."""
 _FLOOR: Final = 0.02
@@ -40,16 +42,18 @@ class StripNoise:
     inverse: FloatArray
 
     @staticmethod
-    def of(full: FloatArray, bare: FloatArray) -> StripNoise:
+    def of(full: FloatArray, bare: FloatArray, own: FloatArray) -> StripNoise:
         """Learn it from rests (n, u c) on full lines and on the ground: the mean of both.
 
-        That is Fisher's linear discriminant.
+        That is Fisher's linear discriminant. No model is better than to a part of what ink adds,
+        ``own`` (n, u, c): neighbours of a gap bulge into it.
         """
+        size = full.shape[1]
+        rough = _ROUGH**2 * float((own**2).mean()) if own.size else 0.0
         both = [_covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
         if not both:
-            return StripNoise(np.eye(full.shape[1]))
-        size = full.shape[1]
-        return StripNoise(np.linalg.inv(np.mean(both, axis=0) + _LEAST * np.eye(size)))
+            return StripNoise(np.eye(size))
+        return StripNoise(np.linalg.inv(np.mean(both, axis=0) + (_LEAST + rough) * np.eye(size)))
 
 
 def _covariance(rests: FloatArray) -> FloatArray:

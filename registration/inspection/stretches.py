@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from kernels.arrays import BoolArray
-from registration.inspection.values import Stations, Stretch
 from registration.inspection.line_width import Widths
+from registration.inspection.values import Stations, Stretch
 
 _WINDOW: Final = 3
 """Stations together."""

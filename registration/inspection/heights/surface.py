@@ -19,8 +19,8 @@ from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
 from registration.inspection.heights.height import FARTHEST, HeightFrame
 from registration.inspection.heights.tilt import levelled
-from registration.inspection.unmeasured import opened
 from registration.inspection.picture import drawn_lines
+from registration.inspection.unmeasured import opened
 from registration.inspection.values import ExpectedLines, FloatImage
 
 _HOLE: Final = 0.4
