@@ -17,7 +17,7 @@ from registration.inspection import ExpectedLines, HeightFrame
 from registration.inspection.heights.lost_rows import LEAST_MM, gone_mm2, lost_rows
 from registration.inspection.heights.moved_part import is_in_place
 from registration.inspection.heights.sunk import lifted
-from registration.inspection.pictures.working import drawn_lines
+from registration.inspection.picture import drawn_lines
 from registration.inspection.values import FloatImage
 
 _WIDER = 2.0

@@ -37,21 +37,14 @@ class Learned:
 
     def state(self) -> dict[str, Any]:
         """Return it ready for JSON."""
-        look = self.appearance
-        told = None if look is None else {
-            "mix": look.mix.tolist(), "terms": look.terms.tolist(), "filled": bool(look.filled),
-            "ink": look.ink.tolist(),
-        }  # fmt: skip
+        told = None if self.appearance is None else self.appearance.profile.tolist()
         return {"appearance": told, "voxel_mm": list(self.voxel_mm), "size": self.size}
 
     @staticmethod
     def of_state(state: dict[str, Any]) -> Learned:
         """Return it from `state`."""
         told = state["appearance"]
-        look = None if told is None else Appearance(
-            np.array(told["mix"], dtype=np.float64), np.array(told["terms"], dtype=np.float64),
-            told["filled"], np.array(told["ink"], dtype=np.float64),
-        )  # fmt: skip
+        look = Appearance(np.array(told)) if isinstance(told, list) else None  # older: no profile
         return Learned(look, tuple(state["voxel_mm"]), state["size"])
 
     def size_words(self, size: ScanSize) -> str:
