@@ -97,56 +97,14 @@ def gaps_to_mend(
     return mend_gaps
 
 
-def unseen_paths(
-    at: HeldLook, each: Sequence[LayerFindings], longest_mm: float
-) -> tuple[UnseenPath, ...]:
-    """Return what a look's pictures don't tell of the vessels in a bath, by their names.
-
-    What one of two pictures doesn't tell counts unless the other sees half of it at least, down to
-    tolerated gaps: two pictures of faint ink know hardly more than one. Where one picture tells
-    nothing and the other shows a gap, by half of it or ``longest_mm``, nothing is sure either; nor
-    where it doesn't see half of a gap longer than half of ``longest_mm``. Of mends only those count
-    of which nothing is seen: the operator was asked about the faint ones.
-    """
-    bare = set.intersection(*(set(one.bare) for one in each))
-    first, second = each[0], each[-1]
-    unseen = [one for one in first.unseen if second is first or not _tells(second, one)]
-    if second is not first:
-        unseen += [
-            one for one in second.unseen if not (_tells(first, one) or _overlaps(one, unseen))
-        ]
-        for this, other in ((second, first), (first, second)):
-            parts = _shared(this.gaps, other.unseen, longest_mm) + [
-                gap
-                for gap in this.gaps
-                if 2 * gap.length_mm > longest_mm
-                and not (other.stations.tell(gap) or _shared([gap], other.gaps, gap.length_mm))
-            ]
-            for part in parts:
-                unseen += [part] * (not _overlaps(part, unseen))
-    out = [_named(at, stroke, None) for stroke in bare]
-    unseen = [one for one in unseen if mended_of(one.stroke, at.layer.mended) is None]
-    out += [_named(at, one.stroke, one) for one in unseen if one.stroke not in bare]
-    return tuple(sorted(out, key=lambda one: (one.gap.stroke, one.gap.from_mm)))
-
-
-def hidden_stretches(
+def unseen_stretches(
     at: HeldLook, each: Sequence[LayerFindings], least_mm: float
 ) -> tuple[UnseenPath, ...]:
-    """Return the stretches over a bath, so long at least, that no picture sees half of.
-
-    Of what lies over older ink those that a gap runs into.
-    """
-    stations, gaps = each[0].stations, [gap for one in each for gap in one.gaps]
-    older = stations.why == Unseen.OLD_INK
-    found = _stretches(stations, ~stations.seen & ~older)
-    found += [
-        one for one in _stretches(stations, ~stations.seen & older)
-        if any(one.meets(gap, least_mm) for gap in gaps)
-    ]  # fmt: skip
+    """Return the stretches, so long at least, of which no picture sees half."""
+    stations = each[0].stations
     unseen = [
         one
-        for one in found
+        for one in _stretches(stations, ~stations.seen & (stations.why != Unseen.COVERED))
         if one.length_mm >= least_mm and not any(other.stations.tell(one) for other in each[1:])
     ]
     return tuple(_named(at, one.stroke, one) for one in unseen)
@@ -165,42 +123,18 @@ def _stretches(stations: Stations, use: BoolArray) -> list[Gap]:
     return found
 
 
-def _tells(findings: LayerFindings, one: Gap) -> bool:
-    """Whether a picture sees half of a stretch at least, and doesn't doubt half of it."""
-    doubted = _shared([one], findings.unseen, one.length_mm)
-    return findings.stations.tell(one) and not doubted
-
-
-def _overlaps(one: Gap, others: Sequence[Gap]) -> bool:
-    return any(one.meets(other) for other in others)
-
-
-def _shared(gaps: Sequence[Gap], others: Sequence[Gap], longest_mm: float) -> list[Gap]:
-    """What gaps have in common with other stretches, where that is long or half of the gap."""
-    parts = list[Gap]()
-    for one in gaps:
-        for other in others:
-            begin = max(one, other, key=lambda gap: gap.from_mm)
-            end = min(one, other, key=lambda gap: gap.to_mm)
-            least = min(longest_mm, 0.5 * one.length_mm)
-            if other.stroke == one.stroke and end.to_mm - begin.from_mm >= least:
-                part = replace(one, from_mm=begin.from_mm, start_mm=begin.start_mm)
-                parts.append(replace(part, to_mm=end.to_mm, end_mm=end.end_mm))
-    return parts
-
-
-def _named(at: HeldLook, stroke: int, part: Gap | None) -> UnseenPath:
-    """Return a path, a part of one or a mend in it, with the name of the vessel that it writes."""
+def _named(at: HeldLook, stroke: int, part: Gap) -> UnseenPath:
+    """Return a part of a path, or of a mend in it, with the name of the vessel that it writes."""
     mended = mended_of(stroke, at.layer.mended)
     number = mended.path if mended else stroke
     path = at.ink.paths[number]
     mark = at.marks.next(MarkKind.VESSEL, int(path.command[-1]))
     name = f"vessel {mark.number}" if mark and mark.number >= 0 else f"path {number}"
-    low, high = (mended.from_mm, mended.to_mm) if mended else (0.0, path.length_mm)
-    name = f"the mend in {name}" if mended else name
-    begin, end = ((float(x), float(y)) for x, y, _ in path.at(np.array([low, high])))
-    whole = Gap(number, low, high, begin, end, 0.0, 1.0)
-    return UnseenPath(name, part or whole, path.length_mm, bare=part is None)
+    if mended:
+        name = f"the mend in {name}"
+        off = mended.begin_mm
+        part = replace(part, stroke=number, from_mm=off + part.from_mm, to_mm=off + part.to_mm)
+    return UnseenPath(name, part, path.length_mm)
 
 
 def learned_appearance(

@@ -12,20 +12,17 @@ import numpy as np
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.deciding import Evidence, FlowBlocks, InkSupply, SupplyState, judge_supply
-from printctl.observe.deciding.evidence import Narrowed, Thin, seen_twice
+from printctl.observe.deciding.evidence import Narrowed, Thin, UnseenPath, seen_twice
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends
 from registration.inspection import (
     ExpectedLines,
-    Gap,
     LayerFindings,
     Lumen,
     LumenSeen,
     Stations,
     Stretch,
-    Unseen,
 )
-from registration.inspection.findings import ToldOfInk
 
 # Find the extent and the missing ink share of too-thin stretches, from measured line widths.
 
@@ -33,8 +30,6 @@ _WINDOW: Final = 5
 """Stations whose mean tells whether a place still belongs to a thin stretch."""
 _NEAR_END: Final = 1.5
 """Widths from a line's end within which no width is told."""
-_LOW_MM: Final = 2.0
-"""Shortest way of low ink that is told: scatter and droops of sound layers are shorter."""
 
 
 def thin_lines(
@@ -77,26 +72,6 @@ def runs_below(
             low = _mean(area_ratio[rows]) < below
             thin += _runs(low, low, stations, rows, area_ratio[rows])
     return tuple(thin)
-
-
-def low_stretches(stations: Stations, tolerated: float) -> tuple[Gap, ...]:
-    """Return where ink on older ink stands lower than elsewhere by more than a share of a layer.
-
-    Heights tell no widths there, and lower ink is thin, or lies in a hollow.
-    """
-    by_height = stations.seen & np.isnan(stations.width_mm)
-    runs = runs_below(stations, by_height, stations.present, 1.0 - tolerated)
-    return tuple(_placed(one, stations) for one in runs if one.to_mm - one.from_mm >= _LOW_MM)
-
-
-def _placed(run: Thin, stations: Stations) -> Gap:
-    own = stations.stroke == run.stroke
-    along, at = stations.along_mm[own], stations.at_mm[own]
-    begin, end = (
-        (float(np.interp(one, along, at[:, 0])), float(np.interp(one, along, at[:, 1])))
-        for one in (run.from_mm, run.to_mm)
-    )
-    return Gap(run.stroke, run.from_mm, run.to_mm, begin, end, 0.0, 1.0)
 
 
 def _of_stroke(
@@ -193,6 +168,7 @@ def evidence_of(
     section: BeadSection,
     least_gap_mm: float,
     left_ul: float | None,
+    unseen: tuple[UnseenPath, ...] = (),
     tolerated: float = 0.15,
 ) -> Evidence:
     """Return the evidence of one look.
@@ -208,6 +184,8 @@ def evidence_of(
     least_gap_mm : float, mm
     left_ul : float or None, µL
         What the plunger still had.
+    unseen : tuple of UnseenPath
+        What no picture shows.
     tolerated : float
         Share of its ink that a line may lack.
     """
@@ -217,67 +195,26 @@ def evidence_of(
     thin = _thin(findings, ink, layer, section)
     if again is not None:
         thin = seen_twice(thin, _thin(again, ink, layer, section))
-    shift, u = shift_of(telling(findings, again))
+    shift, u = shift_of(findings if again is None or findings.seen_share > 0 else again)
+    each = [one for one in (findings, again) if one is not None]
     return Evidence(
         places=findings.places,
         gaps=gaps_of_job(findings.gaps, layer.mended),
         second=None if again is None else gaps_of_job(again.gaps, layer.mended),
         supply=supply,
         flow=_flow(stations, ink, row, findings.u_width_ratio, section),
-        seen_share=findings.seen_share,
+        seen_share=max(one.seen_share for one in each),
+        way_mm=float(findings.stations.length_mm.sum()),  # mends can fail, too
+        coverage=findings.coverage,
+        unseen=unseen,
         shift_mm=shift,
         u_shift_mm=u,
-        aside=findings.aside,
         narrowed=tuple(open_width(one) for one in findings.lumens if one.seen),
         stretches=len(findings.stretches),
         thin=thin,
-        blobs=tuple(one for one in findings.blobs if math.isfinite(one.height_mm)),
         seem_thin=_below(findings, ink, layer, section, tolerated),
-        over_old_share=_over_old(stations),
-        way_mm=float(findings.stations.length_mm.sum()),  # mends can fail, too
-        coverage=findings.coverage,
         level_mm=_level(layer, ink),
-        faint_share=findings.faint_share,
-        unplaced=gaps_of_job(findings.unplaced, layer.mended),
-        half_seen=gaps_of_job(_half_seen(findings, again, ink), layer.mended),
-        beside_mm=findings.beside_mm,
-        least_gap_mm=findings.least_gap_mm,
-        by_height_share=findings.by_height_share,
-        waver=findings.waver,
-        low=low_stretches(stations, tolerated) if findings.by_height_share > 0.0 else (),
-        older_mm=findings.older_mm,
-        older_step=findings.older_step,
-        older_limit=findings.older_limit,
-        told=_told(findings, layer, ink.style),
-        untold_seams=findings.untold_seams,
-    )
-
-
-def telling(findings: LayerFindings, again: LayerFindings | None) -> LayerFindings:
-    """Return the picture that tells where the layer lies: the second where the first sees none."""
-    return findings if again is None or findings.seen_share > 0 else again
-
-
-def _half_seen(
-    findings: LayerFindings, again: LayerFindings | None, ink: ExpectedInk
-) -> tuple[Gap, ...]:
-    """Gaps of a layer of which a second picture sees less than half; a bath's are `Unseen`."""
-    if again is None or ink.style == "embedded":
-        return ()
-    return tuple(gap for gap in findings.gaps if not again.stations.tell(gap))
-
-
-def _told(findings: LayerFindings, layer: LayerInk, style: str) -> ToldOfInk:
-    """Whether ink came, on the job's own paths; in a bath nothing can be written over a filament.
-
-    Mends have no width of their own to judge.
-    """
-    told, mended = findings.told, layer.mended
-    each = (told.still, told.untold, told.tail, told.unseen, told.doubted)
-    still, untold, tail, unseen, doubted = (gaps_of_job(one, mended) for one in each)
-    thin = () if style == "embedded" or mended else told.thin
-    return replace(
-        told, still=still, untold=untold, tail=tail, unseen=unseen, doubted=doubted, thin=thin
+        blobs=tuple(one for one in findings.blobs if math.isfinite(one.height_mm)),
     )
 
 
@@ -292,7 +229,7 @@ def narrowed_lumens(
 ) -> list[Lumen]:
     """Return the lumens of which less is open than a share, beyond doubt."""
     each = zip(lumens, seen, strict=True)
-    return [one for one, at in each if at.seen and open_width(at).surely_below(least_open)]
+    return [one for one, at in each if at.seen and open_width(at).open_share < least_open]
 
 
 def nothing_seen() -> Evidence:
@@ -377,13 +314,6 @@ def _level(layer: LayerInk, ink: ExpectedInk) -> float | None:
     if ink.style == "embedded" or not len(fresh):
         return None
     return round(float(ink.end[fresh, 2].max()), 3)
-
-
-def _over_old(stations: Stations) -> float:
-    """Share of the way that isn't seen because it lies over older ink."""
-    whole = float(stations.length_mm.sum())
-    own = float(stations.length_mm[stations.why == Unseen.OLD_INK].sum())
-    return own / whole if whole > 0 else 0.0
 
 
 def _supply(

@@ -23,16 +23,15 @@ from kernels.arrays import FloatArray
 from printctl.machine.job.job import Job, load_job
 from printctl.machine.records.record import JOURNAL
 from printctl.machine.records.replay import read_journal
-from printctl.observe.deciding.evidence import Thin, UnseenPath
+from printctl.observe.deciding.evidence import Thin
 from printctl.observe.devices import DeviceError, Place, Region
 from printctl.observe.expected import ExpectedInk, expected_ink
 from printctl.observe.held_look import (
     HeldLook,
     gaps_to_mend,
-    hidden_stretches,
     learned_appearance,
     slab,
-    unseen_paths,
+    unseen_stretches,
 )
 from printctl.observe.judging import (
     evidence_of,
@@ -59,7 +58,6 @@ from printctl.observe.mends_again import (
 )
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWN, read_looks
-from printctl.observe.shown_place import seen_where_ink_shows
 from printctl.observe.view_before import image_before
 from printctl.observe.views import frame_holds, open_view, refuse_other_height
 from registration.errors import PictureError
@@ -277,6 +275,7 @@ class ObservedJob:
         if at.mends_alone:
             first, second = of_mends(first), None if second is None else of_mends(second)
         limits = self.order.limits
+        each = [one for one in (first, second) if one is not None]
         evidence = evidence_of(
             at.layer,
             at.ink,
@@ -285,32 +284,20 @@ class ObservedJob:
             section=at.held.ink.bead_section,
             least_gap_mm=limits.gap.least_mm,
             left_ul=self._left_ul(at.ink),
+            unseen=unseen_stretches(at, each, limits.gap.least_mm),
             tolerated=limits.width_percent / 100,
         )
-        each = [one for one in (first, second) if one is not None]
-        unseen = self._unseen(at, each)
-        evidence = replace(evidence, turned=at.turned, map=at.map, unseen=unseen)
-        if at.ink.style == "embedded":
-            hidden = hidden_stretches(at, each, limits.gap.least_mm)
-            evidence = replace(evidence, hidden=hidden)
+        evidence = replace(evidence, turned=at.turned, map=at.map)
         if at.mends_alone:  # of the rest the last look has told
             evidence = without_rest(evidence)
         found = {**figures(first, evidence), "about_from": at.look.before}
         if at.size and first.seen_share < self.order.limits.least_seen:
             found["not_seen"] = self._known.size_words(at.size)
-            # A scanner tells heights: what it doesn't see isn't hidden by older ink.
-            evidence = replace(evidence, over_old_share=0.0)
         elif at.size:
             self._learned = self._known.with_size(at.size)
         if words := unseen_words(first, at.layer.mended):
             found["not_seen"] = words
         return Judged(evidence, found, at.flow)
-
-    def _unseen(self, at: HeldLook, each: list[LayerFindings]) -> tuple[UnseenPath, ...]:
-        """Vessels in a bath of which no picture shows more than is tolerated."""
-        if at.ink.style != "embedded":
-            return ()
-        return unseen_paths(at, each, self.order.limits.unseen_mm)
 
     def _findings(self, at: HeldLook, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""
@@ -330,8 +317,7 @@ class ObservedJob:
                 image = self._map.judged(at, view)
             image = image if view.filaments is None else view.filaments
             shown = view.shown_lines(at.layer.lines)
-            see = partial(
-                see_layer,
+            findings = see_layer(
                 image,
                 frame,
                 shown.lines,
@@ -343,11 +329,8 @@ class ObservedJob:
                 # In a bath ink is as dark as it is thick and near: each look learns its own.
                 known=self._known.appearance if layered else None,
                 thickness_mm=slab_mm[1] if is_height else None,
+                options=self._options(),
             )
-            findings = seen_where_ink_shows(
-                lambda options: see(options=options), self._options(), self.order.limits.shift_mm,
-                lone=layered and bool(at.layer.lines.fresh.all()),
-            )  # fmt: skip
             findings = shown.as_given(findings)
             refuse_other_height(at.size, findings.seen_share, findings.coverage)
             if not at.found:
@@ -386,7 +369,6 @@ class ObservedJob:
             width_percent=limits.width_percent,
             lumen_percent=limits.lumen_percent,
             shift_mm=max(0.5, 2 * limits.shift_mm),
-            unseen_mm=limits.unseen_mm,
             round_lines=self.order.embedded and not self.order.oct,
         )
 

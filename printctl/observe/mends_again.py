@@ -23,7 +23,6 @@ from printctl.observe.mending.gap import NotMended
 from printctl.observe.mending.laid_ink import LaidInk, sound_spans, stretch_of
 from printctl.observe.records import LookRecord
 from registration.inspection import ExpectedLines, Gap, LayerFindings, Stations
-from registration.inspection.findings import ToldOfInk
 
 MOST_TRIES: Final = 2
 _FIRST: Final = 1_000_000
@@ -203,11 +202,7 @@ def gaps_of_job(gaps: Sequence[Gap], mended: Sequence[Mended]) -> tuple[Gap, ...
 def of_mends(findings: LayerFindings) -> LayerFindings:
     """Return findings on mends alone."""
     gaps = tuple(one for one in findings.gaps if one.stroke >= _FIRST)
-    bare = tuple(stroke for stroke in findings.bare if stroke >= _FIRST)
-    # Beside a sure gap what is untold of a mend isn't there either: it didn't change the picture.
-    still = findings.told.untold if gaps else findings.told.still
-    told = ToldOfInk(still=tuple(one for one in still if one.stroke >= _FIRST))
-    return replace(findings, gaps=gaps, bare=bare, unseen=(), stretches=(), told=told)
+    return replace(findings, gaps=gaps, stretches=())
 
 
 def unseen_words(findings: LayerFindings, mended: Sequence[Mended]) -> str:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from printctl.machine.errors import LinkError, Refused
-from printctl.observe.deciding import Decider, Decision, DecisionKind, LayersSeen
+from printctl.observe.deciding import Decider, Decision, DecisionKind
 from printctl.observe.deciding.evidence import Thin
 from printctl.observe.deciding.flow_control import Answers, Reading, SeenFlow, SeenLevel
 from printctl.observe.devices import DeviceError, picture_of
@@ -50,8 +50,11 @@ def state_of(decider: Decider) -> dict[str, Any]:
         "answers": asdict(control.answers),
         "seen_flow": asdict(control.seen),
         "beyond_said": control.beyond_said,
-        "layers": asdict(decider.layers),
         "last_shift_mm": decider.last_shift_mm,
+        "unseen_mm": decider.unseen_mm,
+        "unseen": [asdict(one) for one in decider.unseen],
+        "failed": decider.failed,
+        "blind_said": decider.blind_said,
     }
 
 
@@ -70,10 +73,11 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
         if seen.get(name) is not None:
             seen[name] = SeenLevel(**seen[name])
     control.seen = SeenFlow(**seen)
-    layers = dict(state["layers"])
-    for name in ("blank", "tail", "before_tail"):
-        layers[name] = [Gap(**one) for one in layers.get(name, ())]
-    decider.layers, decider.last_shift_mm = LayersSeen(**layers), state["last_shift_mm"]
+    decider.last_shift_mm = state["last_shift_mm"]
+    decider.unseen_mm = state.get("unseen_mm", 0.0)
+    decider.unseen = [Gap(**one) for one in state.get("unseen", ())]
+    decider.failed = state.get("failed", False)
+    decider.blind_said = state.get("blind_said", False)
 
 
 class PrintLink(Protocol):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from design.files import write_text
-from printctl.observe.deciding import FlowLimits, GapTest, Limits
+from printctl.observe.deciding import Costs, FlowLimits, GapTest, Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.records import ORDER
 
@@ -82,6 +82,8 @@ class ObserverOrder:
         try:
             limits = data["limits"]
             limits["gap"], limits["flow"] = GapTest(**limits["gap"]), FlowLimits(**limits["flow"])
+            limits["costs"] = Costs(**limits.get("costs", {}))
+            limits.pop("unseen_looks", None)  # of an older release
             device = DeviceSettings.from_json(json.dumps(data["device"]))
             changed = {"place_mm": tuple(data["place_mm"]), "device": device}
             return ObserverOrder(**{**data, **changed, "limits": Limits(**limits)})

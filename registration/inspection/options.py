@@ -22,8 +22,6 @@ class SeeingOptions:
         Farthest that the layer is looked for beside its place.
     false_rate : float
         False findings of each kind per sound layer, at most.
-    unseen_mm : float, mm
-        Longest stretch of a stroke that may go untold.
     round_lines : bool
         Whether lines are as high as wide: seen aslant they are wider than flat ones.
     """
@@ -33,5 +31,4 @@ class SeeingOptions:
     lumen_percent: float = 10.0
     shift_mm: float = 0.5
     false_rate: float = 2e-4
-    unseen_mm: float = 1.5
     round_lines: bool = False
