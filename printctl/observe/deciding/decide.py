@@ -183,24 +183,24 @@ class Decider:
         why = "; ".join(one.why for one in [*asked, *acted])
         rest = "".join(f"; {one.why}: gone on" for one in told if one.go > 0.1 * costs.operator)
         rest += map_words(evidence.map) + blob_words(evidence.blobs)
-        gaps = tuple(gap for one in [*asked, *acted] for gap in one.gaps)
-        thin = tuple(gap for one in [*asked, *acted] for gap in one.thin)
+        written = concerns if asked else acted  # a person who is there anyway sees to all of it
+        gaps = tuple(gap for one in written for gap in one.gaps)
+        thin = tuple(gap for one in written for gap in one.thin)
         if any(one.stops for one in asked):
             return Decision(DecisionKind.STOP, why)
         if asked:
             then = "".join(f"; {one.then}" for one in asked if one.then)
             ask = DecisionKind.MEND if gaps or thin else None
-            gaps = _joined(gaps, evidence)
-            return Decision(DecisionKind.PAUSE, f"{why}{then}{rest}", gaps, ask=ask, thin=thin)
+            gaps, back = _joined(gaps, evidence), factor if self.control.answers.failed else None
+            return Decision(DecisionKind.PAUSE, f"{why}{then}{rest}", gaps, back, ask, thin)
         if acted:
             why += corrected_words(self.control, factor) + unseen_words(evidence)
             return Decision(DecisionKind.MEND, f"{why}{rest}", gaps, factor, thin=thin)
         if factor is not None:
             flows = _flow_words(self.control)
             return Decision(DecisionKind.FLOW, f"{flows}: factor {factor:.2f}", factor=factor)
-        if self._likely_off(evidence) is not None:
-            return self._likely_off(evidence)
-        return Decision(DecisionKind.GO_ON, seen_words(evidence, self.limits, gaps) + rest)
+        go_on = Decision(DecisionKind.GO_ON, seen_words(evidence, self.limits, gaps) + rest)
+        return self._likely_off(evidence) or go_on
 
     def _as_allowed(self, wanted: Decision, evidence: Evidence) -> Decision:
         mode = self.limits.mend

@@ -1,4 +1,4 @@
-"""A layer's shift is believed where its ink shows it."""
+"""A print as it is held at a look: what is judged, mended again, and not seen."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from printctl.machine.job.marks import Marks
 from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.devices import DeviceError
 from printctl.observe.expected import expected_ink
-from printctl.observe.held_look import HeldLook, hidden_stretches, slab, unseen_paths
-from printctl.observe.judging import evidence_of, ink_to_judge, shift_of, without_rest
+from printctl.observe.held_look import HeldLook, slab, unseen_stretches
+from printctl.observe.judging import evidence_of, ink_to_judge, without_rest
 from printctl.observe.learned import STATE, Learned
 from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
@@ -34,14 +34,10 @@ from printctl.observe.mends_again import (
     with_mends,
 )
 from printctl.observe.records import LookRecord
-from printctl.observe.shown_place import seen_where_ink_shows
 from printctl.observe.views import frame_holds
 from registration.inspection import (
     Appearance,
-    Gap,
     LayerFindings,
-    SeeingOptions,
-    Shift,
     Stations,
     Unseen,
     see_layer,
@@ -96,147 +92,10 @@ def test_the_slab_of_filaments_holds_where_they_begin() -> None:
     assert (middle - thick / 2, middle + thick / 2) == pytest.approx((1.8, 7.4))
 
 
-def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_about() -> None:
-    def gap(begin: float, end: float) -> Gap:
-        return Gap(0, begin, end, (begin, 0.0), (end, 0.0), 0.0, 1.0)
-
-    along = np.arange(0.05, 7.0, 0.1)
-
-    def picture(
-        gaps: tuple[Gap, ...] = (), unseen: tuple[Gap, ...] = (), sees: bool = False
-    ) -> SimpleNamespace:
-        stations = stations_of(along, np.full(len(along), sees))
-        return SimpleNamespace(bare=(), gaps=gaps, unseen=unseen, stations=stations)
-
-    nothing, clear = picture(unseen=(gap(0, 7),)), picture(sees=True)
-    faint, faint_gap = picture(), picture(gaps=(gap(4, 7),))
-    clear_gap = picture(gaps=(gap(4, 7),), sees=True)
-    doubted = picture(unseen=(gap(2, 6),), sees=True)
-    path = SimpleNamespace(
-        at=lambda along: np.column_stack([along, 0 * along, 0 * along]), length_mm=7.0,
-        command=np.array([0]),
-    )  # fmt: skip
-    at = SimpleNamespace(
-        ink=SimpleNamespace(paths=(path,)), marks=Marks([]), layer=SimpleNamespace(mended=())
-    )
-    for each, told in (
-        ([nothing], [(0, 7)]),
-        ([nothing, nothing], [(0, 7)]),
-        ([nothing, faint], [(0, 7)]),
-        ([nothing, faint_gap], [(0, 7)]),
-        ([faint, nothing], [(0, 7)]),
-        ([nothing, clear], []),
-        ([nothing, clear_gap], [(4, 7)]),
-        ([clear_gap, nothing], [(4, 7)]),
-        ([clear_gap, clear_gap], []),
-        ([clear, nothing], []),
-        ([faint, faint_gap], [(4, 7)]),
-        ([faint_gap, faint], [(4, 7)]),
-        ([clear, faint_gap], []),
-        ([doubted, doubted], [(2, 6)]),  # either was told by the other's ink
-        ([doubted, clear], []),
-    ):
-        found = unseen_paths(cast(HeldLook, at), cast(list[LayerFindings], each), 1.5)
-        assert [(one.gap.from_mm, one.gap.to_mm) for one in found] == told
-    for scanned in (False, True):
-        order = SimpleNamespace(oct=scanned, limits=SimpleNamespace(unseen_mm=1.5))
-        bath = SimpleNamespace(
-            ink=SimpleNamespace(paths=(path,), style="embedded"), marks=at.marks, layer=at.layer
-        )
-        seen = ObservedJob._unseen(
-            cast(Any, SimpleNamespace(order=order)), cast(Any, bath), [nothing]
-        )
-        assert len(seen) == 1
-
-
-# --- a layer whose ink lies aside as a whole is told as moved, and nothing of it as missing
-@dataclass(frozen=True)
-class Found:
-    """What is found within one reach."""
-
-    shift: Shift
-    coverage: float
-    seen_share: float = 1.0
-    aside: bool = False
-    ink_mm: float = 2.0
-    gaps: tuple[int, ...] = ()
-    normal: tuple[float, float] = (0.0, 1.0)
-    unseen: int = 0
-    first: int = 0
-
-    @property
-    def stations(self) -> SimpleNamespace:
-        """Ten of 0.2 mm; the last one lacks what isn't there."""
-        one = np.ones(10)
-        shown = np.arange(10)
-        present = np.append(one[1:], 1.0 - (2.0 - self.ink_mm) / 0.2)
-        along = 0.2 * np.arange(10)
-        return SimpleNamespace(
-            stroke=0 * one, along_mm=along, length_mm=0.2 * one, present=present,
-            seen=(shown < 10 - self.unseen) & (shown >= self.first),
-            normal=np.tile(self.normal, (10, 1)),
-            at_mm=np.column_stack([0 * along, along]),
-        )  # fmt: skip
-
-
-def looked(
-    by_reach: dict[float, tuple[float, float, float]], lone: bool = True
-) -> tuple[float, float, bool, list[float]]:
-    """Move, its uncertainty, whether aside; of moves, uncertainties and coverages by reach."""
-    asked = []
-
-    def see(options: SeeingOptions) -> Found:
-        asked.append(options.shift_mm)
-        moved, u, coverage = by_reach[options.shift_mm]
-        return Found(Shift(0.0, moved, u**2 * np.eye(2)), coverage)
-
-    found = seen_where_ink_shows(cast(Any, see), SeeingOptions(shift_mm=0.5), 0.1, lone)
-    return *shift_of(found), found.aside, asked
-
-
-@pytest.mark.parametrize("within", [0.3, float("nan")])
-def test_ink_that_lies_aside_as_a_whole_is_moved_however_unsure_by_how_much(within: float) -> None:
-    reaches = {0.5: (0.3, 0.29, 0.98), 0.1: (0.0, 0.1, within), 1.0: (0, 0, 0)}
-    moved, u, aside, asked = looked(reaches)
-    assert (moved, u, aside) == (0.3, 0.29, True)
-    assert asked[:2] == [0.5, 0.1]
-
-
-@pytest.mark.parametrize(
-    ("by_reach", "lone"),
-    [
-        ({0.5: (0.3, 0.29, 0.98), 0.1: (0.0, 0.1, 0.3)}, False),  # it may be the older layer
-        ({0.5: (0.3, 0.29, 0.98), 0.1: (0.0, 0.1, 0.8)}, True),  # a lone line whose end is missing
-        ({0.5: (0.0, 0.5, 0.1), 0.1: (0.0, 0.1, 0.2), 1.0: (0.7, 0.1, 0.4)}, True),  # a clog
-    ],
-)
-def test_missing_ink_is_no_move(
-    by_reach: dict[float, tuple[float, float, float]], lone: bool
-) -> None:
-    moved, _, aside, _ = looked(by_reach, lone)
-    assert (moved, aside) == (0.0, False)
-
-
-@pytest.mark.parametrize(
-    ("gaps", "ink_mm", "aside"), [((), 1.8, True), ((1,), 1.8, False), ((), 1.99, False)]
-)
-def test_a_line_that_is_as_long_as_it_should_be_is_moved_along_itself(gaps, ink_mm, aside):
-    """A vessel moved by 0.3 mm along itself went on; one that lacks an end has less ink."""
-
-    def see(options: SeeingOptions) -> Found:
-        if options.shift_mm < 0.5:
-            return Found(Shift(0.0, 0.1, 0.01 * np.eye(2)), 0.93, ink_mm=ink_mm)
-        return Found(Shift(0.0, 0.3, 0.01 * np.eye(2)), 0.98, gaps=gaps)
-
-    found = seen_where_ink_shows(cast(Any, see), SeeingOptions(shift_mm=0.5), 0.1)
-    assert found.aside is aside
-    assert found.coverage == (0.98 if aside else 0.93)
-
-
 # --- state that an observer learned from its looks, as another one that begins anew reads it
 def test_an_observer_that_begins_anew_knows_what_the_last_look_had_learned() -> None:
     """The first look after a restart learned ink anew, and told nothing of a layer without ink."""
-    look = Appearance(np.array([0.5, -1.0, 0.2]), np.ones((3, 61)), True, np.array([1.0, 2.0, 3.0]))
+    look = Appearance(np.random.default_rng(1).normal(0.0, 1.0, (3, 5, 16, 2)))
     known = Learned(look, (0.02, 0.03), "200 × 100 pixels")
     state = json.loads(json.dumps(known.state()))
     record = LookRecord(3, 10, 10, "end of layer 1", 1.0, "go_on", "", control={STATE: state})
@@ -244,8 +103,7 @@ def test_an_observer_that_begins_anew_knows_what_the_last_look_had_learned() -> 
     found = Learned.before([record, nothing], 5)
     assert (found.voxel_mm, found.size) == ((0.02, 0.03), "200 × 100 pixels")
     assert found.appearance is not None
-    for name in ("mix", "terms", "ink"):
-        assert np.array_equal(getattr(found.appearance, name), getattr(look, name))
+    assert np.array_equal(found.appearance.profile, look.profile)
     assert Learned.before([record], 3) == Learned()
 
 
@@ -367,32 +225,20 @@ def test_tries_are_counted_where_gaps_overlap():
     assert tries_of(MendGap(4, 2.0, 4.0), mended) == 0
 
 
-@pytest.mark.parametrize(
-    ("sees", "gaps", "told"),
-    [
-        (False, (), [(1.0, 1.8)]),
-        (True, (), []),
-        (True, ((2.0, 2.95),), [(3.0, 3.6)]),  # over older ink, and a gap runs into it
-        (True, ((2.0, 2.7),), []),
-    ],
-)
-def test_a_stretch_that_no_picture_sees_is_told_by_its_length(sees, gaps, told):
-    gaps = tuple(Gap(0, *one, (0.0, 0.0), (0.0, 0.0), 0.0, 0.0) for one in gaps)
+@pytest.mark.parametrize(("sees", "told"), [(False, [(1.0, 1.8)]), (True, [])])
+def test_a_stretch_that_no_picture_sees_is_told_by_its_length(sees, told):
     along = np.arange(0.05, 4.0, 0.1)
     hidden = (along > 1.0) & (along < 1.8) | (along > 2.5) & (along < 2.6)
-    older = (along > 3.0) & (along < 3.6)
+    crossed = (along > 3.0) & (along < 3.6)
 
     def picture(seen):
-        why = np.where(older, int(Unseen.OLD_INK), np.where(seen, 0, int(Unseen.GLARE)))
-        return SimpleNamespace(stations=stations_of(along, seen, why), gaps=gaps)
+        why = np.where(crossed, int(Unseen.COVERED), np.where(seen, 0, int(Unseen.GLARE)))
+        return SimpleNamespace(stations=stations_of(along, seen & ~crossed, why))
 
-    path = SimpleNamespace(
-        at=lambda along: np.column_stack([along, 0 * along, 0 * along]), length_mm=4.0,
-        command=np.array([0]),
-    )  # fmt: skip
+    path = SimpleNamespace(length_mm=4.0, command=np.array([0]))
     at = SimpleNamespace(
         ink=SimpleNamespace(paths=(path,)), marks=Marks([]), layer=SimpleNamespace(mended=())
     )
-    each = [picture(~(hidden | older)), picture(np.full(len(along), sees) & ~older)]
-    found = hidden_stretches(cast(HeldLook, at), cast(list[LayerFindings], each), 0.2)
+    each = [picture(~hidden), picture(np.full(len(along), sees))]
+    found = unseen_stretches(cast(HeldLook, at), cast(list[LayerFindings], each), 0.2)
     assert [(round(one.gap.from_mm, 6), round(one.gap.to_mm, 6)) for one in found] == told

@@ -96,13 +96,14 @@ def test_a_look_that_somebody_ends_while_it_is_judged_keeps_nothing_of_its_pictu
 
 @pytest.mark.parametrize("seen_share", [0.9, 0.04])
 @pytest.mark.parametrize("mode", ["mend", "ask"])
-def test_a_gap_of_which_no_second_picture_comes_is_asked_about(tmp_path, mode, seen_share):
+def test_a_gap_of_which_no_second_picture_comes_is_written_by_one(tmp_path, mode, seen_share):
     """A program that writes one file at each look; the look failed, and the gap stayed bare."""
     bench = Bench(
         tmp_path, mode, gaps=(GAP,), one_each=True, seen_share=seen_share, answer="approve"
     )
     bench.observer.look(LOOK)
-    assert bench.link.said == [("pause", 1), ("insert", 1, ("G1 X1 E1",), None), ("resume",)]
+    asked = [("pause", 1)] * (mode == "ask")
+    assert bench.link.said[: len(asked) + 1] == [*asked, ("insert", 1, ("G1 X1 E1",), None)]
     (record,) = read_looks(tmp_path)
     assert record.judged
     assert "1 gap, 1.00 mm" in record.why
