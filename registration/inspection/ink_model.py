@@ -31,6 +31,12 @@ EVEN: Final = (0, 3, 4)
 ODD: Final = (1, 2)
 CLASSES: Final = 3
 """Fresh over the ground, fresh over older ink, older ink."""
+_ENOUGH_PX: Final = 150_000
+"""Pixels near lines that are fitted; of more, evenly spread ones."""
+_SKEW: Final = 7
+"""Pixels by which those of a row are set off against the last row's."""
+_NOTHING: Final = 1e-4
+"""Of the ground's noise: smaller parts of profiles aren't drawn."""
 _UNKNOWNS: Final = CLASSES * PARTS * NODES
 _RIDGE: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
 """Of a node's usual share of pixels, that pulls each part to 0 where nothing tells it."""
@@ -82,6 +88,10 @@ class InkModel:
             total += weight[k][:, None, None] * odd * own
         return total
 
+    def parts(self) -> IntArray:
+        """Which parts profiles have."""
+        return np.flatnonzero(np.abs(self.profile).max(axis=(0, 2, 3)) > _NOTHING)
+
     def drawn(
         self, passes: Passes, over: FloatImage, kind: IntArray, share: ShareOfPiece
     ) -> FloatImage:
@@ -90,7 +100,7 @@ class InkModel:
         _draw(
             passes.count, passes.distance, passes.turn, passes.piece, passes.part, over, kind,
             share.first, share.many, share.low, share.high, share.value,
-            np.ascontiguousarray(self.profile), out,
+            self.parts(), np.ascontiguousarray(self.profile), out,
         )  # fmt: skip
         return out
 
@@ -168,11 +178,13 @@ def fitted(
     """
     channels = image.shape[2]
     power = np.zeros((_UNKNOWNS, _UNKNOWNS))
+    every = 1 + int((passes.count > 0).sum()) // _ENOUGH_PX
     score = np.zeros((_UNKNOWNS, channels))
     _accumulate(
         image, use, passes.count, passes.distance, passes.turn, passes.piece, passes.part, over,
-        kind, share.first, share.many, share.low, share.high, share.value, power, score,
+        kind, share.first, share.many, share.low, share.high, share.value, np.array(parts), every, power, score,
     )  # fmt: skip
+    power = power + np.tril(power, -1).T
     prior = _prior(power, parts)
     mean = _plain(power, score) if plain else np.zeros_like(score)
     if known is not None:
@@ -256,6 +268,7 @@ def _terms(
     low: IntArray,
     high: IntArray,
     value: FloatArray,
+    parts: IntArray,
     index: IntArray,
     weight: FloatArray,
 ) -> int:
@@ -279,7 +292,7 @@ def _terms(
                 amount = 1.0 if c == 2 else 0.0
             if amount == 0.0:
                 continue
-            for p in range(PARTS):
+            for p in parts:
                 w = amount
                 if p == 1:
                     w *= sign * u
@@ -316,24 +329,27 @@ def _accumulate(
     low: IntArray,
     high: IntArray,
     value: FloatArray,
+    parts: IntArray,
+    every: int,
     power: FloatArray,
     score: FloatArray,
 ) -> None:
-    """Add up normal equations."""
+    """Add up normal equations, their lower half, over one in so many pixels."""
     index = np.empty(200, dtype=np.int64)
     weight = np.empty(200)
     for y in range(image.shape[0]):
-        for x in range(image.shape[1]):
+        for x in range(y * _SKEW % every, image.shape[1], every):
             if not use[y, x] or count[y, x] == 0:
                 continue
             n = _terms(
                 y, x, distance, turn, piece, part, count[y, x], over[y, x], kind, first, many,
-                low, high, value, index, weight,
+                low, high, value, parts, index, weight,
             )  # fmt: skip
             for a in range(n):
                 ia, wa = index[a], weight[a]
-                for b in range(n):
-                    power[ia, index[b]] += wa * weight[b]
+                for b in range(a + 1):
+                    twice = 2.0 if ia == index[b] and a != b else 1.0
+                    power[max(ia, index[b]), min(ia, index[b])] += twice * wa * weight[b]
                 for c in range(image.shape[2]):
                     score[ia, c] += wa * image[y, x, c]
 
@@ -352,6 +368,7 @@ def _draw(
     low: IntArray,
     high: IntArray,
     value: FloatArray,
+    parts: IntArray,
     profile: FloatArray,
     out: NDArray[Any],
 ) -> None:
@@ -364,7 +381,7 @@ def _draw(
                 continue
             n = _terms(
                 y, x, distance, turn, piece, part, count[y, x], over[y, x], kind, first, many,
-                low, high, value, index, weight,
+                low, high, value, parts, index, weight,
             )  # fmt: skip
             for a in range(n):
                 row = index[a] // NODES

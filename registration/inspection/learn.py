@@ -158,7 +158,7 @@ def learned(
         ways, lines = _fresh_alone(ways, lines)
     pieces = Pieces.of(lines, frame)
     passes = Passes.of(pieces, view.shape)
-    ground = telling_pixels(view.lost, np.abs(passes.distance).min(axis=2))
+    ground = telling_pixels(view.lost, passes.near.min(axis=2))
     if view.is_heights:
         own = channels[ground > 0]
         lowest = max(LOWEST, float(np.median(own))) if len(own) >= _FEWEST else LOWEST
@@ -179,6 +179,7 @@ def learned(
     for number in range(_ROUNDS):
         last = number >= _ROUNDS - _LAST_MOVE
         parts = tuple(range(PARTS)) if last else (ODD if coarse.odd else EVEN)
+        parts = (0,) if view.is_heights else parts
         drawn = _draw(
             view,
             frame,
@@ -255,7 +256,7 @@ def _draw(
     moved = replace(lines, start=lines.start + off, end=lines.end + off)
     there, pieces = ways.moved(by), Pieces.of(moved, frame)
     passes, seen = Passes.of(pieces, view.shape), Seen.of(there, frame, options.round_lines)
-    older = passes.nearest(pieces.kind, 1)
+    older = passes.near[:, :, 1]
     over = np.clip((_OVER[0] - older) / (_OVER[0] - _OVER[1]), 0.0, 1.0).astype(np.float32)
     share = ShareOfPiece.along(ways, lines, state)
     model = prior
@@ -353,7 +354,7 @@ def _without_older(
     """The view less older ink, as it shows where no fresh line is near."""
     if not (pieces.kind == 1).any():
         return image
-    alone = ~lost & (passes.nearest(pieces.kind, 0) > REACH)
+    alone = ~lost & (passes.near[:, :, 0] > REACH)
     over = np.zeros(lost.shape, dtype=np.float32)
     share = ShareOfPiece.along(ways, lines, np.zeros(len(ways)))
     model = fitted(image, alone, passes, over, pieces.kind, share, EVEN)

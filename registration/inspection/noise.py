@@ -75,8 +75,8 @@ class BareStrips:
     ) -> BareStrips:
         """Lay them where no fresh line is near, on older ink where ``over`` tells of it."""
         nothing = BareStrips(np.zeros((0, len(ACROSS) * rest.shape[2])), np.zeros(0, np.int64))
-        clear = (passes.nearest(kind, 0) > REACH) & ~lost
-        clear &= (passes.nearest(kind, 1) > REACH) if over is None else (over > 0.5)
+        clear = (passes.near[:, :, 0] > REACH) & ~lost
+        clear &= (passes.near[:, :, 1] > REACH) if over is None else (over > 0.5)
         framed = cv2.copyMakeBorder(
             clear.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0
         )

@@ -88,6 +88,8 @@ class Passes:
         Row of the nearest piece; -1 for none.
     part : (h, w, 4) float32
         Of the way along it, 0 to 1.
+    near : (h, w, 2) float32, widths
+        Distance to the nearest fresh and to the nearest older line; 9 for none.
     """
 
     count: IntArray
@@ -95,6 +97,7 @@ class Passes:
     turn: NDArray[np.float32]
     piece: NDArray[np.int32]
     part: NDArray[np.float32]
+    near: NDArray[np.float32]
 
     @staticmethod
     def of(pieces: Pieces, shape: tuple[int, int]) -> Passes:
@@ -105,17 +108,14 @@ class Passes:
             np.zeros((*shape, _MOST, 2), dtype=np.float32),
             np.full((*shape, _MOST), -1, dtype=np.int32),
             np.zeros((*shape, _MOST), dtype=np.float32),
+            np.full((*shape, 2), 9.0, dtype=np.float32),
         )
+        along_at = np.zeros((*shape, _MOST), dtype=np.float32)
         _lay(
             pieces.start, pieces.end, pieces.width, pieces.along, pieces.stroke, pieces.kind,
-            out.count, out.distance, out.turn, out.piece, out.part,
+            out.count, out.distance, out.turn, out.piece, out.part, out.near, along_at,
         )  # fmt: skip
         return out
-
-    def nearest(self, kind: IntArray, which: int) -> NDArray[np.float32]:
-        """Distance to the nearest line of a kind, (h, w), widths; 9 for none."""
-        own = np.append(kind == which, False)[self.piece]
-        return np.asarray(np.where(own, np.abs(self.distance), np.float32(9.0)).min(axis=2))
 
 
 @jit
@@ -131,85 +131,86 @@ def _lay(
     turn: NDArray[Any],
     piece: NDArray[Any],
     part: NDArray[Any],
+    near: NDArray[Any],
+    along_at: NDArray[Any],
 ) -> None:
-    """Fill `Passes` in place."""
+    """Fill `Passes` in place; ``along_at`` is the way along its stroke of each pass, px."""
     high, wide = count.shape
     for k in range(len(width)):
         ax, ay, bx, by = start[k, 0], start[k, 1], end[k, 0], end[k, 1]
         if not (abs(ax) < 1e6 and abs(ay) < 1e6 and abs(bx) < 1e6 and abs(by) < 1e6):
             continue
         reach = REACH * width[k]
-        x0, x1 = max(0, int(min(ax, bx) - reach)), min(wide - 1, int(max(ax, bx) + reach) + 1)
-        y0, y1 = max(0, int(min(ay, by) - reach)), min(high - 1, int(max(ay, by) + reach) + 1)
         dx, dy = bx - ax, by - ay
         length = np.sqrt(dx * dx + dy * dy)
         if length < 1e-9:
             continue
         ux, uy = dx / length, dy / length
+        y0, y1 = max(0, int(min(ay, by) - reach)), min(high - 1, int(max(ay, by) + reach) + 1)
         for y in range(y0, y1 + 1):
+            # Of the piece only what lies within reach of this row can be near its pixels.
+            low, top = 0.0, length
+            if abs(uy) > 1e-9:
+                a, b = (y - reach - ay) / uy, (y + reach - ay) / uy
+                low, top = max(low, min(a, b)), min(top, max(a, b))
+                if low > top:
+                    continue
+            first, last = ax + low * ux, ax + top * ux
+            x0 = max(0, int(min(first, last) - reach))
+            x1 = min(wide - 1, int(max(first, last) + reach) + 1)
             for x in range(x0, x1 + 1):
                 px, py = x - ax, y - ay
                 t = min(max(px * ux + py * uy, 0.0), length)
                 ox, oy = px - t * ux, py - t * uy
-                off = np.sqrt(ox * ox + oy * oy)
-                if off >= reach:
+                square = ox * ox + oy * oy
+                if square >= reach * reach:
                     continue
-                side = ux * py - uy * px
-                d = (off if side >= 0 else -off) / width[k]
-                _keep(
-                    y, x, k, d, -uy, ux, t / length, along[k] + t, along, stroke, start, end,
-                    width, kind, count, distance, turn, piece, part,
+                off = np.sqrt(square) / width[k]
+                if off < near[y, x, kind[k]]:
+                    near[y, x, kind[k]] = off
+                slot = _slot(
+                    y, x, k, off, along[k] + t, width[k], stroke, kind, count, distance, piece,
+                    along_at,
                 )  # fmt: skip
+                if slot < 0:
+                    continue
+                distance[y, x, slot] = off if ux * py - uy * px >= 0 else -off
+                turn[y, x, slot, 0] = -uy
+                turn[y, x, slot, 1] = ux
+                piece[y, x, slot] = k
+                part[y, x, slot] = t / length
+                along_at[y, x, slot] = along[k] + t
 
 
 @jit
-def _keep(
+def _slot(
     y: int,
     x: int,
     k: int,
-    d: float,
-    nx: float,
-    ny: float,
-    share: float,
+    off: float,
     at: float,
-    along: FloatArray,
+    wide: float,
     stroke: IntArray,
-    start: FloatArray,
-    end: FloatArray,
-    width: FloatArray,
     kind: IntArray,
     count: NDArray[Any],
     distance: NDArray[Any],
-    turn: NDArray[Any],
     piece: NDArray[Any],
-    part: NDArray[Any],
-) -> None:
-    """Keep a pass where it is nearer than the one of the same way, or than the farthest kept."""
-    slot = -1
+    along_at: NDArray[Any],
+) -> int:
+    """Where a pass is kept, nearer than the one of the same way or than the farthest; or -1."""
     for m in range(count[y, x]):
         other = piece[y, x, m]
-        if stroke[other] == stroke[k] and kind[other] == kind[k]:
-            size = np.sqrt(
-                (end[other, 0] - start[other, 0]) ** 2 + (end[other, 1] - start[other, 1]) ** 2
-            )
-            there = along[other] + part[y, x, m] * size
-            if abs(there - at) < _DETOUR * width[k]:
-                slot = m
-                break
-    if slot >= 0 and abs(distance[y, x, slot]) <= abs(d):
-        return
-    if slot < 0 and count[y, x] < _MOST:
-        slot = count[y, x]
+        if (
+            stroke[other] == stroke[k]
+            and kind[other] == kind[k]
+            and abs(along_at[y, x, m] - at) < _DETOUR * wide
+        ):
+            return m if off < abs(distance[y, x, m]) else -1
+    if count[y, x] < _MOST:
         count[y, x] += 1
-    elif slot < 0:
-        slot = 0
-        for m in range(1, _MOST):
-            if abs(distance[y, x, m]) > abs(distance[y, x, slot]):
-                slot = m
-        if abs(distance[y, x, slot]) <= abs(d):
-            return
-    distance[y, x, slot] = d
-    turn[y, x, slot, 0] = nx
-    turn[y, x, slot, 1] = ny
-    piece[y, x, slot] = k
-    part[y, x, slot] = share
+        return int(count[y, x] - 1)
+    slot = 0
+    for m in range(1, _MOST):
+        if abs(distance[y, x, m]) > abs(distance[y, x, slot]):
+            slot = m
+    return slot if off < abs(distance[y, x, slot]) else -1

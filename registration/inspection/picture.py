@@ -18,9 +18,9 @@ from registration.inspection.values import ExpectedLines, FloatImage, Frame, Ima
 from registration.inspection.ways import Seen, Ways
 
 _MARGIN_MM: Final = 2.0
-_FINE_PX: Final = 9.0
-"""Pixels of the view in a line's width, about: profiles have ten nodes in it."""
-_GAP_PX: Final = 5.0
+_FINE_PX: Final = 7.0
+"""Pixels of the view in a line's width, about."""
+_GAP_PX: Final = 4.0
 """And in a gap that is just tolerated, at least."""
 _FEWEST_PX: Final = 3.0
 _FLOOR: Final = 0.02

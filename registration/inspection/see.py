@@ -290,7 +290,7 @@ class Told:
             )  # fmt: skip
         if self.level is None:
             return ()
-        away = np.abs(look.drawn.passes.distance).min(axis=2)
+        away = look.drawn.passes.near.min(axis=2)
         free = ((away > _CLEAR) & ~view.lost).astype(np.uint8)
         return find_blobs(
             self.level, free, view.lost, expected, width_px, place, options.false_rate
