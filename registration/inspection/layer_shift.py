@@ -28,7 +28,7 @@ _NODES: Final = 8
 """Of a profile, here."""
 _USUAL_MM: Final = 0.03
 """Scale of a print's own shift (Student's t): a peak at the designed place, with long tails."""
-_CELL: Final = 0.5
+_CELL: Final = 1.0
 """Of a width: pixels nearer to each other tell the same."""
 _RIDGE: Final = 1e-3
 _AS_WELL: Final = 1.1

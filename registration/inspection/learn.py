@@ -168,8 +168,10 @@ def learned(
         light = light_of(channels, ground, view.px_per_mm)
         mix = _whitening((channels - light)[ground > 0], channels - light)
     image = _mixed(channels - light, mix)
+    # Older ink cancels in what changed, and hides the layer's place in the picture itself.
+    seen = image if view.change is None or lines.fresh.all() else image[:, :, view.now.shape[2] :]
     coarse = coarse_shift(
-        _without_older(image, view.lost, passes, pieces, ways, lines), view.lost, passes,
+        _without_older(seen, view.lost, passes, pieces, ways, lines), view.lost, passes,
         _inner(passes, ways, lines), float(np.median(pieces.width[pieces.kind == 0])),
         options.shift_mm * view.px_per_mm, view.px_per_mm, view.is_heights,
     )  # fmt: skip
