@@ -53,7 +53,7 @@ class StripNoise:
         both = [_covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
         if not both:
             return StripNoise(np.eye(size))
-        return StripNoise(np.linalg.inv(np.mean(both, axis=0) + (_LEAST + rough) * np.eye(size)))
+        return StripNoise(np.linalg.inv(np.mean(both, axis=0) + rough * np.eye(size)))
 
 
 def _covariance(rests: FloatArray) -> FloatArray:
@@ -71,7 +71,7 @@ def _covariance(rests: FloatArray) -> FloatArray:
         top = (1.0 - 2.0 / size) * square + trace**2
         low = (count + 1.0 - 2.0 / size) * (square - trace**2 / size)
         shrink = max(min(1.0, top / low) if low > 0 else 1.0, _FLOOR)
-        cov = (1.0 - shrink) * cov + shrink * trace / size * np.eye(size)
+        cov = (1.0 - shrink) * cov + (shrink * trace / size + _LEAST) * np.eye(size)
         far = np.einsum("ni,ij,nj->n", rests, np.linalg.inv(cov), rests) / size
         weight = 1.0 / (1.0 + np.maximum(far / max(float(np.median(far)), 1e-9) - 1.0, 0.0) ** 2)
     return cov
