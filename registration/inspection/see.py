@@ -23,7 +23,7 @@ from scipy.special import logit
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.blobs import find_blobs
-from registration.inspection.chain import BARE, HIDDEN, PRIOR_BARE
+from registration.inspection.chain import BARE, HIDDEN, PRIOR_BARE, expected_ink
 from registration.inspection.findings import LayerFindings
 from registration.inspection.gaps import gaps_of
 from registration.inspection.learn import Learned, learned
@@ -140,11 +140,10 @@ def _findings(
     seen = why == Unseen.SEEN
     group = Grouping.of_ways(ways)
     widths = _widths(look, ways, group, seen)
-    share = np.where(bare, 0.0, look.shares.share)
+    share = np.where(bare, 0.0, expected_ink(look.states, look.shares.share))
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
     way, seen_mm = ways.step, float(ways.step[seen].sum())
-    ink = np.clip(share, 0.0, 1.0)
     told = Told.of(look)
     return LayerFindings(
         stations=stations,
@@ -155,7 +154,7 @@ def _findings(
         width_ratio=ratio,
         u_width_ratio=u_ratio,
         seen_share=seen_mm / float(way.sum()),
-        coverage=float((ink * way)[seen].sum()) / seen_mm if seen_mm > 0 else math.nan,
+        coverage=float((share * way)[seen].sum()) / seen_mm if seen_mm > 0 else math.nan,
         shift=look.shift,
         places=max(1, round(seen_mm / options.gap_mm)),
         contrast=_contrast(look),

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink_model import InkModel
 from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways
@@ -119,14 +119,38 @@ def own_profile(model: InkModel, over: FloatArray, seen: Seen) -> FloatArray:
     return np.asarray(ground * (1.0 - part) + older * part)
 
 
-def measured(strips: FloatArray, own: FloatArray, noise: StripNoise) -> Shares:
-    """Fit share, offset and widening to strips (n, u, c) that hold the line's own ink alone."""
+def measured(
+    strips: FloatArray, own: FloatArray, noise: StripNoise, lost: BoolArray | None = None
+) -> Shares:
+    """Fit share, offset and widening to strips (n, u, c) that hold the line's own ink alone.
+
+    Samples that are ``lost`` (n, u) aren't used: the fewer are left, the larger is the uncertainty.
+    """
+    n, samples, channels = strips.shape
+    if lost is None or not lost.any():
+        return _measured(strips, own, noise.inverse, samples * channels)
+    found = Shares(*np.zeros((5, n)))
+    covariance = np.linalg.inv(noise.inverse)
+    patterns, which = np.unique(lost, axis=0, return_inverse=True)
+    for k, pattern in enumerate(patterns):
+        rows = np.flatnonzero(which.ravel() == k)
+        left = np.flatnonzero(np.repeat(~pattern, channels))
+        inverse = np.zeros_like(covariance)
+        inverse[np.ix_(left, left)] = np.linalg.inv(covariance[np.ix_(left, left)])
+        part = _measured(strips[rows], own[rows], inverse, max(len(left), 1))
+        for name, values in vars(part).items():
+            getattr(found, name)[rows] = values
+    return found
+
+
+def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples: int) -> Shares:
+    """Fit strips by one inverse covariance, in which so many samples count."""
     n = len(strips)
     step = ACROSS[1] - ACROSS[0]
     slope = np.gradient(own, step, axis=1)
     basis = np.stack([own, -slope, -slope * ACROSS[None, :, None]], axis=1).reshape(n, 3, -1)
     flat = strips.reshape(n, -1)
-    weighted = basis @ noise.inverse
+    weighted = basis @ inverse
     power = np.einsum("nij,nkj->nik", weighted, basis)
     score = np.einsum("nij,nj->ni", weighted, flat)
     # What moves and widens ink does so by its share; the designed line is the prior.
@@ -136,5 +160,5 @@ def measured(strips: FloatArray, own: FloatArray, noise: StripNoise) -> Shares:
     cov = np.linalg.inv(power)
     found = np.einsum("nij,nj->ni", cov, score)
     left = flat - np.einsum("ni,nij->nj", found, basis)
-    misfit = np.einsum("nj,jk,nk->n", left, noise.inverse, left) / left.shape[1]
+    misfit = np.einsum("nj,jk,nk->n", left, inverse, left) / samples
     return Shares(found[:, 0], np.sqrt(cov[:, 0, 0]), found[:, 1], found[:, 2], misfit)
