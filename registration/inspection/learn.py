@@ -116,6 +116,8 @@ class Learned:
         Inverse covariance of a strip over the ground.
     odd : bool
         Whether ink shows by slopes lit from one side alone.
+    lost : (n, u) bool
+        Samples of strips that the picture doesn't show.
     """
 
     view: View
@@ -131,6 +133,7 @@ class Learned:
     states: FloatArray
     inverse: FloatArray
     odd: bool
+    lost: BoolArray
 
     def appearance(self) -> Appearance:
         """How ink looks, in the picture's own channels."""
@@ -200,7 +203,8 @@ def learned(
             number == 0,
             not coarse.odd,
         )
-        shown, shares, noise, misfit, states, inverse = _judge(view, image, drawn, state)
+        lost = _lost_samples(view, drawn)
+        shown, shares, noise, misfit, states, inverse = _judge(view, image, drawn, state, lost)
         state = _presence(states, shares.share)
         if not last:
             shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
@@ -221,6 +225,7 @@ def learned(
         states,
         inverse,
         coarse.odd,
+        lost,
     )
 
 
@@ -276,12 +281,16 @@ def _draw(
     return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, strips)
 
 
+def _lost_samples(view: View, drawn: Drawn) -> BoolArray:
+    lost = view.lost[:, :, None].astype(np.float32)
+    return np.asarray(strips_of(lost, drawn.seen, drawn.ways)[:, :, 0] > 0.1)
+
+
 def _judge(
-    view: View, image: FloatImage, drawn: Drawn, state: FloatArray
+    view: View, image: FloatImage, drawn: Drawn, state: FloatArray, lost: BoolArray
 ) -> tuple[BoolArray, Shares, Noise, FloatArray, FloatArray, FloatArray]:
     """Measure shares, learn how they scatter, and tell states."""
     ways, count = drawn.ways, len(drawn.ways)
-    lost = strips_of(view.lost[:, :, None].astype(np.float32), drawn.seen, ways)[:, :, 0] > 0.5
     part = lost[:, np.abs(ACROSS) < 0.6].mean(axis=1)
     told = drawn.seen.inside(view.shape, 0.6 * ways.width) & (part < _UNSEEN)
     told &= ~ways.crossed & (ways.to_end > _ENDS * ways.width)

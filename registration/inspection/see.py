@@ -65,6 +65,8 @@ _FAINT: Final = 2.0
 """Standard deviations of the ground that ink must differ by for that."""
 _CLEAR: Final = 0.9
 """Widths from a line's middle, from which on there should be bath alone."""
+_PART_SHOWN: Final = 0.25
+"""Of a station's strips that show a sample, for their mean to be taken."""
 _PART: Final = 0.7
 """Of a station, free on both sides, for its width to be told."""
 
@@ -195,12 +197,21 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     seam = np.where(
         group.mean(touching.astype(np.float64), all_) > _PART, group.mean(area, touching), np.nan
     )
-    own, strips = group.mean(drawn.own, free), group.mean(drawn.strips, free)
-    usual = usual_ratio(drawn.model) if told.any() and not look.odd else (1.0, math.inf)
+    shown = (~look.lost).astype(np.float64)
+    part = group.mean(shown, free)
+    lost = ~(part > _PART_SHOWN)
+    strips = group.mean(drawn.strips * shown[:, :, None], free)
+    strips /= np.where(lost, 1.0, part)[:, :, None]
+    own = group.mean(drawn.own, free)
+    usual = (
+        usual_ratio(drawn.model, look.view.is_heights)
+        if told.any() and not look.odd
+        else (1.0, math.inf)
+    )
     if look.odd:
         told = np.zeros_like(told)
     return station_widths(
-        strips, own, group.mean(free.astype(np.float64), all_) * group.count,
+        strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
         ways.width[group.first], told, look.inverse, usual, seam,
     )  # fmt: skip
 

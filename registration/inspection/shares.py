@@ -7,12 +7,13 @@ covariance across the strip is learned from the rest of all strips of the look.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from kernels.arrays import BoolArray, FloatArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink_model import InkModel
 from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways
@@ -130,17 +131,29 @@ def measured(
     if lost is None or not lost.any():
         return _measured(strips, own, noise.inverse, samples * channels)
     found = Shares(*np.zeros((5, n)))
-    covariance = np.linalg.inv(noise.inverse)
-    patterns, which = np.unique(lost, axis=0, return_inverse=True)
-    for k, pattern in enumerate(patterns):
-        rows = np.flatnonzero(which.ravel() == k)
-        left = np.flatnonzero(np.repeat(~pattern, channels))
-        inverse = np.zeros_like(covariance)
-        inverse[np.ix_(left, left)] = np.linalg.inv(covariance[np.ix_(left, left)])
-        part = _measured(strips[rows], own[rows], inverse, max(len(left), 1))
+    for rows, inverse, number in by_seen_samples(noise.inverse, lost):
+        part = _measured(strips[rows], own[rows], inverse, max(number, 1))
         for name, values in vars(part).items():
             getattr(found, name)[rows] = values
     return found
+
+
+def by_seen_samples(
+    inverse: FloatArray, lost: BoolArray
+) -> Iterator[tuple[IntArray, FloatArray, int]]:
+    """Group strips by their samples that are ``lost`` (n, u).
+
+    Yield the rows of each group, the inverse covariance of what is left (0 for the others), and the
+    number of samples left in all channels.
+    """
+    channels = len(inverse) // lost.shape[1]
+    covariance = np.linalg.inv(inverse)
+    patterns, which = np.unique(lost, axis=0, return_inverse=True)
+    for k, pattern in enumerate(patterns):
+        left = np.flatnonzero(np.repeat(~pattern, channels))
+        part = np.zeros_like(covariance)
+        part[np.ix_(left, left)] = np.linalg.inv(covariance[np.ix_(left, left)])
+        yield np.flatnonzero(which.ravel() == k), part, len(left)
 
 
 def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples: int) -> Shares:
