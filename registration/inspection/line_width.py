@@ -28,7 +28,7 @@ _BLURS: Final = np.array([0.03, 0.05, 0.07, 0.1, 0.13, 0.17, 0.22])
 _BEADS: Final = (("cover",), ("chord",), ("cover", "chord"))
 _SHELLS: Final = tuple((inside, f"shell{t}") for inside in ("cover", "chord") for t in (0.1, 0.2))
 """Terms of the shapes; of a shell its thickness, in half widths."""
-_SAMPLES: Final = 8
+_SAMPLES: Final = 6
 """Independent ones of a profile: neighbouring nodes aren't."""
 _EXACT: Final = 1e-4
 """Squared misfit that no shape comes below: it is sampled at nodes."""

@@ -294,6 +294,7 @@ class Told:
         expected = _drawn(look, lines)
         if thickness_mm is not None:
             over = ((look.image - look.drawn.drawn)[:, :, 0] / look.mix[0, 0]).astype(np.float32)
+            over[view.lost] = 0.0
             return find_blobs(
                 over, (~view.lost).astype(np.uint8), view.lost, expected, width_px, place,
                 options.false_rate, thickness_mm,
