@@ -28,6 +28,10 @@ _BESIDE_GLARE: Final = 0.1
 """Of a find's surroundings that aren't seen: more, and it is a fringe of that."""
 _CREST: Final = 95
 """Percentile of a blob's heights that is told as its height: spikes aren't it."""
+_INNER: Final = 0.2
+"""Widths from a line's edge: its flank, where a blob's height isn't told over the line."""
+_UNEVEN: Final = 0.05
+"""Least scatter of heights, thicknesses."""
 _OUTSIDE: Final = 0.25
 """Of a find's level, below which its surroundings lie."""
 
@@ -60,7 +64,8 @@ def find_blobs(
     rate : float
         False blobs per sound layer.
     unit_mm : float, mm
-        Height that 1 of the image is; NaN where it isn't one of heights.
+        Height that 1 of the image is; NaN where it isn't one of heights, and shade may look like
+        ink.
     """
     away = cv2.distanceTransform((lines == 0).astype(np.uint8), cv2.DIST_L2, 3)
     area = np.asarray((free > 0) & ~unseen & (away < _NEAR_MM / place.px_mm))
@@ -68,7 +73,8 @@ def find_blobs(
     some = smooth[area]
     if len(some) < 100:
         return ()
-    middle, spread = _bath_level(some)
+    is_heights = not math.isnan(unit_mm)
+    middle, spread = _usual_height(some) if is_heights else _bath_level(some)
     places = max(1.0, area.sum() / width_px**2)
     sure = float(-ndtri(min(0.5, rate / places)))
     level = max(_LEVEL, middle + sure * spread)
@@ -76,6 +82,7 @@ def find_blobs(
         return ()
     found = ((smooth > level) & area).astype(np.uint8)
     grown = cv2.dilate(lines, np.ones((3, 3), np.uint8), iterations=2 + round(0.5 * width_px))
+    inner = cv2.distanceTransform(lines, cv2.DIST_L2, 3) > _INNER * width_px
     count, labels, stats, middles = cv2.connectedComponentsWithStats(found, connectivity=8)
     size = stats[:, cv2.CC_STAT_AREA]
     large = [k for k in range(1, count) if size[k] >= _LEAST * width_px**2]
@@ -86,7 +93,7 @@ def find_blobs(
         own = np.asarray(labels[box] == k)
         kind, outline = _kind(own.astype(np.uint8), width_px)
         height = float(smooth[box][own].mean())
-        if not _has_edge(smooth, area, unseen, labels, k, stats[k], width_px, height):
+        if not is_heights and not _has_edge(smooth, area, unseen, labels, k, stats[k], width_px, height):
             continue
         at = place.to_printer(middles[k][None])[0]
         blobs.append(
@@ -97,7 +104,7 @@ def find_blobs(
                 float(size[k]) * place.px_mm**2,
                 bool((grown[box][own] > 0).any()),
                 float(ndtr((middle - height) / spread)),
-                float(np.percentile(image[box][own], _CREST)) * unit_mm,
+                _crest(image[box], own, inner[box]) * unit_mm,
             )
         )
     return tuple(blobs)
@@ -138,6 +145,18 @@ def _bath_level(values: FloatImage) -> tuple[float, float]:
             below = float(np.quantile(some, tail))
             spread = max(spread, float(middle - below) / float(-ndtri(tail)))
     return float(middle), max(spread, 1e-6)
+
+
+def _usual_height(values: FloatImage) -> tuple[float, float]:
+    """Middle of heights over the expected ones, and their scatter: what is low may be missing."""
+    low, middle, high = np.quantile(values, [0.1587, 0.5, 0.8413])
+    return float(middle), max(float(high - middle), float(middle - low), _UNEVEN)
+
+
+def _crest(image: FloatImage, own: BoolArray, inner: BoolArray) -> float:
+    """Height of a find: over the middles of lines where it lies on some, else over the bath."""
+    part = own & inner if (own & inner).any() else own
+    return float(np.percentile(image[part], _CREST))
 
 
 def _kind(own: Mask, width_px: float) -> tuple[Literal["blob", "drag", "object"], FloatArray]:

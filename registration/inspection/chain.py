@@ -64,6 +64,13 @@ def posterior(
     return out
 
 
+def expected_ink(states: FloatArray, share: FloatArray) -> FloatArray:
+    """Return the share of ink expected at each place, (n,): thin ink as measured, full ink as 1."""
+    there = np.maximum(1.0 - states[:, HIDDEN], 1e-9)
+    thin = states[:, THIN] * np.clip(share, 0.0, 1.0)
+    return np.asarray((states[:, FULL] + thin) / there)
+
+
 def log_odds_of_bare(
     share: FloatArray, misfit: FloatArray, noise: Noise, first: int, last: int
 ) -> float:

@@ -38,12 +38,17 @@ _OVER: Final = (0.65, 0.35)
 """Widths from the middle of older ink at which there is none of it, and all."""
 _OLD: Final = 0.3
 """Of a place's width over older ink: more, and it is judged against that."""
-_UNSEEN: Final = 0.2
-"""Of a strip's inner part that may be lost."""
+_UNSEEN: Final = 0.7
+"""Of a strip's inner part that may be lost; what is left tells the less."""
+_WHOLE: Final = 0.2
+"""The same of strips by which ink's level and noise are learned, and widths."""
 _ENDS: Final = 0.5
 """Widths from a line's end, within which it isn't judged by itself: ink recedes or bulges there."""
 _ROUGH: Final = 0.05
 """Scatter of heights on the ground, thicknesses of the layer."""
+_COVERED: Final = 0.0
+"""Height of the ground over the layer's middle, thicknesses, from which on a bath's surface covers
+its lines: what a profiler sees there isn't theirs."""
 _INK_TELLS: Final = 0.3
 """How much ink tells of light, against ground."""
 _FEWEST: Final = 100
@@ -111,6 +116,8 @@ class Learned:
         Inverse covariance of a strip over the ground.
     odd : bool
         Whether ink shows by slopes lit from one side alone.
+    lost : (n, u) bool
+        Samples of strips that the picture doesn't show.
     """
 
     view: View
@@ -126,6 +133,7 @@ class Learned:
     states: FloatArray
     inverse: FloatArray
     odd: bool
+    lost: BoolArray
 
     def appearance(self) -> Appearance:
         """How ink looks, in the picture's own channels."""
@@ -162,6 +170,8 @@ def learned(
     if view.is_heights:
         own = channels[ground > 0]
         lowest = max(LOWEST, float(np.median(own))) if len(own) >= _FEWEST else LOWEST
+        if lowest > _COVERED:
+            view = replace(view, lost=np.ones_like(view.lost))
         light = np.full_like(channels, lowest)
         mix = np.eye(1) / _ROUGH
     else:
@@ -196,7 +206,8 @@ def learned(
             number == 0,
             not coarse.odd,
         )
-        shown, shares, noise, misfit, states, inverse = _judge(view, image, drawn, state)
+        lost = _lost_samples(view, drawn)
+        shown, shares, noise, misfit, states, inverse = _judge(view, image, drawn, state, lost)
         state = _presence(states, shares.share)
         if not last:
             shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
@@ -217,6 +228,7 @@ def learned(
         states,
         inverse,
         coarse.odd,
+        lost,
     )
 
 
@@ -272,15 +284,20 @@ def _draw(
     return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, strips)
 
 
+def _lost_samples(view: View, drawn: Drawn) -> BoolArray:
+    lost = view.lost[:, :, None].astype(np.float32)
+    return np.asarray(strips_of(lost, drawn.seen, drawn.ways)[:, :, 0] > 0.1)
+
+
 def _judge(
-    view: View, image: FloatImage, drawn: Drawn, state: FloatArray
+    view: View, image: FloatImage, drawn: Drawn, state: FloatArray, lost: BoolArray
 ) -> tuple[BoolArray, Shares, Noise, FloatArray, FloatArray, FloatArray]:
     """Measure shares, learn how they scatter, and tell states."""
     ways, count = drawn.ways, len(drawn.ways)
-    inner = np.abs(ACROSS) < 0.6
-    lost = strips_of(view.lost[:, :, None].astype(np.float32), drawn.seen, ways)[:, inner, 0]
-    shown = drawn.seen.inside(view.shape, 0.6 * ways.width) & (lost.mean(axis=1) < _UNSEEN)
-    told = shown & ~ways.crossed & (ways.to_end > _ENDS * ways.width)
+    part = lost[:, np.abs(ACROSS) < 0.6].mean(axis=1)
+    told = drawn.seen.inside(view.shape, 0.6 * ways.width) & (part < _UNSEEN)
+    told &= ~ways.crossed & (ways.to_end > _ENDS * ways.width)
+    whole = told & (part < _WHOLE)
     shares = Shares(*np.zeros((5, count)))
     spreads, misfits, tie = np.ones((2, count)), np.zeros((2, count, 2)), 0.5
     rest = drawn.strips - state[:, None, None] * drawn.own
@@ -288,7 +305,7 @@ def _judge(
     for rows, over in ((~drawn.old, None), (drawn.old, drawn.over)):
         if not rows.any():
             continue
-        good = told & rows & (state > 0.5)
+        good = whole & rows & (state > 0.5)
         own_rows = np.flatnonzero(rows)
         bare = BareStrips.laid(
             image - drawn.drawn, drawn.passes, drawn.pieces.kind, view.lost, drawn.seen, ways,
@@ -296,7 +313,7 @@ def _judge(
         )  # fmt: skip
         strip_noise = StripNoise.of(rest.reshape(count, -1)[good], bare.strips, drawn.own[rows])
         inverse = strip_noise.inverse if inverse is None or over is None else inverse
-        found = measured(drawn.strips[rows], drawn.own[rows], strip_noise)
+        found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
         top = _full_level(found.share[told[rows]])
         own = drawn.own * top
         found = replace(found, share=found.share / top, u_share=found.u_share / top)

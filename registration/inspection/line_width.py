@@ -1,8 +1,8 @@
 """Widths of lines, over the bath and free on both sides.
 
 What a profile says of the layer's usual width follows from its shape: ink that covers what lies
-below, ink that takes light by its thickness, rims, or heights; each blurred. The shape that fits
-best tells the width, the others how sure that is. Against the usual width each station's own is
+below, a round's height or way of light through it, both (a bead on an upright foot), or a shell
+that shows by its rims; each blurred. All shapes that fit tell how sure that is. Against the usual width each station's own is
 found by Gauss and Newton's method: its share of ink, offset and width, without any prior.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -18,18 +19,24 @@ from scipy.special import ndtr
 from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink_model import NODES, InkModel
 from registration.inspection.passes import REACH
-from registration.inspection.shares import ACROSS
+from registration.inspection.shares import ACROSS, by_seen_samples
 
 _RATIOS: Final = np.arange(0.5, 1.6, 0.01)
 """Widths over expected ones that are tried."""
 _BLURS: Final = np.array([0.03, 0.05, 0.07, 0.1, 0.13, 0.17, 0.22])
 """Standard deviations of blur, widths."""
-_FINE: Final = np.linspace(0.0, 2.2, 441)
+_BEADS: Final = (("cover",), ("chord",), ("cover", "chord"))
+_SHELLS: Final = tuple((inside, f"shell{t}") for inside in ("cover", "chord") for t in (0.1, 0.2))
+"""Terms of the shapes; of a shell its thickness, in half widths."""
+_SAMPLES: Final = 6
+"""Independent ones of a profile: neighbouring nodes aren't."""
+_EXACT: Final = 1e-4
+"""Squared misfit that no shape comes below: it is sampled at nodes."""
 _ROUNDS: Final = 4
 _COMMON: Final = 0.02
 """Least relative uncertainty of a shape's width: nodes are a tenth of a width apart."""
-_AS_GOOD: Final = 2.0
-"""Times the best one's misfit, up to which another shape counts."""
+_VAGUE: Final = 0.3
+"""Relative standard uncertainty of one strip's width, from which on it tells none."""
 _INDEPENDENT: Final = 0.4
 """Of the places of a station: neighbours share noise."""
 
@@ -62,48 +69,55 @@ class Widths:
         return np.hypot(self.random_mm, self.common * self.width_mm)
 
 
-def usual_ratio(model: InkModel) -> tuple[float, float]:
-    """Width over the expected one that a look's profile shows, and its relative uncertainty."""
+def usual_ratio(model: InkModel, is_heights: bool) -> tuple[float, float]:
+    """Return the width over the expected one that a look's profile shows, and its uncertainty.
+
+    Mean and standard deviation over all shapes, blurs and widths, each as likely as its misfit
+    says (noise of unknown variance, as many samples as `_SAMPLES`). A map of heights shows no shells.
+    """
     even = model.profile[0, 0]  # (nodes, c)
     weight = np.linalg.svd(even, full_matrices=False)[2][0]
-    profile = even @ weight
-    at = np.arange(NODES + 1) * (REACH / NODES)
-    fits = [_fitted(kind, profile, at) for kind in ("cover", "chord", "rim")]
-    best = min(fits)
-    near = [one for one in fits if one[0] < _AS_GOOD * best[0] + 1e-12]
-    apart = max(abs(one[1] - best[1]) for one in near)
-    return best[1], max(math.sqrt(best[0]), apart / math.sqrt(3.0), _COMMON)
+    profile = (even @ weight)[:NODES]
+    profile = profile / max(float(np.linalg.norm(profile)), 1e-12)
+    shapes = _BEADS if is_heights else _BEADS + _SHELLS
+    rest = np.concatenate([_misfits(terms, profile) for terms in shapes]) + _EXACT
+    likely = (rest / rest.min()) ** (-_SAMPLES / 2)
+    of_ratio = likely.sum(axis=0) / likely.sum()
+    ratio = float(of_ratio @ _RATIOS)
+    spread = math.sqrt(float(of_ratio @ (_RATIOS - ratio) ** 2))
+    return ratio, math.hypot(spread / ratio, _COMMON)
 
 
-def _fitted(kind: str, profile: FloatArray, at: FloatArray) -> tuple[float, float]:
-    """Relative misfit and width of the best of a kind of shape."""
-    total = float((profile**2).sum())
-    best = (math.inf, 1.0)
-    for blur in _BLURS:
-        for ratio in _RATIOS:
-            shapes = np.stack([_shape(one, at, ratio, blur) for one in _terms(kind)])
-            power = shapes @ shapes.T + 1e-9 * np.eye(len(shapes))
-            found = np.linalg.solve(power, shapes @ profile)
-            rest = float(((profile - found @ shapes) ** 2).sum()) / max(total, 1e-12)
-            best = min(best, (rest, float(ratio)))
-    return best
+def _misfits(terms: tuple[str, ...], profile: FloatArray) -> FloatArray:
+    """Squared misfit to a profile of norm 1 at each blur and ratio, (blurs, ratios).
+
+    Terms of ink add up with one sign; a shell may be brighter or darker than what it encloses.
+    """
+    shapes = _shapes(terms)
+    power = shapes @ np.swapaxes(shapes, 2, 3) + 1e-9 * np.eye(len(terms))
+    found = np.linalg.solve(power, (shapes @ profile)[..., None])
+    rest = ((profile - (np.swapaxes(shapes, 2, 3) @ found)[..., 0]) ** 2).sum(axis=2)
+    same = (found[..., 0] >= 0).all(axis=2) | (found[..., 0] <= 0).all(axis=2)
+    return np.asarray(np.where(same | any("shell" in one for one in terms), rest, np.inf))
 
 
-def _terms(kind: str) -> tuple[str, ...]:
-    return {"cover": ("cover",), "chord": ("chord",), "rim": ("cover", "ring")}[kind]
+@cache
+def _shapes(terms: tuple[str, ...]) -> FloatArray:
+    """Terms' values at the nodes, (blurs, ratios, terms, nodes)."""
+    at = np.arange(NODES) * (REACH / NODES)
+    return np.array(
+        [[[_shape(term, at, r, blur) for term in terms] for r in _RATIOS] for blur in _BLURS]
+    )
 
 
-def _shape(kind: str, at: FloatArray, ratio: float, blur: float) -> FloatArray:
-    """A blurred profile at distances, widths."""
+def _shape(term: str, at: FloatArray, ratio: float, blur: float) -> FloatArray:
+    """A blurred profile at distances, widths: what covers, a round's height, or a round shell."""
     half = 0.5 * ratio
-    if kind == "cover":
+    if term == "cover":
         return np.asarray(ndtr((half - at) / blur) - ndtr((-half - at) / blur))
-    if kind == "ring":
-        middle = 0.9 * half
-        return np.asarray(
-            np.exp(-0.5 * ((at - middle) / (blur + 0.04)) ** 2)
-            + np.exp(-0.5 * ((at + middle) / (blur + 0.04)) ** 2)
-        )
+    if term.startswith("shell"):
+        inner = 1.0 - float(term.removeprefix("shell"))
+        return _shape("chord", at, ratio, blur) - inner * _shape("chord", at, inner * ratio, blur)
     # A chord's blur, by Gauss and Hermite's five nodes.
     nodes = np.array([-2.0202, -0.9586, 0.0, 0.9586, 2.0202]) * math.sqrt(2.0)
     weights = np.array([0.01995, 0.39362, 0.94531, 0.39362, 0.01995]) / 1.77245
@@ -114,6 +128,7 @@ def _shape(kind: str, at: FloatArray, ratio: float, blur: float) -> FloatArray:
 def station_widths(
     strips: FloatArray,
     own: FloatArray,
+    lost: BoolArray,
     places: FloatArray,
     expected_mm: FloatArray,
     tell: BoolArray,
@@ -127,6 +142,8 @@ def station_widths(
     ----------
     strips, own : (m, u, c) float64
         Mean strips, and full ink's profile there.
+    lost : (m, u) bool
+        Samples that weren't seen.
     places : (m,) float64
         Places in each.
     expected_mm : (m,) float64, mm
@@ -139,37 +156,47 @@ def station_widths(
     """
     count = len(expected_mm)
     nothing = np.full(count, np.nan)
+    missing = np.repeat(lost[:, :, None], strips.shape[2], axis=2)
     rows = np.flatnonzero(tell & np.isfinite(strips).all(axis=(1, 2)))
     if not len(rows):
         return Widths(nothing, nothing, nothing, usual[1], seam_share)
-    share, off, wide = np.ones(len(rows)), np.zeros(len(rows)), np.ones(len(rows))
-    cov = np.zeros((len(rows), 3, 3))
+    left = np.ma.median(np.ma.array(strips - own, mask=missing)[rows], axis=0).filled(0.0)
+    own = own + left  # what all stations leave alike is the profile's own error: it is smooth
+    wide, off, spread = np.ones(len(rows)), np.zeros(len(rows)), np.full(len(rows), np.inf)
+    for some, inverse, _ in by_seen_samples(noise, lost[rows]):
+        wide[some], off[some], spread[some] = _fitted(strips[rows[some]], own[rows[some]], inverse)
+    number = np.maximum(_INDEPENDENT * places[rows], 1.0)
+    ratio, common = usual
+    width, random, offset = nothing.copy(), nothing.copy(), nothing.copy()
+    random[rows] = spread / np.sqrt(number) * ratio * expected_mm[rows]
+    rows, wide, off = (one[spread < _VAGUE] for one in (rows, wide, off))
+    width[rows] = ratio * wide * expected_mm[rows]
+    offset[rows] = off * expected_mm[rows]
+    return Widths(width, random, offset, common, seam_share)
+
+
+def _fitted(
+    strips: FloatArray, own: FloatArray, inverse: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Widths over the usual one, offsets in usual widths, and widths' standard uncertainty."""
+    count = len(strips)
+    share, off, wide = np.ones(count), np.zeros(count), np.ones(count)
+    cov = np.zeros((count, 3, 3))
     for _ in range(_ROUNDS):
         at = (ACROSS[None, :] - off[:, None]) / wide[:, None]
-        shape, slope = _sampled(own[rows], at)
-        basis = np.stack(
-            [
-                shape,
-                -share[:, None, None] * slope / wide[:, None, None],
-                -share[:, None, None] * slope * at[:, :, None] / wide[:, None, None],
-            ],
-            axis=1,
-        ).reshape(len(rows), 3, -1)
-        rest = (strips[rows] - share[:, None, None] * shape).reshape(len(rows), -1)
-        weighted = basis @ noise
+        shape, slope = _sampled(own, at)
+        by_place = -share[:, None, None] * slope / wide[:, None, None]
+        basis = np.stack([shape, by_place, by_place * at[:, :, None]], axis=1)
+        basis = basis.reshape(count, 3, -1)
+        rest = (strips - share[:, None, None] * shape).reshape(count, -1)
+        weighted = basis @ inverse
         power = np.einsum("nij,nkj->nik", weighted, basis) + 1e-6 * np.eye(3)
         cov = np.linalg.inv(power)
         step = np.einsum("nij,nj->ni", cov, np.einsum("nij,nj->ni", weighted, rest))
         share = np.clip(share + step[:, 0], 0.1, 3.0)
         off = np.clip(off + step[:, 1], -0.3, 0.3)
         wide = np.clip(wide + step[:, 2], 0.4, 1.8)
-    number = np.maximum(_INDEPENDENT * places[rows], 1.0)
-    ratio, common = usual
-    width, random, offset = nothing.copy(), nothing.copy(), nothing.copy()
-    width[rows] = ratio * wide * expected_mm[rows]
-    random[rows] = np.sqrt(cov[:, 2, 2] / number) * ratio * expected_mm[rows]
-    offset[rows] = off * expected_mm[rows]
-    return Widths(width, random, offset, common, seam_share)
+    return wide, off, np.sqrt(cov[:, 2, 2])
 
 
 def _sampled(own: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -23,7 +23,7 @@ from scipy.special import logit
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.blobs import find_blobs
-from registration.inspection.chain import BARE, HIDDEN, PRIOR_BARE
+from registration.inspection.chain import BARE, HIDDEN, PRIOR_BARE, expected_ink
 from registration.inspection.findings import LayerFindings
 from registration.inspection.gaps import gaps_of
 from registration.inspection.learn import Learned, learned
@@ -65,6 +65,8 @@ _FAINT: Final = 2.0
 """Standard deviations of the ground that ink must differ by for that."""
 _CLEAR: Final = 0.9
 """Widths from a line's middle, from which on there should be bath alone."""
+_PART_SHOWN: Final = 0.25
+"""Of a station's strips that show a sample, for their mean to be taken."""
 _PART: Final = 0.7
 """Of a station, free on both sides, for its width to be told."""
 
@@ -140,11 +142,10 @@ def _findings(
     seen = why == Unseen.SEEN
     group = Grouping.of_ways(ways)
     widths = _widths(look, ways, group, seen)
-    share = np.where(bare, 0.0, look.shares.share)
+    share = np.where(bare, 0.0, expected_ink(look.states, look.shares.share))
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
     way, seen_mm = ways.step, float(ways.step[seen].sum())
-    ink = np.clip(share, 0.0, 1.0)
     told = Told.of(look)
     return LayerFindings(
         stations=stations,
@@ -155,7 +156,7 @@ def _findings(
         width_ratio=ratio,
         u_width_ratio=u_ratio,
         seen_share=seen_mm / float(way.sum()),
-        coverage=float((ink * way)[seen].sum()) / seen_mm if seen_mm > 0 else math.nan,
+        coverage=float((share * way)[seen].sum()) / seen_mm if seen_mm > 0 else math.nan,
         shift=look.shift,
         places=max(1, round(seen_mm / options.gap_mm)),
         contrast=_contrast(look),
@@ -196,12 +197,21 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     seam = np.where(
         group.mean(touching.astype(np.float64), all_) > _PART, group.mean(area, touching), np.nan
     )
-    own, strips = group.mean(drawn.own, free), group.mean(drawn.strips, free)
-    usual = usual_ratio(drawn.model) if told.any() and not look.odd else (1.0, math.inf)
+    shown = (~look.lost).astype(np.float64)
+    part = group.mean(shown, free)
+    lost = ~(part > _PART_SHOWN)
+    strips = group.mean(drawn.strips * shown[:, :, None], free)
+    strips /= np.where(lost, 1.0, part)[:, :, None]
+    own = group.mean(drawn.own, free)
+    usual = (
+        usual_ratio(drawn.model, look.view.is_heights)
+        if told.any() and not look.odd
+        else (1.0, math.inf)
+    )
     if look.odd:
         told = np.zeros_like(told)
     return station_widths(
-        strips, own, group.mean(free.astype(np.float64), all_) * group.count,
+        strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
         ways.width[group.first], told, look.inverse, usual, seam,
     )  # fmt: skip
 
@@ -284,6 +294,7 @@ class Told:
         expected = _drawn(look, lines)
         if thickness_mm is not None:
             over = ((look.image - look.drawn.drawn)[:, :, 0] / look.mix[0, 0]).astype(np.float32)
+            over[view.lost] = 0.0
             return find_blobs(
                 over, (~view.lost).astype(np.uint8), view.lost, expected, width_px, place,
                 options.false_rate, thickness_mm,

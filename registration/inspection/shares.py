@@ -7,12 +7,13 @@ covariance across the strip is learned from the rest of all strips of the look.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink_model import InkModel
 from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways
@@ -53,7 +54,7 @@ class StripNoise:
         both = [_covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
         if not both:
             return StripNoise(np.eye(size))
-        return StripNoise(np.linalg.inv(np.mean(both, axis=0) + (_LEAST + rough) * np.eye(size)))
+        return StripNoise(np.linalg.inv(np.mean(both, axis=0) + rough * np.eye(size)))
 
 
 def _covariance(rests: FloatArray) -> FloatArray:
@@ -71,7 +72,7 @@ def _covariance(rests: FloatArray) -> FloatArray:
         top = (1.0 - 2.0 / size) * square + trace**2
         low = (count + 1.0 - 2.0 / size) * (square - trace**2 / size)
         shrink = max(min(1.0, top / low) if low > 0 else 1.0, _FLOOR)
-        cov = (1.0 - shrink) * cov + shrink * trace / size * np.eye(size)
+        cov = (1.0 - shrink) * cov + (shrink * trace / size + _LEAST) * np.eye(size)
         far = np.einsum("ni,ij,nj->n", rests, np.linalg.inv(cov), rests) / size
         weight = 1.0 / (1.0 + np.maximum(far / max(float(np.median(far)), 1e-9) - 1.0, 0.0) ** 2)
     return cov
@@ -119,14 +120,50 @@ def own_profile(model: InkModel, over: FloatArray, seen: Seen) -> FloatArray:
     return np.asarray(ground * (1.0 - part) + older * part)
 
 
-def measured(strips: FloatArray, own: FloatArray, noise: StripNoise) -> Shares:
-    """Fit share, offset and widening to strips (n, u, c) that hold the line's own ink alone."""
+def measured(
+    strips: FloatArray, own: FloatArray, noise: StripNoise, lost: BoolArray | None = None
+) -> Shares:
+    """Fit share, offset and widening to strips (n, u, c) that hold the line's own ink alone.
+
+    Samples that are ``lost`` (n, u) aren't used: the fewer are left, the larger is the uncertainty.
+    """
+    n, samples, channels = strips.shape
+    if lost is None or not lost.any():
+        return _measured(strips, own, noise.inverse, samples * channels)
+    found = Shares(*np.zeros((5, n)))
+    for rows, inverse, number in by_seen_samples(noise.inverse, lost):
+        part = _measured(strips[rows], own[rows], inverse, max(number, 1))
+        for name, values in vars(part).items():
+            getattr(found, name)[rows] = values
+    return found
+
+
+def by_seen_samples(
+    inverse: FloatArray, lost: BoolArray
+) -> Iterator[tuple[IntArray, FloatArray, int]]:
+    """Group strips by their samples that are ``lost`` (n, u).
+
+    Yield the rows of each group, the inverse covariance of what is left (0 for the others), and the
+    number of samples left in all channels.
+    """
+    channels = len(inverse) // lost.shape[1]
+    covariance = np.linalg.inv(inverse)
+    patterns, which = np.unique(lost, axis=0, return_inverse=True)
+    for k, pattern in enumerate(patterns):
+        left = np.flatnonzero(np.repeat(~pattern, channels))
+        part = np.zeros_like(covariance)
+        part[np.ix_(left, left)] = np.linalg.inv(covariance[np.ix_(left, left)])
+        yield np.flatnonzero(which.ravel() == k), part, len(left)
+
+
+def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples: int) -> Shares:
+    """Fit strips by one inverse covariance, in which so many samples count."""
     n = len(strips)
     step = ACROSS[1] - ACROSS[0]
     slope = np.gradient(own, step, axis=1)
     basis = np.stack([own, -slope, -slope * ACROSS[None, :, None]], axis=1).reshape(n, 3, -1)
     flat = strips.reshape(n, -1)
-    weighted = basis @ noise.inverse
+    weighted = basis @ inverse
     power = np.einsum("nij,nkj->nik", weighted, basis)
     score = np.einsum("nij,nj->ni", weighted, flat)
     # What moves and widens ink does so by its share; the designed line is the prior.
@@ -136,5 +173,5 @@ def measured(strips: FloatArray, own: FloatArray, noise: StripNoise) -> Shares:
     cov = np.linalg.inv(power)
     found = np.einsum("nij,nj->ni", cov, score)
     left = flat - np.einsum("ni,nij->nj", found, basis)
-    misfit = np.einsum("nj,jk,nk->n", left, noise.inverse, left) / left.shape[1]
+    misfit = np.einsum("nj,jk,nk->n", left, inverse, left) / samples
     return Shares(found[:, 0], np.sqrt(cov[:, 0, 0]), found[:, 1], found[:, 2], misfit)

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from kernels.arrays import BoolArray
-from registration.inspection.heights.surface import GROUND, HIGHEST
+from registration.inspection.picture import HIGHEST, LOWEST
 from registration.inspection.values import FloatImage
 
 _ROSE: Final = 0.5
@@ -69,8 +69,8 @@ def lifted(
     lift = np.where(bare, np.clip(-_TOP - height, 0.0, lift), lift)
     if not lift[rose].any():
         return picture, 0.0
-    level = np.clip(height + lift, GROUND, HIGHEST)
-    level[hidden] = GROUND
+    level = np.clip(height + lift, LOWEST, HIGHEST)
+    level[hidden] = LOWEST
     out = np.stack([level, (height + lift) * thickness_mm], axis=2).astype(np.float32)
     most = float(np.percentile(sunk[rose], 99))
     return out, most * thickness_mm if most > _TOLD else 0.0

@@ -19,13 +19,11 @@ from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
 from registration.inspection.heights.height import FARTHEST, HeightFrame
 from registration.inspection.heights.tilt import levelled
-from registration.inspection.picture import drawn_lines
-from registration.inspection.unmeasured import opened
+from registration.inspection.picture import HIGHEST, LOWEST, drawn_lines
 from registration.inspection.values import ExpectedLines, FloatImage
 
-_HOLE: Final = 0.4
-_HOLE_PX: Final = 3
-"""Of a line's width, and cells: holes that are as wide each way as the lesser aren't seen."""
+_HOLE_PX: Final = 1.5
+"""Standard deviation of the filter that fills what wasn't seen, cells."""
 _UNEVEN: Final = 1.2
 """Times the side of a square cell, from which on the wider side is too wide."""
 _HIDDEN: Final = 0.5
@@ -33,10 +31,6 @@ _HIDDEN: Final = 0.5
 _LEAST_SHARE: Final = 1e-3
 _APART: Final = 1.7
 """Widths of a line, from which on what lies beside it is bare."""
-GROUND: Final = -0.5
-HIGHEST: Final = 1.5
-"""Thicknesses from the layer's middle: how far below the layer something lies, or above it stands,
-tells nothing of the layer's ink."""
 _SHADE: Final = 6.0
 """Of a slope of one thickness over four cells in the shaded relief."""
 _LOST: Final = (90, 40, 20)
@@ -97,7 +91,6 @@ def surface_of(
     middle_z_mm, thickness_mm : float, mm
         Of the layer, in the printer's frame.
     lines : ExpectedLines
-        Whose widths say what is a small hole.
 
     Raises
     ------
@@ -116,15 +109,14 @@ def surface_of(
         raise PictureError("the profiler measured no height at all")
     above = levelled(_above(heights.height_mm, frame, middle_z_mm), frame, thickness_mm, lines)
     lost = ~np.isfinite(above)
-    width_px = float(np.percentile(lines.width_mm, 10)) / (dx * dy) ** 0.5
-    whole, hidden = _filled(above, lost, width_px)
+    whole, hidden = _filled(above, lost), lost
     over = _along(lines, frame, above) - thickness_mm / 2
     alone = bool(lines.fresh.all())
     stands = _along(lines, frame, above - _beside(lines, frame, above)) if alone else np.nan
     whole, hidden, to_square = _square(whole, hidden, heights.pixel_mm)
     frame = HeightFrame(to_square @ frame.matrix)
-    level = np.clip(whole / thickness_mm, GROUND, HIGHEST)
-    level[hidden] = GROUND  # a shadow begins where a line ends
+    level = np.clip(whole / thickness_mm, LOWEST, HIGHEST)
+    level[hidden] = LOWEST  # a shadow begins where a line ends
     most = FARTHEST * thickness_mm
     picture = np.stack([level, np.clip(whole, -most, most)], axis=2).astype(np.float32)
     return Surface(picture, frame, hidden, thickness_mm, over, stands)
@@ -188,14 +180,12 @@ def _along(lines: ExpectedLines, frame: HeightFrame, above: FloatImage) -> float
     return float(np.median(found)) if len(found) else float("nan")
 
 
-def _filled(above: FloatImage, lost: BoolArray, width_px: float) -> tuple[FloatImage, BoolArray]:
-    """Heights without narrow holes and single spikes; what is hidden, (rows, columns) each."""
-    side = min(_HOLE_PX, max(2, round(_HOLE * width_px)))
-    hidden = opened(lost, (side, side))
+def _filled(above: FloatImage, lost: BoolArray) -> FloatImage:
+    """Heights without single spikes, and with those around where none was measured."""
     weight = (~lost).astype(np.float32)
-    total = cv2.GaussianBlur(np.where(lost, np.float32(0.0), above), (0, 0), side / 2)
-    share = cv2.GaussianBlur(weight, (0, 0), side / 2)
+    total = cv2.GaussianBlur(np.where(lost, np.float32(0.0), above), (0, 0), _HOLE_PX)
+    share = cv2.GaussianBlur(weight, (0, 0), _HOLE_PX)
     usual = np.float32(np.median(above[~lost]))
     beside = np.where(share > _LEAST_SHARE, total / np.maximum(share, _LEAST_SHARE), usual)
     whole = np.where(lost, beside, above).astype(np.float32)
-    return np.asarray(cv2.medianBlur(whole, 3)), hidden
+    return np.asarray(cv2.medianBlur(whole, 3))
