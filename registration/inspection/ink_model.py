@@ -134,6 +134,24 @@ class ShareOfPiece:
         return ShareOfPiece(first, many, low, high, np.append(value, 1.0))
 
 
+@dataclass(frozen=True)
+class CrossFit:
+    """Profiles of a whole view, and those by which each of two groups of places is judged.
+
+    Places that tell a profile seem to hold the ink of that profile, be it noise. So each group is
+    judged by a profile fitted to the other alone (cross-validation, Stone 1974).
+
+    Attributes
+    ----------
+    whole : InkModel
+    other : (InkModel, InkModel)
+        For the places of group 0 and of group 1.
+    """
+
+    whole: InkModel
+    other: tuple[InkModel, InkModel]
+
+
 def fitted(
     image: FloatImage,
     use: BoolArray,
@@ -141,10 +159,11 @@ def fitted(
     over: FloatImage,
     kind: IntArray,
     share: ShareOfPiece,
+    group: IntArray,
     parts: tuple[int, ...] = tuple(range(PARTS)),
     known: InkModel | None = None,
     plain: bool = True,
-) -> InkModel:
+) -> CrossFit:
     """Fit profiles to a view from which its light is taken out.
 
     Parameters
@@ -159,6 +178,8 @@ def fitted(
     kind : (n,) int64
         Of each piece: 0 fresh, 1 older.
     share : ShareOfPiece
+    group : (m,) int64
+        Of each place, 0 or 1; 2 at the end, for what is fitted for both.
     parts : tuple of int
         Those that profiles may have.
     known : InkModel or None
@@ -167,12 +188,29 @@ def fitted(
         Whether that is a plain cover otherwise, and not nothing.
     """
     channels = image.shape[2]
-    power = np.zeros((_UNKNOWNS, _UNKNOWNS))
-    score = np.zeros((_UNKNOWNS, channels))
+    power = np.zeros((3, _UNKNOWNS, _UNKNOWNS))
+    score = np.zeros((3, _UNKNOWNS, channels))
     _accumulate(
         image, use, passes.count, passes.distance, passes.turn, passes.piece, passes.part, over,
-        kind, share.first, share.many, share.low, share.high, share.value, power, score,
+        kind, share.first, share.many, share.low, share.high, share.value, group,
+        power, score,
     )  # fmt: skip
+    whole, *other = (
+        _solved(power[list(rows)].sum(axis=0), score[list(rows)].sum(axis=0), parts, known, plain)
+        for rows in ((0, 1, 2), (1, 2), (0, 2))
+    )
+    return CrossFit(whole, (other[0], other[1]))
+
+
+def _solved(
+    power: FloatArray,
+    score: FloatArray,
+    parts: tuple[int, ...],
+    known: InkModel | None,
+    plain: bool,
+) -> InkModel:
+    """Solve normal equations (u, u), (u, c) with what is known beforehand."""
+    channels = score.shape[1]
     prior = _prior(power, parts)
     mean = _plain(power, score) if plain else np.zeros_like(score)
     if known is not None:
@@ -316,10 +354,11 @@ def _accumulate(
     low: IntArray,
     high: IntArray,
     value: FloatArray,
+    group: IntArray,
     power: FloatArray,
     score: FloatArray,
 ) -> None:
-    """Add up normal equations."""
+    """Add up normal equations of each group, by the nearest fresh line's place."""
     index = np.empty(200, dtype=np.int64)
     weight = np.empty(200)
     for y in range(image.shape[0]):
@@ -330,12 +369,19 @@ def _accumulate(
                 y, x, distance, turn, piece, part, count[y, x], over[y, x], kind, first, many,
                 low, high, value, index, weight,
             )  # fmt: skip
+            own, least = 2, REACH
+            for m in range(count[y, x]):
+                k = piece[y, x, m]
+                if kind[k] == 0 and abs(distance[y, x, m]) < least:
+                    least = abs(distance[y, x, m])
+                    at = int(first[k] + part[y, x, m] * many[k])
+                    own = group[min(max(at, low[k]), high[k])]
             for a in range(n):
                 ia, wa = index[a], weight[a]
                 for b in range(n):
-                    power[ia, index[b]] += wa * weight[b]
+                    power[own, ia, index[b]] += wa * weight[b]
                 for c in range(image.shape[2]):
-                    score[ia, c] += wa * image[y, x, c]
+                    score[own, ia, c] += wa * image[y, x, c]
 
 
 @jit

@@ -94,6 +94,7 @@ class BareStrips:
 
 def noise_of(
     share: FloatArray,
+    u_share: float,
     misfit: FloatArray,
     good: BoolArray,
     run: IntArray,
@@ -105,7 +106,10 @@ def noise_of(
 
     Parameters
     ----------
-    share, misfit : (n,) float64
+    share : (n,) float64
+    u_share : float
+        Usual uncertainty of one: its spread where too few lines are full.
+    misfit : (n,) float64
     good : (n,) bool
         Places that are seen and full.
     run : (n,) int64
@@ -116,7 +120,7 @@ def noise_of(
     """
     off = share[good] - 1.0
     near = off[np.abs(off) < 0.5]
-    spread = _spread(near) if len(near) > 8 else 1.0
+    spread = _spread(near) if len(near) > 8 else u_share
     pair = np.flatnonzero(good[1:] & good[:-1] & (run[1:] == run[:-1]))
     a, b = share[pair] - 1.0, share[pair + 1] - 1.0
     use = (np.abs(a) < _SURE * spread) & (np.abs(b) < _SURE * spread)

@@ -84,9 +84,11 @@ class View:
 
     @property
     def channels(self) -> FloatImage:
-        """All that is known of each pixel, (h, w, c or 2 c)."""
-        both = (self.now,) if self.change is None else (self.now, self.change)
-        return np.concatenate(both, axis=2)
+        """What fresh ink shows in, (h, w, c): the change where there is one.
+
+        The picture before holds no fresh ink, so that this one tells no more of it than the change.
+        """
+        return self.now if self.change is None else self.change
 
     @property
     def shape(self) -> tuple[int, int]:
