@@ -30,6 +30,7 @@ PARTS: Final = 5
 EVEN: Final = (0, 3, 4)
 ODD: Final = (1, 2)
 CLASSES: Final = 3
+OLDER: Final = 2
 """Fresh over the ground, fresh over older ink, older ink."""
 _UNKNOWNS: Final = CLASSES * PARTS * NODES
 _RIDGE: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
@@ -163,6 +164,7 @@ def fitted(
     parts: tuple[int, ...] = tuple(range(PARTS)),
     known: InkModel | None = None,
     plain: bool = True,
+    inkless: int = 0,
 ) -> CrossFit:
     """Fit profiles to a view from which its light is taken out.
 
@@ -186,6 +188,8 @@ def fitted(
         What profiles are where the view tells nothing of them.
     plain : bool
         Whether that is a plain cover otherwise, and not nothing.
+    inkless : int
+        First channels in which fresh ink can't show: they were taken before.
     """
     channels = image.shape[2]
     power = np.zeros((3, _UNKNOWNS, _UNKNOWNS))
@@ -196,7 +200,10 @@ def fitted(
         power, score,
     )  # fmt: skip
     whole, *other = (
-        _solved(power[list(rows)].sum(axis=0), score[list(rows)].sum(axis=0), parts, known, plain)
+        _solved(
+            power[list(rows)].sum(axis=0), score[list(rows)].sum(axis=0), parts, known, plain,
+            inkless,
+        )  # fmt: skip
         for rows in ((0, 1, 2), (1, 2), (0, 2))
     )
     return CrossFit(whole, (other[0], other[1]))
@@ -208,6 +215,7 @@ def _solved(
     parts: tuple[int, ...],
     known: InkModel | None,
     plain: bool,
+    inkless: int,
 ) -> InkModel:
     """Solve normal equations (u, u), (u, c) with what is known beforehand."""
     channels = score.shape[1]
@@ -216,6 +224,11 @@ def _solved(
     if known is not None:
         mean = known.profile[:, :, :-1].reshape(_UNKNOWNS, channels)
     solved = np.linalg.solve(power + prior, score + prior @ mean)
+    if inkless:
+        older = slice(OLDER * PARTS * NODES, None)
+        own = power[older, older] + prior[older, older]
+        solved[:, :inkless] = 0.0
+        solved[older, :inkless] = np.linalg.solve(own, score[older, :inkless])
     nodes = solved.reshape(CLASSES, PARTS, NODES, channels)
     return InkModel(np.concatenate([nodes, np.zeros((CLASSES, PARTS, 1, channels))], axis=2))
 

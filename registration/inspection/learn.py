@@ -192,10 +192,11 @@ def learned(
         mix = np.eye(1) / _ROUGH
     else:
         light = light_of(channels, ground, view.px_per_mm)
-        mix = _whitening((channels - light)[ground > 0], channels - light)
+        mix = _whitening((channels - light)[ground > 0], channels - light, view.inkless)
     image = _mixed(channels - light, mix)
     coarse = coarse_shift(
-        _without_older(image, view.lost, passes, pieces, ways, lines), view.lost, passes,
+        _without_older(image, view.lost, passes, pieces, ways, lines)[:, :, view.inkless :],
+        view.lost, passes,
         _inner(passes, ways, lines), float(np.median(pieces.width[pieces.kind == 0])),
         options.shift_mm * view.px_per_mm, view.px_per_mm, view.is_heights,
     )  # fmt: skip
@@ -295,8 +296,9 @@ def _draw(
     share = ShareOfPiece.along(ways, lines, state * level)
     if prior is None or not first:
         fit = fitted(
-            image, ~view.lost, passes, over, pieces.kind, share, group, parts, prior, plain
-        )
+            image, ~view.lost, passes, over, pieces.kind, share, group, parts, prior, plain,
+            view.inkless,
+        )  # fmt: skip
     else:
         fit = CrossFit(prior, (prior, prior))
     model = fit.whole
@@ -377,7 +379,6 @@ def _is_told(drawn: Drawn, noise: StripNoise, rows: BoolArray) -> bool:
     found = measured(drawn.strips[rows], drawn.judged[rows], noise)
     independent = float((drawn.ways.step / drawn.ways.width)[rows].sum())
     spread = float(np.sqrt((found.u_share**2).mean()) / np.sqrt(max(independent, 1.0)))
-    print("told", float(found.share.mean()) / spread)
     return float(found.share.mean()) > _TOLD * spread
 
 
@@ -446,15 +447,23 @@ def _without_older(
     return image - model.drawn(passes, over, pieces.kind, share)
 
 
-def _whitening(ground: FloatArray, everything: FloatImage) -> FloatArray:
-    """Matrix (c, c) that makes noise of the ground 1 in each channel and independent."""
+def _whitening(ground: FloatArray, everything: FloatImage, inkless: int) -> FloatArray:
+    """Matrix (c, c) that makes noise of the ground 1 in each channel and independent.
+
+    What was taken before, the first channels, isn't mixed with what changed: older ink mustn't
+    show there.
+    """
     count = everything.shape[2]
     own = ground if len(ground) >= _FEWEST else everything.reshape(-1, count)
     low, high = np.percentile(own, [1, 99], axis=0)
     inner = own[((own >= low) & (own <= high)).all(axis=1)]
     cov = np.cov(inner.T).reshape(count, count)
-    cov += (1e-3 * np.trace(cov) / count + 1e-8) * np.eye(count)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)))
+    mix = np.zeros((count, count))
+    for part in (slice(0, inkless), slice(inkless, count)):
+        block = cov[part, part]
+        block = block + (1e-3 * np.trace(block) / max(len(block), 1) + 1e-8) * np.eye(len(block))
+        mix[part, part] = np.linalg.inv(np.linalg.cholesky(block))
+    return mix
 
 
 def _mixed(values: FloatImage, mix: FloatArray) -> FloatImage:

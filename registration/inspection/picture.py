@@ -84,11 +84,15 @@ class View:
 
     @property
     def channels(self) -> FloatImage:
-        """What fresh ink shows in, (h, w, c): the change where there is one.
+        """All that is known of each pixel, (h, w, c); (h, w, 2 c) of the picture before and change."""
+        if self.change is None:
+            return self.now
+        return np.concatenate([self.now - self.change, self.change], axis=2)
 
-        The picture before holds no fresh ink, so that this one tells no more of it than the change.
-        """
-        return self.now if self.change is None else self.change
+    @property
+    def inkless(self) -> int:
+        """How many of those, the first, hold no fresh ink: those of a picture before."""
+        return 0 if self.change is None else self.now.shape[2]
 
     @property
     def shape(self) -> tuple[int, int]:
