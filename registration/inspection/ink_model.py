@@ -31,6 +31,8 @@ EVEN: Final = (0, 3, 4)
 ODD: Final = (1, 2)
 CLASSES: Final = 3
 OLDER: Final = 2
+_GROUPS: Final = ((0, 1, 2), (1, 2), (0, 2))
+"""Of places: all; those that judge group 0, and group 1."""
 """Fresh over the ground, fresh over older ink, older ink."""
 _UNKNOWNS: Final = CLASSES * PARTS * NODES
 _RIDGE: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
@@ -199,13 +201,8 @@ def fitted(
         kind, share.first, share.many, share.low, share.high, share.value, group,
         power, score,
     )  # fmt: skip
-    whole, *other = (
-        _solved(
-            power[list(rows)].sum(axis=0), score[list(rows)].sum(axis=0), parts, known, plain,
-            inkless,
-        )  # fmt: skip
-        for rows in ((0, 1, 2), (1, 2), (0, 2))
-    )
+    sums = [(power[list(k)].sum(axis=0), score[list(k)].sum(axis=0)) for k in _GROUPS]
+    whole, *other = (_solved(*one, parts, known, plain, inkless) for one in sums)
     return CrossFit(whole, (other[0], other[1]))
 
 

@@ -14,7 +14,15 @@ import numpy as np
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.chain import BARE, HIDDEN, THIN, posterior
 from registration.inspection.ground import light_of, telling_pixels
-from registration.inspection.ink_model import EVEN, ODD, PARTS, CrossFit, InkModel, ShareOfPiece, fitted
+from registration.inspection.ink_model import (
+    EVEN,
+    ODD,
+    PARTS,
+    CrossFit,
+    InkModel,
+    ShareOfPiece,
+    fitted,
+)
 from registration.inspection.layer_shift import coarse_shift, finer_shift
 from registration.inspection.noise import BareStrips, Noise, noise_of
 from registration.inspection.options import SeeingOptions
@@ -200,7 +208,7 @@ def learned(
         _inner(passes, ways, lines), float(np.median(pieces.width[pieces.kind == 0])),
         options.shift_mm * view.px_per_mm, view.px_per_mm, view.is_heights,
     )  # fmt: skip
-    shift = Shift(*_in_mm(coarse.by_px, frame, ways).tolist(), np.full((2, 2), np.inf))
+    shift = _first_shift(coarse.by_px, frame, ways)
     state, level = np.ones(len(ways)), np.ones(len(ways))
     group = _two_groups(ways)
     prior = None if known is None else _of_picture(known, mix)
@@ -259,7 +267,7 @@ def _fresh_alone(ways: Ways, lines: ExpectedLines) -> tuple[Ways, ExpectedLines]
 
 
 def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
-    """How much each pass tells of a layer's place, (h, w, 4): not by ends, which recede or bulge."""
+    """How much each pass tells of a layer's place, (h, w, 4): ends, which recede, don't."""
     share = ShareOfPiece.along(ways, lines, np.ones(len(ways)))
     first, many = np.append(share.first, 0.0), np.append(share.many, 0.0)
     at = (first[passes.piece] + passes.part * many[passes.piece]).astype(np.int64)
@@ -326,7 +334,7 @@ def _judge(
     spreads, misfits, tie = np.ones((2, count)), np.zeros((2, count, 2)), 0.5
     flat = drawn.strips.reshape(count, -1)
     rest = flat - state[:, None] * drawn.own.reshape(count, -1)
-    inverse: FloatArray | None = None
+    inverse: FloatArray = np.eye(flat.shape[1])
     for rows, over in ((~drawn.old, None), (drawn.old, drawn.over)):
         if not rows.any():
             continue
@@ -338,7 +346,7 @@ def _judge(
         )  # fmt: skip
         without = bare.strips if len(bare.strips) else flat[told & rows & ~drawn.looks_full]
         strip_noise = StripNoise.of(rest[good], without, drawn.own[rows])
-        inverse = strip_noise.inverse if inverse is None or over is None else inverse
+        inverse = strip_noise.inverse if over is None or drawn.old.all() else inverse
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise)
         if not is_known and not _is_told(drawn, strip_noise, told & rows):
             told = told & ~rows
@@ -423,7 +431,7 @@ def _light_left(
     view: View, image: FloatImage, drawn: Drawn, ground: FloatImage, mix: FloatArray
 ) -> FloatImage:
     """Light that the model leaves unexplained, (h, w, c)."""
-    rest = _mixed(image - drawn.drawn, np.linalg.inv(mix))
+    rest = _mixed(image - drawn.drawn, np.linalg.inv(mix).astype(np.float64))
     weight = np.where(view.lost, 0.0, np.where(ground > 0, 1.0, _INK_TELLS)).astype(np.float32)
     return light_of(rest, weight, view.px_per_mm)
 
@@ -447,7 +455,7 @@ def _without_older(
     return image - model.drawn(passes, over, pieces.kind, share)
 
 
-def _whitening(ground: FloatArray, everything: FloatImage, inkless: int) -> FloatArray:
+def _whitening(ground: FloatImage, everything: FloatImage, inkless: int) -> FloatArray:
     """Matrix (c, c) that makes noise of the ground 1 in each channel and independent.
 
     What was taken before, the first channels, isn't mixed with what changed: older ink mustn't
@@ -467,7 +475,7 @@ def _whitening(ground: FloatArray, everything: FloatImage, inkless: int) -> Floa
 
 
 def _mixed(values: FloatImage, mix: FloatArray) -> FloatImage:
-    return np.ascontiguousarray(values @ mix.T.astype(np.float32))
+    return np.ascontiguousarray(values @ mix.T.astype(np.float32), dtype=np.float32)
 
 
 def _of_picture(known: Appearance, mix: FloatArray) -> InkModel | None:
@@ -477,8 +485,9 @@ def _of_picture(known: Appearance, mix: FloatArray) -> InkModel | None:
     return InkModel(known.profile @ mix.T)
 
 
-def _in_mm(by_px: FloatArray, frame: ViewFrame, ways: Ways) -> FloatArray:
-    """A move of the view's pixels as one on the layer's plane, (2,)."""
+def _first_shift(by_px: FloatArray, frame: ViewFrame, ways: Ways) -> Shift:
+    """A move of the view's pixels as one on the layer's plane, however unsure."""
     middle = ways.point.mean(axis=0)
     base = frame.to_pixels(np.stack([middle, middle + (1, 0, 0), middle + (0, 1, 0)]))
-    return np.linalg.solve((base[1:] - base[0]).T, by_px)
+    x, y = np.linalg.solve((base[1:] - base[0]).T, by_px)
+    return Shift(float(x), float(y), np.full((2, 2), np.inf))

@@ -84,7 +84,7 @@ class View:
 
     @property
     def channels(self) -> FloatImage:
-        """All that is known of each pixel, (h, w, c); (h, w, 2 c) of the picture before and change."""
+        """All that is known of each pixel: now (h, w, c); or before and change, (h, w, 2 c)."""
         if self.change is None:
             return self.now
         return np.concatenate([self.now - self.change, self.change], axis=2)
