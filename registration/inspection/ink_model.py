@@ -30,6 +30,9 @@ PARTS: Final = 5
 EVEN: Final = (0, 3, 4)
 ODD: Final = (1, 2)
 CLASSES: Final = 3
+OLDER: Final = 2
+_GROUPS: Final = ((0, 1, 2), (1, 2), (0, 2))
+"""Of places: all; those that judge group 0, and group 1."""
 """Fresh over the ground, fresh over older ink, older ink."""
 _ENOUGH_PX: Final = 150_000
 """Pixels near lines that are fitted; of more, evenly spread ones."""
@@ -144,6 +147,24 @@ class ShareOfPiece:
         return ShareOfPiece(first, many, low, high, np.append(value, 1.0))
 
 
+@dataclass(frozen=True)
+class CrossFit:
+    """Profiles of a whole view, and those by which each of two groups of places is judged.
+
+    Places that tell a profile seem to hold the ink of that profile, be it noise. So each group is
+    judged by a profile fitted to the other alone (cross-validation, Stone 1974).
+
+    Attributes
+    ----------
+    whole : InkModel
+    other : (InkModel, InkModel)
+        For the places of group 0 and of group 1.
+    """
+
+    whole: InkModel
+    other: tuple[InkModel, InkModel]
+
+
 def fitted(
     image: FloatImage,
     use: BoolArray,
@@ -151,10 +172,12 @@ def fitted(
     over: FloatImage,
     kind: IntArray,
     share: ShareOfPiece,
+    group: IntArray,
     parts: tuple[int, ...] = tuple(range(PARTS)),
     known: InkModel | None = None,
     plain: bool = True,
-) -> InkModel:
+    inkless: int = 0,
+) -> CrossFit:
     """Fit profiles to a view from which its light is taken out.
 
     Parameters
@@ -169,27 +192,52 @@ def fitted(
     kind : (n,) int64
         Of each piece: 0 fresh, 1 older.
     share : ShareOfPiece
+    group : (m,) int64
+        Of each place, 0 or 1; 2 at the end, for what is fitted for both.
     parts : tuple of int
         Those that profiles may have.
     known : InkModel or None
         What profiles are where the view tells nothing of them.
     plain : bool
         Whether that is a plain cover otherwise, and not nothing.
+    inkless : int
+        First channels in which fresh ink can't show: they were taken before.
     """
     channels = image.shape[2]
-    power = np.zeros((_UNKNOWNS, _UNKNOWNS))
     every = 1 + int((passes.count > 0).sum()) // _ENOUGH_PX
-    score = np.zeros((_UNKNOWNS, channels))
+    power = np.zeros((3, _UNKNOWNS, _UNKNOWNS))
+    score = np.zeros((3, _UNKNOWNS, channels))
     _accumulate(
         image, use, passes.count, passes.distance, passes.turn, passes.piece, passes.part, over,
-        kind, share.first, share.many, share.low, share.high, share.value, np.array(parts), every, power, score,
+        kind, share.first, share.many, share.low, share.high, share.value, np.array(parts), every, group,
+        power, score,
     )  # fmt: skip
-    power = power + np.tril(power, -1).T
+    power = power + np.tril(power, -1).transpose(0, 2, 1)
+    sums = [(power[list(k)].sum(axis=0), score[list(k)].sum(axis=0)) for k in _GROUPS]
+    whole, *other = (_solved(*one, parts, known, plain, inkless) for one in sums)
+    return CrossFit(whole, (other[0], other[1]))
+
+
+def _solved(
+    power: FloatArray,
+    score: FloatArray,
+    parts: tuple[int, ...],
+    known: InkModel | None,
+    plain: bool,
+    inkless: int,
+) -> InkModel:
+    """Solve normal equations (u, u), (u, c) with what is known beforehand."""
+    channels = score.shape[1]
     prior = _prior(power, parts)
     mean = _plain(power, score) if plain else np.zeros_like(score)
     if known is not None:
         mean = known.profile[:, :, :-1].reshape(_UNKNOWNS, channels)
     solved = np.linalg.solve(power + prior, score + prior @ mean)
+    if inkless:
+        older = slice(OLDER * PARTS * NODES, None)
+        own = power[older, older] + prior[older, older]
+        solved[:, :inkless] = 0.0
+        solved[older, :inkless] = np.linalg.solve(own, score[older, :inkless])
     nodes = solved.reshape(CLASSES, PARTS, NODES, channels)
     return InkModel(np.concatenate([nodes, np.zeros((CLASSES, PARTS, 1, channels))], axis=2))
 
@@ -331,10 +379,14 @@ def _accumulate(
     value: FloatArray,
     parts: IntArray,
     every: int,
+    group: IntArray,
     power: FloatArray,
     score: FloatArray,
 ) -> None:
-    """Add up normal equations, their lower half, over one in so many pixels."""
+    """Add up normal equations of each group, their lower half, over one in so many pixels.
+
+    A pixel is of the group of the nearest fresh line's place.
+    """
     index = np.empty(200, dtype=np.int64)
     weight = np.empty(200)
     for y in range(image.shape[0]):
@@ -345,13 +397,20 @@ def _accumulate(
                 y, x, distance, turn, piece, part, count[y, x], over[y, x], kind, first, many,
                 low, high, value, parts, index, weight,
             )  # fmt: skip
+            own, least = 2, REACH
+            for m in range(count[y, x]):
+                k = piece[y, x, m]
+                if kind[k] == 0 and abs(distance[y, x, m]) < least:
+                    least = abs(distance[y, x, m])
+                    at = int(first[k] + part[y, x, m] * many[k])
+                    own = group[min(max(at, low[k]), high[k])]
             for a in range(n):
                 ia, wa = index[a], weight[a]
                 for b in range(a + 1):
                     twice = 2.0 if ia == index[b] and a != b else 1.0
-                    power[max(ia, index[b]), min(ia, index[b])] += twice * wa * weight[b]
+                    power[own, max(ia, index[b]), min(ia, index[b])] += twice * wa * weight[b]
                 for c in range(image.shape[2]):
-                    score[ia, c] += wa * image[y, x, c]
+                    score[own, ia, c] += wa * image[y, x, c]
 
 
 @jit

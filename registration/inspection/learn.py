@@ -11,10 +11,18 @@ from typing import Final
 
 import numpy as np
 
-from kernels.arrays import BoolArray, FloatArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.chain import BARE, HIDDEN, THIN, posterior
 from registration.inspection.ground import light_of, telling_pixels
-from registration.inspection.ink_model import EVEN, ODD, PARTS, InkModel, ShareOfPiece, fitted
+from registration.inspection.ink_model import (
+    EVEN,
+    ODD,
+    PARTS,
+    CrossFit,
+    InkModel,
+    ShareOfPiece,
+    fitted,
+)
 from registration.inspection.layer_shift import coarse_shift, finer_shift
 from registration.inspection.noise import BareStrips, Noise, noise_of
 from registration.inspection.options import SeeingOptions
@@ -52,6 +60,19 @@ its lines: what a profiler sees there isn't theirs."""
 _INK_TELLS: Final = 0.3
 """How much ink tells of light, against ground."""
 _FEWEST: Final = 100
+_PIECE: Final = 2.0
+"""Widths along a line that are judged by a profile that others tell."""
+_FEWEST_PIECES: Final = 4
+"""Of a layer: those of a short one are shorter."""
+_TOLD: Final = 3.5
+"""Standard errors of the mean share from which on a profile is more than noise: without ink it
+stayed below 2.5 in pictures of older ink alone."""
+_KNOWN: Final = (0.5, 2.0)
+"""Of the level that ink had in an earlier look in the same light."""
+_SHOWS: Final = 0.3
+"""Of its level, from which on a place tells how strongly ink of its width and depth shows."""
+_SLOPES: Final = (0.0, 1e-3, 1e-3)
+"""Ridge on a level's slopes, with widths and with depth, mm."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +95,8 @@ class Drawn:
         What the model draws.
     own : (n, u, c) float64
         What full ink of its own adds across each place.
+    judged : (n, u, c) float64
+        The same by a profile to which the place itself was not fitted.
     strips : (n, u, c) float64
         The view across each place, without everything else.
     """
@@ -87,7 +110,18 @@ class Drawn:
     model: InkModel
     drawn: FloatImage
     own: FloatArray
+    judged: FloatArray
     strips: FloatArray
+
+    @property
+    def looks_full(self) -> BoolArray:
+        """Strips that are nearer to all of their ink than to none, (n,)."""
+        return np.asarray(((self.strips - 0.5 * self.own) * self.own).sum(axis=(1, 2)) > 0.0)
+
+    @property
+    def crossed(self) -> BoolArray:
+        """Places over or under which the view shows another of the layer's lines, (n,)."""
+        return self.ways.crossed_in(self.seen)
 
 
 @dataclass(frozen=True)
@@ -176,17 +210,17 @@ def learned(
         mix = np.eye(1) / _ROUGH
     else:
         light = light_of(channels, ground, view.px_per_mm)
-        mix = _whitening((channels - light)[ground > 0], channels - light)
+        mix = _whitening((channels - light)[ground > 0], channels - light, view.inkless)
     image = _mixed(channels - light, mix)
-    # Older ink cancels in what changed, and hides the layer's place in the picture itself.
-    seen = image if view.change is None or lines.fresh.all() else image[:, :, view.now.shape[2] :]
     coarse = coarse_shift(
-        _without_older(seen, view.lost, passes, pieces, ways, lines), view.lost, passes,
+        _without_older(image, view.lost, passes, pieces, ways, lines)[:, :, view.inkless :],
+        view.lost, passes,
         _inner(passes, ways, lines), float(np.median(pieces.width[pieces.kind == 0])),
         options.shift_mm * view.px_per_mm, view.px_per_mm, view.is_heights,
     )  # fmt: skip
-    shift = Shift(*_in_mm(coarse.by_px, frame, ways).tolist(), np.full((2, 2), np.inf))
-    state = np.ones(len(ways))
+    shift = _first_shift(coarse.by_px, frame, ways)
+    state, level = np.ones(len(ways)), np.ones(len(ways))
+    group = _two_groups(ways)
     prior = None if known is None else _of_picture(known, mix)
     for number in range(_ROUNDS):
         last = number >= _ROUNDS - _LAST_MOVE
@@ -200,6 +234,8 @@ def learned(
             ways,
             shift,
             state,
+            level,
+            group,
             parts,
             options,
             prior,
@@ -207,8 +243,12 @@ def learned(
             not coarse.odd,
         )
         lost = _lost_samples(view, drawn)
-        shown, shares, noise, misfit, states, inverse = _judge(view, image, drawn, state, lost)
+        shown, shares, noise, misfit, states, inverse = _judge(
+            view, image, drawn, state, lost, prior is not None
+        )
         state = _presence(states, shares.share)
+        if not last:
+            level = _levels(level * shares.share, level, shown & (state > 0.5), ways)
         if not last:
             shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
         if not view.is_heights and not last:
@@ -240,7 +280,7 @@ def _fresh_alone(ways: Ways, lines: ExpectedLines) -> tuple[Ways, ExpectedLines]
 
 
 def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
-    """How much each pass tells of a layer's place, (h, w, 4): not by ends, which recede or bulge."""
+    """How much each pass tells of a layer's place, (h, w, 4): ends, which recede, don't."""
     share = ShareOfPiece.along(ways, lines, np.ones(len(ways)))
     first, many = np.append(share.first, 0.0), np.append(share.many, 0.0)
     at = (first[passes.piece] + passes.part * many[passes.piece]).astype(np.int64)
@@ -258,6 +298,8 @@ def _draw(
     ways: Ways,
     shift: Shift,
     state: FloatArray,
+    level: FloatArray,
+    group: IntArray,
     parts: tuple[int, ...],
     options: SeeingOptions,
     prior: InkModel | None,
@@ -272,16 +314,24 @@ def _draw(
     passes, seen = Passes.of(pieces, view.shape), Seen.of(there, frame, options.round_lines)
     older = passes.near[:, :, 1]
     over = np.clip((_OVER[0] - older) / (_OVER[0] - _OVER[1]), 0.0, 1.0).astype(np.float32)
-    share = ShareOfPiece.along(ways, lines, state)
-    model = prior
+    share = ShareOfPiece.along(ways, lines, state * level)
     if prior is None or not first:
-        model = fitted(image, ~view.lost, passes, over, pieces.kind, share, parts, prior, plain)
+        fit = fitted(
+            image, ~view.lost, passes, over, pieces.kind, share, group, parts, prior, plain,
+            view.inkless,
+        )  # fmt: skip
+    else:
+        fit = CrossFit(prior, (prior, prior))
+    model = fit.whole
     drawn = model.drawn(passes, over, pieces.kind, share)
     over_at = strips_of(over[:, :, None], seen, there)[:, :, 0]
-    own = own_profile(model, over_at, seen)
+    own, *others = (
+        level[:, None, None] * own_profile(each, over_at, seen) for each in (model, *fit.other)
+    )
+    judged = np.where((group[:-1] == 0)[:, None, None], *others)
     strips = strips_of(image - drawn, seen, there) + state[:, None, None] * own
     old = over_at[:, np.abs(ACROSS) <= 0.5].mean(axis=1) > _OLD
-    return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, strips)
+    return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, judged, strips)
 
 
 def _lost_samples(view: View, drawn: Drawn) -> BoolArray:
@@ -290,41 +340,47 @@ def _lost_samples(view: View, drawn: Drawn) -> BoolArray:
 
 
 def _judge(
-    view: View, image: FloatImage, drawn: Drawn, state: FloatArray, lost: BoolArray
+    view: View, image: FloatImage, drawn: Drawn, state: FloatArray, lost: BoolArray, is_known: bool
 ) -> tuple[BoolArray, Shares, Noise, FloatArray, FloatArray, FloatArray]:
     """Measure shares, learn how they scatter, and tell states."""
     ways, count = drawn.ways, len(drawn.ways)
     part = lost[:, np.abs(ACROSS) < 0.6].mean(axis=1)
     told = drawn.seen.inside(view.shape, 0.6 * ways.width) & (part < _UNSEEN)
-    told &= ~ways.crossed & (ways.to_end > _ENDS * ways.width)
+    told &= ~drawn.crossed & (ways.to_end > _ENDS * ways.width)
     whole = told & (part < _WHOLE)
     shares = Shares(*np.zeros((5, count)))
     spreads, misfits, tie = np.ones((2, count)), np.zeros((2, count, 2)), 0.5
-    rest = drawn.strips - state[:, None, None] * drawn.own
-    inverse: FloatArray | None = None
+    flat = drawn.strips.reshape(count, -1)
+    rest = flat - state[:, None] * drawn.own.reshape(count, -1)
+    inverse: FloatArray = np.eye(flat.shape[1])
     for rows, over in ((~drawn.old, None), (drawn.old, drawn.over)):
         if not rows.any():
             continue
-        good = whole & rows & (state > 0.5)
+        good = whole & rows & (state > 0.5) & drawn.looks_full
         own_rows = np.flatnonzero(rows)
         bare = BareStrips.laid(
             image - drawn.drawn, drawn.passes, drawn.pieces.kind, view.lost, drawn.seen, ways,
             own_rows, over,
         )  # fmt: skip
-        strip_noise = StripNoise.of(rest.reshape(count, -1)[good], bare.strips, drawn.own[rows])
-        inverse = strip_noise.inverse if inverse is None or over is None else inverse
+        without = bare.strips if len(bare.strips) else flat[told & rows & ~drawn.looks_full]
+        strip_noise = StripNoise.of(rest[good], without, drawn.own[rows])
+        inverse = strip_noise.inverse if over is None or drawn.old.all() else inverse
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
+        if not is_known and not _is_told(drawn, strip_noise, told & rows):
+            told = told & ~rows
         top = _full_level(found.share[told[rows]])
+        if is_known:
+            top = min(max(top, _KNOWN[0]), _KNOWN[1])
         own = drawn.own * top
         found = replace(found, share=found.share / top, u_share=found.u_share / top)
         for name in ("share", "u_share", "offset", "wider", "misfit"):
             getattr(shares, name)[rows] = getattr(found, name)
         log = np.log(np.maximum(shares.misfit, 1e-9))
         # Slopes that light grazes along a line show little of it there.
-        usual = float(np.median(shares.u_share[good])) if good.any() else 1.0
+        usual = float(np.median(shares.u_share[good if good.any() else rows]))
         dim = np.maximum(1.0, shares.u_share / max(usual, 1e-9))
         each, tie, both = noise_of(
-            1.0 + (shares.share - 1.0) / dim, log, good, ways.run, bare, own, strip_noise
+            1.0 + (shares.share - 1.0) / dim, usual, log, good, ways.run, bare, own, strip_noise
         )
         spreads[:, rows], misfits[:, rows] = each[:, None] * dim[rows], both[:, None]
     noise = Noise(spreads[0], spreads[1], tie, misfits[0], misfits[1])
@@ -332,6 +388,42 @@ def _judge(
     known = np.where(told, shares.share, np.nan)
     states = posterior(known, misfit, noise, ways.run, ways.step)
     return told, shares, noise, misfit, states, inverse
+
+
+def _two_groups(ways: Ways) -> IntArray:
+    """Part places into pieces some widths long, by turns of group 0 and 1; a 2 at the end."""
+    at = ways.along / ways.width
+    piece = min(_PIECE, float((ways.step / ways.width).sum()) / _FEWEST_PIECES)
+    group = (at / piece).astype(np.int64) + ways.stroke
+    return np.append(group % 2, 2)
+
+
+def _is_told(drawn: Drawn, noise: StripNoise, rows: BoolArray) -> bool:
+    """Whether ink of some places shows by the profile that others tell; else a profile is noise."""
+    if not rows.any():
+        return False
+    found = measured(drawn.strips[rows], drawn.judged[rows], noise)
+    independent = float((drawn.ways.step / drawn.ways.width)[rows].sum())
+    spread = float(np.sqrt((found.u_share**2).mean()) / np.sqrt(max(independent, 1.0)))
+    return float(found.share.mean()) > _TOLD * spread
+
+
+def _levels(share: FloatArray, level: FloatArray, full: BoolArray, ways: Ways) -> FloatArray:
+    """How strongly ink of each width and depth shows, (n,), its mean 1.
+
+    Ink is as dark as it is thick, and the bath above veils it: the logarithm of its level is linear
+    in those of its width and in its depth.
+    """
+    if not ways.varied or not full.any():
+        return level
+    terms = np.column_stack([np.log(ways.width), ways.point[:, 2]])
+    terms = np.column_stack([np.ones(len(ways)), terms - terms[full].mean(axis=0)])
+    use = full & (share > _SHOWS * level)
+    rows = terms[use]
+    power = rows.T @ rows / max(len(rows), 1) + np.diag(_SLOPES)
+    score = rows.T @ np.log(share[use]) / max(len(rows), 1)
+    log = terms @ np.linalg.solve(power, score)
+    return np.asarray(np.exp(log - log[full].mean()))
 
 
 def _presence(states: FloatArray, share: FloatArray) -> FloatArray:
@@ -357,7 +449,7 @@ def _light_left(
     view: View, image: FloatImage, drawn: Drawn, ground: FloatImage, mix: FloatArray
 ) -> FloatImage:
     """Light that the model leaves unexplained, (h, w, c)."""
-    rest = _mixed(image - drawn.drawn, np.linalg.inv(mix))
+    rest = _mixed(image - drawn.drawn, np.linalg.inv(mix).astype(np.float64))
     weight = np.where(view.lost, 0.0, np.where(ground > 0, 1.0, _INK_TELLS)).astype(np.float32)
     return light_of(rest, weight, view.px_per_mm)
 
@@ -376,23 +468,32 @@ def _without_older(
     alone = ~lost & (passes.near[:, :, 0] > REACH)
     over = np.zeros(lost.shape, dtype=np.float32)
     share = ShareOfPiece.along(ways, lines, np.zeros(len(ways)))
-    model = fitted(image, alone, passes, over, pieces.kind, share, EVEN)
+    group = np.full(len(ways) + 1, 2)
+    model = fitted(image, alone, passes, over, pieces.kind, share, group, EVEN).whole
     return image - model.drawn(passes, over, pieces.kind, share)
 
 
-def _whitening(ground: FloatArray, everything: FloatImage) -> FloatArray:
-    """Matrix (c, c) that makes noise of the ground 1 in each channel and independent."""
+def _whitening(ground: FloatImage, everything: FloatImage, inkless: int) -> FloatArray:
+    """Matrix (c, c) that makes noise of the ground 1 in each channel and independent.
+
+    What was taken before, the first channels, isn't mixed with what changed: older ink mustn't
+    show there.
+    """
     count = everything.shape[2]
     own = ground if len(ground) >= _FEWEST else everything.reshape(-1, count)
     low, high = np.percentile(own, [1, 99], axis=0)
     inner = own[((own >= low) & (own <= high)).all(axis=1)]
     cov = np.cov(inner.T).reshape(count, count)
-    cov += (1e-3 * np.trace(cov) / count + 1e-8) * np.eye(count)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)))
+    mix = np.zeros((count, count))
+    for part in (slice(0, inkless), slice(inkless, count)):
+        block = cov[part, part]
+        block = block + (1e-3 * np.trace(block) / max(len(block), 1) + 1e-8) * np.eye(len(block))
+        mix[part, part] = np.linalg.inv(np.linalg.cholesky(block))
+    return mix
 
 
 def _mixed(values: FloatImage, mix: FloatArray) -> FloatImage:
-    return np.ascontiguousarray(values @ mix.T.astype(np.float32))
+    return np.ascontiguousarray(values @ mix.T.astype(np.float32), dtype=np.float32)
 
 
 def _of_picture(known: Appearance, mix: FloatArray) -> InkModel | None:
@@ -402,8 +503,9 @@ def _of_picture(known: Appearance, mix: FloatArray) -> InkModel | None:
     return InkModel(known.profile @ mix.T)
 
 
-def _in_mm(by_px: FloatArray, frame: ViewFrame, ways: Ways) -> FloatArray:
-    """A move of the view's pixels as one on the layer's plane, (2,)."""
+def _first_shift(by_px: FloatArray, frame: ViewFrame, ways: Ways) -> Shift:
+    """A move of the view's pixels as one on the layer's plane, however unsure."""
     middle = ways.point.mean(axis=0)
     base = frame.to_pixels(np.stack([middle, middle + (1, 0, 0), middle + (0, 1, 0)]))
-    return np.linalg.solve((base[1:] - base[0]).T, by_px)
+    x, y = np.linalg.solve((base[1:] - base[0]).T, by_px)
+    return Shift(float(x), float(y), np.full((2, 2), np.inf))

@@ -22,6 +22,8 @@ _LEAST: Final = 0.02
 """Least spread of shares of full lines."""
 _RESIDUE: Final = 0.08
 """Of its ink, that a bare place may seem to hold: neighbours bulge into it."""
+_FEWEST: Final = 4
+"""Places on full lines by which their spread is learned."""
 _MOST_TIED: Final = 0.95
 _SURE: Final = 3.0
 """Spreads within which neighbours tell how alike they are."""
@@ -94,6 +96,7 @@ class BareStrips:
 
 def noise_of(
     share: FloatArray,
+    u_share: float,
     misfit: FloatArray,
     good: BoolArray,
     run: IntArray,
@@ -105,7 +108,10 @@ def noise_of(
 
     Parameters
     ----------
-    share, misfit : (n,) float64
+    share : (n,) float64
+    u_share : float
+        Usual uncertainty of one: its spread where too few lines are full.
+    misfit : (n,) float64
     good : (n,) bool
         Places that are seen and full.
     run : (n,) int64
@@ -115,8 +121,11 @@ def noise_of(
     strip_noise : StripNoise
     """
     off = share[good] - 1.0
-    near = off[np.abs(off) < 0.5]
-    spread = _spread(near) if len(near) > 8 else 1.0
+    spread, window = u_share, 0.5
+    for _ in range(3):
+        near = off[np.abs(off) < window]
+        spread = _spread(near) if len(near) > _FEWEST else u_share
+        window = max(0.5, _SURE * spread)
     pair = np.flatnonzero(good[1:] & good[:-1] & (run[1:] == run[:-1]))
     a, b = share[pair] - 1.0, share[pair + 1] - 1.0
     use = (np.abs(a) < _SURE * spread) & (np.abs(b) < _SURE * spread)

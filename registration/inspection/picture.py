@@ -84,9 +84,15 @@ class View:
 
     @property
     def channels(self) -> FloatImage:
-        """All that is known of each pixel, (h, w, c or 2 c)."""
-        both = (self.now,) if self.change is None else (self.now, self.change)
-        return np.concatenate(both, axis=2)
+        """All that is known of each pixel: now (h, w, c); or before and change, (h, w, 2 c)."""
+        if self.change is None:
+            return self.now
+        return np.concatenate([self.now - self.change, self.change], axis=2)
+
+    @property
+    def inkless(self) -> int:
+        """How many of those, the first, hold no fresh ink: those of a picture before."""
+        return 0 if self.change is None else self.now.shape[2]
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -176,7 +176,7 @@ def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     why[(p > _DOUBT[0]) & (p < _DOUBT[1]) & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
     why[state[:, HIDDEN] > 0.5] = int(Unseen.GLARE)
     inside = look.drawn.seen.inside(look.view.shape, 0.6 * ways.width)
-    crossed = look.drawn.ways.crossed
+    crossed = look.drawn.crossed
     why[~look.shown] = int(Unseen.HIDDEN)
     why[crossed & ~look.shown] = int(Unseen.COVERED)
     why[~inside] = int(Unseen.OUTSIDE)

@@ -89,16 +89,16 @@ class Ways:
         deep = float(np.ptp(self.point[:, 2])) > _DEEPER * float(np.median(self.width))
         return deep or float(self.width.max()) > _WIDER * float(self.width.min())
 
-    @cached_property
-    def crossed(self) -> BoolArray:
-        """Places over which another line lies, or the line's own way back, (n,).
+    def crossed_in(self, seen: Seen) -> BoolArray:
+        """Places over which a view shows another line, or the line's own way back, (n,).
 
         The density of translucent ink adds there: crossings, overlaps, sharp corners.
         """
         out = np.zeros(len(self), dtype=np.bool_)
-        at = self.point[:, :2]
+        at = seen.at / seen.px_per_mm
+        shown = np.flatnonzero(np.isfinite(at).all(axis=1))
         reach = _OVER * float(self.width.max())
-        one, other = cKDTree(at).query_pairs(reach, output_type="ndarray").T
+        one, other = shown[cKDTree(at[shown]).query_pairs(reach, output_type="ndarray").T]
         apart = np.linalg.norm(at[one] - at[other], axis=1)
         along = np.abs(self._from_above[one] - self._from_above[other])
         same = (self.run[one] == self.run[other]) & (along <= DETOUR * apart + _ROUNDED_MM)
