@@ -12,7 +12,7 @@ by weighted least squares over all pixels at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -49,6 +49,8 @@ _EDGE, _SOFT = 0.5, 0.15
 """Widths from the middle where a line ends, and half of what its edge is blurred over."""
 _BESIDE: Final = 30.0
 """Times the ridge beyond a line's edge: what lines that touch have in common is each one's own."""
+_ALIKE: Final = 1.5
+"""Nodes over which a profile is alike, before anything is known of it."""
 _NONE: Final = 1e6
 """The same of a part that isn't there."""
 _SMOOTH: Final = 3e-3
@@ -63,9 +65,21 @@ class InkModel:
     ----------
     profile : (3, 5, 16, c) float64
         By class, part, node of distance.
+    doubt : (3, 16, 16) float64
+        Covariance of even parts' nodes, by class; mean of all channels.
     """
 
     profile: FloatArray
+    doubt: FloatArray = field(default_factory=lambda: np.zeros((CLASSES, NODES + 1, NODES + 1)))
+
+    def doubt_across(self, which: int, distance: FloatArray) -> FloatArray:
+        """Covariance (u, u) of what full ink of a class adds at distances (u,), widths."""
+        size = np.minimum(np.abs(distance) * (NODES / REACH), NODES - 1e-9)
+        low = size.astype(np.int64)
+        hat = np.zeros((len(distance), NODES + 1))
+        row = np.arange(len(distance))
+        hat[row, low], hat[row, low + 1] = 1.0 - (size - low), size - low
+        return np.asarray(hat @ self.doubt[which] @ hat.T)
 
     def at(self, which: IntArray, distance: FloatArray, normal: FloatArray) -> FloatArray:
         """Return what ink adds, (n, u, c).
@@ -177,6 +191,7 @@ def fitted(
     known: InkModel | None = None,
     plain: bool = True,
     inkless: int = 0,
+    cell_px: float = 1.0,
 ) -> CrossFit:
     """Fit profiles to a view from which its light is taken out.
 
@@ -202,6 +217,8 @@ def fitted(
         Whether that is a plain cover otherwise, and not nothing.
     inkless : int
         First channels in which fresh ink can't show: they were taken before.
+    cell_px : float
+        Pixels that tell the same.
     """
     channels = image.shape[2]
     every = 1 + int((passes.count > 0).sum()) // _ENOUGH_PX
@@ -215,7 +232,39 @@ def fitted(
     power = power + np.tril(power, -1).transpose(0, 2, 1)
     sums = [(power[list(k)].sum(axis=0), score[list(k)].sum(axis=0)) for k in _GROUPS]
     whole, *other = (_solved(*one, parts, known, plain, inkless) for one in sums)
-    return CrossFit(whole, (other[0], other[1]))
+    seen = use & (passes.count > 0)
+    square = float((image[seen][:, inkless:] ** 2).sum()) / every
+    left = square - float((_flat(whole)[:, inkless:] * sums[0][1][:, inkless:]).sum())
+    noise = max(left, 0.0) * every / max(float(seen.sum()) * (channels - inkless), 1.0)
+    scale = max(noise, 1e-9) * max(1.0, cell_px / every)
+    return CrossFit(_with_doubt(whole, sums[0][0] / scale, inkless), (other[0], other[1]))
+
+
+def _flat(model: InkModel) -> FloatArray:
+    return model.profile[:, :, :-1].reshape(_UNKNOWNS, -1)
+
+
+def _with_doubt(model: InkModel, power: FloatArray, inkless: int) -> InkModel:
+    """Return profiles with their covariance, before which they may be anything of their size.
+
+    ``power`` (u, u) is what the view tells of them.
+    """
+    shown = model.profile[:, 0, : NODES // 2, inkless:]
+    size = np.maximum((shown**2).mean(axis=(1, 2)), 1e-6)
+    apart = np.abs(np.subtract.outer(np.arange(NODES), np.arange(NODES)))
+    alike = np.exp(-0.5 * (apart / _ALIKE) ** 2) + 1e-3 * np.eye(NODES)
+    doubt = np.zeros((CLASSES, NODES + 1, NODES + 1))
+    even = np.concatenate([np.arange(NODES) + k * PARTS * NODES for k in range(CLASSES)])
+    told = power[np.ix_(even, even)]
+    before = np.zeros_like(told)
+    for k in range(CLASSES):
+        own = slice(k * NODES, (k + 1) * NODES)
+        before[own, own] = np.linalg.inv(size[k] * alike)
+    whole = np.linalg.inv(told + before)
+    for k in range(CLASSES):
+        own = slice(k * NODES, (k + 1) * NODES)
+        doubt[k, :NODES, :NODES] = whole[own, own]
+    return replace(model, doubt=doubt)
 
 
 def _solved(

@@ -25,7 +25,10 @@ from registration.inspection.values import FloatImage, Shift
 from registration.inspection.ways import Ways
 
 _NODES: Final = 8
-"""Of a profile, here."""
+"""Of a profile as far as it reaches, here."""
+_WITHIN: Final = 4
+"""Nodes that ink has: what lies half a width beyond a line's edge would let lines that touch lie
+anywhere."""
 _USUAL_MM: Final = 0.03
 """Scale of a print's own shift (Student's t): a peak at the designed place, with long tails."""
 _CELL: Final = 1.0
@@ -188,7 +191,7 @@ def _maps(passes: Passes, inner: FloatImage) -> tuple[list[FloatImage], list[Flo
     at = np.abs(passes.distance) * (_NODES / REACH)
     sign = np.where(passes.distance < 0, np.float32(-1.0), np.float32(1.0))
     even, odd = [], []
-    for j in range(_NODES):
+    for j in range(_WITHIN):
         hat = inner * np.maximum(np.float32(1.0) - np.abs(at - np.float32(j)), np.float32(0.0))
         even.append(hat.sum(axis=2))
         if j:

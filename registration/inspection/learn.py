@@ -57,6 +57,8 @@ _ROUGH: Final = 0.05
 _COVERED: Final = 0.0
 """Height of the ground over the layer's middle, thicknesses, from which on a bath's surface covers
 its lines: what a profiler sees there isn't theirs."""
+_CELL: Final = 0.4
+"""Of a width: pixels nearer to each other tell the same."""
 _INK_TELLS: Final = 0.3
 """How much ink tells of light, against ground."""
 _FEWEST: Final = 100
@@ -318,7 +320,7 @@ def _draw(
     if prior is None or not first:
         fit = fitted(
             image, ~view.lost, passes, over, pieces.kind, share, group, parts, prior, plain,
-            view.inkless,
+            view.inkless, (_CELL * float(np.median(pieces.width))) ** 2,
         )  # fmt: skip
     else:
         fit = CrossFit(prior, (prior, prior))
@@ -363,7 +365,8 @@ def _judge(
             own_rows, over,
         )  # fmt: skip
         without = bare.strips if len(bare.strips) else flat[told & rows & ~drawn.looks_full]
-        strip_noise = StripNoise.of(rest[good], without, drawn.own[rows])
+        doubt = drawn.model.doubt_across(0 if over is None else 1, ACROSS)
+        strip_noise = StripNoise.of(rest[good], without, drawn.own[rows], doubt)
         inverse = strip_noise.inverse if over is None or drawn.old.all() else inverse
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
         if not is_known and not _is_told(drawn, strip_noise, told & rows):

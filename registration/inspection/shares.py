@@ -43,18 +43,22 @@ class StripNoise:
     inverse: FloatArray
 
     @staticmethod
-    def of(full: FloatArray, bare: FloatArray, own: FloatArray) -> StripNoise:
+    def of(
+        full: FloatArray, bare: FloatArray, own: FloatArray, doubt: FloatArray
+    ) -> StripNoise:
         """Learn it from rests (n, u c) on full lines and on the ground: the mean of both.
 
         That is Fisher's linear discriminant. No model is better than to a part of what ink adds,
-        ``own`` (n, u, c): neighbours of a gap bulge into it.
+        ``own`` (n, u, c): neighbours of a gap bulge into it; nor than its ``doubt`` (u, u): of
+        lines that touch only what their copies add up to is told.
         """
         size = full.shape[1]
+        wide = np.kron(doubt, np.eye(size // len(doubt)))
         rough = _ROUGH**2 * float((own**2).mean()) if own.size else 0.0
         both = [_covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
         if not both:
             return StripNoise(np.eye(size))
-        return StripNoise(np.linalg.inv(np.mean(both, axis=0) + rough * np.eye(size)))
+        return StripNoise(np.linalg.inv(np.mean(both, axis=0) + rough * np.eye(size) + 0.5 * wide))
 
 
 def _covariance(rests: FloatArray) -> FloatArray:
