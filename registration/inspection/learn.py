@@ -49,6 +49,8 @@ _ROUGH: Final = 0.05
 _COVERED: Final = 0.0
 """Height of the ground over the layer's middle, thicknesses, from which on a bath's surface covers
 its lines: what a profiler sees there isn't theirs."""
+_TOP: Final = 0.5
+"""Of a layer over its middle, thicknesses."""
 _INK_TELLS: Final = 0.3
 """How much ink tells of light, against ground."""
 _FEWEST: Final = 100
@@ -186,6 +188,8 @@ def learned(
     shift = Shift(*_in_mm(coarse.by_px, frame, ways).tolist(), np.full((2, 2), np.inf))
     state = np.ones(len(ways))
     prior = None if known is None else _of_picture(known, mix)
+    if view.is_heights:  # ink is as high as its layer, whatever is missing of it
+        prior = InkModel.cover((_TOP - float(light.flat[0])) / _ROUGH)
     for number in range(_ROUNDS):
         last = number >= _ROUNDS - _LAST_MOVE
         parts = tuple(range(PARTS)) if last else (ODD if coarse.odd else EVEN)
