@@ -51,6 +51,10 @@ _COVERED: Final = 0.0
 its lines: what a profiler sees there isn't theirs."""
 _TOP: Final = 0.5
 """Of a layer over its middle, thicknesses."""
+_FAINTEST: Final = 0.05
+_LOW_LAYER: Final = 0.5
+"""Of the expected ink: less, even at most places, isn't taken for full lines. Heights are known
+beforehand, how ink looks isn't."""
 _INK_TELLS: Final = 0.3
 """How much ink tells of light, against ground."""
 _FEWEST: Final = 100
@@ -241,7 +245,7 @@ def _fresh_alone(ways: Ways, lines: ExpectedLines) -> tuple[Ways, ExpectedLines]
 
 
 def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
-    """How much each pass tells of a layer's place, (h, w, 4): not by ends, which recede or bulge."""
+    """How much each pass tells of a layer's place, (h, w, 4): ends recede or bulge, and don't."""
     share = ShareOfPiece.along(ways, lines, np.ones(len(ways)))
     first, many = np.append(share.first, 0.0), np.append(share.many, 0.0)
     at = (first[passes.piece] + passes.part * many[passes.piece]).astype(np.int64)
@@ -315,7 +319,7 @@ def _judge(
         strip_noise = StripNoise.of(rest.reshape(count, -1)[good], bare.strips, drawn.own[rows])
         inverse = strip_noise.inverse if inverse is None or over is None else inverse
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
-        top = _full_level(found.share[told[rows]])
+        top = _full_level(found.share[told[rows]], _LOW_LAYER if view.is_heights else _FAINTEST)
         own = drawn.own * top
         found = replace(found, share=found.share / top, u_share=found.u_share / top)
         for name in ("share", "u_share", "offset", "wider", "misfit"):
@@ -343,15 +347,15 @@ def _presence(states: FloatArray, share: FloatArray) -> FloatArray:
     return np.asarray(np.where(thin, np.clip(share, 0.2, 1.0), there))
 
 
-def _full_level(share: FloatArray) -> float:
-    """Usual share of lines that have ink, of which some may be missing."""
+def _full_level(share: FloatArray, least: float) -> float:
+    """Usual share of lines that have ink, of which some may be missing; 1 for too little."""
     if len(share) < 4:
         return 1.0
     level = float(np.percentile(share, 80))
     for _ in range(4):
         upper = share[share > 0.5 * level]
         level = float(np.median(upper)) if len(upper) else level
-    return level if level > 0.05 else 1.0
+    return level if level > least else 1.0
 
 
 def _light_left(

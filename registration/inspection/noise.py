@@ -114,19 +114,21 @@ def noise_of(
         What full ink adds.
     strip_noise : StripNoise
     """
-    off = share[good] - 1.0
-    near = off[np.abs(off) < 0.5]
-    spread = _spread(near) if len(near) > 8 else 1.0
-    pair = np.flatnonzero(good[1:] & good[:-1] & (run[1:] == run[:-1]))
-    a, b = share[pair] - 1.0, share[pair + 1] - 1.0
-    use = (np.abs(a) < _SURE * spread) & (np.abs(b) < _SURE * spread)
-    tie = float((a * b)[use].sum() / max(float((a * a)[use].sum()), 1e-9)) if use.any() else 0.5
     full = _level(misfit[good])
-    on_bare, without = spread, full
+    on_bare, without = None, full
     if len(bare.strips):
         shape = (len(bare.strips), *own.shape[1:])
         seen = measured(bare.strips.reshape(shape), own[bare.like], strip_noise)
         on_bare, without = _spread(seen.share), _level(np.log(np.maximum(seen.misfit, 1e-9)))
+    off = share[good] - 1.0
+    near = off[np.abs(off) < 0.5]
+    # Where no full line tells how they scatter, they scatter as the ground does.
+    spread = _spread(near) if len(near) > 8 else 1.0 if on_bare is None else on_bare
+    on_bare = spread if on_bare is None else on_bare
+    pair = np.flatnonzero(good[1:] & good[:-1] & (run[1:] == run[:-1]))
+    a, b = share[pair] - 1.0, share[pair + 1] - 1.0
+    use = (np.abs(a) < _SURE * spread) & (np.abs(b) < _SURE * spread)
+    tie = float((a * b)[use].sum() / max(float((a * a)[use].sum()), 1e-9)) if use.any() else 0.5
     spreads = np.array([max(spread, _LEAST), max(float(np.hypot(on_bare, _RESIDUE)), spread)])
     return spreads, min(max(tie, 0.0), _MOST_TIED), np.array([full, without])
 
