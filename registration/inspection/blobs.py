@@ -93,7 +93,9 @@ def find_blobs(
         own = np.asarray(labels[box] == k)
         kind, outline = _kind(own.astype(np.uint8), width_px)
         height = float(smooth[box][own].mean())
-        if not is_heights and not _has_edge(smooth, area, unseen, labels, k, stats[k], width_px, height):
+        if not is_heights and not _has_edge(
+            smooth, area, unseen, labels, k, stats[k], width_px, height
+        ):
             continue
         at = place.to_printer(middles[k][None])[0]
         blobs.append(

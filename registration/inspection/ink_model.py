@@ -81,6 +81,13 @@ class InkModel:
         hat[row, low], hat[row, low + 1] = 1.0 - (size - low), size - low
         return np.asarray(hat @ self.doubt[which] @ hat.T)
 
+    @staticmethod
+    def cover(height: float) -> InkModel:
+        """Return fresh ink that adds as much over a line's width, and nothing beside it."""
+        profile = np.zeros((CLASSES, PARTS, NODES + 1, 1))
+        profile[:2, 0, :, 0] = height * cover_at(np.arange(NODES + 1) * (REACH / NODES))
+        return InkModel(profile)
+
     def at(self, which: IntArray, distance: FloatArray, normal: FloatArray) -> FloatArray:
         """Return what ink adds, (n, u, c).
 
@@ -291,14 +298,18 @@ def _solved(
     return InkModel(np.concatenate([nodes, np.zeros((CLASSES, PARTS, 1, channels))], axis=2))
 
 
+def cover_at(distance: NDArray[Any]) -> NDArray[Any]:
+    """How much a line's own width with soft edges covers at distances, widths."""
+    return np.clip((_EDGE + _SOFT - np.abs(distance)) / (2.0 * _SOFT), 0.0, 1.0)
+
+
 def _plain(power: FloatArray, score: FloatArray) -> FloatArray:
     """Return the even profile that covers a line's width and no more, as strong as it fits.
 
     Lines that touch fit any profile whose copies, a pitch apart, add up to the same.
     """
     basis = np.zeros((_UNKNOWNS, CLASSES))
-    at = np.arange(NODES) * (REACH / NODES)
-    cover = np.clip((_EDGE + _SOFT - at) / (2.0 * _SOFT), 0.0, 1.0)
+    cover = cover_at(np.arange(NODES) * (REACH / NODES))
     for k in range(CLASSES):
         first = k * PARTS * NODES
         basis[first : first + NODES, k] = cover

@@ -19,6 +19,7 @@ import numpy as np
 from scipy import fft
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.ink_model import cover_at
 from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH, Passes
 from registration.inspection.values import FloatImage, Shift
@@ -71,7 +72,7 @@ def coarse_shift(
     width_px: float,
     most_px: float,
     px_per_mm: float,
-    even_alone: bool,
+    is_heights: bool,
 ) -> CoarseShift:
     """Return the likeliest shift.
 
@@ -91,6 +92,8 @@ def coarse_shift(
         Whether ink can't show by slopes alone.
     """
     even, odd = _maps(passes, inner)
+    if is_heights:
+        even = [(inner * cover_at(passes.distance)).max(axis=2)]
     far = max(1, math.ceil(most_px))
     shape = tuple(fft.next_fast_len(n + 2 * far, real=True) for n in image.shape[:2])
     seen = [
@@ -113,7 +116,7 @@ def coarse_shift(
         row, column = np.unravel_index(int(np.argmax(log)), log.shape)
         best.append((float(both[row, column]), log, int(row), int(column)))
     near = float(best[1][1].max() - best[0][1].max()) > -count * math.log(_AS_WELL)
-    is_odd = not even_alone and near and best[1][0] > best[0][0]
+    is_odd = not is_heights and near and best[1][0] > best[0][0]
     _, log, row, column = best[is_odd]
     place = np.array([_finer(log[row], column), _finer(log[:, column], row)]) - far
     return CoarseShift(place, is_odd)

@@ -59,6 +59,9 @@ _COVERED: Final = 0.0
 its lines: what a profiler sees there isn't theirs."""
 _CELL: Final = 0.4
 """Of a width: pixels nearer to each other tell the same."""
+_TOP: Final = 0.5
+"""Of a layer over its middle, thicknesses."""
+_FAINTEST: Final = 0.05
 _INK_TELLS: Final = 0.3
 """How much ink tells of light, against ground."""
 _FEWEST: Final = 100
@@ -224,6 +227,8 @@ def learned(
     state, level = np.ones(len(ways)), np.ones(len(ways))
     group = _two_groups(ways)
     prior = None if known is None else _of_picture(known, mix)
+    if view.is_heights:  # ink is as high as its layer, whatever is missing of it
+        prior = InkModel.cover((_TOP - float(light.flat[0])) / _ROUGH)
     for number in range(_ROUNDS):
         last = number >= _ROUNDS - _LAST_MOVE
         parts = tuple(range(PARTS)) if last else (ODD if coarse.odd else EVEN)
@@ -371,7 +376,7 @@ def _judge(
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
         if not is_known and not _is_told(drawn, strip_noise, told & rows):
             told = told & ~rows
-        top = _full_level(found.share[told[rows]])
+        top = _full_level(found.share[told[rows]], _FAINTEST)
         if is_known:
             top = min(max(top, _KNOWN[0]), _KNOWN[1])
         own = drawn.own * top
@@ -437,15 +442,15 @@ def _presence(states: FloatArray, share: FloatArray) -> FloatArray:
     return np.asarray(np.where(thin, np.clip(share, 0.2, 1.0), there))
 
 
-def _full_level(share: FloatArray) -> float:
-    """Usual share of lines that have ink, of which some may be missing."""
+def _full_level(share: FloatArray, least: float) -> float:
+    """Usual share of lines that have ink, of which some may be missing; 1 for too little."""
     if len(share) < 4:
         return 1.0
     level = float(np.percentile(share, 80))
     for _ in range(4):
         upper = share[share > 0.5 * level]
         level = float(np.median(upper)) if len(upper) else level
-    return level if level > 0.05 else 1.0
+    return level if level > least else 1.0
 
 
 def _light_left(

@@ -2,8 +2,9 @@
 
 What a profile says of the layer's usual width follows from its shape: ink that covers what lies
 below, a round's height or way of light through it, both (a bead on an upright foot), or a shell
-that shows by its rims; each blurred. All shapes that fit tell how sure that is. Against the usual width each station's own is
-found by Gauss and Newton's method: its share of ink, offset and width, without any prior.
+that shows by its rims; each blurred. All shapes that fit tell how sure that is. Against the usual
+width each station's own is found by Gauss and Newton's method: its share of ink, offset and width,
+without any prior.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def usual_ratio(model: InkModel, is_heights: bool) -> tuple[float, float]:
     """Return the width over the expected one that a look's profile shows, and its uncertainty.
 
     Mean and standard deviation over all shapes, blurs and widths, each as likely as its misfit
-    says (noise of unknown variance, as many samples as `_SAMPLES`). A map of heights shows no shells.
+    says (noise of unknown variance, `_SAMPLES` samples). A map of heights shows no shells.
     """
     even = model.profile[0, 0]  # (nodes, c)
     weight = np.linalg.svd(even, full_matrices=False)[2][0]
@@ -169,9 +170,9 @@ def station_widths(
     ratio, common = usual
     width, random, offset = nothing.copy(), nothing.copy(), nothing.copy()
     random[rows] = spread / np.sqrt(number) * ratio * expected_mm[rows]
-    rows, wide, off = (one[spread < _VAGUE] for one in (rows, wide, off))
-    width[rows] = ratio * wide * expected_mm[rows]
-    offset[rows] = off * expected_mm[rows]
+    sure = spread < _VAGUE
+    width[rows[sure]] = ratio * wide[sure] * expected_mm[rows[sure]]
+    offset[rows[sure]] = off[sure] * expected_mm[rows[sure]]
     return Widths(width, random, offset, common, seam_share)
 
 

@@ -31,7 +31,7 @@ from registration.inspection.line_width import Widths, station_widths, usual_rat
 from registration.inspection.lumens import see_lumens
 from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH
-from registration.inspection.picture import Outlines, drawn_lines, view_of, with_before
+from registration.inspection.picture import Mask, Outlines, drawn_lines, view_of, with_before
 from registration.inspection.plane_map import PlaneMap
 from registration.inspection.stations import Grouping
 from registration.inspection.stretches import find_stretches, width_ratio
@@ -319,7 +319,7 @@ class Told:
         )  # fmt: skip
 
 
-def _drawn(look: Learned, lines: ExpectedLines) -> FloatImage:
+def _drawn(look: Learned, lines: ExpectedLines) -> Mask:
     """Where any line is expected, (h, w) uint8."""
     pieces = look.drawn.pieces
     ends = np.stack([pieces.start, pieces.end], axis=1)
