@@ -44,7 +44,8 @@ def annotated(
     Of a view more than twice as large as the lines and half of their extent around them only that
     is shown: a part of 8 mm in a view of 90 is a spot, in which nobody can judge a gap.
     Outlines of the expected lines; edges as seen; gaps and the outlines of ``narrowed`` lumens red;
-    hatched what wasn't seen; thin and thick stretches orange; blobs magenta. Small pictures are enlarged; one of two channels is drawn
+    hatched what wasn't seen; thin and thick stretches orange; blobs magenta. Small pictures are
+    enlarged; one of two channels is drawn
     by its first.
     """
     picture, frame = _around_lines(picture, frame, findings.stations)

@@ -233,8 +233,8 @@ def fitted(
     score = np.zeros((3, _UNKNOWNS, channels))
     _accumulate(
         image, use, passes.count, passes.distance, passes.turn, passes.piece, passes.part, over,
-        kind, share.first, share.many, share.low, share.high, share.value, np.array(parts), every, group,
-        power, score,
+        kind, share.first, share.many, share.low, share.high, share.value, np.array(parts), every,
+        group, power, score,
     )  # fmt: skip
     power = power + np.tril(power, -1).transpose(0, 2, 1)
     sums = [(power[list(k)].sum(axis=0), score[list(k)].sum(axis=0)) for k in _GROUPS]

@@ -113,8 +113,8 @@ def coarse_shift(
     best = []
     for score, maps in zip(scores, (even, odd), strict=True):
         log = _log_of(_explained(score, maps), whole, count) + prior
-        row, column = np.unravel_index(int(np.argmax(log)), log.shape)
-        best.append((float(both[row, column]), log, int(row), int(column)))
+        row, column = (int(k) for k in np.unravel_index(int(np.argmax(log)), log.shape))
+        best.append((float(both[row, column]), log, row, column))
     near = float(best[1][1].max() - best[0][1].max()) > -count * math.log(_AS_WELL)
     is_odd = not is_heights and near and best[1][0] > best[0][0]
     _, log, row, column = best[is_odd]

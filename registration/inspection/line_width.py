@@ -107,7 +107,10 @@ def _shapes(terms: tuple[str, ...]) -> FloatArray:
     """Terms' values at the nodes, (blurs, ratios, terms, nodes)."""
     at = np.arange(NODES) * (REACH / NODES)
     return np.array(
-        [[[_shape(term, at, r, blur) for term in terms] for r in _RATIOS] for blur in _BLURS]
+        [
+            [[_shape(term, at, float(r), float(blur)) for term in terms] for r in _RATIOS]
+            for blur in _BLURS
+        ]
     )
 
 
@@ -161,7 +164,7 @@ def station_widths(
     rows = np.flatnonzero(tell & np.isfinite(strips).all(axis=(1, 2)))
     if not len(rows):
         return Widths(nothing, nothing, nothing, usual[1], seam_share)
-    left = np.ma.median(np.ma.array(strips - own, mask=missing)[rows], axis=0).filled(0.0)
+    left = np.nan_to_num(np.nanmedian(np.where(missing, np.nan, strips - own)[rows], axis=0))
     own = own + left  # what all stations leave alike is the profile's own error: it is smooth
     wide, off, spread = np.ones(len(rows)), np.zeros(len(rows)), np.full(len(rows), np.inf)
     for some, inverse, _ in by_seen_samples(noise, lost[rows]):

@@ -1,4 +1,4 @@
-"""For each pixel of a view, the lines that pass near it: how far, on which side, in which direction.
+"""For each pixel of a view, the lines that pass near it: how far, on which side, which way.
 
 A line's own way back, or another line, is another pass; the pieces around a pixel on one way are
 one, at the least distance. All that a look expects to see is drawn from these.

@@ -288,7 +288,7 @@ def _binned(part: Image, scale: int, floor: float | None = None) -> tuple[FloatI
 
 
 def _shrunk(values: FloatImage, size: tuple[int, int]) -> FloatImage:
-    """Values (h, w) or (h, w, c) averaged to a size (columns, rows); OpenCV takes four at a time."""
+    """Values (h, w) or (h, w, c) averaged to a size (columns, rows), one by one."""
     if values.ndim == 2:
         return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
     parts = [_shrunk(np.ascontiguousarray(values[:, :, c]), size) for c in range(values.shape[2])]
@@ -331,7 +331,7 @@ def _camera_move(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> Flo
     mask = ground.astype(np.uint8)
     try:
         found, move = cv2.findTransformECC(
-            *both, still.astype(np.float32), cv2.MOTION_AFFINE, stop, mask, _BLUR_PX
+            both[0], both[1], still.astype(np.float32), cv2.MOTION_AFFINE, stop, mask, _BLUR_PX
         )
     except cv2.error:  # nothing to hold on to
         return still

@@ -43,9 +43,7 @@ class StripNoise:
     inverse: FloatArray
 
     @staticmethod
-    def of(
-        full: FloatArray, bare: FloatArray, own: FloatArray, doubt: FloatArray
-    ) -> StripNoise:
+    def of(full: FloatArray, bare: FloatArray, own: FloatArray, doubt: FloatArray) -> StripNoise:
         """Learn it from rests (n, u c) on full lines and on the ground: the mean of both.
 
         That is Fisher's linear discriminant. No model is better than to a part of what ink adds,
