@@ -89,7 +89,7 @@ class InkModel:
         out = np.zeros((*passes.count.shape, self.profile.shape[3]), dtype=np.float32)
         _draw(
             passes.count, passes.distance, passes.turn, passes.piece, passes.part, over, kind,
-            share.first, share.many, share.low, share.high, share.value,
+            share.first, share.many, share.low, share.high, share.value, share.wide,
             np.ascontiguousarray(self.profile), out,
         )  # fmt: skip
         return out
@@ -105,8 +105,9 @@ class ShareOfPiece:
         Number of the place where a piece begins, and places along it.
     low, high : (n,) int64
         First and last place of its run.
-    value : (m,) float64
-        Of each place; one more at the end, for older pieces.
+    value, wide : (m,) float64
+        Share of ink of each place, and its width over the usual one; one more at the end, for
+        older pieces.
     """
 
     first: FloatArray
@@ -114,9 +115,12 @@ class ShareOfPiece:
     low: IntArray
     high: IntArray
     value: FloatArray
+    wide: FloatArray
 
     @staticmethod
-    def along(ways: Ways, lines: ExpectedLines, value: FloatArray) -> ShareOfPiece:
+    def along(
+        ways: Ways, lines: ExpectedLines, value: FloatArray, wide: FloatArray | None = None
+    ) -> ShareOfPiece:
         """Return shares (m - 1,) of places by the pieces that they lie on."""
         count, n = len(ways), len(lines)
         length = np.linalg.norm(lines.end - lines.start, axis=1)
@@ -131,7 +135,8 @@ class ShareOfPiece:
             first[rows] = a + (begin[rows] - zero) / ways.step[a]
             many[rows] = length[rows] / ways.step[a]
             low[rows], high[rows] = a, past - 1
-        return ShareOfPiece(first, many, low, high, np.append(value, 1.0))
+        wide = np.ones(count) if wide is None else wide
+        return ShareOfPiece(first, many, low, high, np.append(value, 1.0), np.append(wide, 1.0))
 
 
 def fitted(
@@ -171,7 +176,7 @@ def fitted(
     score = np.zeros((_UNKNOWNS, channels))
     _accumulate(
         image, use, passes.count, passes.distance, passes.turn, passes.piece, passes.part, over,
-        kind, share.first, share.many, share.low, share.high, share.value, power, score,
+        kind, share.first, share.many, share.low, share.high, share.value, share.wide, power, score,
     )  # fmt: skip
     prior = _prior(power, parts)
     mean = _plain(power, score) if plain else np.zeros_like(score)
@@ -227,20 +232,6 @@ def _weights(normal: FloatArray) -> tuple[FloatArray, ...]:
 
 
 @jit
-def _share(
-    k: int,
-    t: float,
-    first: FloatArray,
-    many: FloatArray,
-    low: IntArray,
-    high: IntArray,
-    value: FloatArray,
-) -> float:
-    at = int(first[k] + t * many[k])
-    return float(value[min(max(at, low[k]), high[k])])
-
-
-@jit
 def _terms(
     y: int,
     x: int,
@@ -256,6 +247,7 @@ def _terms(
     low: IntArray,
     high: IntArray,
     value: FloatArray,
+    wide: FloatArray,
     index: IntArray,
     weight: FloatArray,
 ) -> int:
@@ -263,15 +255,16 @@ def _terms(
     n = 0
     for m in range(count):
         d = distance[y, x, m]
-        size = abs(d) * (NODES / REACH)
+        k = piece[y, x, m]
+        at = min(max(int(first[k] + part[y, x, m] * many[k]), low[k]), high[k])
+        size = abs(d) * (NODES / REACH) / wide[at]
         j = int(size)
         if j >= NODES:
             continue
         f = size - j
         sign = -1.0 if d < 0 else 1.0
         u, v = turn[y, x, m, 0], turn[y, x, m, 1]
-        k = piece[y, x, m]
-        own = _share(k, part[y, x, m], first, many, low, high, value)
+        own = value[at]
         for c in range(CLASSES):
             if kind[k] == 0:
                 amount = own * (1.0 - over if c == 0 else over) if c < 2 else 0.0
@@ -316,6 +309,7 @@ def _accumulate(
     low: IntArray,
     high: IntArray,
     value: FloatArray,
+    wide: FloatArray,
     power: FloatArray,
     score: FloatArray,
 ) -> None:
@@ -328,7 +322,7 @@ def _accumulate(
                 continue
             n = _terms(
                 y, x, distance, turn, piece, part, count[y, x], over[y, x], kind, first, many,
-                low, high, value, index, weight,
+                low, high, value, wide, index, weight,
             )  # fmt: skip
             for a in range(n):
                 ia, wa = index[a], weight[a]
@@ -352,6 +346,7 @@ def _draw(
     low: IntArray,
     high: IntArray,
     value: FloatArray,
+    wide: FloatArray,
     profile: FloatArray,
     out: NDArray[Any],
 ) -> None:
@@ -364,7 +359,7 @@ def _draw(
                 continue
             n = _terms(
                 y, x, distance, turn, piece, part, count[y, x], over[y, x], kind, first, many,
-                low, high, value, index, weight,
+                low, high, value, wide, index, weight,
             )  # fmt: skip
             for a in range(n):
                 row = index[a] // NODES

@@ -26,6 +26,7 @@ from registration.inspection.shares import (
     StripNoise,
     measured,
     own_profile,
+    sampled,
     strips_of,
 )
 from registration.inspection.values import Appearance, ExpectedLines, FloatImage, Shift
@@ -47,6 +48,12 @@ _ROUGH: Final = 0.05
 _INK_TELLS: Final = 0.3
 """How much ink tells of light, against ground."""
 _FEWEST: Final = 100
+_SETTLED: Final = 0.1
+"""Change of drawn ink in a round, by which a line tells nothing of light any more."""
+_EVEN: Final = 0.25
+"""Widths to either side over which a line's width is averaged."""
+_AS_USUAL: Final = 0.2
+"""Places as wide as usual that are added to that."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,8 @@ class Drawn:
         What the model draws.
     own : (n, u, c) float64
         What full ink of its own adds across each place.
+    rest : (n, u, c) float64
+        What the model leaves of the view across each place.
     strips : (n, u, c) float64
         The view across each place, without everything else.
     """
@@ -82,6 +91,7 @@ class Drawn:
     model: InkModel
     drawn: FloatImage
     own: FloatArray
+    rest: FloatArray
     strips: FloatArray
 
 
@@ -176,6 +186,7 @@ def learned(
     shift = Shift(*_in_mm(coarse.by_px, frame, ways).tolist(), np.full((2, 2), np.inf))
     state = np.ones(len(ways))
     prior = None if known is None else _of_picture(known, mix)
+    wide = np.ones(len(ways))
     for number in range(_ROUNDS):
         last = number >= _ROUNDS - _LAST_MOVE
         parts = tuple(range(PARTS)) if last else (ODD if coarse.odd else EVEN)
@@ -187,6 +198,7 @@ def learned(
             ways,
             shift,
             state,
+            wide,
             parts,
             options,
             prior,
@@ -194,11 +206,16 @@ def learned(
             not coarse.odd,
         )
         shown, shares, noise, misfit, states, inverse = _judge(view, image, drawn, state)
-        state = _presence(states, shares.share)
+        before = state * wide
+        state = _presence(states, shares.level)
+        wide = _wide(states, shares.wider, shown, ways)
+        settled = np.clip(1.0 - np.abs(state * wide - before) / _SETTLED, 0.0, 1.0)
         if not last:
             shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
         if not view.is_heights and not last:
-            light = light + _light_left(view, image, drawn, ground, mix)
+            light = light + _light_left(
+                view, image, drawn, ground, mix, _of_places(drawn.passes, ways, lines, settled)
+            )
             image = _mixed(channels - light, mix)
     return Learned(
         view,
@@ -226,13 +243,21 @@ def _fresh_alone(ways: Ways, lines: ExpectedLines) -> tuple[Ways, ExpectedLines]
 
 def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
     """How much each pass tells of a layer's place, (h, w, 4): not by ends, which recede or bulge."""
-    share = ShareOfPiece.along(ways, lines, np.ones(len(ways)))
-    first, many = np.append(share.first, 0.0), np.append(share.many, 0.0)
-    at = (first[passes.piece] + passes.part * many[passes.piece]).astype(np.int64)
-    room = np.append(ways.to_end / ways.width, 0.0)[np.minimum(at, len(ways))]
+    weight = np.clip(2.0 * ways.to_end / ways.width - 1.0, 0.0, 1.0)
     fresh = np.append(lines.fresh, False)[passes.piece]
-    weight = np.clip(2.0 * room - 1.0, 0.0, 1.0)
-    return np.where(fresh, weight, 0.0).astype(np.float32)
+    return np.where(fresh, _of_places(passes, ways, lines, weight), 0.0).astype(np.float32)
+
+
+def _of_places(
+    passes: Passes, ways: Ways, lines: ExpectedLines, value: FloatArray
+) -> FloatImage:
+    """Values (n,) of the places that pass each pixel, (h, w, 4); 1 where there is none."""
+    share = ShareOfPiece.along(ways, lines, value)
+    first, many = np.append(share.first, 0.0), np.append(share.many, 0.0)
+    low, high = (np.append(one, len(ways)) for one in (share.low, share.high))
+    at = (first[passes.piece] + passes.part * many[passes.piece]).astype(np.int64)
+    at = np.clip(at, low[passes.piece], high[passes.piece])
+    return np.where(passes.piece >= 0, share.value[at], 1.0).astype(np.float32)
 
 
 def _draw(
@@ -243,6 +268,7 @@ def _draw(
     ways: Ways,
     shift: Shift,
     state: FloatArray,
+    wide: FloatArray,
     parts: tuple[int, ...],
     options: SeeingOptions,
     prior: InkModel | None,
@@ -257,16 +283,18 @@ def _draw(
     passes, seen = Passes.of(pieces, view.shape), Seen.of(there, frame, options.round_lines)
     older = passes.nearest(pieces.kind, 1)
     over = np.clip((_OVER[0] - older) / (_OVER[0] - _OVER[1]), 0.0, 1.0).astype(np.float32)
-    share = ShareOfPiece.along(ways, lines, state)
+    share = ShareOfPiece.along(ways, lines, state, wide)
     model = prior
     if prior is None or not first:
         model = fitted(image, ~view.lost, passes, over, pieces.kind, share, parts, prior, plain)
     drawn = model.drawn(passes, over, pieces.kind, share)
     over_at = strips_of(over[:, :, None], seen, there)[:, :, 0]
     own = own_profile(model, over_at, seen)
-    strips = strips_of(image - drawn, seen, there) + state[:, None, None] * own
+    as_wide = sampled(own, ACROSS / wide[:, None])[0]
+    rest = strips_of(image - drawn, seen, there)
+    strips = rest + state[:, None, None] * as_wide
     old = over_at[:, np.abs(ACROSS) <= 0.5].mean(axis=1) > _OLD
-    return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, strips)
+    return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, rest, strips)
 
 
 def _judge(
@@ -278,9 +306,9 @@ def _judge(
     lost = strips_of(view.lost[:, :, None].astype(np.float32), drawn.seen, ways)[:, inner, 0]
     shown = drawn.seen.inside(view.shape, 0.6 * ways.width) & (lost.mean(axis=1) < _UNSEEN)
     told = shown & ~ways.crossed & (ways.to_end > _ENDS * ways.width)
-    shares = Shares(*np.zeros((5, count)))
+    shares = Shares(*np.zeros((7, count)))
     spreads, misfits, tie = np.ones((2, count)), np.zeros((2, count, 2)), 0.5
-    rest = drawn.strips - state[:, None, None] * drawn.own
+    rest = drawn.rest
     inverse: FloatArray | None = None
     for rows, over in ((~drawn.old, None), (drawn.old, drawn.over)):
         if not rows.any():
@@ -296,8 +324,8 @@ def _judge(
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise)
         top = _full_level(found.share[told[rows]])
         own = drawn.own * top
-        found = replace(found, share=found.share / top, u_share=found.u_share / top)
-        for name in ("share", "u_share", "offset", "wider", "misfit"):
+        found = replace(found, share=found.share / top, u_share=found.u_share / top, level=found.level / top)
+        for name in ("share", "u_share", "offset", "wider", "misfit", "level"):
             getattr(shares, name)[rows] = getattr(found, name)
         log = np.log(np.maximum(shares.misfit, 1e-9))
         # Slopes that light grazes along a line show little of it there.
@@ -314,12 +342,27 @@ def _judge(
     return told, shares, noise, misfit, states, inverse
 
 
-def _presence(states: FloatArray, share: FloatArray) -> FloatArray:
+def _presence(states: FloatArray, level: FloatArray) -> FloatArray:
     """How much ink is drawn at each place in the next round."""
     known = states[:, :HIDDEN].sum(axis=1)
     there = np.where(known > 0.1, 1.0 - states[:, BARE] / np.maximum(known, 1e-9), 1.0)
     thin = states[:, THIN] > 0.5
-    return np.asarray(np.where(thin, np.clip(share, 0.2, 1.0), there))
+    return np.asarray(np.where(thin, np.clip(level, 0.2, 1.0), there))
+
+
+def _wide(states: FloatArray, wider: FloatArray, shown: BoolArray, ways: Ways) -> FloatArray:
+    """Width over the usual one at each place, with which ink is drawn in the next round.
+
+    The mean over about half a width along the line: widths don't change faster.
+    """
+    weight = np.where(shown, 1.0 - states[:, BARE], 0.0)
+    reach = max(1, round(_EVEN * float(np.median(ways.width / ways.step))))
+    total, norm = np.zeros(len(ways)), np.full(len(ways), _AS_USUAL)
+    for k in range(-reach, reach + 1):
+        near = np.clip(np.arange(len(ways)) + k, 0, len(ways) - 1)
+        own = weight[near] * (ways.run[near] == ways.run)
+        total, norm = total + own * wider[near], norm + own
+    return np.asarray(1.0 + total / norm)
 
 
 def _full_level(share: FloatArray) -> float:
@@ -334,11 +377,21 @@ def _full_level(share: FloatArray) -> float:
 
 
 def _light_left(
-    view: View, image: FloatImage, drawn: Drawn, ground: FloatImage, mix: FloatArray
+    view: View,
+    image: FloatImage,
+    drawn: Drawn,
+    ground: FloatImage,
+    mix: FloatArray,
+    settled: FloatImage,
 ) -> FloatImage:
-    """Light that the model leaves unexplained, (h, w, c)."""
+    """Light that the model leaves unexplained, (h, w, c).
+
+    Lines that will be drawn otherwise in the next round, as they are ``settled`` (h, w, 4) less,
+    tell nothing of it.
+    """
     rest = _mixed(image - drawn.drawn, np.linalg.inv(mix))
-    weight = np.where(view.lost, 0.0, np.where(ground > 0, 1.0, _INK_TELLS)).astype(np.float32)
+    tells = settled.min(axis=2)
+    weight = np.where(view.lost, 0.0, np.where(ground > 0, 1.0, _INK_TELLS * tells)).astype(np.float32)
     return light_of(rest, weight, view.px_per_mm)
 
 

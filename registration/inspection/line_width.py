@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink_model import NODES, InkModel
 from registration.inspection.passes import REACH
-from registration.inspection.shares import ACROSS
+from registration.inspection.shares import ACROSS, sampled
 
 _RATIOS: Final = np.arange(0.5, 1.6, 0.01)
 """Widths over expected ones that are tried."""
@@ -146,7 +146,7 @@ def station_widths(
     cov = np.zeros((len(rows), 3, 3))
     for _ in range(_ROUNDS):
         at = (ACROSS[None, :] - off[:, None]) / wide[:, None]
-        shape, slope = _sampled(own[rows], at)
+        shape, slope = sampled(own[rows], at)
         basis = np.stack(
             [
                 shape,
@@ -170,15 +170,3 @@ def station_widths(
     random[rows] = np.sqrt(cov[:, 2, 2] / number) * ratio * expected_mm[rows]
     offset[rows] = off * expected_mm[rows]
     return Widths(width, random, offset, common, seam_share)
-
-
-def _sampled(own: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Profiles (m, u, c) at other distances (m, u), and their slopes."""
-    step = ACROSS[1] - ACROSS[0]
-    place = np.clip((at - ACROSS[0]) / step, 0.0, len(ACROSS) - 1 - 1e-9)
-    low = place.astype(np.int64)
-    part = (place - low)[:, :, None]
-    row = np.arange(len(own))[:, None]
-    slope = np.gradient(own, step, axis=1)
-    values, slopes = (one[row, low] * (1 - part) + one[row, low + 1] * part for one in (own, slope))
-    return values, slopes

@@ -191,7 +191,7 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     free = full & (beside > _ALONE) & ~drawn.old
     all_ = np.ones(len(ways), dtype=np.bool_)
     told = group.mean(free.astype(np.float64), all_) > _PART
-    area = look.shares.share * (1.0 + look.shares.wider)
+    area = look.shares.level * (1.0 + look.shares.wider)
     touching = full & (beside <= _ALONE)
     seam = np.where(
         group.mean(touching.astype(np.float64), all_) > _PART, group.mean(area, touching), np.nan

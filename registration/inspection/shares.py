@@ -23,12 +23,18 @@ _OFF: Final = 0.08
 """Standard deviation of a line's own place beside the layer's, widths."""
 _WIDER: Final = 0.08
 """And of its width."""
+_SCALES: Final = (0.84, 0.7, 0.57, 0.46, 0.37, 1.2)
+"""Widths over the usual one around which strips are fitted too: flow that is short or ample."""
+_UNUSUAL: Final = 5.0
+"""Natural logarithm of odds against each of those: thin stretches are some in a hundred metres."""
 _FEWEST: Final = 40
 """Strips by which noise is learned."""
 _INDEPENDENT: Final = 0.3
 """Of strips: their neighbours tell the same."""
 _ROUGH: Final = 0.15
 """Of a profile, to which the model is right at any sample."""
+_CONCENTRATE: Final = 4
+"""Steps of concentration: their results hardly change from the third on."""
 _LEAST: Final = 1e-4
 """Least variance of a sample; that of the ground is 1."""
 _FLOOR: Final = 0.02
@@ -50,31 +56,52 @@ class StripNoise:
         """
         size = full.shape[1]
         rough = _ROUGH**2 * float((own**2).mean()) if own.size else 0.0
-        both = [_covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
+        both: list[FloatArray] = []
+        for one in (bare, full):
+            if len(one) >= _FEWEST:
+                both.append(_covariance(one, both[0] if both else np.eye(size)))
         if not both:
             return StripNoise(np.eye(size))
         return StripNoise(np.linalg.inv(np.mean(both, axis=0) + (_LEAST + rough) * np.eye(size)))
 
 
-def _covariance(rests: FloatArray) -> FloatArray:
-    """Covariance about 0, shrunk to a multiple of one, outlying strips counting less.
+def _covariance(rests: FloatArray, start: FloatArray) -> FloatArray:
+    """Covariance about 0 of the bulk of strips.
+
+    By concentration from a ``start``: the half that lies nearest tells the shape, the median
+    distance the size (Rousseeuw and Van Driessen 1999, Technometrics 41, 212), so that thin
+    stretches of up to half a layer aren't taken for noise. Then outlying strips count less.
+    """
+    cov = start
+    for _ in range(_CONCENTRATE):
+        far = _distances(rests, cov)
+        inner = (far <= np.median(far)).astype(np.float64)
+        cov = _shrunk(rests, inner)
+        cov *= float(np.median(_distances(rests, cov)))
+    far = _distances(rests, cov)
+    weight = 1.0 / (1.0 + np.maximum(far / max(float(np.median(far)), 1e-9) - 1.0, 0.0) ** 2)
+    return _shrunk(rests, weight)
+
+
+def _distances(rests: FloatArray, cov: FloatArray) -> FloatArray:
+    """Mean square of each strip over noise, (n,)."""
+    own = np.einsum("ni,ij,nj->n", rests, np.linalg.inv(cov), rests)
+    return np.asarray(own / rests.shape[1])
+
+
+def _shrunk(rests: FloatArray, weight: FloatArray) -> FloatArray:
+    """Weighted covariance about 0, shrunk to a multiple of one.
 
     By the oracle approximating shrinkage of Chen et al. (2010, IEEE TSP 58, 5016); neighbouring
     strips tell the same in part.
     """
-    size, count = rests.shape[1], _INDEPENDENT * len(rests)
-    weight = np.ones(len(rests))
-    cov = np.eye(size)
-    for _ in range(2):
-        cov = (rests * weight[:, None]).T @ rests / weight.sum()
-        trace, square = float(np.trace(cov)), float((cov**2).sum())
-        top = (1.0 - 2.0 / size) * square + trace**2
-        low = (count + 1.0 - 2.0 / size) * (square - trace**2 / size)
-        shrink = max(min(1.0, top / low) if low > 0 else 1.0, _FLOOR)
-        cov = (1.0 - shrink) * cov + shrink * trace / size * np.eye(size)
-        far = np.einsum("ni,ij,nj->n", rests, np.linalg.inv(cov), rests) / size
-        weight = 1.0 / (1.0 + np.maximum(far / max(float(np.median(far)), 1e-9) - 1.0, 0.0) ** 2)
-    return cov
+    size, count = rests.shape[1], _INDEPENDENT * float(weight.sum())
+    cov = (rests * weight[:, None]).T @ rests / weight.sum()
+    trace, square = float(np.trace(cov)), float((cov**2).sum())
+    top = (1.0 - 2.0 / size) * square + trace**2
+    low = (count + 1.0 - 2.0 / size) * (square - trace**2 / size)
+    shrink = max(min(1.0, top / low) if low > 0 else 1.0, _FLOOR)
+    return np.asarray((1.0 - shrink) * cov + shrink * trace / size * np.eye(size))
 
 
 @dataclass(frozen=True)
@@ -89,6 +116,10 @@ class Shares:
         How far a line lies to the left of its place, and how much wider it is.
     misfit : (n,) float64
         Mean square of what is left, over noise.
+    level : (n,) float64
+        How much of usual ink lies in the line's middle, however wide it is.
+    loss : (n,) float64
+        Minus twice the logarithm of the posterior density.
     """
 
     share: FloatArray
@@ -96,6 +127,8 @@ class Shares:
     offset: FloatArray
     wider: FloatArray
     misfit: FloatArray
+    level: FloatArray
+    loss: FloatArray
 
 
 def strips_of(image: FloatImage, seen: Seen, ways: Ways) -> FloatArray:
@@ -119,22 +152,53 @@ def own_profile(model: InkModel, over: FloatArray, seen: Seen) -> FloatArray:
     return np.asarray(ground * (1.0 - part) + older * part)
 
 
-def measured(strips: FloatArray, own: FloatArray, noise: StripNoise) -> Shares:
-    """Fit share, offset and widening to strips (n, u, c) that hold the line's own ink alone."""
-    n = len(strips)
+def sampled(own: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return profiles (m, u, c) at other distances (m, u), and their slopes there."""
     step = ACROSS[1] - ACROSS[0]
+    place = np.clip((at - ACROSS[0]) / step, 0.0, len(ACROSS) - 1 - 1e-9)
+    low = place.astype(np.int64)
+    part = (place - low)[:, :, None]
+    row = np.arange(len(own))[:, None]
     slope = np.gradient(own, step, axis=1)
-    basis = np.stack([own, -slope, -slope * ACROSS[None, :, None]], axis=1).reshape(n, 3, -1)
+    values, slopes = (one[row, low] * (1 - part) + one[row, low + 1] * part for one in (own, slope))
+    return values, slopes
+
+
+def measured(strips: FloatArray, own: FloatArray, noise: StripNoise) -> Shares:
+    """Fit share, offset and width to strips (n, u, c) that hold the line's own ink alone.
+
+    Around each of some widths the fit is linear; that of the highest posterior is taken.
+    """
+    best = _around(1.0, strips, own, noise)
+    for scale in _SCALES:
+        other = _around(scale, strips, own, noise)
+        likelier = other.loss + 2.0 * _UNUSUAL < best.loss
+        pairs = zip(vars(other).values(), vars(best).values(), strict=True)
+        best = Shares(*(np.where(likelier, one, two) for one, two in pairs))
+    return best
+
+
+def _around(scale: float, strips: FloatArray, own: FloatArray, noise: StripNoise) -> Shares:
+    """Fit strips by lines of about so much of the usual width."""
+    n = len(strips)
+    at = np.broadcast_to(ACROSS / scale, (n, len(ACROSS)))
+    shape, slope = sampled(own, at)
+    basis = np.stack([shape, -slope / scale, -slope * at[:, :, None]], axis=1).reshape(n, 3, -1)
     flat = strips.reshape(n, -1)
     weighted = basis @ noise.inverse
     power = np.einsum("nij,nkj->nik", weighted, basis)
     score = np.einsum("nij,nj->ni", weighted, flat)
-    # What moves and widens ink does so by its share; the designed line is the prior.
+    # What moves and widens ink does so by its share; the line about so wide is the prior.
     power[:, 1, 1] += _OFF**-2
     power[:, 2, 2] += _WIDER**-2
     power[:, 0, 0] += 1e-9
     cov = np.linalg.inv(power)
     found = np.einsum("nij,nj->ni", cov, score)
     left = flat - np.einsum("ni,nij->nj", found, basis)
-    misfit = np.einsum("nj,jk,nk->n", left, noise.inverse, left) / left.shape[1]
-    return Shares(found[:, 0], np.sqrt(cov[:, 0, 0]), found[:, 1], found[:, 2], misfit)
+    misfit = np.einsum("nj,jk,nk->n", left, noise.inverse, left)
+    loss = misfit + (found[:, 1] / _OFF) ** 2 + (found[:, 2] / _WIDER) ** 2
+    ink = min(scale, 1.0)
+    return Shares(
+        ink * found[:, 0], ink * np.sqrt(cov[:, 0, 0]), found[:, 1],
+        scale * (1.0 + found[:, 2]) - 1.0, misfit / left.shape[1], found[:, 0], loss,
+    )  # fmt: skip
