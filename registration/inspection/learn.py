@@ -76,6 +76,8 @@ class Drawn:
         What the model draws.
     own : (n, u, c) float64
         What full ink of its own adds across each place.
+    near : (n, u, c) float64
+        What other fresh lines add there.
     rest : (n, u, c) float64
         What the model leaves of the view across each place.
     strips : (n, u, c) float64
@@ -91,6 +93,7 @@ class Drawn:
     model: InkModel
     drawn: FloatImage
     own: FloatArray
+    near: FloatArray
     rest: FloatArray
     strips: FloatArray
 
@@ -292,9 +295,15 @@ def _draw(
     own = own_profile(model, over_at, seen)
     as_wide = sampled(own, ACROSS / wide[:, None])[0]
     rest = strips_of(image - drawn, seen, there)
-    strips = rest + state[:, None, None] * as_wide
+    ink = state[:, None, None] * as_wide
+    strips = rest + ink
+    alone = np.float32(0.0)
+    if (pieces.kind == 1).any():
+        none = ShareOfPiece.along(ways, lines, np.zeros(len(ways)))
+        alone = model.drawn(passes, over, pieces.kind, none)
+    near = strips_of(drawn - alone, seen, there) - ink
     old = over_at[:, np.abs(ACROSS) <= 0.5].mean(axis=1) > _OLD
-    return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, rest, strips)
+    return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, near, rest, strips)
 
 
 def _judge(
@@ -321,7 +330,7 @@ def _judge(
         )  # fmt: skip
         strip_noise = StripNoise.of(rest.reshape(count, -1)[good], bare.strips, drawn.own[rows])
         inverse = strip_noise.inverse if inverse is None or over is None else inverse
-        found = measured(drawn.strips[rows], drawn.own[rows], strip_noise)
+        found = measured(drawn.strips[rows], drawn.own[rows], drawn.near[rows], strip_noise)
         top = _full_level(found.share[told[rows]])
         own = drawn.own * top
         found = replace(found, share=found.share / top, u_share=found.u_share / top, level=found.level / top)

@@ -27,6 +27,8 @@ _SCALES: Final = (0.84, 0.7, 0.57, 0.46, 0.37, 1.2)
 """Widths over the usual one around which strips are fitted too: flow that is short or ample."""
 _UNUSUAL: Final = 5.0
 """Natural logarithm of odds against each of those: thin stretches are some in a hundred metres."""
+_NEIGHBOUR: Final = (0.5, 0.5, 0.2, 0.2)
+"""Standard deviations of a neighbour's share on either side, and of where its edge lies, widths."""
 _FEWEST: Final = 40
 """Strips by which noise is learned."""
 _INDEPENDENT: Final = 0.3
@@ -164,26 +166,39 @@ def sampled(own: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     return values, slopes
 
 
-def measured(strips: FloatArray, own: FloatArray, noise: StripNoise) -> Shares:
+def measured(
+    strips: FloatArray, own: FloatArray, near: FloatArray | None, noise: StripNoise
+) -> Shares:
     """Fit share, offset and width to strips (n, u, c) that hold the line's own ink alone.
 
-    Around each of some widths the fit is linear; that of the highest posterior is taken.
+    Around each of some widths the fit is linear; that of the highest posterior is taken. What
+    neighbours add, ``near`` (n, u, c), is as uncertain as the line itself on either side.
     """
-    best = _around(1.0, strips, own, noise)
+    best = _around(1.0, strips, own, near, noise)
     for scale in _SCALES:
-        other = _around(scale, strips, own, noise)
+        other = _around(scale, strips, own, near, noise)
         likelier = other.loss + 2.0 * _UNUSUAL < best.loss
         pairs = zip(vars(other).values(), vars(best).values(), strict=True)
         best = Shares(*(np.where(likelier, one, two) for one, two in pairs))
     return best
 
 
-def _around(scale: float, strips: FloatArray, own: FloatArray, noise: StripNoise) -> Shares:
+def _around(
+    scale: float,
+    strips: FloatArray,
+    own: FloatArray,
+    near: FloatArray | None,
+    noise: StripNoise,
+) -> Shares:
     """Fit strips by lines of about so much of the usual width."""
     n = len(strips)
     at = np.broadcast_to(ACROSS / scale, (n, len(ACROSS)))
     shape, slope = sampled(own, at)
-    basis = np.stack([shape, -slope / scale, -slope * at[:, :, None]], axis=1).reshape(n, 3, -1)
+    terms = [shape, -slope / scale, -slope * at[:, :, None]]
+    if near is not None:
+        sides = [near * side[None, :, None] for side in (ACROSS < 0.0, ACROSS > 0.0)]
+        terms += sides + [np.gradient(one, ACROSS[1] - ACROSS[0], axis=1) for one in sides]
+    basis = np.stack(terms, axis=1).reshape(n, len(terms), -1)
     flat = strips.reshape(n, -1)
     weighted = basis @ noise.inverse
     power = np.einsum("nij,nkj->nik", weighted, basis)
@@ -192,11 +207,15 @@ def _around(scale: float, strips: FloatArray, own: FloatArray, noise: StripNoise
     power[:, 1, 1] += _OFF**-2
     power[:, 2, 2] += _WIDER**-2
     power[:, 0, 0] += 1e-9
+    for k, spread in enumerate(_NEIGHBOUR[: len(terms) - 3], 3):
+        power[:, k, k] += spread**-2
     cov = np.linalg.inv(power)
     found = np.einsum("nij,nj->ni", cov, score)
     left = flat - np.einsum("ni,nij->nj", found, basis)
     misfit = np.einsum("nj,jk,nk->n", left, noise.inverse, left)
     loss = misfit + (found[:, 1] / _OFF) ** 2 + (found[:, 2] / _WIDER) ** 2
+    for k, spread in enumerate(_NEIGHBOUR[: len(terms) - 3], 3):
+        loss = loss + (found[:, k] / spread) ** 2
     ink = min(scale, 1.0)
     return Shares(
         ink * found[:, 0], ink * np.sqrt(cov[:, 0, 0]), found[:, 1],
