@@ -97,6 +97,7 @@ def _moves(step_mm: float) -> FloatArray:
 def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArray:
     """Logarithm of each reading's density, (n, 4, 5): behind a place of each state, and of none."""
     known = np.isfinite(share)
+    shows = np.log(-np.expm1(np.minimum(noise.alike, -1e-12)))
     x, last = np.where(known, share, 0.0), np.append(np.nan, share[:-1])
     out = np.zeros((len(share), 4, 5))
     for state, middle, spread in ((FULL, 1.0, noise.full), (BARE, 0.0, noise.bare)):
@@ -117,6 +118,11 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     out[:, (FULL, THIN)] += full[:, None, None]
     out[:, BARE] += usual[:, None]
     out[:, HIDDEN] += strange[:, None]
+    # Ink that doesn't show leaves the same reading in all states, tied to any before.
+    same = np.repeat(out[:, FULL, 4:], 5, axis=1)
+    same[:, :HIDDEN] = out[:, FULL, FULL, None]
+    same, out[:, :HIDDEN] = same + noise.alike[:, None], out[:, :HIDDEN] + shows[:, None, None]
+    out[:, :HIDDEN] = np.logaddexp(same[:, None], out[:, :HIDDEN])
     out[~known] = 0.0
     return out
 

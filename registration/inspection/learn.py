@@ -6,6 +6,7 @@ from each other. Places that turn out bare tell nothing of ink in the next round
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -14,9 +15,9 @@ import numpy as np
 from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.chain import BARE, HIDDEN, THIN, posterior
 from registration.inspection.ground import light_of, telling_pixels
-from registration.inspection.ink_model import EVEN, ODD, PARTS, InkModel, ShareOfPiece, fitted
+from registration.inspection.ink_model import EVEN, NODES, ODD, PARTS, InkModel, ShareOfPiece, fitted
 from registration.inspection.layer_shift import coarse_shift, finer_shift
-from registration.inspection.noise import BareStrips, Noise, noise_of
+from registration.inspection.noise import BareStrips, Noise, log_alike, noise_of
 from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH, Passes, Pieces
 from registration.inspection.picture import LOWEST, View, ViewFrame
@@ -208,7 +209,9 @@ def learned(
             number == 0,
             not coarse.odd,
         )
-        shown, shares, noise, misfit, states, inverse = _judge(view, image, drawn, state)
+        shown, shares, noise, misfit, states, inverse = _judge(
+            view, image, drawn, state, prior is not None
+        )
         before = state * wide
         state = _presence(states, shares.level)
         wide = _wide(states, shares.wider, shown, ways)
@@ -307,7 +310,7 @@ def _draw(
 
 
 def _judge(
-    view: View, image: FloatImage, drawn: Drawn, state: FloatArray
+    view: View, image: FloatImage, drawn: Drawn, state: FloatArray, known: bool
 ) -> tuple[BoolArray, Shares, Noise, FloatArray, FloatArray, FloatArray]:
     """Measure shares, learn how they scatter, and tell states."""
     ways, count = drawn.ways, len(drawn.ways)
@@ -317,6 +320,7 @@ def _judge(
     told = shown & ~ways.crossed & (ways.to_end > _ENDS * ways.width)
     shares = Shares(*np.zeros((7, count)))
     spreads, misfits, tie = np.ones((2, count)), np.zeros((2, count, 2)), 0.5
+    alike = np.zeros(count)
     rest = drawn.rest
     inverse: FloatArray | None = None
     for rows, over in ((~drawn.old, None), (drawn.old, drawn.over)):
@@ -336,6 +340,13 @@ def _judge(
         found = replace(found, share=found.share / top, u_share=found.u_share / top, level=found.level / top)
         for name in ("share", "u_share", "offset", "wider", "misfit", "level"):
             getattr(shares, name)[rows] = getattr(found, name)
+        if not known:
+            alike[rows] = log_alike(
+                float(np.median(found.u_share**-2)), float((ways.step / ways.width)[good].sum()),
+                bare.independent, NODES * image.shape[2],
+            )  # fmt: skip
+        else:
+            alike[rows] = -math.inf
         log = np.log(np.maximum(shares.misfit, 1e-9))
         # Slopes that light grazes along a line show little of it there.
         usual = float(np.median(shares.u_share[good])) if good.any() else 1.0
@@ -344,10 +355,10 @@ def _judge(
             1.0 + (shares.share - 1.0) / dim, log, good, ways.run, bare, own, strip_noise
         )
         spreads[:, rows], misfits[:, rows] = each[:, None] * dim[rows], both[:, None]
-    noise = Noise(spreads[0], spreads[1], tie, misfits[0], misfits[1])
+    noise = Noise(spreads[0], spreads[1], tie, misfits[0], misfits[1], alike)
     misfit = np.log(np.maximum(shares.misfit, 1e-9))
-    known = np.where(told, shares.share, np.nan)
-    states = posterior(known, misfit, noise, ways.run, ways.step)
+    read = np.where(told, shares.share, np.nan)
+    states = posterior(read, misfit, noise, ways.run, ways.step)
     return told, shares, noise, misfit, states, inverse
 
 

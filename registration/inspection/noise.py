@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -39,6 +40,8 @@ class Noise:
         Correlation of neighbouring places.
     misfit_full, misfit_bare : (n, 2) float64
         Usual logarithm of a misfit, and its spread.
+    alike : (n,) float64
+        Logarithm of the chance that ink doesn't show at all.
     """
 
     full: FloatArray
@@ -46,6 +49,7 @@ class Noise:
     tie: float
     misfit_full: FloatArray
     misfit_bare: FloatArray
+    alike: FloatArray
 
 
 @dataclass(frozen=True)
@@ -57,10 +61,13 @@ class BareStrips:
     strips : (k, u c) float64
     like : (k,) int64
         Place along a line whose direction each has.
+    independent : float
+        Strips that don't overlap, about.
     """
 
     strips: FloatArray
     like: IntArray
+    independent: float
 
     @staticmethod
     def laid(
@@ -74,7 +81,7 @@ class BareStrips:
         over: FloatImage | None,
     ) -> BareStrips:
         """Lay them where no fresh line is near, on older ink where ``over`` tells of it."""
-        nothing = BareStrips(np.zeros((0, len(ACROSS) * rest.shape[2])), np.zeros(0, np.int64))
+        nothing = BareStrips(np.zeros((0, len(ACROSS) * rest.shape[2])), np.zeros(0, np.int64), 0.0)
         clear = (passes.nearest(kind, 0) > REACH) & ~lost
         clear &= (passes.nearest(kind, 1) > REACH) if over is None else (over > 0.5)
         framed = cv2.copyMakeBorder(
@@ -89,7 +96,7 @@ class BareStrips:
         pick, like = rng.integers(0, len(y), _BARE), rows[rng.integers(0, len(rows), _BARE)]
         at = np.column_stack([x[pick], y[pick]]).astype(np.float64)
         laid = Seen(at, seen.across[like], seen.along[like])
-        return BareStrips(strips_of(rest, laid, ways.only(like)).reshape(_BARE, -1), like)
+        return BareStrips(strips_of(rest, laid, ways.only(like)).reshape(_BARE, -1), like, len(y) / (2.0 * half**2))
 
 
 def noise_of(
@@ -129,6 +136,28 @@ def noise_of(
         on_bare, without = _spread(seen.share), _level(np.log(np.maximum(seen.misfit, 1e-9)))
     spreads = np.array([max(spread, _LEAST), max(float(np.hypot(on_bare, _RESIDUE)), spread)])
     return spreads, min(max(tie, 0.0), _MOST_TIED), np.array([full, without])
+
+
+def log_alike(distance: float, written: float, unwritten: float, unknowns: int) -> float:
+    """Return the logarithm of the chance that ink can't be told from what it lies on.
+
+    By the Bayesian information criterion (Schwarz 1978, Annals of Statistics 6, 461) of one mean
+    for strips on lines and off them, against two; Hotelling's T squared compares them.
+
+    Parameters
+    ----------
+    distance : float
+        Square of what ink adds to a strip, over noise.
+    written, unwritten : float
+        Independent strips on lines, and on what they lie on.
+    unknowns : int
+        Of ink's profile.
+    """
+    total = written + unwritten
+    if written < 1.0 or unwritten < 1.0:
+        return 0.0
+    gain = 0.5 * (distance * written * unwritten / total - unknowns * math.log(total))
+    return -float(np.logaddexp(0.0, gain))
 
 
 def _spread(values: FloatArray) -> float:

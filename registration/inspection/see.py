@@ -154,7 +154,7 @@ def _findings(
         lumens=told.lumens(look, lumens, lines),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
-        seen_share=seen_mm / float(way.sum()),
+        seen_share=float(stations.length_mm[stations.seen].sum() / stations.length_mm.sum()),
         coverage=float((ink * way)[seen].sum()) / seen_mm if seen_mm > 0 else math.nan,
         shift=look.shift,
         places=max(1, round(seen_mm / options.gap_mm)),
