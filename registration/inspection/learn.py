@@ -217,7 +217,7 @@ def learned(
         wide = _wide(states, shares.wider, shown, ways)
         settled = np.clip(1.0 - np.abs(state * wide - before) / _SETTLED, 0.0, 1.0)
         if not last:
-            shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
+            shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options, coarse.odd)
         if not view.is_heights and not last:
             light = light + _light_left(
                 view, image, drawn, ground, mix, _of_places(drawn.passes, ways, lines, settled)
@@ -382,7 +382,10 @@ def _wide(states: FloatArray, wider: FloatArray, shown: BoolArray, ways: Ways) -
         near = np.clip(np.arange(len(ways)) + k, 0, len(ways) - 1)
         own = weight[near] * (ways.run[near] == ways.run)
         total, norm = total + own * wider[near], norm + own
-    return np.asarray(1.0 + total / norm)
+    wide = 1.0 + total / norm
+    usual = wide[weight > 0.5]
+    # The profile is that of the layer's usual width.
+    return np.asarray(wide / float(np.median(usual)) if len(usual) else wide)
 
 
 def _full_level(share: FloatArray) -> float:
