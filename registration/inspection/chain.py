@@ -21,6 +21,8 @@ _TAIL: Final = 4.0
 """Degrees of freedom of noise: texture and bubbles have heavier tails than a normal law."""
 _THIN_LOW, _THIN_HIGH = 0.25, 0.85
 """Share of ink in thin stretches, all equally likely."""
+_WANDER: Final = 0.05
+"""By which the share of a thin stretch differs from place to place."""
 _BEGINS_PER_MM: Final = (0.0, 1 / 500, 1 / 300, 1 / 300)
 """How often each state begins on full lines: some faults in a print of metres."""
 _LASTS_MM: Final = (math.inf, 5.0, 1.0, 0.5)
@@ -106,18 +108,23 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
         tied = _log_t(rest, spread * math.sqrt(1.0 - noise.tie**2))
         out[:, state] = alone[:, None]
         out[:, state, state] = np.where(np.isfinite(last), tied, alone)
-    out[:, THIN] = _log_between(x, noise.full)[:, None]
+    between = _log_between(x, noise.full)
+    steady = _log_t(x - last, np.hypot(noise.full * math.sqrt(2.0 * (1.0 - noise.tie)), _WANDER))
+    out[:, THIN] = (between - math.log(_THIN_HIGH - _THIN_LOW))[:, None]
+    out[:, THIN, THIN] = np.where(np.isfinite(last), between + steady, out[:, THIN, 4])
     out[:, HIDDEN] = -math.log(_ANY_SHARE)
     full, bare = (
         _log_t(np.maximum(misfit - each[:, 0], 0.0), each[:, 1])
         for each in (noise.misfit_full, noise.misfit_bare)
     )
     worst = np.maximum(*(each.sum(axis=1) for each in (noise.misfit_full, noise.misfit_bare)))
+    # Neighbours' misfits hang together as their shares do.
+    alone = (1.0 - noise.tie) / (1.0 + noise.tie)
     usual = np.maximum(full, bare)
     strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - 2.0)
-    out[:, (FULL, THIN)] += full[:, None, None]
-    out[:, BARE] += usual[:, None]
-    out[:, HIDDEN] += strange[:, None]
+    out[:, (FULL, THIN)] += alone * full[:, None, None]
+    out[:, BARE] += alone * usual[:, None]
+    out[:, HIDDEN] += alone * strange[:, None]
     # Ink that doesn't show leaves the same reading in all states, tied to any before.
     same = np.repeat(out[:, FULL, 4:], 5, axis=1)
     same[:, :HIDDEN] = out[:, FULL, FULL, None]
@@ -135,10 +142,10 @@ def _log_t(rest: FloatArray, spread: FloatArray) -> FloatArray:
 
 
 def _log_between(x: FloatArray, spread: FloatArray) -> FloatArray:
-    """Logarithm of the density of a share that is thin, blurred by noise."""
+    """Logarithm of the chance that a share is thin, blurred by noise."""
     low = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _THIN_LOW) / spread, -300, 300)))
     high = 1.0 / (1.0 + np.exp(-1.7 * np.clip((x - _THIN_HIGH) / spread, -300, 300)))
-    return np.asarray(np.log(np.maximum(low - high, 1e-12) / (_THIN_HIGH - _THIN_LOW)))
+    return np.asarray(np.log(np.maximum(low - high, 1e-12)))
 
 
 @jit
