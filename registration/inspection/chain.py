@@ -19,7 +19,7 @@ from registration.inspection.noise import Noise
 FULL, THIN, BARE, HIDDEN = range(4)
 _TAIL: Final = 4.0
 """Degrees of freedom of noise: texture and bubbles have heavier tails than a normal law."""
-_THIN_LOW, _THIN_HIGH = 0.25, 0.85
+_THIN_LOW, _THIN_HIGH = 0.15, 0.85
 """Share of ink in thin stretches, all equally likely."""
 _WANDER: Final = 0.05
 """By which the share of a thin stretch differs from place to place."""

@@ -25,6 +25,7 @@ from registration.inspection.shares import (
     ACROSS,
     Shares,
     StripNoise,
+    mean_along,
     measured,
     own_profile,
     sampled,
@@ -334,7 +335,10 @@ def _judge(
         )  # fmt: skip
         strip_noise = StripNoise.of(rest.reshape(count, -1)[good], bare.strips, drawn.own[rows])
         inverse = strip_noise.inverse if inverse is None or over is None else inverse
-        found = measured(drawn.strips[rows], drawn.own[rows], drawn.near[rows], strip_noise)
+        found = measured(
+            drawn.strips[rows], drawn.own[rows], drawn.near[rows], strip_noise, ways.run[rows],
+            max(1, round(float(np.median(ways.width / ways.step)))),
+        )
         top = _full_level(found.share[told[rows]])
         own = drawn.own * top
         found = replace(found, share=found.share / top, u_share=found.u_share / top, level=found.level / top)
@@ -377,12 +381,7 @@ def _wide(states: FloatArray, wider: FloatArray, shown: BoolArray, ways: Ways) -
     """
     weight = np.where(shown, 1.0 - states[:, BARE], 0.0)
     reach = max(1, round(_EVEN * float(np.median(ways.width / ways.step))))
-    total, norm = np.zeros(len(ways)), np.full(len(ways), _AS_USUAL)
-    for k in range(-reach, reach + 1):
-        near = np.clip(np.arange(len(ways)) + k, 0, len(ways) - 1)
-        own = weight[near] * (ways.run[near] == ways.run)
-        total, norm = total + own * wider[near], norm + own
-    wide = 1.0 + total / norm
+    wide = 1.0 + mean_along(wider, weight, ways.run, reach, _AS_USUAL)
     usual = wide[weight > 0.5]
     # The profile is that of the layer's usual width.
     return np.asarray(wide / float(np.median(usual)) if len(usual) else wide)

@@ -132,7 +132,9 @@ def noise_of(
     on_bare, without = spread, full
     if len(bare.strips):
         shape = (len(bare.strips), *own.shape[1:])
-        seen = measured(bare.strips.reshape(shape), own[bare.like], None, strip_noise)
+        seen = measured(bare.strips.reshape(shape), own[bare.like], None, strip_noise,
+            np.arange(len(bare.strips)), 0,
+        )
         on_bare, without = _spread(seen.share), _level(np.log(np.maximum(seen.misfit, 1e-9)))
     spreads = np.array([max(spread, _LEAST), max(float(np.hypot(on_bare, _RESIDUE)), spread)])
     return spreads, min(max(tie, 0.0), _MOST_TIED), np.array([full, without])

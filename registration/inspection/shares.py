@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from kernels.arrays import FloatArray
+from kernels.arrays import FloatArray, IntArray
 from registration.inspection.ink_model import InkModel
 from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways
@@ -23,7 +23,7 @@ _OFF: Final = 0.08
 """Standard deviation of a line's own place beside the layer's, widths."""
 _WIDER: Final = 0.08
 """And of its width."""
-_SCALES: Final = (0.84, 0.7, 0.57, 0.46, 0.37, 1.2)
+_SCALES: Final = (1.0, 0.84, 0.7, 0.57, 0.46, 0.37, 1.2)
 """Widths over the usual one around which strips are fitted too: flow that is short or ample."""
 _UNUSUAL: Final = 5.0
 """Natural logarithm of odds against each of those: thin stretches are some in a hundred metres."""
@@ -167,20 +167,42 @@ def sampled(own: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def measured(
-    strips: FloatArray, own: FloatArray, near: FloatArray | None, noise: StripNoise
+    strips: FloatArray,
+    own: FloatArray,
+    near: FloatArray | None,
+    noise: StripNoise,
+    run: IntArray,
+    reach: int,
 ) -> Shares:
     """Fit share, offset and width to strips (n, u, c) that hold the line's own ink alone.
 
-    Around each of some widths the fit is linear; that of the highest posterior is taken. What
-    neighbours add, ``near`` (n, u, c), is as uncertain as the line itself on either side.
+    Around each of some widths the fit is linear. That of the highest posterior is taken, over
+    ``reach`` places to either side: a line's width doesn't jump. What neighbours add, ``near``
+    (n, u, c), is as uncertain as the line itself on either side.
     """
-    best = _around(1.0, strips, own, near, noise)
-    for scale in _SCALES:
-        other = _around(scale, strips, own, near, noise)
-        likelier = other.loss + 2.0 * _UNUSUAL < best.loss
-        pairs = zip(vars(other).values(), vars(best).values(), strict=True)
-        best = Shares(*(np.where(likelier, one, two) for one, two in pairs))
-    return best
+    fits = [_around(scale, strips, own, near, noise) for scale in _SCALES]
+    independent = max(1.0, _INDEPENDENT * (2 * reach + 1))
+    losses = [
+        independent * mean_along(one.loss - fits[0].loss, np.ones(len(run)), run, reach)
+        + 2.0 * _UNUSUAL * (k > 0)
+        for k, one in enumerate(fits)
+    ]
+    best, row = np.argmin(losses, axis=0), np.arange(len(run))
+    return Shares(
+        *(np.stack([getattr(one, name) for one in fits])[best, row] for name in vars(fits[0]))
+    )
+
+
+def mean_along(
+    values: FloatArray, weight: FloatArray, run: IntArray, reach: int, prior: float = 0.0
+) -> FloatArray:
+    """Return weighted means over ``reach`` places to either side, with a ``prior`` weight of 0."""
+    total, norm = np.zeros(len(run)), np.full(len(run), max(prior, 1e-12))
+    for k in range(-reach, reach + 1):
+        near = np.clip(np.arange(len(run)) + k, 0, len(run) - 1)
+        own = weight[near] * (run[near] == run)
+        total, norm = total + own * values[near], norm + own
+    return np.asarray(total / norm)
 
 
 def _around(
