@@ -19,7 +19,7 @@ from registration.inspection.noise import Noise
 FULL, THIN, BARE, HIDDEN = range(4)
 _TAIL: Final = 4.0
 """Degrees of freedom of noise: texture and bubbles have heavier tails than a normal law."""
-_THIN_LOW, _THIN_HIGH = 0.15, 0.85
+_THIN_LOW, _THIN_HIGH = 0.25, 0.85
 """Share of ink in thin stretches, all equally likely."""
 _WANDER: Final = 0.05
 """By which the share of a thin stretch differs from place to place."""
@@ -122,9 +122,9 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     alone = (1.0 - noise.tie) / (1.0 + noise.tie)
     usual = np.maximum(full, bare)
     strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - 2.0)
-    out[:, (FULL, THIN)] += alone * full[:, None, None]
-    out[:, BARE] += alone * usual[:, None]
-    out[:, HIDDEN] += alone * strange[:, None]
+    out[:, (FULL, THIN)] += (usual - alone * (usual - full))[:, None, None]
+    out[:, BARE] += usual[:, None]
+    out[:, HIDDEN] += strange[:, None]
     # Ink that doesn't show leaves the same reading in all states, tied to any before.
     same = np.repeat(out[:, FULL, 4:], 5, axis=1)
     same[:, :HIDDEN] = out[:, FULL, FULL, None]

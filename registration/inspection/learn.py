@@ -15,7 +15,15 @@ import numpy as np
 from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.chain import BARE, HIDDEN, THIN, posterior
 from registration.inspection.ground import light_of, telling_pixels
-from registration.inspection.ink_model import EVEN, NODES, ODD, PARTS, InkModel, ShareOfPiece, fitted
+from registration.inspection.ink_model import (
+    EVEN,
+    NODES,
+    ODD,
+    PARTS,
+    InkModel,
+    ShareOfPiece,
+    fitted,
+)
 from registration.inspection.layer_shift import coarse_shift, finer_shift
 from registration.inspection.noise import BareStrips, Noise, log_alike, noise_of
 from registration.inspection.options import SeeingOptions
@@ -218,7 +226,9 @@ def learned(
         wide = _wide(states, shares.wider, shown, ways)
         settled = np.clip(1.0 - np.abs(state * wide - before) / _SETTLED, 0.0, 1.0)
         if not last:
-            shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options, coarse.odd)
+            shift = finer_shift(
+                shift, shares.offset, drawn.ways, shown & (state > 0.5), options, coarse.odd
+            )
         if not view.is_heights and not last:
             light = light + _light_left(
                 view, image, drawn, ground, mix, _of_places(drawn.passes, ways, lines, settled)
@@ -255,9 +265,7 @@ def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
     return np.where(fresh, _of_places(passes, ways, lines, weight), 0.0).astype(np.float32)
 
 
-def _of_places(
-    passes: Passes, ways: Ways, lines: ExpectedLines, value: FloatArray
-) -> FloatImage:
+def _of_places(passes: Passes, ways: Ways, lines: ExpectedLines, value: FloatArray) -> FloatImage:
     """Values (n,) of the places that pass each pixel, (h, w, 4); 1 where there is none."""
     share = ShareOfPiece.along(ways, lines, value)
     first, many = np.append(share.first, 0.0), np.append(share.many, 0.0)
@@ -333,21 +341,33 @@ def _judge(
             image - drawn.drawn, drawn.passes, drawn.pieces.kind, view.lost, drawn.seen, ways,
             own_rows, over,
         )  # fmt: skip
+        # What a picture before shows cancels: bare older ink changes no more than the ground.
+        unwritten = bare.independent if over is None or view.change is not None else 0.0
+        if over is not None and view.change is not None:
+            unwritten = float((np.abs(drawn.passes.distance).min(axis=2) > REACH).sum()) / (
+                2.0 * (view.px_per_mm * float(np.median(ways.width))) ** 2
+            )
         strip_noise = StripNoise.of(rest.reshape(count, -1)[good], bare.strips, drawn.own[rows])
         inverse = strip_noise.inverse if inverse is None or over is None else inverse
         found = measured(
-            drawn.strips[rows], drawn.own[rows], drawn.near[rows], strip_noise, ways.run[rows],
+            drawn.strips[rows],
+            drawn.own[rows],
+            drawn.near[rows],
+            strip_noise,
+            ways.run[rows],
             max(1, round(float(np.median(ways.width / ways.step)))),
         )
         top = _full_level(found.share[told[rows]])
         own = drawn.own * top
-        found = replace(found, share=found.share / top, u_share=found.u_share / top, level=found.level / top)
+        found = replace(
+            found, share=found.share / top, u_share=found.u_share / top, level=found.level / top
+        )
         for name in ("share", "u_share", "offset", "wider", "misfit", "level"):
             getattr(shares, name)[rows] = getattr(found, name)
         if not known:
             alike[rows] = log_alike(
                 float(np.median(found.u_share**-2)), float((ways.step / ways.width)[good].sum()),
-                bare.independent, NODES * image.shape[2],
+                max(bare.independent, unwritten), NODES * image.shape[2],
             )  # fmt: skip
         else:
             alike[rows] = -math.inf
@@ -413,7 +433,9 @@ def _light_left(
     """
     rest = _mixed(image - drawn.drawn, np.linalg.inv(mix))
     tells = settled.min(axis=2)
-    weight = np.where(view.lost, 0.0, np.where(ground > 0, 1.0, _INK_TELLS * tells)).astype(np.float32)
+    weight = np.where(view.lost, 0.0, np.where(ground > 0, 1.0, _INK_TELLS * tells)).astype(
+        np.float32
+    )
     return light_of(rest, weight, view.px_per_mm)
 
 

@@ -96,7 +96,11 @@ class BareStrips:
         pick, like = rng.integers(0, len(y), _BARE), rows[rng.integers(0, len(rows), _BARE)]
         at = np.column_stack([x[pick], y[pick]]).astype(np.float64)
         laid = Seen(at, seen.across[like], seen.along[like])
-        return BareStrips(strips_of(rest, laid, ways.only(like)).reshape(_BARE, -1), like, len(y) / (2.0 * half**2))
+        return BareStrips(
+            strips_of(rest, laid, ways.only(like)).reshape(_BARE, -1),
+            like,
+            len(y) / (2.0 * half**2),
+        )
 
 
 def noise_of(
@@ -132,8 +136,13 @@ def noise_of(
     on_bare, without = spread, full
     if len(bare.strips):
         shape = (len(bare.strips), *own.shape[1:])
-        seen = measured(bare.strips.reshape(shape), own[bare.like], None, strip_noise,
-            np.arange(len(bare.strips)), 0,
+        seen = measured(
+            bare.strips.reshape(shape),
+            own[bare.like],
+            None,
+            strip_noise,
+            np.arange(len(bare.strips)),
+            0,
         )
         on_bare, without = _spread(seen.share), _level(np.log(np.maximum(seen.misfit, 1e-9)))
     spreads = np.array([max(spread, _LEAST), max(float(np.hypot(on_bare, _RESIDUE)), spread)])

@@ -24,9 +24,9 @@ _OFF: Final = 0.08
 _WIDER: Final = 0.08
 """And of its width."""
 _SCALES: Final = (1.0, 0.84, 0.7, 0.57, 0.46, 0.37, 1.2)
-"""Widths over the usual one around which strips are fitted too: flow that is short or ample."""
+"""Widths over the usual one around which strips are fitted: flow that is short or ample, too."""
 _UNUSUAL: Final = 5.0
-"""Natural logarithm of odds against each of those: thin stretches are some in a hundred metres."""
+"""Natural logarithm of odds against each of those: a print holds some thin stretches in metres."""
 _NEIGHBOUR: Final = (0.5, 0.5, 0.2, 0.2)
 """Standard deviations of a neighbour's share on either side, and of where its edge lies, widths."""
 _FEWEST: Final = 40
