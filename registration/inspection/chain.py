@@ -119,10 +119,10 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     )
     worst = np.maximum(*(each.sum(axis=1) for each in (noise.misfit_full, noise.misfit_bare)))
     # Neighbours' misfits hang together as their shares do.
-    alone = (1.0 - noise.tie) / (1.0 + noise.tie)
+    independent = (1.0 - noise.tie) / (1.0 + noise.tie)
     usual = np.maximum(full, bare)
     strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - 2.0)
-    out[:, (FULL, THIN)] += (usual - alone * (usual - full))[:, None, None]
+    out[:, (FULL, THIN)] += (usual - independent * (usual - full))[:, None, None]
     out[:, BARE] += usual[:, None]
     out[:, HIDDEN] += strange[:, None]
     # Ink that doesn't show leaves the same reading in all states, tied to any before.

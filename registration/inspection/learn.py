@@ -31,6 +31,8 @@ from registration.inspection.passes import REACH, Passes, Pieces
 from registration.inspection.picture import LOWEST, View, ViewFrame
 from registration.inspection.shares import (
     ACROSS,
+    NARROWEST,
+    WIDEST,
     Shares,
     StripNoise,
     mean_along,
@@ -259,7 +261,7 @@ def _fresh_alone(ways: Ways, lines: ExpectedLines) -> tuple[Ways, ExpectedLines]
 
 
 def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
-    """How much each pass tells of a layer's place, (h, w, 4): not by ends, which recede or bulge."""
+    """How much each pass tells of a layer's place, (h, w, 4): not by ends, which recede."""
     weight = np.clip(2.0 * ways.to_end / ways.width - 1.0, 0.0, 1.0)
     fresh = np.append(lines.fresh, False)[passes.piece]
     return np.where(fresh, _of_places(passes, ways, lines, weight), 0.0).astype(np.float32)
@@ -309,7 +311,7 @@ def _draw(
     rest = strips_of(image - drawn, seen, there)
     ink = state[:, None, None] * as_wide
     strips = rest + ink
-    alone = np.float32(0.0)
+    alone = np.zeros_like(drawn)
     if (pieces.kind == 1).any():
         none = ShareOfPiece.along(ways, lines, np.zeros(len(ways)))
         alone = model.drawn(passes, over, pieces.kind, none)
@@ -404,7 +406,8 @@ def _wide(states: FloatArray, wider: FloatArray, shown: BoolArray, ways: Ways) -
     wide = 1.0 + mean_along(wider, weight, ways.run, reach, _AS_USUAL)
     usual = wide[weight > 0.5]
     # The profile is that of the layer's usual width.
-    return np.asarray(wide / float(np.median(usual)) if len(usual) else wide)
+    whole = float(np.median(usual)) if len(usual) else 1.0
+    return np.asarray(np.clip(wide / max(whole, NARROWEST), NARROWEST, WIDEST))
 
 
 def _full_level(share: FloatArray) -> float:

@@ -25,6 +25,9 @@ _WIDER: Final = 0.08
 """And of its width."""
 _SCALES: Final = (1.0, 0.84, 0.7, 0.57, 0.46, 0.37, 1.2)
 """Widths over the usual one around which strips are fitted: flow that is short or ample, too."""
+NARROWEST: Final = 0.3
+WIDEST: Final = 1.4
+"""Widths over the usual one within which a line is drawn: those fitted, and a little more."""
 _UNUSUAL: Final = 5.0
 """Natural logarithm of odds against each of those: a print holds some thin stretches in metres."""
 _NEIGHBOUR: Final = (0.5, 0.5, 0.2, 0.2)
