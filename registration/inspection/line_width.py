@@ -105,10 +105,9 @@ def _misfits(terms: tuple[str, ...], profile: FloatArray) -> FloatArray:
 @cache
 def _shapes(terms: tuple[str, ...]) -> FloatArray:
     """Terms' values at the nodes, (blurs, ratios, terms, nodes)."""
-    at = np.arange(NODES) * (REACH / NODES)
-    return np.array(
-        [[[_shape(term, at, r, blur) for term in terms] for r in _RATIOS] for blur in _BLURS]
-    )
+    at = np.arange(NODES, dtype=np.float64) * (REACH / NODES)
+    each = [[_shape(one, at, r, blur) for one in terms] for blur in _BLURS for r in _RATIOS]
+    return np.array(each).reshape(len(_BLURS), len(_RATIOS), len(terms), NODES)
 
 
 def _shape(term: str, at: FloatArray, ratio: float, blur: float) -> FloatArray:
@@ -161,8 +160,11 @@ def station_widths(
     rows = np.flatnonzero(tell & np.isfinite(strips).all(axis=(1, 2)))
     if not len(rows):
         return Widths(nothing, nothing, nothing, usual[1], seam_share)
-    left = np.ma.median(np.ma.array(strips - own, mask=missing)[rows], axis=0).filled(0.0)
-    own = own + left  # what all stations leave alike is the profile's own error: it is smooth
+    # What all stations leave alike is the profile's own error: it is smooth.
+    left = np.where(missing[rows], np.nan, (strips - own)[rows])
+    known = np.isfinite(left).any(axis=0)
+    own = own.copy()
+    own[:, known] += np.nanmedian(left[:, known], axis=0)
     wide, off, spread = np.ones(len(rows)), np.zeros(len(rows)), np.full(len(rows), np.inf)
     for some, inverse, _ in by_seen_samples(noise, lost[rows]):
         wide[some], off[some], spread[some] = _fitted(strips[rows[some]], own[rows[some]], inverse)
