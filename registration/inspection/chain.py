@@ -114,6 +114,11 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
         out[:, state, state] = np.where(np.isfinite(last), tied, alone)
     out[:, THIN] = _log_between(x, noise.full)[:, None]
     out[:, HIDDEN] = -math.log(_ANY_SHARE)
+    # What is thin may have any level, but it keeps to that.
+    steady = _log_t(x - np.nan_to_num(last), noise.full * math.sqrt(1.0 - noise.tie**2))
+    steady = np.where(np.isfinite(last), steady, -np.inf)
+    thin = np.where((x > _THIN_LOW) & (x < _THIN_HIGH), steady, -np.inf)
+    out[:, THIN, THIN] = np.maximum(out[:, THIN, THIN], thin)
     full, bare = (
         _log_t(np.maximum(misfit - each[:, 0], 0.0), each[:, 1])
         for each in (noise.misfit_full, noise.misfit_bare)
@@ -121,9 +126,10 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     worst = np.maximum(*(each.sum(axis=1) for each in (noise.misfit_full, noise.misfit_bare)))
     usual = np.maximum(full, bare)
     strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - 2.0)
-    out[:, (FULL, THIN)] += full[:, None, None]
-    out[:, BARE] += usual[:, None]
-    out[:, HIDDEN] += strange[:, None]
+    alone = (1.0 - noise.tie) / (1.0 + noise.tie)  # neighbours' misfits tell the same
+    out[:, (FULL, THIN)] += alone * full[:, None, None]
+    out[:, BARE] += alone * usual[:, None]
+    out[:, HIDDEN] += alone * strange[:, None]
     out[~known] = 0.0
     return out
 

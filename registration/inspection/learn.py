@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.change import change_of
 from registration.inspection.chain import BARE, HIDDEN, THIN, posterior
 from registration.inspection.ground import light_of, telling_pixels
 from registration.inspection.ink_model import (
@@ -360,6 +361,9 @@ def _judge(
     flat = drawn.strips.reshape(count, -1)
     rest = flat - state[:, None] * drawn.own.reshape(count, -1)
     inverse: FloatArray = np.eye(flat.shape[1])
+    by_change = drawn.old & (view.change is not None)
+    if not view.is_heights:
+        told &= ~drawn.old | by_change
     for rows, over in ((~drawn.old, None), (drawn.old, drawn.over)):
         if not rows.any():
             continue
@@ -391,11 +395,47 @@ def _judge(
             1.0 + (shares.share - 1.0) / dim, usual, log, good, ways.run, bare, own, strip_noise
         )
         spreads[:, rows], misfits[:, rows] = each[:, None] * dim[rows], both[:, None]
-    noise = Noise(spreads[0], spreads[1], tie, misfits[0], misfits[1])
     misfit = np.log(np.maximum(shares.misfit, 1e-9))
+    if by_change.any():
+        told = _by_change(
+            view, image, drawn, state, lost, told, by_change, shares, spreads, misfit, misfits
+        )
+    noise = Noise(spreads[0], spreads[1], tie, misfits[0], misfits[1])
     known = np.where(told, shares.share, np.nan)
     states = posterior(known, misfit, noise, ways.run, ways.step)
     return told, shares, noise, misfit, states, inverse
+
+
+def _by_change(
+    view: View,
+    image: FloatImage,
+    drawn: Drawn,
+    state: FloatArray,
+    lost: BoolArray,
+    told: BoolArray,
+    rows: BoolArray,
+    shares: Shares,
+    spreads: FloatArray,
+    misfit: FloatArray,
+    misfits: FloatArray,
+) -> BoolArray:
+    ways = drawn.ways
+    changed = np.ascontiguousarray(image[:, :, view.inkless :])
+    bare = BareStrips.laid(
+        changed, drawn.passes, drawn.pieces.kind, view.lost, drawn.seen, ways,
+        np.arange(len(ways)), None,
+    )  # fmt: skip
+    strips = strips_of(changed, drawn.seen, ways)
+    found = change_of(
+        strips[rows], drawn.own[rows][:, :, view.inkless :], lost[rows], bare.strips, (told & (state > 0.5))[rows], ways.run[rows]
+    )
+    if found is None:
+        return told & ~rows
+    shares.share[rows] = found.share
+    spreads[:, rows] = np.array([found.full, found.bare])[:, None]
+    misfit[rows] = found.misfit
+    misfits[0, rows], misfits[1, rows] = found.misfit_full, found.misfit_bare
+    return told
 
 
 def _two_groups(ways: Ways) -> IntArray:

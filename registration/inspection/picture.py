@@ -27,7 +27,7 @@ _FLOOR: Final = 0.02
 """Of the highest value, added before the logarithm: dark noise mustn't count for contrast."""
 _PILED: Final = 3e-5
 """Of the pixels with the highest value: the sensor was saturated."""
-MOST_PX: Final = 2.5
+MOST_PX: Final = 8.0
 """A camera that moved by more was touched: its picture before isn't used."""
 _NEAR: Final = (3.0, 1.4)
 """Widths around fresh lines that aren't ground: their shade moved a camera that stood still by
@@ -207,10 +207,10 @@ def with_before(
     earlier, bad = _binned(old, view.scale, floor)
     ground = _ground(view, frame, lines, written) & ~lost & ~bad
     move = _camera_move(view.now, earlier, ground)
-    moved_px = _most_px(move, view.shape) * view.scale
-    if moved_px > MOST_PX and stood_still is not None and stood_still():
+    moved_px = math.nan if move is None else _most_px(move, view.shape) * view.scale
+    if not moved_px <= MOST_PX and stood_still is not None and stood_still():
         move, moved_px = np.eye(2, 3), 0.0
-    if moved_px > MOST_PX:
+    if move is None or moved_px > MOST_PX:
         return replace(view, moved_px=moved_px)
     earlier, bad = _binned(_moved(old, _of_picture(move, view.scale)), view.scale, floor)
     near = cv2.dilate((lost | bad).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
@@ -317,21 +317,21 @@ def _ground(view: View, frame: ViewFrame, lines: ExpectedLines, written: BoolArr
     return ground
 
 
-def _camera_move(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> FloatArray:
-    """Affine map (2, 3) of pixels to those of an earlier picture, by what the ground shows.
+def _camera_move(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> FloatArray | None:
+    """Euclidean map (2, 3) of pixels to those of an earlier picture, by what the ground shows.
 
     By the enhanced correlation coefficient (Evangelidis and Psarakis 2008, IEEE PAMI 30, 1858). A
     ground that shows nothing to hold on to leaves the map at rest.
     """
     still = np.eye(2, 3)
     if ground.sum() < _ENOUGH / 10:
-        return still
+        return None
     both = [_texture(one, ground) for one in (now, earlier)]
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-5)
     mask = ground.astype(np.uint8)
     try:
         found, move = cv2.findTransformECC(
-            both[0], both[1], still.astype(np.float32), cv2.MOTION_AFFINE, stop, mask, _BLUR_PX
+            both[0], both[1], still.astype(np.float32), cv2.MOTION_EUCLIDEAN, stop, mask, _BLUR_PX
         )
     except cv2.error:  # nothing to hold on to
         return still

@@ -53,13 +53,13 @@ class StripNoise:
         size = full.shape[1]
         wide = np.kron(doubt, np.eye(size // len(doubt)))
         rough = _ROUGH**2 * float((own**2).mean()) if own.size else 0.0
-        both = [_covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
+        both = [covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
         if not both:
             return StripNoise(np.eye(size))
         return StripNoise(np.linalg.inv(np.mean(both, axis=0) + rough * np.eye(size) + 0.5 * wide))
 
 
-def _covariance(rests: FloatArray) -> FloatArray:
+def covariance(rests: FloatArray) -> FloatArray:
     """Covariance about 0, shrunk to a multiple of one, outlying strips counting less.
 
     By the oracle approximating shrinkage of Chen et al. (2010, IEEE TSP 58, 5016); neighbouring
