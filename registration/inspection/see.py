@@ -23,7 +23,7 @@ from scipy.special import logit
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.blobs import find_blobs
-from registration.inspection.chain import BARE, HIDDEN, PRIOR_BARE, expected_ink
+from registration.inspection.chain import BARE, FULL, HIDDEN, PRIOR_BARE, expected_ink
 from registration.inspection.findings import LayerFindings
 from registration.inspection.gaps import gaps_of
 from registration.inspection.learn import Learned, learned
@@ -55,6 +55,8 @@ _TELLS: Final = 3.0
 """Natural logarithm of odds by which a look must move what was believed of a place before it."""
 _DOUBT: Final = (0.02, 0.5)
 """Probabilities of "bare" between which a place counts as not seen."""
+_SURELY_FULL: Final = 0.9
+"""Probability from which on a place over older ink counts as full."""
 _ALONE: Final = 1.25
 """Widths from middle to middle, from which on two lines have edges of their own."""
 _END: Final = 0.6
@@ -174,6 +176,9 @@ def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     why[moved < _TELLS] = int(Unseen.FAINT)
     why[(moved < _TELLS) & old] = int(Unseen.OLD_INK)
     why[(p > _DOUBT[0]) & (p < _DOUBT[1]) & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
+    if look.view.change is not None and not look.view.is_heights:
+        # How much changed doesn't tell how much ink came.
+        why[old & (state[:, FULL] < _SURELY_FULL) & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
     why[state[:, HIDDEN] > 0.5] = int(Unseen.GLARE)
     inside = look.drawn.seen.inside(look.view.shape, 0.6 * ways.width)
     crossed = look.drawn.crossed
