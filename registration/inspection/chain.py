@@ -107,11 +107,12 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     x, last = np.where(known, share, 0.0), np.append(np.nan, share[:-1])
     out = np.zeros((len(share), 4, 5))
     for state, middle, spread in ((FULL, 1.0, noise.full), (BARE, 0.0, noise.bare)):
-        alone = _log_t(x - middle, spread)
-        rest = x - middle - noise.tie * np.nan_to_num(last - middle)
-        tied = _log_t(rest, spread * math.sqrt(1.0 - noise.tie**2))
-        out[:, state] = alone[:, None]
-        out[:, state, state] = np.where(np.isfinite(last), tied, alone)
+        out[:, state] = _log_t(x - middle, spread)[:, None]
+        out[:, state, state] = _tied(x, last, middle, spread, noise.tie)
+    middle, spread = noise.shaded.T
+    other = np.zeros((len(share), 5)) + _log_t(x - middle, spread)[:, None]
+    other[:, BARE] = _tied(x, last, middle, spread, noise.tie)
+    out[:, BARE] = np.logaddexp(out[:, BARE], other) - math.log(2.0)
     out[:, THIN] = _log_between(x, noise.full)[:, None]
     out[:, HIDDEN] = -math.log(_ANY_SHARE)
     # What is thin may have any level, but it keeps to that.
@@ -132,6 +133,15 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     out[:, HIDDEN] += alone * strange[:, None]
     out[~known] = 0.0
     return out
+
+
+def _tied(
+    x: FloatArray, last: FloatArray, middle: FloatArray | float, spread: FloatArray, tie: float
+) -> FloatArray:
+    """Logarithm of the density behind a place of the same state."""
+    rest = x - middle - tie * np.nan_to_num(last - middle)
+    tied = _log_t(rest, spread * math.sqrt(1.0 - tie**2))
+    return np.where(np.isfinite(last), tied, _log_t(x - middle, spread))
 
 
 def _log_t(rest: FloatArray, spread: FloatArray) -> FloatArray:

@@ -27,6 +27,8 @@ _SHADED: Final = 0.1
 _LEAST: Final = 0.02
 _APART: Final = 0.3
 """Natural logarithm of the least change that ink is told by."""
+_UNKNOWN: Final = 0.5
+"""Of the scale: what shade changes where no bare place beside ink can be seen."""
 _FEWEST: Final = 20
 _TOLD: Final = 3.0
 """Standard deviations that places with and without ink must lie apart."""
@@ -54,6 +56,7 @@ class Change:
     misfit: FloatArray
     misfit_full: tuple[float, float]
     misfit_bare: tuple[float, float]
+    shaded: tuple[float, float]
 
 
 def change_of(
@@ -61,6 +64,7 @@ def change_of(
     own: FloatArray,
     lost: BoolArray,
     ground: FloatArray,
+    beside: FloatArray,
     good: BoolArray,
     run: IntArray,
 ) -> Change | None:
@@ -87,6 +91,11 @@ def change_of(
         return None
     spread = (usual - float(np.percentile(log[good], _LOW))) / _LOW_AT / apart
     noise = 1.4826 * float(np.median(np.abs(still - low))) / apart
+    shaded = (_UNKNOWN, _UNKNOWN / 2.0)
+    if len(beside) >= _FEWEST:
+        near = (_energy(beside.reshape(len(beside), *strips.shape[1:]), None) - low) / apart
+        middle, high = np.percentile(near, [50.0, 100.0 - _LOW])
+        shaded = (float(middle), max(float(high - middle) / _LOW_AT, float(noise)))
     share = (log - low) / apart
     spread = max(spread, _LEAST)
     if float(np.hypot(spread, noise)) > 1.0 / _TOLD:
@@ -95,7 +104,8 @@ def change_of(
     misfit, on_ground = _misfits(strips - own, ground.reshape(len(ground), *strips.shape[1:]) - own[
         np.arange(len(ground)) % len(own)], good)
     return Change(
-        share, spread, bare, _tie(share, good, run), misfit, _level(misfit[good]), _level(on_ground)
+        share, spread, bare, _tie(share, good, run), misfit, _level(misfit[good]), _level(on_ground),
+        shaded,
     )
 
 

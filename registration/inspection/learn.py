@@ -396,11 +396,13 @@ def _judge(
         )
         spreads[:, rows], misfits[:, rows] = each[:, None] * dim[rows], both[:, None]
     misfit = np.log(np.maximum(shares.misfit, 1e-9))
+    shaded = np.ones(2)
     if by_change.any():
-        told = _by_change(
+        told, shaded = _by_change(
             view, image, drawn, state, lost, told, by_change, shares, spreads, misfit, misfits
         )
-    noise = Noise(spreads[0], spreads[1], tie, misfits[0], misfits[1])
+    shaded = np.where(by_change[:, None], shaded, np.column_stack([np.zeros(count), spreads[1]]))
+    noise = Noise(spreads[0], spreads[1], tie, misfits[0], misfits[1], shaded)
     known = np.where(told, shares.share, np.nan)
     states = posterior(known, misfit, noise, ways.run, ways.step)
     return told, shares, noise, misfit, states, inverse
@@ -418,24 +420,28 @@ def _by_change(
     spreads: FloatArray,
     misfit: FloatArray,
     misfits: FloatArray,
-) -> BoolArray:
+) -> tuple[BoolArray, FloatArray]:
     ways = drawn.ways
     changed = np.ascontiguousarray(image[:, :, view.inkless :])
-    bare = BareStrips.laid(
-        changed, drawn.passes, drawn.pieces.kind, view.lost, drawn.seen, ways,
-        np.arange(len(ways)), None,
+    bare, beside = (
+        BareStrips.laid(
+            changed, drawn.passes, drawn.pieces.kind, view.lost, drawn.seen, ways,
+            np.arange(len(ways)), None, near,
+        ).strips
+        for near in (False, True)
     )  # fmt: skip
     strips = strips_of(changed, drawn.seen, ways)
     found = change_of(
-        strips[rows], drawn.own[rows][:, :, view.inkless :], lost[rows], bare.strips, (told & (state > 0.5))[rows], ways.run[rows]
+        strips[rows], drawn.own[rows][:, :, view.inkless :], lost[rows], bare, beside,
+        (told & (state > 0.5))[rows], ways.run[rows]
     )
     if found is None:
-        return told & ~rows
+        return told & ~rows, np.ones(2)
     shares.share[rows] = found.share
     spreads[:, rows] = np.array([found.full, found.bare])[:, None]
     misfit[rows] = found.misfit
     misfits[0, rows], misfits[1, rows] = found.misfit_full, found.misfit_bare
-    return told
+    return told, np.array(found.shaded)
 
 
 def _two_groups(ways: Ways) -> IntArray:

@@ -55,6 +55,8 @@ _TELLS: Final = 3.0
 """Natural logarithm of odds by which a look must move what was believed of a place before it."""
 _DOUBT: Final = (0.02, 0.5)
 """Probabilities of "bare" between which a place counts as not seen."""
+_STRANGE: Final = 3.0
+"""Spreads of its misfit, from which on a place doesn't look like ink that the model knows."""
 _SURELY_FULL: Final = 0.9
 """Probability from which on a place over older ink counts as full."""
 _ALONE: Final = 1.25
@@ -176,9 +178,11 @@ def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     why[moved < _TELLS] = int(Unseen.FAINT)
     why[(moved < _TELLS) & old] = int(Unseen.OLD_INK)
     why[(p > _DOUBT[0]) & (p < _DOUBT[1]) & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
-    if look.view.change is not None and not look.view.is_heights:
-        # How much changed doesn't tell how much ink came.
-        why[old & (state[:, FULL] < _SURELY_FULL) & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
+    unlike = look.misfit > look.noise.misfit_full @ (1.0, _STRANGE)
+    why[unlike & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
+    # How much changed doesn't tell how much ink came, nor what shade changes as much.
+    vague = (state[:, FULL] < _SURELY_FULL) | ~look.noise.full_is_told
+    why[old & (look.view.change is not None) & vague & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
     why[state[:, HIDDEN] > 0.5] = int(Unseen.GLARE)
     inside = look.drawn.seen.inside(look.view.shape, 0.6 * ways.width)
     crossed = look.drawn.crossed
