@@ -45,7 +45,7 @@ _LAST_MOVE: Final = 2
 """Rounds at the end in which the shift rests, and profiles have all their parts."""
 _OVER: Final = (0.65, 0.35)
 """Widths from the middle of older ink at which there is none of it, and all."""
-_OLD: Final = 0.3
+_OLD: Final = 0.05
 """Of a place's width over older ink: more, and it is judged against that."""
 _UNSEEN: Final = 0.7
 """Of a strip's inner part that may be lost; what is left tells the less."""
@@ -218,11 +218,15 @@ def learned(
         light = light_of(channels, ground, view.px_per_mm)
         mix = _whitening((channels - light)[ground > 0], channels - light, view.inkless)
     image = _mixed(channels - light, mix)
+    shown = _without_older(image, view.lost, passes, pieces, ways, lines)[:, :, view.inkless :]
+    by_energy = view.inkless > 0 and not lines.fresh.all()
+    if by_energy:
+        energy = np.log1p((image[:, :, view.inkless :] ** 2).mean(axis=2, keepdims=True))
+        shown = energy - np.float32(np.median(energy[ground > 0]))
     coarse = coarse_shift(
-        _without_older(image, view.lost, passes, pieces, ways, lines)[:, :, view.inkless :],
-        view.lost, passes,
+        shown, view.lost, passes,
         _inner(passes, ways, lines), float(np.median(pieces.width[pieces.kind == 0])),
-        options.shift_mm * view.px_per_mm, view.px_per_mm, view.is_heights,
+        options.shift_mm * view.px_per_mm, view.px_per_mm, view.is_heights or by_energy,
     )  # fmt: skip
     shift = _first_shift(coarse.by_px, frame, ways)
     state, level = np.ones(len(ways)), np.ones(len(ways))
