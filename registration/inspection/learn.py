@@ -49,7 +49,7 @@ _OLD: Final = 0.3
 _UNSEEN: Final = 0.7
 """Of a strip's inner part that may be lost; what is left tells the less."""
 _WHOLE: Final = 0.2
-"""The same of strips by which ink's level and noise are learned, and widths."""
+"""The same of strips by which ink's noise is learned; of a view that lost more, the better half."""
 _ENDS: Final = 0.5
 """Widths from a line's end, within which it isn't judged by itself: ink recedes or bulges there."""
 _ROUGH: Final = 0.05
@@ -354,7 +354,7 @@ def _judge(
     part = lost[:, np.abs(ACROSS) < 0.6].mean(axis=1)
     told = drawn.seen.inside(view.shape, 0.6 * ways.width) & (part < _UNSEEN)
     told &= ~drawn.crossed & (ways.to_end > _ENDS * ways.width)
-    whole = told & (part < _WHOLE)
+    whole = told & (part <= max(_WHOLE, float(np.median(part[told])) if told.any() else 0.0))
     shares = Shares(*np.zeros((5, count)))
     spreads, misfits, tie = np.ones((2, count)), np.zeros((2, count, 2)), 0.5
     flat = drawn.strips.reshape(count, -1)
