@@ -229,6 +229,8 @@ def learned(
     prior = None if known is None else _of_picture(known, mix)
     if view.is_heights:  # ink is as high as its layer, whatever is missing of it
         prior = InkModel.cover((_TOP - float(light.flat[0])) / _ROUGH)
+    if prior is not None:
+        state = _first_state(prior, image, view, frame, ways, shift, options)
     for number in range(_ROUNDS):
         last = number >= _ROUNDS - _LAST_MOVE
         parts = tuple(range(PARTS)) if last else (ODD if coarse.odd else EVEN)
@@ -284,6 +286,29 @@ def _fresh_alone(ways: Ways, lines: ExpectedLines) -> tuple[Ways, ExpectedLines]
     row = np.cumsum(lines.fresh) - 1
     some = ExpectedLines(**{name: value[lines.fresh] for name, value in vars(lines).items()})
     return replace(ways, piece=row[ways.piece]), some
+
+
+def _first_state(
+    prior: InkModel,
+    image: FloatImage,
+    view: View,
+    frame: ViewFrame,
+    ways: Ways,
+    shift: Shift,
+    options: SeeingOptions,
+) -> FloatArray:
+    """Which places have ink, (n,), by the level in their middle where a profile is known.
+
+    Of lines that touch and are bare together each looks full beside others that are drawn.
+    """
+    there = ways.moved(np.array([shift.dx_mm, shift.dy_mm]))
+    seen = Seen.of(there, frame, options.round_lines)
+    core = np.abs(ACROSS) <= _OVER[1]
+    shown = strips_of((~view.lost)[:, :, None].astype(np.float32), seen, there)[:, core]
+    own = own_profile(prior, np.zeros((len(ways), len(ACROSS))), seen)[:, core] * shown
+    power = (own**2).sum(axis=(1, 2))
+    share = (strips_of(image, seen, there)[:, core] * own).sum(axis=(1, 2))
+    return np.asarray((share > 0.5 * power) | (power <= 0.0), dtype=np.float64)
 
 
 def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
