@@ -27,7 +27,7 @@ from registration.inspection.layer_shift import coarse_shift, finer_shift
 from registration.inspection.noise import BareStrips, Noise, noise_of
 from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH, Passes, Pieces
-from registration.inspection.picture import LOWEST, View, ViewFrame
+from registration.inspection.picture import View, ViewFrame
 from registration.inspection.shares import (
     ACROSS,
     Shares,
@@ -54,13 +54,8 @@ _ENDS: Final = 0.5
 """Widths from a line's end, within which it isn't judged by itself: ink recedes or bulges there."""
 _ROUGH: Final = 0.05
 """Scatter of heights on the ground, thicknesses of the layer."""
-_COVERED: Final = 0.0
-"""Height of the ground over the layer's middle, thicknesses, from which on a bath's surface covers
-its lines: what a profiler sees there isn't theirs."""
 _CELL: Final = 0.4
 """Of a width: pixels nearer to each other tell the same."""
-_TOP: Final = 0.5
-"""Of a layer over its middle, thicknesses."""
 _FAINTEST: Final = 0.05
 _INK_TELLS: Final = 0.3
 """How much ink tells of light, against ground."""
@@ -201,17 +196,13 @@ def learned(
         How ink looked before.
     """
     channels = view.channels
-    if view.is_heights:  # what lies below the layer is as low as bare ground
+    if view.is_heights:  # older ink is part of the floor
         ways, lines = _fresh_alone(ways, lines)
     pieces = Pieces.of(lines, frame)
     passes = Passes.of(pieces, view.shape)
     ground = telling_pixels(view.lost, passes.near.min(axis=2))
     if view.is_heights:
-        own = channels[ground > 0]
-        lowest = max(LOWEST, float(np.median(own))) if len(own) >= _FEWEST else LOWEST
-        if lowest > _COVERED:
-            view = replace(view, lost=np.ones_like(view.lost))
-        light = np.full_like(channels, lowest)
+        light = np.zeros_like(channels)
         mix = np.eye(1) / _ROUGH
     else:
         light = light_of(channels, ground, view.px_per_mm)
@@ -228,7 +219,7 @@ def learned(
     group = _two_groups(ways)
     prior = None if known is None else _of_picture(known, mix)
     if view.is_heights:  # ink is as high as its layer, whatever is missing of it
-        prior = InkModel.cover((_TOP - float(light.flat[0])) / _ROUGH)
+        prior = InkModel.cover(1.0 / _ROUGH)
     if prior is not None:
         state = _first_state(prior, image, view, frame, ways, shift, options)
     for number in range(_ROUNDS):
