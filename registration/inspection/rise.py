@@ -16,6 +16,7 @@ import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
+from registration.inspection.heights.height import FARTHEST
 from registration.inspection.picture import HIGHEST, LOWEST, Outlines, drawn_lines
 from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
 
@@ -31,6 +32,8 @@ _FEWEST: Final = 100
 _COVERED: Final = 0.0
 """Height of the ground over the layer's middle, thicknesses, from which on a bath's surface covers
 its lines: what a profiler sees there isn't theirs."""
+_ZERO: Final = 0.5
+"""Of a layer, by which a profiler's zero may be off: then the ground tells it."""
 _UNSURE: Final = 0.5
 """Of a layer, by which rises over two floors may differ."""
 _STEP: Final = 0.5
@@ -68,7 +71,7 @@ def risen(
             f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
             "goes with a picture of `height_map` alone"
         )
-    height = np.asarray(picture[:, :, 1] / np.float32(thickness_mm))
+    height: FloatImage = np.asarray(picture[:, :, 1] / thickness_mm, dtype=np.float32)
     ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
     way = np.linalg.norm((lines.end - lines.start)[:, :2], axis=1)
     scale = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / np.maximum(way, 1e-9)
@@ -80,9 +83,12 @@ def risen(
     ground = float(np.median(bare)) if len(bare) >= _FEWEST else LOWEST
     if ground > _COVERED:
         return np.zeros_like(height), np.ones_like(seen)
-    if not (~lines.fresh).any():
-        return _over(height, np.full_like(height, ground)), ~np.isfinite(height)
-    least, most = _floors(ground, ends, wide, lines, thickness_mm, height.shape)
+    level = _levels(lines, thickness_mm)
+    plate = max(float(level[~lines.fresh].min(initial=_TOP)) - 1.0, -FARTHEST)
+    if abs(ground - plate) < _ZERO and plate > -FARTHEST:
+        height, ground = height - np.float32(ground - plate), plate
+    ground = max(ground, plate)
+    least, most = _floors(ground, level, ends, wide, ~lines.fresh, height.shape)
     high, low = _over(height, least), _over(height, most)
     return 0.5 * (high + low), ~(high - low <= _UNSURE)
 
@@ -94,29 +100,33 @@ def _over(height: FloatImage, floor: FloatImage) -> FloatImage:
     return np.asarray(part + np.clip(height - _TOP, 0.0, HIGHEST - _TOP), dtype=np.float32)
 
 
+def _levels(lines: ExpectedLines, thickness_mm: float) -> FloatArray:
+    """Tops of lines over the layer's middle as designed, thicknesses, (n,)."""
+    z = 0.5 * (lines.start + lines.end)[:, 2]
+    off = (z - np.median(z[lines.fresh])) / thickness_mm
+    return np.asarray(_STEP * np.rint(off / _STEP) + _TOP)
+
+
 def _floors(
     ground: float,
+    level: FloatArray,
     ends: FloatArray,
     wide: FloatArray,
-    lines: ExpectedLines,
-    thickness_mm: float,
+    old: BoolArray,
     shape: tuple[int, int],
 ) -> tuple[FloatImage, FloatImage]:
     """Lowest and highest floor that may lie below each pixel, thicknesses over the middle.
 
     Holes between older lines that are narrower than these may lie aside aren't told.
     """
-    old = np.flatnonzero(~lines.fresh)
-    top = float(np.median(np.stack([lines.start, lines.end])[:, lines.fresh, 2]))
-    z = 0.5 * (lines.start + lines.end)[old, 2]
-    level = np.minimum(_STEP * np.rint((z - top) / thickness_mm / _STEP) + _TOP, LOWEST)
+    level = np.minimum(level, LOWEST)
     aside = _ASIDE * float(np.median(wide))
     size = 2 * max(1, round(2.0 * aside)) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     least = np.full(shape, ground, dtype=np.float32)
     most = least.copy()
-    for each in np.unique(level[level > ground]):
-        rows = old[level >= each]
+    for each in np.unique(level[old & (level > ground)]):
+        rows = old & (level >= each)
         broad = drawn_lines(shape, ends[rows], wide[rows] + 2.0 * aside)
         most[broad > 0] = each
         least[cv2.erode(broad, disc) > 0] = each
