@@ -7,6 +7,7 @@ from each other. Places that turn out bare tell nothing of ink in the next round
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -42,6 +43,8 @@ from registration.inspection.ways import Seen, Ways
 _ROUNDS: Final = 5
 _LAST_MOVE: Final = 2
 """Rounds at the end in which the shift rests, and profiles have all their parts."""
+_STILL: Final = 0.01
+"""Widths; a layer that moves by less from one round to the next is at its place."""
 _OVER: Final = (0.65, 0.35)
 """Widths from the middle of older ink at which there is none of it, and all."""
 _OLD: Final = 0.3
@@ -96,7 +99,7 @@ class Drawn:
     own : (n, u, c) float64
         What full ink of its own adds across each place.
     judged : (n, u, c) float64
-        The same by a profile to which the place itself was not fitted.
+        The same by a profile to which the place itself was not fitted, unless one is known.
     strips : (n, u, c) float64
         The view across each place, without everything else.
     """
@@ -118,7 +121,7 @@ class Drawn:
         """Strips that are nearer to all of their ink than to none, (n,)."""
         return np.asarray(((self.strips - 0.5 * self.own) * self.own).sum(axis=(1, 2)) > 0.0)
 
-    @property
+    @cached_property
     def crossed(self) -> BoolArray:
         """Places over or under which the view shows another of the layer's lines, (n,)."""
         return self.ways.crossed_in(self.seen)
@@ -222,7 +225,10 @@ def learned(
         prior = InkModel.cover(1.0 / _ROUGH)
     if prior is not None:
         state = _first_state(prior, image, view, frame, ways, shift, options)
+    settled = False
     for number in range(_ROUNDS):
+        if settled and number < _ROUNDS - 1:
+            continue
         last = number >= _ROUNDS - _LAST_MOVE
         parts = tuple(range(PARTS)) if last else (ODD if coarse.odd else EVEN)
         parts = (0,) if view.is_heights else parts
@@ -246,11 +252,16 @@ def learned(
         shown, shares, noise, misfit, states, inverse = _judge(
             view, image, drawn, state, lost, prior is not None
         )
-        state = _presence(states, shares.share)
+        before, state = state, _presence(states, shares.share)
         if not last:
             level = _levels(level * shares.share, level, shown & (state > 0.5), ways)
         if not last:
+            place = shift
             shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
+            moved = np.hypot(shift.dx_mm - place.dx_mm, shift.dy_mm - place.dy_mm)
+            changed = np.abs(state - before).max()
+            # Of heights nothing else changes from round to round.
+            settled = view.is_heights and moved < _STILL * ways.width.min() and changed < 0.5
         if not view.is_heights and not last:
             light = light + _light_left(view, image, drawn, ground, mix)
             image = _mixed(channels - light, mix)
@@ -348,10 +359,11 @@ def _draw(
     model = fit.whole
     drawn = model.drawn(passes, over, pieces.kind, share)
     over_at = strips_of(over[:, :, None], seen, there)[:, :, 0]
-    own, *others = (
-        level[:, None, None] * own_profile(each, over_at, seen) for each in (model, *fit.other)
-    )
-    judged = np.where((group[:-1] == 0)[:, None, None], *others)
+    own = level[:, None, None] * own_profile(model, over_at, seen)
+    judged = own
+    if prior is None:
+        others = (level[:, None, None] * own_profile(each, over_at, seen) for each in fit.other)
+        judged = np.where((group[:-1] == 0)[:, None, None], *others)
     strips = strips_of(image - drawn, seen, there) + state[:, None, None] * own
     old = over_at[:, np.abs(ACROSS) <= 0.5].mean(axis=1) > _OLD
     return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, judged, strips)

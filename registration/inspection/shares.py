@@ -150,12 +150,13 @@ def by_seen_samples(
     """
     channels = len(inverse) // lost.shape[1]
     covariance = np.linalg.inv(inverse)
-    patterns, which = np.unique(lost, axis=0, return_inverse=True)
-    for k, pattern in enumerate(patterns):
-        left = np.flatnonzero(np.repeat(~pattern, channels))
+    number = lost @ (1 << np.arange(lost.shape[1]))  # of each pattern, in bits
+    order = np.argsort(number, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
+        left = np.flatnonzero(np.repeat(~lost[rows[0]], channels))
         part = np.zeros_like(covariance)
         part[np.ix_(left, left)] = np.linalg.inv(covariance[np.ix_(left, left)])
-        yield np.flatnonzero(which.ravel() == k), part, len(left)
+        yield rows, part, len(left)
 
 
 def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples: int) -> Shares:
