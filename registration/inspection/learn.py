@@ -225,7 +225,7 @@ def learned(
         prior = InkModel.cover(1.0 / _ROUGH)
     if prior is not None:
         state = _first_state(prior, image, view, frame, ways, shift, options)
-    settled = False
+    settled, so_far = False, None
     for number in range(_ROUNDS):
         if settled and number < _ROUNDS - 1:
             continue
@@ -247,7 +247,9 @@ def learned(
             prior,
             number == 0,
             not coarse.odd,
+            so_far,
         )
+        so_far = drawn
         lost = _lost_samples(view, drawn)
         shown, shares, noise, misfit, states, inverse = _judge(
             view, image, drawn, state, lost, prior is not None
@@ -262,6 +264,8 @@ def learned(
             changed = np.abs(state - before).max()
             # Of heights nothing else changes from round to round.
             settled = view.is_heights and moved < _STILL * ways.width.min() and changed < 0.5
+            if settled:
+                shift = replace(shift, dx_mm=place.dx_mm, dy_mm=place.dy_mm)
         if not view.is_heights and not last:
             light = light + _light_left(view, image, drawn, ground, mix)
             image = _mixed(channels - light, mix)
@@ -339,13 +343,21 @@ def _draw(
     prior: InkModel | None,
     first: bool,
     plain: bool,
+    last: Drawn | None,
 ) -> Drawn:
-    """Fit profiles at a shift (``first`` with what is known of them), and take strips."""
+    """Fit profiles at a shift (``first`` with what is known of them), and take strips.
+
+    Of the ``last`` round's places and passes, those at the same shift are taken as they are.
+    """
     by = np.array([shift.dx_mm, shift.dy_mm])
-    off = np.where(lines.fresh[:, None], np.append(by, 0.0), 0.0)
-    moved = replace(lines, start=lines.start + off, end=lines.end + off)
-    there, pieces = ways.moved(by), Pieces.of(moved, frame)
-    passes, seen = Passes.of(pieces, view.shape), Seen.of(there, frame, options.round_lines)
+    there = ways.moved(by)
+    if last is not None and np.array_equal(there.point, last.ways.point):
+        there, pieces, passes, seen = last.ways, last.pieces, last.passes, last.seen
+    else:
+        off = np.where(lines.fresh[:, None], np.append(by, 0.0), 0.0)
+        moved = replace(lines, start=lines.start + off, end=lines.end + off)
+        pieces = Pieces.of(moved, frame)
+        passes, seen = Passes.of(pieces, view.shape), Seen.of(there, frame, options.round_lines)
     older = passes.near[:, :, 1]
     over = np.clip((_OVER[0] - older) / (_OVER[0] - _OVER[1]), 0.0, 1.0).astype(np.float32)
     share = ShareOfPiece.along(ways, lines, state * level)
