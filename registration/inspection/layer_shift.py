@@ -92,15 +92,17 @@ def coarse_shift(
         Whether ink can't show by slopes alone.
     """
     even, odd = _maps(passes, inner)
+    cover = cover_at(passes.distance)
     if is_heights:
-        even = [(inner * cover_at(passes.distance)).max(axis=2)]
+        even = [(inner * cover).max(axis=2)]
     far = max(1, math.ceil(most_px))
     shape = tuple(fft.next_fast_len(n + 2 * far, real=True) for n in image.shape[:2])
     seen = [
         fft.rfft2(np.where(lost, np.float32(0.0), image[:, :, c]), shape)
         for c in range(image.shape[2])
     ]
-    whole = float((np.where(lost[:, :, None], 0.0, image) ** 2).sum())
+    square = np.where(lost, np.float32(0.0), (image**2).sum(axis=2))
+    whole = float(square.sum())
     told = float((inner.max(axis=2) > 0.0).sum()) * image.shape[2]
     count = 0.5 * told / max(1.0, (_CELL * width_px) ** 2)
     by = np.arange(-far, far + 1)
@@ -112,7 +114,14 @@ def coarse_shift(
     both = _log_of(_explained(np.concatenate(scores, axis=1), even + odd), whole, count) + prior
     best = []
     for score, maps in zip(scores, (even, odd), strict=True):
-        log = _log_of(_explained(score, maps), whole, count) + prior
+        explained, left = _explained(score, maps), whole
+        if len(maps) == 1:  # of a map alone what isn't seen or tells nothing is soon left out
+            ends = (cover * (passes.piece >= 0)).max(axis=2) - maps[0]
+            shown, power = (fft.rfft2(one, shape) for one in (~lost + np.float32(0.0), square))
+            explained = _scores([shown], [maps[0] ** 2], by, shape)[0, 0]
+            explained = (score[:, 0] ** 2).sum(axis=0) / np.maximum(explained, 1e-9)
+            left = whole - _scores([power], [ends], by, shape)[0, 0]
+        log = _log_of(explained, left, count) + prior
         row, column = (int(k) for k in np.unravel_index(int(np.argmax(log)), log.shape))
         best.append((float(both[row, column]), log, row, column))
     near = float(best[1][1].max() - best[0][1].max()) > -count * math.log(_AS_WELL)
@@ -183,7 +192,7 @@ def _explained(scores: FloatArray, maps: list[FloatImage]) -> FloatArray:
     return np.asarray((scores * solved).sum(axis=(0, 1)))
 
 
-def _log_of(explained: FloatArray, whole: float, count: float) -> FloatArray:
+def _log_of(explained: FloatArray, whole: float | FloatArray, count: float) -> FloatArray:
     """Logarithm of likelihood, the rest's variance unknown: no model explains a picture wholly."""
     rest = np.maximum(whole - explained, _LEAST_REST * whole + 1e-9)
     return np.asarray(-count * np.log(rest))

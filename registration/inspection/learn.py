@@ -7,6 +7,7 @@ from each other. Places that turn out bare tell nothing of ink in the next round
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -28,7 +29,7 @@ from registration.inspection.layer_shift import coarse_shift, finer_shift
 from registration.inspection.noise import BareStrips, Noise, noise_of
 from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH, Passes, Pieces
-from registration.inspection.picture import LOWEST, View, ViewFrame
+from registration.inspection.picture import View, ViewFrame
 from registration.inspection.shares import (
     ACROSS,
     Shares,
@@ -43,6 +44,8 @@ from registration.inspection.ways import Seen, Ways
 _ROUNDS: Final = 5
 _LAST_MOVE: Final = 2
 """Rounds at the end in which the shift rests, and profiles have all their parts."""
+_STILL: Final = 0.01
+"""Widths; a layer that moves by less from one round to the next is at its place."""
 _OVER: Final = (0.65, 0.35)
 """Widths from the middle of older ink at which there is none of it, and all."""
 _OLD: Final = 0.05
@@ -50,18 +53,13 @@ _OLD: Final = 0.05
 _UNSEEN: Final = 0.7
 """Of a strip's inner part that may be lost; what is left tells the less."""
 _WHOLE: Final = 0.2
-"""The same of strips by which ink's level and noise are learned, and widths."""
+"""The same of strips by which ink's noise is learned; of a view that lost more, the better half."""
 _ENDS: Final = 0.5
 """Widths from a line's end, within which it isn't judged by itself: ink recedes or bulges there."""
 _ROUGH: Final = 0.05
 """Scatter of heights on the ground, thicknesses of the layer."""
-_COVERED: Final = 0.0
-"""Height of the ground over the layer's middle, thicknesses, from which on a bath's surface covers
-its lines: what a profiler sees there isn't theirs."""
 _CELL: Final = 0.4
 """Of a width: pixels nearer to each other tell the same."""
-_TOP: Final = 0.5
-"""Of a layer over its middle, thicknesses."""
 _FAINTEST: Final = 0.05
 _INK_TELLS: Final = 0.3
 """How much ink tells of light, against ground."""
@@ -102,7 +100,7 @@ class Drawn:
     own : (n, u, c) float64
         What full ink of its own adds across each place.
     judged : (n, u, c) float64
-        The same by a profile to which the place itself was not fitted.
+        The same by a profile to which the place itself was not fitted, unless one is known.
     strips : (n, u, c) float64
         The view across each place, without everything else.
     """
@@ -124,7 +122,7 @@ class Drawn:
         """Strips that are nearer to all of their ink than to none, (n,)."""
         return np.asarray(((self.strips - 0.5 * self.own) * self.own).sum(axis=(1, 2)) > 0.0)
 
-    @property
+    @cached_property
     def crossed(self) -> BoolArray:
         """Places over or under which the view shows another of the layer's lines, (n,)."""
         return self.ways.crossed_in(self.seen)
@@ -202,17 +200,13 @@ def learned(
         How ink looked before.
     """
     channels = view.channels
-    if view.is_heights:  # what lies below the layer is as low as bare ground
+    if view.is_heights:  # older ink is part of the floor
         ways, lines = _fresh_alone(ways, lines)
     pieces = Pieces.of(lines, frame)
     passes = Passes.of(pieces, view.shape)
     ground = telling_pixels(view.lost, passes.near.min(axis=2))
     if view.is_heights:
-        own = channels[ground > 0]
-        lowest = max(LOWEST, float(np.median(own))) if len(own) >= _FEWEST else LOWEST
-        if lowest > _COVERED:
-            view = replace(view, lost=np.ones_like(view.lost))
-        light = np.full_like(channels, lowest)
+        light = np.zeros_like(channels)
         mix = np.eye(1) / _ROUGH
     else:
         light = light_of(channels, ground, view.px_per_mm)
@@ -233,8 +227,13 @@ def learned(
     group = _two_groups(ways)
     prior = None if known is None else _of_picture(known, mix)
     if view.is_heights:  # ink is as high as its layer, whatever is missing of it
-        prior = InkModel.cover((_TOP - float(light.flat[0])) / _ROUGH)
+        prior = InkModel.cover(1.0 / _ROUGH)
+    if prior is not None:
+        state = _first_state(prior, image, view, frame, ways, shift, options)
+    settled, so_far = False, None
     for number in range(_ROUNDS):
+        if settled and number < _ROUNDS - 1:
+            continue
         last = number >= _ROUNDS - _LAST_MOVE
         parts = tuple(range(PARTS)) if last else (ODD if coarse.odd else EVEN)
         parts = (0,) if view.is_heights else parts
@@ -253,16 +252,25 @@ def learned(
             prior,
             number == 0,
             not coarse.odd,
+            so_far,
         )
+        so_far = drawn
         lost = _lost_samples(view, drawn)
         shown, shares, noise, misfit, states, inverse = _judge(
             view, image, drawn, state, lost, prior is not None
         )
-        state = _presence(states, shares.share)
+        before, state = state, _presence(states, shares.share)
         if not last:
             level = _levels(level * shares.share, level, shown & (state > 0.5), ways)
         if not last:
+            place = shift
             shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
+            moved = np.hypot(shift.dx_mm - place.dx_mm, shift.dy_mm - place.dy_mm)
+            changed = np.abs(state - before).max()
+            # Of heights nothing else changes from round to round.
+            settled = view.is_heights and moved < _STILL * ways.width.min() and changed < 0.5
+            if settled:
+                shift = replace(shift, dx_mm=place.dx_mm, dy_mm=place.dy_mm)
         if not view.is_heights and not last:
             light = light + _light_left(view, image, drawn, ground, mix)
             image = _mixed(channels - light, mix)
@@ -291,6 +299,29 @@ def _fresh_alone(ways: Ways, lines: ExpectedLines) -> tuple[Ways, ExpectedLines]
     return replace(ways, piece=row[ways.piece]), some
 
 
+def _first_state(
+    prior: InkModel,
+    image: FloatImage,
+    view: View,
+    frame: ViewFrame,
+    ways: Ways,
+    shift: Shift,
+    options: SeeingOptions,
+) -> FloatArray:
+    """Which places have ink, (n,), by the level in their middle where a profile is known.
+
+    Of lines that touch and are bare together each looks full beside others that are drawn.
+    """
+    there = ways.moved(np.array([shift.dx_mm, shift.dy_mm]))
+    seen = Seen.of(there, frame, options.round_lines)
+    core = np.abs(ACROSS) <= _OVER[1]
+    shown = strips_of((~view.lost)[:, :, None].astype(np.float32), seen, there)[:, core]
+    own = own_profile(prior, np.zeros((len(ways), len(ACROSS))), seen)[:, core] * shown
+    power = (own**2).sum(axis=(1, 2))
+    share = (strips_of(image, seen, there)[:, core] * own).sum(axis=(1, 2))
+    return np.asarray((share > 0.5 * power) | (power <= 0.0), dtype=np.float64)
+
+
 def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
     """How much each pass tells of a layer's place, (h, w, 4): ends, which recede, don't."""
     share = ShareOfPiece.along(ways, lines, np.ones(len(ways)))
@@ -317,13 +348,21 @@ def _draw(
     prior: InkModel | None,
     first: bool,
     plain: bool,
+    last: Drawn | None,
 ) -> Drawn:
-    """Fit profiles at a shift (``first`` with what is known of them), and take strips."""
+    """Fit profiles at a shift (``first`` with what is known of them), and take strips.
+
+    Of the ``last`` round's places and passes, those at the same shift are taken as they are.
+    """
     by = np.array([shift.dx_mm, shift.dy_mm])
-    off = np.where(lines.fresh[:, None], np.append(by, 0.0), 0.0)
-    moved = replace(lines, start=lines.start + off, end=lines.end + off)
-    there, pieces = ways.moved(by), Pieces.of(moved, frame)
-    passes, seen = Passes.of(pieces, view.shape), Seen.of(there, frame, options.round_lines)
+    there = ways.moved(by)
+    if last is not None and np.array_equal(there.point, last.ways.point):
+        there, pieces, passes, seen = last.ways, last.pieces, last.passes, last.seen
+    else:
+        off = np.where(lines.fresh[:, None], np.append(by, 0.0), 0.0)
+        moved = replace(lines, start=lines.start + off, end=lines.end + off)
+        pieces = Pieces.of(moved, frame)
+        passes, seen = Passes.of(pieces, view.shape), Seen.of(there, frame, options.round_lines)
     older = passes.near[:, :, 1]
     over = np.clip((_OVER[0] - older) / (_OVER[0] - _OVER[1]), 0.0, 1.0).astype(np.float32)
     share = ShareOfPiece.along(ways, lines, state * level)
@@ -337,10 +376,11 @@ def _draw(
     model = fit.whole
     drawn = model.drawn(passes, over, pieces.kind, share)
     over_at = strips_of(over[:, :, None], seen, there)[:, :, 0]
-    own, *others = (
-        level[:, None, None] * own_profile(each, over_at, seen) for each in (model, *fit.other)
-    )
-    judged = np.where((group[:-1] == 0)[:, None, None], *others)
+    own = level[:, None, None] * own_profile(model, over_at, seen)
+    judged = own
+    if prior is None:
+        others = (level[:, None, None] * own_profile(each, over_at, seen) for each in fit.other)
+        judged = np.where((group[:-1] == 0)[:, None, None], *others)
     strips = strips_of(image - drawn, seen, there) + state[:, None, None] * own
     old = over_at[:, np.abs(ACROSS) <= 0.5].mean(axis=1) > _OLD
     return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, judged, strips)
@@ -359,7 +399,7 @@ def _judge(
     part = lost[:, np.abs(ACROSS) < 0.6].mean(axis=1)
     told = drawn.seen.inside(view.shape, 0.6 * ways.width) & (part < _UNSEEN)
     told &= ~drawn.crossed & (ways.to_end > _ENDS * ways.width)
-    whole = told & (part < _WHOLE)
+    whole = told & (part <= max(_WHOLE, float(np.median(part[told])) if told.any() else 0.0))
     shares = Shares(*np.zeros((5, count)))
     spreads, misfits, tie = np.ones((2, count)), np.zeros((2, count, 2)), 0.5
     flat = drawn.strips.reshape(count, -1)

@@ -164,7 +164,9 @@ def station_widths(
     rows = np.flatnonzero(tell & np.isfinite(strips).all(axis=(1, 2)))
     if not len(rows):
         return Widths(nothing, nothing, nothing, usual[1], seam_share)
-    left = np.nan_to_num(np.nanmedian(np.where(missing, np.nan, strips - own)[rows], axis=0))
+    never = missing[rows].all(axis=0)
+    rest = np.where(missing & ~never, np.nan, strips - own)[rows]
+    left = np.where(never, 0.0, np.nanmedian(rest, axis=0))
     own = own + left  # what all stations leave alike is the profile's own error: it is smooth
     wide, off, spread = np.ones(len(rows)), np.zeros(len(rows)), np.full(len(rows), np.inf)
     for some, inverse, _ in by_seen_samples(noise, lost[rows]):

@@ -67,7 +67,7 @@ class View:
     is_log : bool
         Whether values are logarithms of brightness.
     is_heights : bool
-        Whether values are heights over the layer's middle, in thicknesses.
+        Whether values are what stands over the floor, of the layer (`rise`).
     moved_px : float
         By how many pixels of the picture the camera moved since the one before; NaN without one.
     """
@@ -120,11 +120,12 @@ def view_of(
     ways: Ways,
     gap_mm: float,
     hidden: Outlines | BoolArray,
-    thickness_mm: float | None = None,
+    unknown: BoolArray | None = None,
 ) -> tuple[View, ViewFrame]:
     """Crop and bin a picture so that a line is some nine pixels wide.
 
-    With a ``thickness_mm`` the second of two channels is taken: heights, mm.
+    Of two channels of a float picture the first is taken. With ``unknown`` (h, w) pixels, of which
+    nothing is known, the picture is one of `rise`.
 
     Raises
     ------
@@ -143,12 +144,12 @@ def view_of(
     x0, y0, x1, y1 = _box(picture, seen)
     part = picture[y0:y1, x0:x1]
     unmeasured = unmeasured_pixels(part)
-    if thickness_mm is not None:
-        part = np.clip(_heights(part, thickness_mm), LOWEST, HIGHEST)
-    elif np.issubdtype(part.dtype, np.floating) and part.ndim == 3:
+    if np.issubdtype(part.dtype, np.floating) and part.ndim == 3:
         part = part[:, :, :1]
     now, bad = _binned(measured_alone(part, unmeasured), scale)
     cover = 255 * unmeasured.astype(np.uint8)
+    if unknown is not None:
+        cover[unknown[y0:y1, x0:x1]] = 255
     if isinstance(hidden, np.ndarray):
         cover[hidden[y0:y1, x0:x1]] = 255
     else:
@@ -158,7 +159,7 @@ def view_of(
     is_float = np.issubdtype(picture.dtype, np.floating)
     view = View(
         now, None, lost | bad, (x0, y0), scale, seen.px_per_mm / scale, not is_float,
-        thickness_mm is not None,
+        unknown is not None,
     )  # fmt: skip
     return view, ViewFrame(frame, (x0, y0), scale)
 
@@ -240,15 +241,6 @@ def drawn_lines(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> M
         pieces: Sequence[NDArray[np.int32]] = list(fixed[good & (thick == each)])
         cv2.polylines(out, pieces, False, 1, int(each), cv2.LINE_8, _SHIFT)
     return out
-
-
-def _heights(part: Image, thickness_mm: float) -> Image:
-    if part.ndim != 3 or part.shape[2] != 2 or not thickness_mm > 0:
-        raise PictureError(
-            f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
-            "goes with a picture of `height_map` alone"
-        )
-    return part[:, :, 1] / np.float32(thickness_mm)
 
 
 def _box(picture: Image, seen: Seen) -> tuple[int, int, int, int]:

@@ -33,6 +33,7 @@ from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH
 from registration.inspection.picture import Mask, Outlines, drawn_lines, view_of, with_before
 from registration.inspection.plane_map import PlaneMap
+from registration.inspection.rise import risen
 from registration.inspection.stations import Grouping
 from registration.inspection.stretches import find_stretches, width_ratio
 from registration.inspection.values import (
@@ -124,7 +125,10 @@ def see_layer(
     options = options or SeeingOptions()
     check_lines(lines)
     ways = lay_ways(lines, options.gap_mm / _STEPS_IN_GAP)
-    view, own = view_of(picture, frame, ways, options.gap_mm, hidden, thickness_mm)
+    judged, unknown = picture, None
+    if thickness_mm is not None:
+        judged, unknown = risen(picture, frame, lines, thickness_mm, hidden)
+    view, own = view_of(judged, frame, ways, options.gap_mm, hidden, unknown)
     if before is not None:
         late = np.zeros(len(lines), dtype=np.bool_) if since is None else since
         view = with_before(view, own, picture, before, lines, lines.fresh | late, stood_still)

@@ -75,7 +75,7 @@ def covariance(rests: FloatArray) -> FloatArray:
         low = (count + 1.0 - 2.0 / size) * (square - trace**2 / size)
         shrink = max(min(1.0, top / low) if low > 0 else 1.0, _FLOOR)
         cov = (1.0 - shrink) * cov + (shrink * trace / size + _LEAST) * np.eye(size)
-        far = np.einsum("ni,ij,nj->n", rests, np.linalg.inv(cov), rests) / size
+        far = (rests @ np.linalg.inv(cov) * rests).sum(axis=1) / size
         weight = 1.0 / (1.0 + np.maximum(far / max(float(np.median(far)), 1e-9) - 1.0, 0.0) ** 2)
     return cov
 
@@ -150,12 +150,13 @@ def by_seen_samples(
     """
     channels = len(inverse) // lost.shape[1]
     covariance = np.linalg.inv(inverse)
-    patterns, which = np.unique(lost, axis=0, return_inverse=True)
-    for k, pattern in enumerate(patterns):
-        left = np.flatnonzero(np.repeat(~pattern, channels))
+    number = lost @ (1 << np.arange(lost.shape[1]))  # of each pattern, in bits
+    order = np.argsort(number, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
+        left = np.flatnonzero(np.repeat(~lost[rows[0]], channels))
         part = np.zeros_like(covariance)
         part[np.ix_(left, left)] = np.linalg.inv(covariance[np.ix_(left, left)])
-        yield np.flatnonzero(which.ravel() == k), part, len(left)
+        yield rows, part, len(left)
 
 
 def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples: int) -> Shares:
@@ -166,7 +167,7 @@ def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples:
     basis = np.stack([own, -slope, -slope * ACROSS[None, :, None]], axis=1).reshape(n, 3, -1)
     flat = strips.reshape(n, -1)
     weighted = basis @ inverse
-    power = np.einsum("nij,nkj->nik", weighted, basis)
+    power = weighted @ basis.transpose(0, 2, 1)
     score = np.einsum("nij,nj->ni", weighted, flat)
     # What moves and widens ink does so by its share; the designed line is the prior.
     power[:, 1, 1] += _OFF**-2
@@ -175,5 +176,5 @@ def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples:
     cov = np.linalg.inv(power)
     found = np.einsum("nij,nj->ni", cov, score)
     left = flat - np.einsum("ni,nij->nj", found, basis)
-    misfit = np.einsum("nj,jk,nk->n", left, inverse, left) / samples
+    misfit = (left @ inverse * left).sum(axis=1) / samples
     return Shares(found[:, 0], np.sqrt(cov[:, 0, 0]), found[:, 1], found[:, 2], misfit)
