@@ -32,6 +32,7 @@ from registration.inspection.shares import (
     ACROSS,
     Shares,
     StripNoise,
+    beside_line,
     measured,
     own_profile,
     strips_of,
@@ -371,7 +372,8 @@ def _judge(
         )  # fmt: skip
         without = bare.strips if len(bare.strips) else flat[told & rows & ~drawn.looks_full]
         doubt = drawn.model.doubt_across(0 if over is None else 1, ACROSS)
-        strip_noise = StripNoise.of(rest[good], without, drawn.own[rows], doubt)
+        left = beside_line(rest[good], drawn.own[good])
+        strip_noise = StripNoise.of(left, without, drawn.own[rows], doubt)
         inverse = strip_noise.inverse if over is None or drawn.old.all() else inverse
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
         if not is_known and not _is_told(drawn, strip_noise, told & rows):
