@@ -67,6 +67,11 @@ _CLEAR: Final = 0.9
 """Widths from a line's middle, from which on there should be bath alone."""
 _PART_SHOWN: Final = 0.25
 """Of a station's strips that show a sample, for their mean to be taken."""
+_TRIMS: Final = 4
+_APART: Final = 3.0
+"""Spreads from the median, from which on a station's ink isn't that of the others."""
+_LEAST_SPREAD: Final = 0.02
+"""Of shares of ink of stations whose lines touch."""
 _PART: Final = 0.7
 """Of a station, free on both sides, for its width to be told."""
 
@@ -233,11 +238,16 @@ def _stretches(stations: Stations, widths: Widths, options: SeeingOptions) -> tu
     seam = stations.seam_share
     if seam is None or not np.isfinite(seam).any():
         return found
-    usual = float(np.nanmedian(seam))
-    spread = 1.4826 * float(np.nanmedian(np.abs(seam - usual)))
+    # Stations that have their ink tell how it scatters: a thin stretch lies apart from them.
+    sound, spread = seam[np.isfinite(seam)], 0.0
+    for _ in range(_TRIMS):
+        off = np.abs(sound - np.median(sound))
+        spread = 1.4826 * float(np.median(off))
+        sound = sound[off <= _APART * max(spread, _LEAST_SPREAD)]
+    seam = seam / float(np.median(sound))
     by_seams = replace(
         widths, width_mm=seam * stations.expected_mm,
-        random_mm=np.where(np.isfinite(seam), max(spread, 0.02), np.nan) * stations.expected_mm,
+        random_mm=np.where(np.isfinite(seam), max(spread, _LEAST_SPREAD), np.nan) * stations.expected_mm,
         common=0.0,
     )  # fmt: skip
     touching = replace(stations, width_mm=by_seams.width_mm)
