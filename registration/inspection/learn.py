@@ -175,6 +175,11 @@ class Learned:
     odd: bool
     lost: BoolArray
 
+    @property
+    def hidden(self) -> BoolArray:
+        """Places of whose inner strip the picture shows too little, (n,)."""
+        return np.asarray(_lost_part(self.lost) >= _UNSEEN)
+
     def appearance(self) -> Appearance:
         """How ink looks, in the picture's own channels."""
         return Appearance(self.drawn.model.profile @ np.linalg.inv(self.mix).T)
@@ -258,7 +263,8 @@ def learned(
         if not last:
             level = _levels(level * shares.share, level, shown & (state > 0.5), ways)
         if not last:
-            shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
+            sure = shown & (state > 0.5)
+            shift = finer_shift(shift, shares.offset, drawn.ways, sure, options, coarse.odd)
         if not view.is_heights and not last:
             light = light + _light_left(view, image, drawn, ground, mix)
             image = _mixed(channels - light, mix)
@@ -347,12 +353,16 @@ def _lost_samples(view: View, drawn: Drawn) -> BoolArray:
     return np.asarray(strips_of(lost, drawn.seen, drawn.ways)[:, :, 0] > 0.1)
 
 
+def _lost_part(lost: BoolArray) -> FloatArray:
+    return np.asarray(lost[:, np.abs(ACROSS) < 0.6].mean(axis=1))
+
+
 def _judge(
     view: View, image: FloatImage, drawn: Drawn, state: FloatArray, lost: BoolArray, is_known: bool
 ) -> tuple[BoolArray, Shares, Noise, FloatArray, FloatArray, FloatArray]:
     """Measure shares, learn how they scatter, and tell states."""
     ways, count = drawn.ways, len(drawn.ways)
-    part = lost[:, np.abs(ACROSS) < 0.6].mean(axis=1)
+    part = _lost_part(lost)
     told = drawn.seen.inside(view.shape, 0.6 * ways.width) & (part < _UNSEEN)
     told &= ~drawn.crossed & (ways.to_end > _ENDS * ways.width)
     whole = told & (part < _WHOLE)

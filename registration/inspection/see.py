@@ -145,12 +145,13 @@ def _findings(
     gaps = gaps_of(look, ways, bare)
     why = _reasons(look, ways, bare)
     seen = why == Unseen.SEEN
+    any_seen = bool(seen.any())
     group = Grouping.of_ways(ways)
     widths = _widths(look, ways, group, seen)
     share = np.where(bare, 0.0, expected_ink(look.states, look.shares.share))
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
-    way, seen_mm = ways.step, float(ways.step[seen].sum())
+    seen_mm = float(stations.length_mm[stations.seen].sum())
     told = Told.of(look)
     return LayerFindings(
         stations=stations,
@@ -160,12 +161,12 @@ def _findings(
         lumens=told.lumens(look, lumens, lines),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
-        seen_share=seen_mm / float(way.sum()),
-        coverage=float((share * way)[seen].sum()) / seen_mm if seen_mm > 0 else math.nan,
+        seen_share=seen_mm / float(stations.length_mm.sum()),
+        coverage=float(np.average(share[seen], weights=ways.step[seen])) if any_seen else math.nan,
         shift=look.shift,
         places=max(1, round(seen_mm / options.gap_mm)),
         contrast=_contrast(look),
-        appearance=look.appearance() if seen.any() else None,
+        appearance=look.appearance() if any_seen else None,
         moved_px=look.view.moved_px,
     )
 
@@ -182,7 +183,7 @@ def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     why[state[:, HIDDEN] > 0.5] = int(Unseen.GLARE)
     inside = look.drawn.seen.inside(look.view.shape, 0.6 * ways.width)
     crossed = look.drawn.crossed
-    why[~look.shown] = int(Unseen.HIDDEN)
+    why[look.hidden] = int(Unseen.HIDDEN)
     why[crossed & ~look.shown] = int(Unseen.COVERED)
     why[~inside] = int(Unseen.OUTSIDE)
     why[bare & look.shown] = int(Unseen.SEEN)
