@@ -26,6 +26,7 @@ from registration.inspection.blobs import find_blobs
 from registration.inspection.chain import BARE, HIDDEN, PRIOR_BARE, expected_ink
 from registration.inspection.findings import LayerFindings
 from registration.inspection.gaps import gaps_of
+from registration.inspection.ink_model import NODES, InkModel
 from registration.inspection.learn import Learned, learned
 from registration.inspection.line_width import Widths, station_widths, usual_ratio
 from registration.inspection.lumens import see_lumens
@@ -33,6 +34,7 @@ from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH
 from registration.inspection.picture import Mask, Outlines, drawn_lines, view_of, with_before
 from registration.inspection.plane_map import PlaneMap
+from registration.inspection.shares import ACROSS
 from registration.inspection.stations import Grouping
 from registration.inspection.stretches import find_stretches, width_ratio
 from registration.inspection.values import (
@@ -208,9 +210,9 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     lost = ~(part > _PART_SHOWN)
     strips = group.mean(drawn.strips * shown[:, :, None], free)
     strips /= np.where(lost, 1.0, part)[:, :, None]
-    own = group.mean(drawn.own, free)
+    own, heights = group.mean(drawn.own, free), look.view.is_heights
     usual = (
-        usual_ratio(drawn.model, look.view.is_heights)
+        usual_ratio(_of_stations(drawn.model, strips - own, told & ~lost.any(axis=1)), heights)
         if told.any() and not look.odd
         else (1.0, math.inf)
     )
@@ -220,6 +222,23 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
         strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
         ways.width[group.first], told, look.inverse, usual, seam,
     )  # fmt: skip
+
+
+def _of_stations(model: InkModel, left: FloatArray, use: BoolArray) -> InkModel:
+    """Return profiles of the usual station: what a model leaves (m, u, c) in the median is added.
+
+    Lines of several widths are drawn by one profile between theirs.
+    """
+    if not use.any():
+        return model
+    usual = np.median(left[use], axis=0)
+    half = len(ACROSS) // 2
+    even = 0.5 * (usual[half:] + usual[half::-1])
+    node = np.arange(NODES + 1) * (REACH / NODES)
+    profile = model.profile.copy()
+    for c in range(even.shape[1]):
+        profile[0, 0, :, c] += np.interp(node, ACROSS[half:], even[:, c], right=0.0)
+    return replace(model, profile=profile)
 
 
 def _beside(look: Learned) -> FloatArray:

@@ -165,7 +165,7 @@ def beside_line(rests: FloatArray, own: FloatArray) -> FloatArray:
     """
     basis = _basis(own)[:, ::2]
     power = np.einsum("nij,nkj->nik", basis, basis)
-    power += 1e-9 * (1.0 + power.max()) * np.eye(2)
+    power += 1e-9 * (1.0 + power.max(initial=0.0)) * np.eye(2)
     found = np.linalg.solve(power, np.einsum("nij,nj->ni", basis, rests)[:, :, None])
     return np.asarray(rests - np.einsum("ni,nij->nj", found[:, :, 0], basis))
 
@@ -174,7 +174,7 @@ def _basis(own: FloatArray) -> FloatArray:
     """Return what share, offset and widening change in strips, (n, 3, u c)."""
     slope = np.gradient(own, ACROSS[1] - ACROSS[0], axis=1)
     terms = np.stack([own, -slope, -slope * ACROSS[None, :, None]], axis=1)
-    return np.asarray(terms.reshape(len(own), 3, -1))
+    return np.asarray(terms.reshape(len(own), 3, own.shape[1] * own.shape[2]))
 
 
 def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples: int) -> Shares:
