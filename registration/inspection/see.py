@@ -265,11 +265,13 @@ def _stretches(stations: Stations, widths: Widths, options: SeeingOptions) -> tu
         spread = 1.4826 * float(np.median(off))
         sound = sound[off <= _APART * max(spread, _LEAST_SPREAD)]
     seam = seam / float(np.median(sound))
+    random = np.where(np.isfinite(seam), max(spread, _LEAST_SPREAD), np.nan)
     by_seams = replace(
-        widths, width_mm=seam * stations.expected_mm,
-        random_mm=np.where(np.isfinite(seam), max(spread, _LEAST_SPREAD), np.nan) * stations.expected_mm,
+        widths,
+        width_mm=seam * stations.expected_mm,
+        random_mm=random * stations.expected_mm,
         common=0.0,
-    )  # fmt: skip
+    )
     touching = replace(stations, width_mm=by_seams.width_mm)
     return found + find_stretches(touching, by_seams, options.width_percent)
 
