@@ -153,7 +153,8 @@ class Learned:
     states : (n, 4) float64
         Probabilities of full, thin, bare and hidden.
     inverse : (u c, u c) float64
-        Inverse covariance of a strip over the ground.
+        Inverse covariance of what strips hold beside their lines' own share and width: by it
+        widths, and amounts of ink where lines touch, are compared along lines.
     odd : bool
         Whether ink shows by slopes lit from one side alone.
     lost : (n, u) bool
@@ -382,9 +383,10 @@ def _judge(
         )  # fmt: skip
         without = bare.strips if len(bare.strips) else flat[told & rows & ~drawn.looks_full]
         doubt = drawn.model.doubt_across(0 if over is None else 1, ACROSS)
-        left = beside_line(rest[good], drawn.own[good])
-        strip_noise = StripNoise.of(left, without, drawn.own[rows], doubt)
-        inverse = strip_noise.inverse if over is None or drawn.old.all() else inverse
+        strip_noise = StripNoise.of(rest[good], without, drawn.own[rows], doubt)
+        if over is None or drawn.old.all():
+            left = beside_line(rest[good], drawn.own[good])
+            inverse = StripNoise.of(left, without, drawn.own[rows], doubt).inverse
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
         if not is_known and not _is_told(drawn, strip_noise, told & rows):
             told = told & ~rows

@@ -34,7 +34,7 @@ from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH
 from registration.inspection.picture import Mask, Outlines, drawn_lines, view_of, with_before
 from registration.inspection.plane_map import PlaneMap
-from registration.inspection.shares import ACROSS
+from registration.inspection.shares import ACROSS, StripNoise, measured
 from registration.inspection.stations import Grouping
 from registration.inspection.stretches import find_stretches, width_ratio
 from registration.inspection.values import (
@@ -185,8 +185,8 @@ def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     why[state[:, HIDDEN] > 0.5] = int(Unseen.GLARE)
     inside = look.drawn.seen.inside(look.view.shape, 0.6 * ways.width)
     crossed = look.drawn.crossed
-    why[look.hidden] = int(Unseen.HIDDEN)
     why[crossed & ~look.shown] = int(Unseen.COVERED)
+    why[look.hidden] = int(Unseen.HIDDEN)
     why[~inside] = int(Unseen.OUTSIDE)
     why[bare & look.shown] = int(Unseen.SEEN)
     return why
@@ -200,7 +200,8 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     free = full & (beside > _ALONE) & ~drawn.old
     all_ = np.ones(len(ways), dtype=np.bool_)
     told = group.mean(free.astype(np.float64), all_) > _PART
-    area = look.shares.share * (1.0 + look.shares.wider)
+    ink = measured(drawn.strips, drawn.own, StripNoise(look.inverse), look.lost)
+    area = ink.share * (1.0 + ink.wider)
     touching = full & (beside <= _ALONE)
     seam = np.where(
         group.mean(touching.astype(np.float64), all_) > _PART, group.mean(area, touching), np.nan
