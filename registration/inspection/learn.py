@@ -34,6 +34,7 @@ from registration.inspection.shares import (
     ACROSS,
     Shares,
     StripNoise,
+    beside_line,
     measured,
     own_profile,
     strips_of,
@@ -151,7 +152,8 @@ class Learned:
     states : (n, 4) float64
         Probabilities of full, thin, bare and hidden.
     inverse : (u c, u c) float64
-        Inverse covariance of a strip over the ground.
+        Inverse covariance of what strips hold beside their lines' own share and width: by it
+        widths, and amounts of ink where lines touch, are compared along lines.
     odd : bool
         Whether ink shows by slopes lit from one side alone.
     lost : (n, u) bool
@@ -172,6 +174,11 @@ class Learned:
     inverse: FloatArray
     odd: bool
     lost: BoolArray
+
+    @property
+    def hidden(self) -> BoolArray:
+        """Places of whose inner strip the picture shows too little, (n,)."""
+        return np.asarray(_lost_part(self.lost) >= _UNSEEN)
 
     def appearance(self) -> Appearance:
         """How ink looks, in the picture's own channels."""
@@ -263,8 +270,8 @@ def learned(
         if not last:
             level = _levels(level * shares.share, level, shown & (state > 0.5), ways)
         if not last:
-            place = shift
-            shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
+            place, sure = shift, shown & (state > 0.5)
+            shift = finer_shift(shift, shares.offset, drawn.ways, sure, options, coarse.odd)
             moved = np.hypot(shift.dx_mm - place.dx_mm, shift.dy_mm - place.dy_mm)
             changed = np.abs(state - before).max()
             # Of heights nothing else changes from round to round.
@@ -391,12 +398,16 @@ def _lost_samples(view: View, drawn: Drawn) -> BoolArray:
     return np.asarray(strips_of(lost, drawn.seen, drawn.ways)[:, :, 0] > 0.1)
 
 
+def _lost_part(lost: BoolArray) -> FloatArray:
+    return np.asarray(lost[:, np.abs(ACROSS) < 0.6].mean(axis=1))
+
+
 def _judge(
     view: View, image: FloatImage, drawn: Drawn, state: FloatArray, lost: BoolArray, is_known: bool
 ) -> tuple[BoolArray, Shares, Noise, FloatArray, FloatArray, FloatArray]:
     """Measure shares, learn how they scatter, and tell states."""
     ways, count = drawn.ways, len(drawn.ways)
-    part = lost[:, np.abs(ACROSS) < 0.6].mean(axis=1)
+    part = _lost_part(lost)
     told = drawn.seen.inside(view.shape, 0.6 * ways.width) & (part < _UNSEEN)
     told &= ~drawn.crossed & (ways.to_end > _ENDS * ways.width)
     whole = told & (part <= max(_WHOLE, float(np.median(part[told])) if told.any() else 0.0))
@@ -420,7 +431,9 @@ def _judge(
         without = bare.strips if len(bare.strips) else flat[told & rows & ~drawn.looks_full]
         doubt = drawn.model.doubt_across(0 if over is None else 1, ACROSS)
         strip_noise = StripNoise.of(rest[good], without, drawn.own[rows], doubt)
-        inverse = strip_noise.inverse if over is None or drawn.old.all() else inverse
+        if over is None or drawn.old.all():
+            left = beside_line(rest[good], drawn.own[good])
+            inverse = StripNoise.of(left, without, drawn.own[rows], doubt).inverse
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
         if not is_known and not _is_told(drawn, strip_noise, told & rows):
             told = told & ~rows

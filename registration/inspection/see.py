@@ -26,6 +26,7 @@ from registration.inspection.blobs import find_blobs
 from registration.inspection.chain import BARE, FULL, HIDDEN, PRIOR_BARE, expected_ink
 from registration.inspection.findings import LayerFindings
 from registration.inspection.gaps import gaps_of
+from registration.inspection.ink_model import NODES, InkModel
 from registration.inspection.learn import Learned, learned
 from registration.inspection.line_width import Widths, station_widths, usual_ratio
 from registration.inspection.lumens import see_lumens
@@ -34,6 +35,7 @@ from registration.inspection.passes import REACH
 from registration.inspection.picture import Mask, Outlines, drawn_lines, view_of, with_before
 from registration.inspection.plane_map import PlaneMap
 from registration.inspection.rise import risen
+from registration.inspection.shares import ACROSS, StripNoise, measured
 from registration.inspection.stations import Grouping
 from registration.inspection.stretches import find_stretches, width_ratio
 from registration.inspection.values import (
@@ -72,6 +74,11 @@ _CLEAR: Final = 0.9
 """Widths from a line's middle, from which on there should be bath alone."""
 _PART_SHOWN: Final = 0.25
 """Of a station's strips that show a sample, for their mean to be taken."""
+_TRIMS: Final = 4
+_APART: Final = 3.0
+"""Spreads from the median, from which on a station's ink isn't that of the others."""
+_LEAST_SPREAD: Final = 0.02
+"""Of shares of ink of stations whose lines touch."""
 _PART: Final = 0.7
 """Of a station, free on both sides, for its width to be told."""
 
@@ -148,12 +155,13 @@ def _findings(
     gaps = gaps_of(look, ways, bare)
     why = _reasons(look, ways, bare)
     seen = why == Unseen.SEEN
+    any_seen = bool(seen.any())
     group = Grouping.of_ways(ways)
     widths = _widths(look, ways, group, seen)
     share = np.where(bare, 0.0, expected_ink(look.states, look.shares.share))
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
-    way, seen_mm = ways.step, float(ways.step[seen].sum())
+    seen_mm = float(stations.length_mm[stations.seen].sum())
     told = Told.of(look)
     return LayerFindings(
         stations=stations,
@@ -163,12 +171,12 @@ def _findings(
         lumens=told.lumens(look, lumens, lines),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
-        seen_share=seen_mm / float(way.sum()),
-        coverage=float((share * way)[seen].sum()) / seen_mm if seen_mm > 0 else math.nan,
+        seen_share=seen_mm / float(stations.length_mm.sum()),
+        coverage=float(np.average(share[seen], weights=ways.step[seen])) if any_seen else math.nan,
         shift=look.shift,
         places=max(1, round(seen_mm / options.gap_mm)),
         contrast=_contrast(look),
-        appearance=look.appearance() if seen.any() else None,
+        appearance=look.appearance() if any_seen else None,
         moved_px=look.view.moved_px,
     )
 
@@ -190,8 +198,8 @@ def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     why[state[:, HIDDEN] > 0.5] = int(Unseen.GLARE)
     inside = look.drawn.seen.inside(look.view.shape, 0.6 * ways.width)
     crossed = look.drawn.crossed
-    why[~look.shown] = int(Unseen.HIDDEN)
     why[crossed & ~look.shown] = int(Unseen.COVERED)
+    why[look.hidden] = int(Unseen.HIDDEN)
     why[~inside] = int(Unseen.OUTSIDE)
     why[bare & look.shown] = int(Unseen.SEEN)
     return why
@@ -205,7 +213,8 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     free = full & (beside > _ALONE) & ~drawn.old
     all_ = np.ones(len(ways), dtype=np.bool_)
     told = group.mean(free.astype(np.float64), all_) > _PART
-    area = look.shares.share * (1.0 + look.shares.wider)
+    ink = measured(drawn.strips, drawn.own, StripNoise(look.inverse), look.lost)
+    area = ink.share * (1.0 + ink.wider)
     touching = full & (beside <= _ALONE)
     seam = np.where(
         group.mean(touching.astype(np.float64), all_) > _PART, group.mean(area, touching), np.nan
@@ -215,9 +224,9 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     lost = ~(part > _PART_SHOWN)
     strips = group.mean(drawn.strips * shown[:, :, None], free)
     strips /= np.where(lost, 1.0, part)[:, :, None]
-    own = group.mean(drawn.own, free)
+    own, heights = group.mean(drawn.own, free), look.view.is_heights
     usual = (
-        usual_ratio(drawn.model, look.view.is_heights)
+        usual_ratio(_of_stations(drawn.model, strips - own, told & ~lost.any(axis=1)), heights)
         if told.any() and not look.odd
         else (1.0, math.inf)
     )
@@ -227,6 +236,23 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
         strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
         ways.width[group.first], told, look.inverse, usual, seam,
     )  # fmt: skip
+
+
+def _of_stations(model: InkModel, left: FloatArray, use: BoolArray) -> InkModel:
+    """Return profiles of the usual station: what a model leaves (m, u, c) in the median is added.
+
+    Lines of several widths are drawn by one profile between theirs.
+    """
+    if not use.any():
+        return model
+    usual = np.median(left[use], axis=0)
+    half = len(ACROSS) // 2
+    even = 0.5 * (usual[half:] + usual[half::-1])
+    node = np.arange(NODES + 1) * (REACH / NODES)
+    profile = model.profile.copy()
+    for c in range(even.shape[1]):
+        profile[0, 0, :, c] += np.interp(node, ACROSS[half:], even[:, c], right=0.0)
+    return replace(model, profile=profile)
 
 
 def _beside(look: Learned) -> FloatArray:
@@ -246,13 +272,20 @@ def _stretches(stations: Stations, widths: Widths, options: SeeingOptions) -> tu
     seam = stations.seam_share
     if seam is None or not np.isfinite(seam).any():
         return found
-    usual = float(np.nanmedian(seam))
-    spread = 1.4826 * float(np.nanmedian(np.abs(seam - usual)))
+    # Stations that have their ink tell how it scatters: a thin stretch lies apart from them.
+    sound, spread = seam[np.isfinite(seam)], 0.0
+    for _ in range(_TRIMS):
+        off = np.abs(sound - np.median(sound))
+        spread = 1.4826 * float(np.median(off))
+        sound = sound[off <= _APART * max(spread, _LEAST_SPREAD)]
+    seam = seam / float(np.median(sound))
+    random = np.where(np.isfinite(seam), max(spread, _LEAST_SPREAD), np.nan)
     by_seams = replace(
-        widths, width_mm=seam * stations.expected_mm,
-        random_mm=np.where(np.isfinite(seam), max(spread, 0.02), np.nan) * stations.expected_mm,
+        widths,
+        width_mm=seam * stations.expected_mm,
+        random_mm=random * stations.expected_mm,
         common=0.0,
-    )  # fmt: skip
+    )
     touching = replace(stations, width_mm=by_seams.width_mm)
     return found + find_stretches(touching, by_seams, options.width_percent)
 
