@@ -37,14 +37,24 @@ class Learned:
 
     def state(self) -> dict[str, Any]:
         """Return it ready for JSON."""
-        told = None if self.appearance is None else self.appearance.profile.tolist()
-        return {"appearance": told, "voxel_mm": list(self.voxel_mm), "size": self.size}
+        look = self.appearance
+        misfits = None if look is None or look.misfits is None else look.misfits.tolist()
+        return {
+            "appearance": None if look is None else look.profile.tolist(),
+            "misfits": misfits,
+            "looks": 0 if look is None else look.looks,
+            "voxel_mm": list(self.voxel_mm),
+            "size": self.size,
+        }
 
     @staticmethod
     def of_state(state: dict[str, Any]) -> Learned:
         """Return it from `state`."""
-        told = state["appearance"]
-        look = Appearance(np.array(told)) if isinstance(told, list) else None  # older: no profile
+        told, misfits = state["appearance"], state.get("misfits")
+        misfits = None if misfits is None else np.array(misfits)
+        look = None  # an older state has no profile
+        if isinstance(told, list):
+            look = Appearance(np.array(told), misfits, state.get("looks", 0))
         return Learned(look, tuple(state["voxel_mm"]), state["size"])
 
     def size_words(self, size: ScanSize) -> str:

@@ -22,6 +22,7 @@ from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink_model import NODES, InkModel
 from registration.inspection.passes import REACH
 from registration.inspection.shares import ACROSS, by_seen_samples
+from registration.inspection.values import Appearance
 
 _RATIOS: Final = np.arange(0.5, 1.6, 0.01)
 """Widths over expected ones that are tried."""
@@ -65,6 +66,9 @@ class Widths:
         Relative standard uncertainty of all widths together.
     seam_share : (m,) float64
         Share of ink of lines that touch; NaN elsewhere.
+    misfits : (k,) float64 or None
+        Of shapes, and of so many ``looks``, as in `Appearance`.
+    looks : int
     """
 
     width_mm: FloatArray
@@ -72,6 +76,8 @@ class Widths:
     offset_mm: FloatArray
     common: float
     seam_share: FloatArray
+    misfits: FloatArray | None = None
+    looks: int = 0
 
     @property
     def u_mm(self) -> FloatArray:
@@ -79,11 +85,31 @@ class Widths:
         return np.hypot(self.random_mm, self.common * self.width_mm)
 
 
-def usual_ratio(model: InkModel, is_heights: bool) -> tuple[float, float]:
-    """Return the width over the expected one that a look's profile shows, and its uncertainty.
+@dataclass(frozen=True)
+class UsualWidth:
+    """What a look's profile says of the width of all lines.
+
+    Attributes
+    ----------
+    ratio, u : float
+        Width over the expected one, and its relative standard uncertainty.
+    misfits : (k,) float64 or None
+    looks : int
+        As in `Appearance`, with this look.
+    """
+
+    ratio: float = 1.0
+    u: float = math.inf
+    misfits: FloatArray | None = None
+    looks: int = 0
+
+
+def usual_ratio(model: InkModel, is_heights: bool, before: Appearance | None = None) -> UsualWidth:
+    """Return the width that a look's profile shows.
 
     Mean and standard deviation over all shapes, blurs and widths, each as likely as its misfit
-    says (noise of unknown variance, `_SAMPLES` samples).
+    says (noise of unknown variance, `_SAMPLES` samples). Shape and blur are those of looks
+    ``before`` in the same light: whatever they are, a change of the width stretches the profile.
     """
     even = model.profile[0, 0]  # (nodes, c)
     weight = np.linalg.svd(even, full_matrices=False)[2][0]
@@ -91,12 +117,17 @@ def usual_ratio(model: InkModel, is_heights: bool) -> tuple[float, float]:
     profile = profile / max(float(np.linalg.norm(profile)), 1e-12)
     shapes = _CUT if is_heights else _BEADS + _SHELLS
     rest = np.concatenate([_misfits(terms, profile) for terms in shapes]) + _EXACT
-    likely = (rest / rest.min()) ** (-_SAMPLES / 2)
-    of_ratio = likely.sum(axis=0) * np.exp(-0.5 * (np.log(_RATIOS) / _USUAL) ** 2)
+    misfits, looks = rest.min(axis=1), 1
+    usual = np.exp(-0.5 * (np.log(_RATIOS) / _USUAL) ** 2)
+    likely = (rest / misfits[:, None]) ** (-_SAMPLES / 2) * usual
+    if before is not None and before.misfits is not None and len(before.misfits) == len(misfits):
+        looks += before.looks
+        misfits = misfits + (before.misfits - misfits) * (before.looks / looks)
+    of_ratio = (misfits / misfits.min()) ** (-_SAMPLES / 2) @ likely
     of_ratio /= of_ratio.sum()
     ratio = float(of_ratio @ _RATIOS)
     spread = math.sqrt(float(of_ratio @ (_RATIOS - ratio) ** 2))
-    return ratio, math.hypot(spread / ratio, _COMMON)
+    return UsualWidth(ratio, math.hypot(spread / ratio, _COMMON), misfits, looks)
 
 
 def _misfits(terms: tuple[str, ...], profile: FloatArray) -> FloatArray:
@@ -109,7 +140,7 @@ def _misfits(terms: tuple[str, ...], profile: FloatArray) -> FloatArray:
     found = np.linalg.solve(power, (shapes @ profile)[..., None])
     rest = ((profile - (np.swapaxes(shapes, 2, 3) @ found)[..., 0]) ** 2).sum(axis=2)
     same = (found[..., 0] >= 0).all(axis=2) | (found[..., 0] <= 0).all(axis=2)
-    return np.asarray(np.where(same | any("shell" in one for one in terms), rest, np.inf))
+    return np.asarray(np.where(same | any("shell" in one for one in terms), rest, 1.0))
 
 
 @cache
@@ -146,7 +177,7 @@ def station_widths(
     expected_mm: FloatArray,
     tell: BoolArray,
     noise: FloatArray,
-    usual: tuple[float, float],
+    usual: UsualWidth,
     seam_share: FloatArray,
 ) -> Widths:
     """Measure stations that tell a width.
@@ -163,8 +194,7 @@ def station_widths(
     tell : (m,) bool
     noise : (u c, u c) float64
         Inverse covariance of one strip.
-    usual : (float, float)
-        Of `usual_ratio`.
+    usual : UsualWidth
     seam_share : (m,) float64
     """
     count = len(expected_mm)
@@ -172,20 +202,20 @@ def station_widths(
     missing = np.repeat(lost[:, :, None], strips.shape[2], axis=2)
     rows = np.flatnonzero(tell & np.isfinite(strips).all(axis=(1, 2)))
     if not len(rows):
-        return Widths(nothing, nothing, nothing, usual[1], seam_share)
+        return Widths(nothing, nothing, nothing, usual.u, seam_share, usual.misfits, usual.looks)
     left = np.nan_to_num(np.nanmedian(np.where(missing, np.nan, strips - own)[rows], axis=0))
     own = own + left  # what all stations leave alike is the profile's own error: it is smooth
     wide, off, spread = np.ones(len(rows)), np.zeros(len(rows)), np.full(len(rows), np.inf)
     for some, inverse, _ in by_seen_samples(noise, lost[rows]):
         wide[some], off[some], spread[some] = _fitted(strips[rows[some]], own[rows[some]], inverse)
     number = np.maximum(_INDEPENDENT * places[rows], 1.0)
-    ratio, common = usual
+    ratio = usual.ratio
     width, random, offset = nothing.copy(), nothing.copy(), nothing.copy()
     random[rows] = spread / np.sqrt(number) * ratio * expected_mm[rows]
     sure = spread < _VAGUE
     width[rows[sure]] = ratio * wide[sure] * expected_mm[rows[sure]]
     offset[rows[sure]] = off[sure] * expected_mm[rows[sure]]
-    return Widths(width, random, offset, common, seam_share)
+    return Widths(width, random, offset, usual.u, seam_share, usual.misfits, usual.looks)
 
 
 def _fitted(

@@ -27,7 +27,7 @@ from registration.inspection.chain import BARE, HIDDEN, PRIOR_BARE, expected_ink
 from registration.inspection.findings import LayerFindings
 from registration.inspection.gaps import gaps_of
 from registration.inspection.learn import Learned, learned
-from registration.inspection.line_width import Widths, station_widths, usual_ratio
+from registration.inspection.line_width import UsualWidth, Widths, station_widths, usual_ratio
 from registration.inspection.lumens import see_lumens
 from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH
@@ -125,7 +125,7 @@ def see_layer(
         late = np.zeros(len(lines), dtype=np.bool_) if since is None else since
         view = with_before(view, own, picture, before, lines, lines.fresh | late, stood_still)
     look = learned(view, own, lines, ways, options, known)
-    return _findings(look, ways, lines, lumens, options, thickness_mm)
+    return _findings(look, ways, lines, lumens, options, thickness_mm, known)
 
 
 def _findings(
@@ -135,18 +135,20 @@ def _findings(
     lumens: Sequence[Lumen],
     options: SeeingOptions,
     thickness_mm: float | None,
+    known: Appearance | None,
 ) -> LayerFindings:
     bare = np.asarray(look.states[:, BARE] > 0.5)
     gaps = gaps_of(look, ways, bare)
     why = _reasons(look, ways, bare)
     seen = why == Unseen.SEEN
     group = Grouping.of_ways(ways)
-    widths = _widths(look, ways, group, seen)
+    widths = _widths(look, ways, group, seen, known)
     share = np.where(bare, 0.0, expected_ink(look.states, look.shares.share))
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
     way, seen_mm = ways.step, float(ways.step[seen].sum())
     told = Told.of(look)
+    appearance = replace(look.appearance(), misfits=widths.misfits, looks=widths.looks)
     return LayerFindings(
         stations=stations,
         gaps=gaps,
@@ -160,7 +162,7 @@ def _findings(
         shift=look.shift,
         places=max(1, round(seen_mm / options.gap_mm)),
         contrast=_contrast(look),
-        appearance=look.appearance() if seen.any() else None,
+        appearance=appearance if seen.any() else None,
         moved_px=look.view.moved_px,
     )
 
@@ -184,7 +186,9 @@ def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     return why
 
 
-def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widths:
+def _widths(
+    look: Learned, ways: Ways, group: Grouping, seen: BoolArray, known: Appearance | None
+) -> Widths:
     """Widths of stations over the bath with free sides; shares of ink of those that touch."""
     drawn = look.drawn
     beside = _beside(look)
@@ -203,13 +207,13 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     strips = group.mean(drawn.strips * shown[:, :, None], free)
     strips /= np.where(lost, 1.0, part)[:, :, None]
     own = group.mean(drawn.own, free)
-    usual = (
-        usual_ratio(drawn.model, look.view.is_heights)
-        if told.any() and not look.odd
-        else (1.0, math.inf)
-    )
     if look.odd:
         told = np.zeros_like(told)
+    usual = UsualWidth()
+    if told.any():
+        usual = usual_ratio(drawn.model, look.view.is_heights, known)
+    elif known is not None:
+        usual = UsualWidth(misfits=known.misfits, looks=known.looks)
     return station_widths(
         strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
         ways.width[group.first], told, look.inverse, usual, seam,

@@ -326,6 +326,11 @@ class Appearance:
     ----------
     profile : (3, 5, 16, c) float64
         Of `ink_model.InkModel`, in the picture's own channels: logarithms, or values.
+    misfits : (k,) float64 or None
+        How badly each of `line_width`'s shapes fitted, the mean of so many ``looks``.
+    looks : int
     """
 
     profile: FloatArray
+    misfits: FloatArray | None = None
+    looks: int = 0
