@@ -28,11 +28,24 @@ _RATIOS: Final = np.arange(0.5, 1.6, 0.01)
 """Widths over expected ones that are tried."""
 _BLURS: Final = np.array([0.03, 0.05, 0.07, 0.1, 0.13, 0.17, 0.22, 0.3])
 """Standard deviations of blur, widths; the last is milky ink's, in which light wanders."""
-_BEADS: Final = (("cover",), ("ellipse",), ("parabola",), ("cover", "ellipse"))
-_SHELLS: Final = tuple((inside, f"shell{t}") for inside in ("cover", "ellipse") for t in (0.1, 0.2))
-"""Terms of the shapes; of a shell its thickness, in half widths."""
+_BEADS: Final = (
+    (("cover", 1.0),),
+    (("ellipse", 1.0),),
+    (("parabola", 1.0),),
+    *((("cover", 1.0 - part), ("ellipse", part)) for part in (0.25, 0.5, 0.75)),
+)
+_SHELLS: Final = tuple(
+    ((inside, 1.0 if much else 0.0), (f"shell{t}", much or 1.0))
+    for inside in ("cover", "ellipse")
+    for t in (0.1, 0.2)
+    for much in (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0)
+)
+"""Shapes: terms and how much of each. A shell may be brighter or darker than what it encloses; its
+thickness in half widths."""
 _CUT: Final = tuple(
-    (f"{round_}{cut}",) for round_ in ("ellipse", "parabola") for cut in (0.0, 0.2, 0.4, 0.6)
+    ((f"{round_}{cut}", 1.0),)
+    for round_ in ("ellipse", "parabola")
+    for cut in (0.0, 0.2, 0.4, 0.6)
 )
 """Of heights: rounds, and how much of them lies below what a map tells of the layer."""
 _SAMPLES: Final = 4
@@ -130,25 +143,20 @@ def usual_ratio(model: InkModel, is_heights: bool, before: Appearance | None = N
     return UsualWidth(ratio, math.hypot(spread / ratio, _COMMON), misfits, looks)
 
 
-def _misfits(terms: tuple[str, ...], profile: FloatArray) -> FloatArray:
-    """Squared misfit to a profile of norm 1 at each blur and ratio, (blurs, ratios).
-
-    Terms of ink add up with one sign; a shell may be brighter or darker than what it encloses.
-    """
-    shapes = _shapes(terms)
-    power = shapes @ np.swapaxes(shapes, 2, 3) + 1e-9 * np.eye(len(terms))
-    found = np.linalg.solve(power, (shapes @ profile)[..., None])
-    rest = ((profile - (np.swapaxes(shapes, 2, 3) @ found)[..., 0]) ** 2).sum(axis=2)
-    same = (found[..., 0] >= 0).all(axis=2) | (found[..., 0] <= 0).all(axis=2)
-    return np.asarray(np.where(same | any("shell" in one for one in terms), rest, 1.0))
+def _misfits(terms: tuple[tuple[str, float], ...], profile: FloatArray) -> FloatArray:
+    """Squared misfit to a profile of norm 1 at each blur and ratio, (blurs, ratios)."""
+    return np.asarray(1.0 - (_shapes(terms) @ profile) ** 2)
 
 
 @cache
-def _shapes(terms: tuple[str, ...]) -> FloatArray:
-    """Terms' values at the nodes, (blurs, ratios, terms, nodes)."""
+def _shapes(terms: tuple[tuple[str, float], ...]) -> FloatArray:
+    """A shape at the nodes, of norm 1, (blurs, ratios, nodes)."""
     at = np.arange(NODES) * (REACH / NODES)
     half = 0.5 * _RATIOS[:, None]
-    return np.array([np.stack([_shape(one, at, half, b) for one in terms], axis=1) for b in _BLURS])
+    shape = np.array(
+        [sum(much * _shape(one, at, half, blur) for one, much in terms) for blur in _BLURS]
+    )
+    return np.asarray(shape / np.linalg.norm(shape, axis=2, keepdims=True))
 
 
 def _shape(term: str, at: FloatArray, half: FloatArray, blur: float) -> FloatArray:
