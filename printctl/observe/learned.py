@@ -12,6 +12,7 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.records import LookRecord
 from printctl.observe.scan_place import ScanSize
 from registration.inspection import Appearance
+from registration.inspection.values import LineShapes
 
 STATE = "learned"
 """Its key in `LookRecord.control`."""
@@ -38,11 +39,10 @@ class Learned:
     def state(self) -> dict[str, Any]:
         """Return it ready for JSON."""
         look = self.appearance
-        misfits = None if look is None or look.misfits is None else look.misfits.tolist()
+        shapes = None if look is None or look.shapes is None else vars(look.shapes)
         return {
             "appearance": None if look is None else look.profile.tolist(),
-            "misfits": misfits,
-            "looks": 0 if look is None else look.looks,
+            "shapes": shapes and {key: np.asarray(one).tolist() for key, one in shapes.items()},
             "voxel_mm": list(self.voxel_mm),
             "size": self.size,
         }
@@ -50,11 +50,12 @@ class Learned:
     @staticmethod
     def of_state(state: dict[str, Any]) -> Learned:
         """Return it from `state`."""
-        told, misfits = state["appearance"], state.get("misfits")
-        misfits = None if misfits is None else np.array(misfits)
-        look = None  # an older state has no profile
-        if isinstance(told, list):
-            look = Appearance(np.array(told), misfits, state.get("looks", 0))
+        told, shapes, look = state["appearance"], state.get("shapes"), None
+        if isinstance(told, list):  # an older state has no profile
+            known = shapes and LineShapes(
+                np.array(shapes["misfits"]), np.array(shapes["log_ratio"]), int(shapes["looks"])
+            )
+            look = Appearance(np.array(told), known or None)
         return Learned(look, tuple(state["voxel_mm"]), state["size"])
 
     def size_words(self, size: ScanSize) -> str:

@@ -22,7 +22,7 @@ from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink_model import NODES, InkModel
 from registration.inspection.passes import REACH
 from registration.inspection.shares import ACROSS, by_seen_samples
-from registration.inspection.values import Appearance
+from registration.inspection.values import LineShapes
 
 _RATIOS: Final = np.arange(0.5, 1.6, 0.01)
 """Widths over expected ones that are tried."""
@@ -43,9 +43,7 @@ _SHELLS: Final = tuple(
 """Shapes: terms and how much of each. A shell may be brighter or darker than what it encloses; its
 thickness in half widths."""
 _CUT: Final = tuple(
-    ((f"{round_}{cut}", 1.0),)
-    for round_ in ("ellipse", "parabola")
-    for cut in (0.0, 0.2, 0.4, 0.6)
+    ((f"{round_}{cut}", 1.0),) for round_ in ("ellipse", "parabola") for cut in (0.0, 0.2, 0.4, 0.6)
 )
 """Of heights: rounds, and how much of them lies below what a map tells of the layer."""
 _SAMPLES: Final = 4
@@ -66,6 +64,26 @@ _INDEPENDENT: Final = 0.4
 
 
 @dataclass(frozen=True)
+class UsualWidth:
+    """What a look's profile says of the width of all lines.
+
+    Attributes
+    ----------
+    ratio, u : float
+        Width over the expected one, and its relative standard uncertainty.
+    u_change : float
+        That of its change since the last look; infinite for none.
+    shapes : LineShapes or None
+        With this look.
+    """
+
+    ratio: float = 1.0
+    u: float = math.inf
+    u_change: float = math.inf
+    shapes: LineShapes | None = None
+
+
+@dataclass(frozen=True)
 class Widths:
     """Widths at stations.
 
@@ -79,9 +97,8 @@ class Widths:
         Relative standard uncertainty of all widths together.
     seam_share : (m,) float64
         Share of ink of lines that touch; NaN elsewhere.
-    misfits : (k,) float64 or None
-        Of shapes, and of so many ``looks``, as in `Appearance`.
-    looks : int
+    usual : UsualWidth
+        Of all lines.
     """
 
     width_mm: FloatArray
@@ -89,8 +106,7 @@ class Widths:
     offset_mm: FloatArray
     common: float
     seam_share: FloatArray
-    misfits: FloatArray | None = None
-    looks: int = 0
+    usual: UsualWidth
 
     @property
     def u_mm(self) -> FloatArray:
@@ -98,26 +114,7 @@ class Widths:
         return np.hypot(self.random_mm, self.common * self.width_mm)
 
 
-@dataclass(frozen=True)
-class UsualWidth:
-    """What a look's profile says of the width of all lines.
-
-    Attributes
-    ----------
-    ratio, u : float
-        Width over the expected one, and its relative standard uncertainty.
-    misfits : (k,) float64 or None
-    looks : int
-        As in `Appearance`, with this look.
-    """
-
-    ratio: float = 1.0
-    u: float = math.inf
-    misfits: FloatArray | None = None
-    looks: int = 0
-
-
-def usual_ratio(model: InkModel, is_heights: bool, before: Appearance | None = None) -> UsualWidth:
+def usual_ratio(model: InkModel, is_heights: bool, before: LineShapes | None = None) -> UsualWidth:
     """Return the width that a look's profile shows.
 
     Mean and standard deviation over all shapes, blurs and widths, each as likely as its misfit
@@ -133,14 +130,26 @@ def usual_ratio(model: InkModel, is_heights: bool, before: Appearance | None = N
     misfits, looks = rest.min(axis=1), 1
     usual = np.exp(-0.5 * (np.log(_RATIOS) / _USUAL) ** 2)
     likely = (rest / misfits[:, None]) ** (-_SAMPLES / 2) * usual
-    if before is not None and before.misfits is not None and len(before.misfits) == len(misfits):
+    each = likely / likely.sum(axis=1, keepdims=True)
+    log_ratio = each @ np.log(_RATIOS)
+    known = before is not None and len(before.misfits) == len(misfits)
+    if before is not None and known:
         looks += before.looks
         misfits = misfits + (before.misfits - misfits) * (before.looks / looks)
-    of_ratio = (misfits / misfits.min()) ** (-_SAMPLES / 2) @ likely
+    weight = (misfits / misfits.min()) ** (-_SAMPLES / 2)
+    of_ratio = weight @ likely
     of_ratio /= of_ratio.sum()
     ratio = float(of_ratio @ _RATIOS)
     spread = math.sqrt(float(of_ratio @ (_RATIOS - ratio) ** 2))
-    return UsualWidth(ratio, math.hypot(spread / ratio, _COMMON), misfits, looks)
+    u_change = math.inf
+    if before is not None and known:
+        weight = weight * likely.sum(axis=1)
+        change, own = log_ratio - before.log_ratio, each @ np.log(_RATIOS) ** 2 - log_ratio**2
+        off = change - np.average(change, weights=weight)
+        u_change = math.sqrt(float(np.average(off**2 + own, weights=weight)))
+    return UsualWidth(
+        ratio, math.hypot(spread / ratio, _COMMON), u_change, LineShapes(misfits, log_ratio, looks)
+    )
 
 
 def _misfits(terms: tuple[tuple[str, float], ...], profile: FloatArray) -> FloatArray:
@@ -152,10 +161,13 @@ def _misfits(terms: tuple[tuple[str, float], ...], profile: FloatArray) -> Float
 def _shapes(terms: tuple[tuple[str, float], ...]) -> FloatArray:
     """A shape at the nodes, of norm 1, (blurs, ratios, nodes)."""
     at = np.arange(NODES) * (REACH / NODES)
-    half = 0.5 * _RATIOS[:, None]
-    shape = np.array(
-        [sum(much * _shape(one, at, half, blur) for one, much in terms) for blur in _BLURS]
-    )
+    half: FloatArray = 0.5 * _RATIOS[:, None]
+    much = np.array([each for _, each in terms])
+    each_blur = [
+        np.tensordot(much, [_shape(one, at, half, float(blur)) for one, _ in terms], axes=1)
+        for blur in _BLURS
+    ]
+    shape = np.array(each_blur)
     return np.asarray(shape / np.linalg.norm(shape, axis=2, keepdims=True))
 
 
@@ -210,7 +222,7 @@ def station_widths(
     missing = np.repeat(lost[:, :, None], strips.shape[2], axis=2)
     rows = np.flatnonzero(tell & np.isfinite(strips).all(axis=(1, 2)))
     if not len(rows):
-        return Widths(nothing, nothing, nothing, usual.u, seam_share, usual.misfits, usual.looks)
+        return Widths(nothing, nothing, nothing, usual.u, seam_share, usual)
     left = np.nan_to_num(np.nanmedian(np.where(missing, np.nan, strips - own)[rows], axis=0))
     own = own + left  # what all stations leave alike is the profile's own error: it is smooth
     wide, off, spread = np.ones(len(rows)), np.zeros(len(rows)), np.full(len(rows), np.inf)
@@ -223,7 +235,7 @@ def station_widths(
     sure = spread < _VAGUE
     width[rows[sure]] = ratio * wide[sure] * expected_mm[rows[sure]]
     offset[rows[sure]] = off[sure] * expected_mm[rows[sure]]
-    return Widths(width, random, offset, usual.u, seam_share, usual.misfits, usual.looks)
+    return Widths(width, random, offset, usual.u, seam_share, usual)
 
 
 def _fitted(

@@ -148,7 +148,7 @@ def _findings(
     ratio, u_ratio = width_ratio(stations, widths)
     way, seen_mm = ways.step, float(ways.step[seen].sum())
     told = Told.of(look)
-    appearance = replace(look.appearance(), misfits=widths.misfits, looks=widths.looks)
+    appearance = replace(look.appearance(), shapes=widths.usual.shapes)
     return LayerFindings(
         stations=stations,
         gaps=gaps,
@@ -157,6 +157,7 @@ def _findings(
         lumens=told.lumens(look, lumens, lines),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
+        u_width_change=widths.usual.u_change,
         seen_share=seen_mm / float(way.sum()),
         coverage=float((share * way)[seen].sum()) / seen_mm if seen_mm > 0 else math.nan,
         shift=look.shift,
@@ -209,11 +210,10 @@ def _widths(
     own = group.mean(drawn.own, free)
     if look.odd:
         told = np.zeros_like(told)
-    usual = UsualWidth()
+    before = None if known is None else known.shapes
+    usual = UsualWidth(shapes=before)
     if told.any():
-        usual = usual_ratio(drawn.model, look.view.is_heights, known)
-    elif known is not None:
-        usual = UsualWidth(misfits=known.misfits, looks=known.looks)
+        usual = usual_ratio(drawn.model, look.view.is_heights, before)
     return station_widths(
         strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
         ways.width[group.first], told, look.inverse, usual, seam,

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from scipy.special import ndtr
 
-from kernels.arrays import BoolArray, FloatArray
+from kernels.arrays import FloatArray
 
 # Test whether the amount of ink that is seen answers corrections of the flow.
 #
@@ -154,6 +154,8 @@ _LEAST_U: Final = 0.005
 """No reading of a ratio is better than 0.5 %: the expected width itself is rounded and modelled."""
 _USUAL: Final = 0.1
 """Standard deviation of a flow's logarithm before anything is seen of it."""
+_STEPS: Final = 0.02 * 0.25**2
+"""Variance of its change from look to look: in one of fifty it steps, by a quarter."""
 _OPERATOR: Final = 0.05
 """Relative: how well an operator who looked at the lines knows their ink."""
 _COSTLY: Final = 0.115
@@ -180,6 +182,8 @@ class FlowBlocks:
         Flow factor in force when the block was written.
     u_common : float
         Relative standard uncertainty that all of them share (where an edge lies in a picture).
+    u_change : float
+        Of it, what differs from the last picture's; infinite where that isn't known.
     """
 
     time_s: FloatArray
@@ -187,6 +191,7 @@ class FlowBlocks:
     u: FloatArray
     factor: FloatArray
     u_common: float = 0.0
+    u_change: float = math.inf
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -286,16 +291,19 @@ class FlowControl:
         self.last = SeenLevel(
             float(readings[late].mean()), math.hypot(math.sqrt(_of_mean(random[late])), common)
         )
-        self._another_picture(common)
+        self._another_picture(common, blocks.u_change)
         for when, reading, own in zip(blocks.time_s[sound], readings, random, strict=True):
             self._update(float(when), float(reading), float(own))
 
-    def _another_picture(self, common: float) -> None:
+    def _another_picture(self, common: float, change: float) -> None:
         """Go on to a picture that misreads all lines by so much: mostly as the last did."""
         flow, both, misread = self.variance
+        flow = max(flow, min(flow + _STEPS, _USUAL**2))
         times = math.sqrt(_AGAIN) * min(1.0, common / self.common) if self.common > 0 else 0.0
         new = times**2 * (misread - self.common**2) + common**2
-        new = min(new, common**2) + _PICTURE**2
+        if self.common > 0 and misread + change**2 < new:
+            times, new = 1.0, misread + change**2
+        new = min(new, max(common, self.common) ** 2) + _PICTURE**2
         self.misread *= times
         self.variance, self.common = (flow, both * times, new), common
 
