@@ -160,8 +160,8 @@ def _misfits(terms: tuple[tuple[str, float], ...], profile: FloatArray) -> Float
 @cache
 def _shapes(terms: tuple[tuple[str, float], ...]) -> FloatArray:
     """A shape at the nodes, of norm 1, (blurs, ratios, nodes)."""
-    at = np.arange(NODES) * (REACH / NODES)
-    half: FloatArray = 0.5 * _RATIOS[:, None]
+    at = np.asarray(np.arange(NODES) * (REACH / NODES), dtype=np.float64)
+    half = 0.5 * _RATIOS[:, None]
     much = np.array([each for _, each in terms])
     each_blur = [
         np.tensordot(much, [_shape(one, at, half, float(blur)) for one, _ in terms], axes=1)
@@ -177,8 +177,8 @@ def _shape(term: str, at: FloatArray, half: FloatArray, blur: float) -> FloatArr
         return np.asarray(ndtr((half - at) / blur) - ndtr((-half - at) / blur))
     if term.startswith("shell"):
         inner = 1.0 - float(term.removeprefix("shell"))
-        outer = _shape("ellipse", at, half, blur)
-        return outer - inner * _shape("ellipse", at, inner * half, blur)
+        inside = _shape("ellipse", at, np.asarray(inner * half, dtype=np.float64), blur)
+        return np.asarray(_shape("ellipse", at, half, blur) - inner * inside)
     # A round's blur, by Gauss and Hermite's five nodes.
     nodes = np.array([-2.0202, -0.9586, 0.0, 0.9586, 2.0202]) * math.sqrt(2.0)
     weights = np.array([0.01995, 0.39362, 0.94531, 0.39362, 0.01995]) / 1.77245

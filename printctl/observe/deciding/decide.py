@@ -183,6 +183,7 @@ class Decider:
         told = [one for one in concerns if one not in asked and one not in acted]
         why = "; ".join(one.why for one in [*asked, *acted])
         rest = "".join(f"; {one.why}: gone on" for one in told if one.go > 0.1 * costs.operator)
+        rest += blind_words(evidence, self.control) if factor is None else ""
         rest += map_words(evidence.map) + blob_words(evidence.blobs)
         written = concerns if asked else acted  # a person who is there anyway sees to all of it
         gaps = tuple(gap for one in written for gap in one.gaps)
@@ -200,8 +201,8 @@ class Decider:
         if factor is not None:
             flows = _flow_words(self.control)
             return Decision(DecisionKind.FLOW, f"{flows}: factor {factor:.2f}", factor=factor)
-        told = seen_words(evidence, self.limits, gaps) + blind_words(evidence, self.control)
-        return self._likely_off(evidence) or Decision(DecisionKind.GO_ON, told + rest)
+        go_on = Decision(DecisionKind.GO_ON, seen_words(evidence, self.limits, gaps) + rest)
+        return self._likely_off(evidence) or go_on
 
     def _as_allowed(self, wanted: Decision, evidence: Evidence) -> Decision:
         mode = self.limits.mend
