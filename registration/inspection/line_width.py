@@ -223,7 +223,10 @@ def station_widths(
     rows = np.flatnonzero(tell & np.isfinite(strips).all(axis=(1, 2)))
     if not len(rows):
         return Widths(nothing, nothing, nothing, usual.u, seam_share, usual)
-    left = np.nan_to_num(np.nanmedian(np.where(missing, np.nan, strips - own)[rows], axis=0))
+    rest = np.where(missing, np.nan, strips - own)[rows]
+    shown = np.isfinite(rest).any(axis=0)
+    left = np.zeros(rest.shape[1:])
+    left[shown] = np.nanmedian(rest[:, shown], axis=0)
     own = own + left  # what all stations leave alike is the profile's own error: it is smooth
     wide, off, spread = np.ones(len(rows)), np.zeros(len(rows)), np.full(len(rows), np.inf)
     for some, inverse, _ in by_seen_samples(noise, lost[rows]):
