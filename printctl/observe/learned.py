@@ -12,6 +12,7 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.records import LookRecord
 from printctl.observe.scan_place import ScanSize
 from registration.inspection import Appearance
+from registration.inspection.values import LineShapes
 
 STATE = "learned"
 """Its key in `LookRecord.control`."""
@@ -37,14 +38,24 @@ class Learned:
 
     def state(self) -> dict[str, Any]:
         """Return it ready for JSON."""
-        told = None if self.appearance is None else self.appearance.profile.tolist()
-        return {"appearance": told, "voxel_mm": list(self.voxel_mm), "size": self.size}
+        look = self.appearance
+        shapes = None if look is None or look.shapes is None else vars(look.shapes)
+        return {
+            "appearance": None if look is None else look.profile.tolist(),
+            "shapes": shapes and {key: np.asarray(one).tolist() for key, one in shapes.items()},
+            "voxel_mm": list(self.voxel_mm),
+            "size": self.size,
+        }
 
     @staticmethod
     def of_state(state: dict[str, Any]) -> Learned:
         """Return it from `state`."""
-        told = state["appearance"]
-        look = Appearance(np.array(told)) if isinstance(told, list) else None  # older: no profile
+        told, shapes, look = state["appearance"], state.get("shapes"), None
+        if isinstance(told, list):  # an older state has no profile
+            known = shapes and LineShapes(
+                np.array(shapes["misfits"]), np.array(shapes["log_ratio"]), int(shapes["looks"])
+            )
+            look = Appearance(np.array(told), known or None)
         return Learned(look, tuple(state["voxel_mm"]), state["size"])
 
     def size_words(self, size: ScanSize) -> str:

@@ -19,7 +19,7 @@ from typing import Any, Final, Protocol
 from printctl.machine.errors import LinkError, Refused
 from printctl.observe.deciding import Decider, Decision, DecisionKind
 from printctl.observe.deciding.evidence import Thin
-from printctl.observe.deciding.flow_control import Answers, Reading, SeenFlow, SeenLevel
+from printctl.observe.deciding.flow_control import Answers, Reading
 from printctl.observe.devices import DeviceError, picture_of
 from printctl.observe.learned import STATE
 from printctl.observe.look_values import Judged, Look, MendLines
@@ -44,11 +44,12 @@ def state_of(decider: Decider) -> dict[str, Any]:
     control = decider.control
     return {
         "log_flow": control.log_flow,
-        "variance": control.variance,
+        "misread": control.misread,
+        "flow_variance": list(control.variance),
         "time_s": control.time_s,
         "common": control.common,
         "answers": asdict(control.answers),
-        "seen_flow": asdict(control.seen),
+        "flow_asked": control.asked,
         "beyond_said": control.beyond_said,
         "last_shift_mm": decider.last_shift_mm,
         "unseen_mm": decider.unseen_mm,
@@ -61,18 +62,17 @@ def state_of(decider: Decider) -> dict[str, Any]:
 def restore(decider: Decider, state: dict[str, Any]) -> None:
     """Set a decider to a state of `state_of`; what an older release's lacks isn't known."""
     control = decider.control
-    control.log_flow = state["log_flow"]
-    control.variance, control.time_s = state["variance"], state["time_s"]
-    control.common = state.get("common", 0.0)
+    control.log_flow, control.time_s = state["log_flow"], state["time_s"]
+    if "flow_variance" in state:
+        flow, both, misread = state["flow_variance"]
+        control.variance, control.misread = (flow, both, misread), state["misread"]
+        control.common, control.asked = state["common"], state["flow_asked"]
+    else:
+        control.variance = (state["variance"], 0.0, 0.0)
     control.beyond_said = state.get("beyond_said", False)
     answers = dict(state.get("answers", {}))
     last = answers.pop("last", None)
     control.answers = Answers(**answers, last=None if last is None else Reading(**last))
-    seen = dict(state.get("seen_flow", {}))
-    for name in ("first", "last", "asked"):
-        if seen.get(name) is not None:
-            seen[name] = SeenLevel(**seen[name])
-    control.seen = SeenFlow(**seen)
     decider.last_shift_mm = state["last_shift_mm"]
     decider.unseen_mm = state.get("unseen_mm", 0.0)
     decider.unseen = [Gap(**one) for one in state.get("unseen", ())]

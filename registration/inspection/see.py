@@ -28,7 +28,7 @@ from registration.inspection.findings import LayerFindings
 from registration.inspection.gaps import gaps_of
 from registration.inspection.ink_model import NODES, InkModel
 from registration.inspection.learn import Learned, learned
-from registration.inspection.line_width import Widths, station_widths, usual_ratio
+from registration.inspection.line_width import UsualWidth, Widths, station_widths, usual_ratio
 from registration.inspection.lumens import see_lumens
 from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH
@@ -140,7 +140,7 @@ def see_layer(
         late = np.zeros(len(lines), dtype=np.bool_) if since is None else since
         view = with_before(view, own, picture, before, lines, lines.fresh | late, stood_still)
     look = learned(view, own, lines, ways, options, known)
-    return _findings(look, ways, lines, lumens, options, thickness_mm)
+    return _findings(look, ways, lines, lumens, options, thickness_mm, known)
 
 
 def _findings(
@@ -150,6 +150,7 @@ def _findings(
     lumens: Sequence[Lumen],
     options: SeeingOptions,
     thickness_mm: float | None,
+    known: Appearance | None,
 ) -> LayerFindings:
     bare = np.asarray(look.states[:, BARE] > 0.5)
     gaps = gaps_of(look, ways, bare)
@@ -157,12 +158,13 @@ def _findings(
     seen = why == Unseen.SEEN
     any_seen = bool(seen.any())
     group = Grouping.of_ways(ways)
-    widths = _widths(look, ways, group, seen)
+    widths = _widths(look, ways, group, seen, known)
     share = np.where(bare, 0.0, expected_ink(look.states, look.shares.share))
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
     seen_mm = float(stations.length_mm[stations.seen].sum())
     told = Told.of(look)
+    appearance = replace(look.appearance(), shapes=widths.usual.shapes)
     return LayerFindings(
         stations=stations,
         gaps=gaps,
@@ -171,12 +173,13 @@ def _findings(
         lumens=told.lumens(look, lumens, lines),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
+        u_width_change=widths.usual.u_change,
         seen_share=seen_mm / float(stations.length_mm.sum()),
         coverage=float(np.average(share[seen], weights=ways.step[seen])) if any_seen else math.nan,
         shift=look.shift,
         places=max(1, round(seen_mm / options.gap_mm)),
         contrast=_contrast(look),
-        appearance=look.appearance() if any_seen else None,
+        appearance=appearance if any_seen else None,
         moved_px=look.view.moved_px,
     )
 
@@ -205,7 +208,9 @@ def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     return why
 
 
-def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widths:
+def _widths(
+    look: Learned, ways: Ways, group: Grouping, seen: BoolArray, known: Appearance | None
+) -> Widths:
     """Widths of stations over the bath with free sides; shares of ink of those that touch."""
     drawn = look.drawn
     beside = _beside(look)
@@ -224,14 +229,14 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     lost = ~(part > _PART_SHOWN)
     strips = group.mean(drawn.strips * shown[:, :, None], free)
     strips /= np.where(lost, 1.0, part)[:, :, None]
-    own, heights = group.mean(drawn.own, free), look.view.is_heights
-    usual = (
-        usual_ratio(_of_stations(drawn.model, strips - own, told & ~lost.any(axis=1)), heights)
-        if told.any() and not look.odd
-        else (1.0, math.inf)
-    )
+    own = group.mean(drawn.own, free)
     if look.odd:
         told = np.zeros_like(told)
+    before = None if known is None else known.shapes
+    usual = UsualWidth(shapes=before)
+    if told.any():
+        model = _of_stations(drawn.model, strips - own, told & ~lost.any(axis=1))
+        usual = usual_ratio(model, look.view.is_heights, before)
     return station_widths(
         strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
         ways.width[group.first], told, look.inverse, usual, seam,
