@@ -140,8 +140,10 @@ def _tied(
 ) -> FloatArray:
     """Logarithm of the density behind a place of the same state."""
     rest = x - middle - tie * np.nan_to_num(last - middle)
+    alone = _log_t(x - middle, spread)
+    news = (1.0 - tie) / (1.0 + tie)
     tied = _log_t(rest, spread * math.sqrt(1.0 - tie**2))
-    return np.where(np.isfinite(last), tied, _log_t(x - middle, spread))
+    return np.where(np.isfinite(last), news * alone + (1.0 - news) * tied, alone)
 
 
 def _log_t(rest: FloatArray, spread: FloatArray) -> FloatArray:
