@@ -58,7 +58,7 @@ _TELLS: Final = 3.0
 """Natural logarithm of odds by which a look must move what was believed of a place before it."""
 _DOUBT: Final = (0.02, 0.5)
 """Probabilities of "bare" between which a place counts as not seen."""
-_STRANGE: Final = 4.0
+_STRANGE: Final = 3.0
 """Spreads of its misfit, from which on a place doesn't look like ink that the model knows."""
 _SURELY_FULL: Final = 0.9
 """Probability from which on a place over older ink counts as full."""
