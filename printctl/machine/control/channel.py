@@ -80,9 +80,8 @@ class Channel:
         self.led: dict[str, list[float]] = {}
         self._awaited, self._recorded = -1, b""  # number and text of the command being waited for
         self._moving = False  # it leads somewhere
-        self.set_backs = self._compared = (
-            0  # of the count of lines; those the place was compared at
-        )
+        self.set_backs = 0  # of the printer's count of lines
+        self._compared = 0  # those of them at which the place was compared
         self._replies: list[wire.CommandReplied] = []
         self._in_step: list[int] = []
 
