@@ -221,8 +221,8 @@ def test_no_more_than_a_glint_is_not_seen(far: float) -> None:
     """Of 200 sound looks 11 were asked about, nearly all because of glints."""
     found = seen(glint=(far, 0.13))
     assert not found.gaps
-    # What is saturated isn't seen: four stations of 0.25 mm at most.
-    assert 0.2 < _unseen_mm(found) <= 1.0
+    # What is saturated isn't seen: five stations of 0.25 mm at most.
+    assert 0.2 < _unseen_mm(found) <= 1.25
 
 
 @pytest.mark.parametrize("dark", [0.5, -0.25])
