@@ -22,6 +22,7 @@ from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written
 from sim.gcode.reading.comments import declared_start
 
+
 class MendError(PrintctlError):
     """No mend can be planned; the message says why, and what to do."""
 
