@@ -179,7 +179,7 @@ def evidence_of(
 def nothing_seen() -> Evidence:
     """Return the evidence of a look whose picture can't be judged."""
     none = np.zeros(0)
-    supply = InkSupply(SupplyState.UNKNOWN, 0.0, None, 0)
+    supply = InkSupply(SupplyState.UNKNOWN)
     return Evidence(1, (), None, supply, FlowBlocks(none, none, none, none), 0.0)
 
 

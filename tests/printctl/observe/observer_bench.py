@@ -49,7 +49,7 @@ class FakeLink:
         self.said.append(("stop",))
 
 
-FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)
+FLOWING = InkSupply(SupplyState.FLOWING)
 
 
 def flow(ratio, count=30):
