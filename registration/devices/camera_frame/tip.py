@@ -1,9 +1,6 @@
 """Find a needle's tip in a picture: its pixel, diameter, and the end's tilt and roughness.
 
-Two edges of about the right distance show the needle. Its axis is a straight line through the
-places at which a rod of its width, blurred, best explains the light across it. Along it, each
-column of pixels is the ground below the end and the rod above it, with a blurred step between: the
-end's height, tilt and blur are fitted by least squares, the columns' brightness is solved for.
+Two edges of about the right distance show the needle; a model of a rod's end is fitted there.
 """
 
 from __future__ import annotations
@@ -13,11 +10,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, map_coordinates
+from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import find_peaks
 from scipy.special import ndtr
-from scipy.stats import theilslopes
 
 from kernels.arrays import BoolArray, FloatArray
 from registration.devices.camera_frame.frame import CameraFrame
@@ -53,24 +49,30 @@ _OUTSIDE: Final = 0.6
 _FLOOR_ASIDE_PX: Final = 0.05
 _FLOOR_UP_PX: Final = 0.1
 """No tip is known better: light on round steel shifts edges, and an end's rim isn't quite sharp."""
-_U_WIDTH: Final = 0.01
-"""The same of a width, of itself."""
 _ABOVE: Final = 3.0
 _BELOW: Final = 1.2
 _INNER: Final = 0.42
-"""What is fitted around the end and to either side of the axis, of the width."""
+"""What is fitted above and below the end, and taken to either side of the axis, of the width."""
+_ROWS: Final = 26
+"""Samples of a width at most."""
+_HAT_PX: Final = 0.8
+"""Of the brightness across; wider hats shift the needle to fit its glare."""
+_SMOOTH: Final = 0.3
+"""Second differences of the brightness across, of the contrast, that are usual."""
 _USUAL_BLUR_PX: Final = 0.9
 _U_BLUR: Final = 0.5
 """Of its logarithm."""
-_U_TILT: Final = 0.1
+_U_TILT: Final = 0.05
 """Of the end, of the width."""
-_FAULT: Final = 0.02
-"""Of the contrast, by which the model may be wrong anywhere."""
+_U_LEAN: Final = 0.03
+_U_WIDE: Final = 0.007
+"""Of the width, by which it differs from the profile's."""
+_FAULTS: Final = (0.12, 0.04, 0.01, 0.01, 0.01)
+"""Of the contrast, one fit after the other: no edge is blurred quite as the model has it, and far
+from the end all but it would count as noise."""
+_STARTS: Final = ((0.0, 0.0), (0.4, 0.0), (-0.4, 0.0), (0.0, 0.15), (0.0, -0.15))
+"""Of the width, up and aside, from which the fit begins."""
 _HUBER: Final = 2.0
-_STARTS: Final = (0.0, 0.4, -0.4)
-"""Of the width, up, from which the fit begins."""
-_ALIKE: Final = 9.0
-"""Sum of squares by which another place must be worse to be none."""
 _BLOCK: Final = 4
 """Pixels each way within which deviations are alike."""
 _LEAST_CONTRAST: Final = 3.0
@@ -148,36 +150,20 @@ def find_tip(
     if ground is not None:
         check_size(ground, frame.lens, f"the ground of {source}")
     patch = tip_patch(image, frame, np.asarray(tip_mm), outer_mm, reach_mm, ground, length_mm)
-    far, wide = reach_mm * patch.px_per_mm, patch.wide_px
+    far = reach_mm * patch.px_per_mm
     axis = _needle_axis(patch, far)
-    rough = _rough_end(patch, axis, far)
-    end = _fitted_end(patch, axis, rough)
-    axis = _refined(patch, axis, end.place + 0.3 * wide, end.place + 4 * wide)
-    end = _fitted_end(patch, axis, end.place)
-    turn = np.column_stack([patch.up, patch.aside])
-    spread = np.diag([end.u**2 + _FLOOR_UP_PX**2, axis.u**2 + _FLOOR_ASIDE_PX**2])
-    return SeenTip(
-        patch.pixel(end.place, float(axis.middle(np.array(end.place)))), turn @ spread @ turn.T,
-        axis.wide / patch.px_per_mm, axis.u_wide / patch.px_per_mm,
-        end.slope + axis.lean, end.rough, axis.lean,
-    )  # fmt: skip
+    rod = _Rod(patch, axis, _rough_end(patch, axis, far))
+    return _seen_tip(patch, rod, rod.fitted())
 
 
 # --- the needle's axis, by its two edges
 
 
 class _Axis(NamedTuple):
-    """A needle's axis in a patch: place at row 0, lean (px aside for each px up), width; px."""
+    """A needle's axis in a patch: place at row 0, px, and lean, px aside for each px up."""
 
     place: float
     lean: float
-    u: float
-    wide: float
-    u_wide: float
-
-    def middle(self, above: FloatArray) -> FloatArray:
-        """Of the needle at heights."""
-        return np.asarray(self.place + self.lean * above)
 
 
 def _gradient(patch: TipPatch, rows: BoolArray) -> FloatArray:
@@ -222,7 +208,7 @@ def _needle_axis(patch: TipPatch, lowest: float) -> _Axis:
             "pictures with the needle at places 5 mm apart"
         )
     middle = float(edges.mean() + patch.beside[0])
-    return _Axis(middle, float(_LEANS[best]), 1.0, patch.wide_px, patch.wide_px)
+    return _Axis(middle, float(_LEANS[best]))
 
 
 def _strange(patch: TipPatch, rows: BoolArray, lean: float) -> FloatArray:
@@ -273,96 +259,7 @@ def _pair(size: FloatArray, strange: FloatArray, wide: float) -> tuple[FloatArra
     return best, clear
 
 
-def _refined(patch: TipPatch, axis: _Axis, low: float, high: float) -> _Axis:
-    """Middle and width by the light across, in stretches of rows between two heights."""
-    heights = patch.above[(patch.above >= low) & (patch.above <= high)]
-    wide = patch.wide_px * (1 + patch.taper * float(heights.mean()))
-    whole = _Across(patch, axis, heights)
-    starts = [whole.fitted(aside * wide) for aside in _ASIDE_STARTS]
-    first = min(starts, key=lambda one: float(one.cost)).x[0]
-    points = []
-    for stretch in np.array_split(heights, _STRETCHES):
-        found = _Across(patch, axis, stretch).fitted(first).x
-        points.append((stretch.mean(), found[0], (1 + found[2]) * patch.wide_px))
-    above, off, width = np.array(points).T
-    slope, place, *_ = theilslopes(off, above)
-    scatter = 1.4826 * float(np.median(np.abs(off - place - slope * above)))
-    u_width = float(np.hypot(1.4826 * np.median(np.abs(width - np.median(width))), _U_WIDTH * wide))
-    return _Axis(
-        axis.place + place, axis.lean + slope, 2 * scatter / np.sqrt(_STRETCHES),
-        float(np.median(width)), u_width,
-    )  # fmt: skip
-
-
-class _Across:
-    """Mean light across a needle over some rows, and what a model of the rod leaves of it.
-
-    Light is the rod's brightness B(x) blurred by a Gauss function of deviation b, over the ground
-    where the rod isn't. B is a sum of hats with few bends; the rod is as wide as its profile says,
-    but for a percent: left free it comes out wrong, since a rim may look like the ground.
-    """
-
-    def __init__(self, patch: TipPatch, axis: _Axis, heights: FloatArray) -> None:
-        self.wide = patch.wide_px * (1 + patch.taper * float(heights.mean()))
-        self.beside = np.arange(-1.4 * self.wide - 4, 1.4 * self.wide + 4)
-        self.seen, self.known = self._mean(patch.grey, patch, axis, heights)
-        self.ground, more = np.zeros(len(self.seen)), []
-        if patch.ground is not None:
-            self.ground, also = self._mean(patch.ground, patch, axis, heights)
-            self.known = self.known & also
-        else:
-            more = [(self.beside / self.wide) ** 2, np.tanh(4 * self.beside / self.wide)]
-        self.behind = np.stack([np.ones(len(self.seen)), self.beside / self.wide, *more])
-        off = (self.seen - self.ground)[self.known]
-        self.contrast = max(float(np.percentile(np.abs(off - np.median(off)), 90)), 0.02)
-        count = int(np.clip(round(self.wide / _HAT_PX), 7, 60))
-        share = (np.arange(4 * int(self.wide) + 8) + 0.5) / (4 * int(self.wide) + 8) * 2 - 1
-        knots = np.linspace(-1, 1, count)
-        self.share = share
-        self.hats = np.maximum(0, 1 - np.abs(share - knots[:, None]) / (knots[1] - knots[0]))
-        self.bends = np.zeros((count - 2, count + len(self.behind)))
-        self.bends[:, :count] = np.diff(np.eye(count), 2, axis=0) * (_FAULT_ACROSS / _SMOOTH)
-
-    def _mean(
-        self, piece: FloatArray, patch: TipPatch, axis: _Axis, heights: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        light = _sampled(piece, patch, axis, heights, self.beside)
-        known = np.isfinite(light).all(axis=0)
-        return np.where(known, np.nan_to_num(light).mean(axis=0), 0.0), np.asarray(known)
-
-    def left(self, state: FloatArray) -> FloatArray:
-        """Deviations by place aside, logarithm of the blur and width; brightness solved for."""
-        aside, blur, wide = state[0], np.exp(state[1]), self.wide * (1 + state[2])
-        off = (self.beside[:, None] - aside - self.share * wide / 2) / blur
-        spread = np.exp(-(off**2) / 2) * (wide / len(self.share) / (blur * np.sqrt(2 * np.pi)))
-        free = 1 - spread.sum(axis=1)
-        terms = np.column_stack([spread @ self.hats.T, (free * self.behind).T])
-        wanted = (self.seen - free * self.ground) * self.known
-        whole = np.vstack([terms * self.known[:, None], self.bends])
-        aim = np.concatenate([wanted, np.zeros(len(self.bends))])
-        levels = np.linalg.lstsq(whole, aim, rcond=1e-9)[0]
-        fit = (aim - whole @ levels) / (_FAULT_ACROSS * self.contrast)
-        usual = [(state[1] - np.log(_USUAL_BLUR_PX)) / _U_BLUR, state[2] / _U_WIDE]
-        return np.concatenate([fit, usual])
-
-    def fitted(self, aside: float) -> OptimizeResult:
-        """Least squares from a place aside."""
-        far = 0.3 * self.wide
-        low, high = (aside - far, np.log(0.3), -0.15), (aside + far, np.log(6.0), 0.15)
-        start = np.array([aside, np.log(_USUAL_BLUR_PX), 0.0])
-        return least_squares(self.left, start, bounds=(low, high), loss="huber", f_scale=_HUBER)
-
-
 # --- the needle's end along its axis
-
-
-class _End(NamedTuple):
-    """Height of an end's middle with its uncertainty, px; slope and roughness, of the width."""
-
-    place: float
-    u: float
-    slope: float
-    rough: float
 
 
 def _sampled(
@@ -370,7 +267,7 @@ def _sampled(
 ) -> FloatArray:
     """Light at heights (k,) and distances from the axis (m,), (k, m); NaN beyond the picture."""
     rows = np.broadcast_to((heights - patch.above[0])[:, None], (len(heights), len(beside)))
-    columns = axis.middle(heights)[:, None] + beside - patch.beside[0]
+    columns = axis.place + axis.lean * heights[:, None] + beside - patch.beside[0]
     return np.asarray(map_coordinates(piece, [rows, columns], order=1, cval=np.nan))
 
 
@@ -426,82 +323,137 @@ def _rough_end(patch: TipPatch, axis: _Axis, far: float) -> float:
     return best
 
 
-class _Step:
-    """Columns of pixels about an end, and what a blurred step leaves of them."""
+class _Rod:
+    """Model of a rod's end before the ground, and its deviations from a patch.
+
+    Light is a product of the brightness B(x) across and of a step along, both blurred by a Gauss
+    function of deviation b: I(u, h) = ∫ B(x) g((u - x) / b) Φ((h - e(x)) / b) dx, with the end
+    e(x) = end + tilt 2 x / w - bow √(1 - (2 x / w)²), the lower half of the ellipse that a flat
+    end shows. B is a sum of hats with few bends, and changes along the needle; the ground, or its
+    difference from the known one, is a few smooth shapes. Their levels are solved for; fitted are
+    end, tilt, place aside, lean, logarithm of b, and w, which is the profile's but for a percent:
+    left free it comes out wrong, since a rim may look like the ground.
+    """
 
     def __init__(self, patch: TipPatch, axis: _Axis, end: float) -> None:
-        wide = patch.wide_px
-        self.bow = patch.end_px
-        self.share = np.linspace(-_INNER, _INNER, max(7, round(2 * _INNER * wide))) * 2
-        top = min(end + _ABOVE * wide, float(patch.above[-3]))
-        self.heights = np.arange(end - _BELOW * wide, top, 1.0)
-        beside = self.share / 2 * wide
-        seen = _sampled(patch.grey, patch, axis, self.heights, beside)
-        ground = np.zeros_like(seen)
-        if patch.ground is not None:
-            ground = _sampled(patch.ground, patch, axis, self.heights, beside)
-        self.known = np.isfinite(seen) & np.isfinite(ground)
-        self.seen, self.ground = np.nan_to_num(seen), np.nan_to_num(ground)
-        below = self.heights < end - 0.5 * wide
-        off = (seen - ground)[below]
-        usual = np.nanmedian(off) if below.any() else 0.0
-        self.noise = max(1.4826 * float(np.nanmedian(np.abs(off - usual))), 2e-3)
-        high = (seen - ground)[self.heights > end + 0.5 * wide]
-        self.contrast = max(float(np.nanpercentile(np.abs(high - usual), 80)), 0.02)
-        self.size = float(np.hypot(self.noise, _FAULT * self.contrast))
-        self.weight: FloatArray = self.known / self.size
+        self.patch, self.lean, wide = patch, axis.lean, patch.wide_px
+        pitch = max(1.0, wide / _ROWS)
+        top = min(end + _ABOVE * wide + 4, float(patch.above[-3]))
+        self.heights = np.arange(end - _BELOW * wide - 4, top, pitch)
+        self.beside = np.arange(-1.4 * wide - 4, 1.4 * wide + 4, pitch)
+        level = float(np.nanmedian(patch.grey))
+        each = [patch.grey] if patch.ground is None else [patch.grey, patch.ground]
+        self.unknown = np.isnan(np.sum(each, axis=0)).astype(np.float64)
+        self.splines = [spline_filter(np.nan_to_num(one, nan=level)) for one in each]
+        self.share = (np.arange(4 * int(wide) + 8) + 0.5) / (4 * int(wide) + 8) * 2 - 1
+        self.count = int(np.clip(round(wide / _HAT_PX), 7, 60))
+        self.hats = np.vstack([_hats(self.share, self.count), _hats(self.share, 3)])
+        x = np.broadcast_to(self.beside / wide, (len(self.heights), len(self.beside)))
+        y = np.broadcast_to(((self.heights - self.heights.mean()) / wide)[:, None], x.shape)
+        shapes = [np.ones_like(x), x, y]
+        if patch.ground is None:
+            shapes += [x * x, x * y, y * y, np.tanh(4 * x)]
+        self.behind = np.array(shapes)
+        self.start = np.array([end, 0.0, axis.place, axis.lean, np.log(_USUAL_BLUR_PX), 0.0])
+        seen, ground, known = self.samples(self.start)
+        off, aside = seen - ground, np.abs(self.beside)
+        out = off[:, aside > 0.9 * wide][known[:, aside > 0.9 * wide]]
+        rod = off[self.heights > end][:, aside < 0.5 * wide]
+        usual = float(np.median(out)) if len(out) else 0.0
+        self.noise = max(1.4826 * float(np.median(np.abs(out - usual))), 1e-3) if len(out) else 0.01
+        self.contrast = max(float(np.percentile(np.abs(rod - usual), 80)), 0.02)
+        self.weight: FloatArray = np.ones(seen.shape)
+        self.size = 1.0
+
+    def samples(self, state: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Light of picture and ground about an axis (k, m), and where both are known."""
+        patch, above = self.patch, self.heights[:, None]
+        wider = 1 + patch.taper * (above - state[0])  # farther up it spreads with the needle
+        columns = state[2] + state[3] * above + self.beside * wider - patch.beside[0]
+        at = [np.broadcast_to(above - patch.above[0], columns.shape), columns]
+        seen, *ground = (
+            map_coordinates(one, at, order=3, prefilter=False, mode="nearest")
+            for one in self.splines
+        )
+        known = map_coordinates(self.unknown, at, order=1, cval=1.0) < 0.01
+        return seen, ground[0] if ground else np.zeros_like(seen), np.asarray(known)
 
     def left(self, state: FloatArray) -> FloatArray:
-        """Deviations (k, m) by end, tilt and logarithm of the blur, levels solved for."""
-        end, tilt, blur = state[0], state[1], float(np.exp(state[2]))
-        edge = end + tilt * self.share - self.bow * np.sqrt(1 - self.share**2)
-        rod = ndtr((self.heights[:, None] - edge) / blur)
-        along = (self.heights[:, None] - end) / len(self.heights)
-        terms = np.stack([1 - rod, rod, along * rod], axis=-1) * self.weight[..., None]
-        wanted = (self.seen - (1 - rod) * self.ground) * self.weight
-        normal = np.einsum("kmi,kmj->mij", terms, terms) + 1e-6 * np.eye(3)
-        pull = np.einsum("kmi,km->mi", terms, wanted)
-        levels = np.linalg.solve(normal, pull[..., None])[..., 0]
-        return np.asarray(wanted - np.einsum("kmi,mi->km", terms, levels))
+        """Weighted deviations of the light (k m), of the levels' bends, and of what is usual."""
+        end, tilt, _, lean, blur, more = state
+        b, wide = np.exp(blur), self.patch.wide_px * (1 + more)
+        edge = end + tilt * self.share - self.patch.end_px * np.sqrt(1 - self.share**2)
+        step = ndtr((self.heights[:, None] - edge) / b)
+        off = (self.beside[:, None] - self.share * wide / 2) / b
+        across = np.exp(-(off**2) / 2) * (wide / len(self.share) / (b * np.sqrt(2 * np.pi)))
+        free = 1 - step @ across.T
+        shapes = [(step * hat) @ across.T for hat in self.hats]
+        along = (self.heights[:, None] - end) / wide
+        shapes[self.count :] = [along * one for one in shapes[self.count :]]
+        terms = np.array([*shapes, *(free * self.behind)]).reshape(-1, free.size)
+        seen, ground, known = self.samples(state)
+        weight = (self.weight * known).ravel() / self.size
+        wanted, terms = (seen - free * ground).ravel() * weight, terms * weight
+        bends = np.zeros((self.count - 2, len(terms)))
+        bends[:, : self.count] = np.diff(np.eye(self.count), 2, axis=0) / _SMOOTH / self.contrast
+        normal = terms @ terms.T + bends.T @ bends
+        normal += np.diag(1e-9 * np.diag(normal) + 1e-12)  # of shapes that aren't in the picture
+        levels = np.linalg.solve(normal, terms @ wanted)
+        u_tilt = np.hypot(_U_TILT * wide, tilt / 2)  # a worn end's is larger
+        usual = [tilt / u_tilt, (lean - self.lean) / _U_LEAN,
+                 (blur - np.log(_USUAL_BLUR_PX)) / _U_BLUR, more / _U_WIDE]  # fmt: skip
+        return np.concatenate([wanted - levels @ terms, bends @ levels, usual])
 
-    def fitted(self, start: FloatArray, wide: float) -> OptimizeResult:
-        """Least squares near a state, with Huber's weights."""
-        usual = np.array([_U_TILT * wide, _U_BLUR])
-        place = np.array([0.0, np.log(_USUAL_BLUR_PX)])
+    def slopes(self, state: FloatArray) -> FloatArray:
+        """Slopes of `left` by all that is fitted, (n, 6)."""
+        steps = np.diag([0.02, 0.02, 0.02, 0.01 / self.patch.wide_px, 0.02, 0.002])
+        now = self.left(state)
+        return np.stack([(self.left(state + one) - now) / one.sum() for one in steps], axis=1)
 
-        def off(state: FloatArray) -> FloatArray:
-            return np.concatenate([self.left(state).ravel(), (state[1:] - place) / usual])
+    def fitted(self) -> OptimizeResult:
+        """Least squares from several places, in steps of ever less fault of the model."""
+        wide, found = self.patch.wide_px, list[OptimizeResult]()
+        far = np.array([wide, wide, wide, 0.1, 1.5, 0.15])
+        starts = [self.start + wide * np.array([up, 0, aside, 0, 0, 0]) for up, aside in _STARTS]
+        for fault in _FAULTS:
+            self.size = float(np.hypot(self.noise, fault * self.contrast))
+            found = [
+                least_squares(
+                    self.left, one, self.slopes, bounds=(one - far, one + far), x_scale=0.1 * far,
+                    max_nfev=25, xtol=1e-5, ftol=1e-6,
+                )
+                for one in starts
+            ]  # fmt: skip
+            found.sort(key=lambda one: float(one.cost))
+            starts = [found[0].x]
+            odd = np.abs(self.deviations(found[0])) / np.maximum(self.weight, 1e-9)
+            self.weight = np.minimum(1.0, np.sqrt(_HUBER / np.maximum(odd, 1e-9)))
+        return found[0]
 
-        low = [start[0] - wide, -wide, np.log(0.3)]
-        high = [start[0] + wide, wide, np.log(6.0)]
-        self.weight = self.known / self.size
-        for _ in range(3):
-            found = least_squares(off, start, bounds=(low, high), x_scale=(1.0, 1.0, 0.3))
-            start = found.x
-            odd = np.abs(self.left(start)) / np.maximum(self.weight * self.size, 1e-9)
-            share = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(odd, 1e-9)))
-            self.weight = self.known * share / self.size
-        return found
+    def deviations(self, found: OptimizeResult) -> FloatArray:
+        """Weighted deviations of a fit, (k, m)."""
+        return np.asarray(found.fun[: self.weight.size].reshape(self.weight.shape))
 
 
-def _fitted_end(patch: TipPatch, axis: _Axis, near: float) -> _End:
-    """Fit the end near a height; places that fit as well are in its uncertainty.
+def _hats(share: FloatArray, count: int) -> FloatArray:
+    """Hats over -1 to 1 whose sum is 1, (count, n)."""
+    knots = np.linspace(-1, 1, count)
+    return np.maximum(0.0, 1 - np.abs(share - knots[:, None]) / (knots[1] - knots[0]))
+
+
+def _seen_tip(patch: TipPatch, rod: _Rod, found: OptimizeResult) -> SeenTip:
+    """The tip with its uncertainty.
 
     Raises
     ------
     PictureError
         When nothing there stands out as a needle's end.
     """
-    wide = patch.wide_px
-    step = _Step(patch, axis, near)
-    starts = [np.array([near + up * wide, 0.0, np.log(_USUAL_BLUR_PX)]) for up in _STARTS]
-    found = sorted((step.fitted(one, wide) for one in starts), key=lambda one: float(one.cost))
-    best = found[0]
-    left = best.fun[:-2].reshape(step.seen.shape)
-    slope = best.jac[:-2, 0].reshape(left.shape)
-    outline = np.abs(slope).max(initial=1e-9)
-    around = np.abs(slope) > 0.3 * outline
-    clear = step.contrast / (step.size * float(np.sqrt((left[around] ** 2).mean())) + 1e-6)
+    left, wide = rod.deviations(found), patch.wide_px * (1 + float(found.x[5]))
+    slopes = found.jac[: left.size].reshape(*left.shape, 6)
+    outline = np.abs(slopes[..., [0, 2]]).max(axis=-1)
+    around = left[outline > 0.3 * outline.max()]
+    clear = rod.contrast / (rod.size * float(np.sqrt((around**2).mean())) + 1e-6)
     if not clear > _LEAST_CONTRAST:
         raise PictureError(
             f"the needle's end isn't clear: its contrast is {clear:.1f} of what is left around its "
@@ -511,13 +463,18 @@ def _fitted_end(patch: TipPatch, axis: _Axis, near: float) -> _End:
     rows, columns = (side // _BLOCK for side in left.shape)
     blocks = left[: rows * _BLOCK, : columns * _BLOCK].reshape(rows, _BLOCK, columns, _BLOCK)
     alike = max(1.0, float(((blocks.sum(axis=(1, 3)) / _BLOCK) ** 2).mean()))
-    covariance = np.linalg.inv(best.jac.T @ best.jac) * alike
-    spread = covariance[0, 0]
-    for other in found[1:]:
-        if 2 * (other.cost - best.cost) < _ALIKE * alike:
-            spread += (other.x[0] - best.x[0]) ** 2 / 2
-    sure = (slope**2).sum(axis=0)
-    off = (slope * left).sum(axis=0)[sure > 0.1 * sure.max()] / sure[sure > 0.1 * sure.max()]
-    rough = float(np.sqrt((off**2).mean())) / wide
-    spread += (rough * wide) ** 2 / 4  # an end that isn't as flat as the model's: some four parts
-    return _End(float(best.x[0]), float(np.sqrt(spread)), 2 * float(best.x[1]) / wide, rough)
+    covariance = np.linalg.inv(found.jac.T @ found.jac) * alike
+    end, tilt, place, lean = found.x[:4]
+    # Aside at the end is place + lean · end.
+    by = np.array([[1.0, 0, 0, 0, 0, 0], [lean, 0, 1.0, end, 0, 0]])
+    spread = by @ covariance @ by.T + np.diag([_FLOOR_UP_PX**2, _FLOOR_ASIDE_PX**2])
+    turn = np.column_stack([patch.up, patch.aside])
+    up = np.where(np.abs(rod.beside) < _INNER * wide, slopes[..., 0], 0.0)
+    sure = (up**2).sum(axis=0)
+    own = sure > 0.1 * sure.max()
+    off = (up * left).sum(axis=0)[own] / sure[own]
+    return SeenTip(
+        patch.pixel(end, place + lean * end), turn @ spread @ turn.T, wide / patch.px_per_mm,
+        float(np.sqrt(covariance[5, 5])) * patch.wide_px / patch.px_per_mm,
+        2 * tilt / wide + lean, float(np.sqrt((off**2).mean())) / wide, lean,
+    )  # fmt: skip
