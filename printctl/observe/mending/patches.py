@@ -161,7 +161,8 @@ def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
     low, high = path.clear_of_corners(
         max(0.0, gap.from_mm - overlap), min(path.length_mm, gap.to_mm + overlap)
     )
-    spare = OVERLAP_WIDTHS * float(path.width_mm.max()) * gap.whole
+    # In layers overlaps may grow to whole motor steps; in a bath flow alone makes them whole.
+    spare = OVERLAP_WIDTHS * float(path.width_mm.max()) * (gap.whole and site.held.layered)
     along = _stations(path, max(0.0, low - spare), min(path.length_mm, high + spare), site)
     in_void = _in_voids(along, path, site)
     blocked, backwards, reach = _out_of_reach(along, path, site)
