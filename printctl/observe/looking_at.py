@@ -54,6 +54,7 @@ from registration.inspection import (
     better_turned,
     see_layer,
 )
+from registration.inspection.values import LineShapes
 
 log = logging.getLogger(__name__)
 MOST_TRIES: Final = 2

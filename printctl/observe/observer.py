@@ -12,7 +12,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -49,7 +49,8 @@ _THIN_MM: Final = 2.0
 
 def state_of(decider: Decider) -> dict[str, Any]:
     """Return what a decider has learned so far, ready for JSON, as each look's record keeps it."""
-    return asdict(decider)
+    state: dict[str, Any] = TypeAdapter(Decider).dump_python(decider, mode="json")
+    return state
 
 
 def restore(decider: Decider, state: dict[str, Any]) -> None:
