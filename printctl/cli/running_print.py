@@ -139,7 +139,7 @@ def stop(run: RunArg) -> None:
 def kill(run: RunArg) -> None:
     """Halt the printer of a print past all queues, whatever it does; its position is lost.
 
-    A Marlin with emergency parser gets M410 first and M112 after 1.8 s, or 2.8 s where the profile
+    A Marlin with emergency parser gets M410 first and M112 after 2.8 s, or 3.8 s where the profile
     has two lines in flight; others M112 at once.
     Where the print's own process is gone, the print's port is opened and the halt written to it.
     Look at the machine afterwards and reset it; `printctl recover RUN` plans the rest.

@@ -239,9 +239,11 @@ def stop(folder: FolderOption = None) -> None:
 def kill(folder: FolderOption = None) -> None:
     """Halt the firmware past all queues, whatever it does; its position is lost.
 
-    A Marlin with emergency parser gets M410 first and M112 after 1.8 s, or 2.8 s where the profile
+    A Marlin with emergency parser gets M410 first and M112 after 2.8 s, or 3.8 s where the profile
     has two lines in flight; others M112 at once.
-    `printctl station reconnect` comes back from it, once the machine was looked at.
+    `printctl station reconnect` comes back from it, once the machine was looked at. Where the
+    station's own process has died, its port is opened and the halt written to it; then connect
+    anew.
     """
     the_station(folder).kill()
     print_lines("a halt is sent; `printctl station status` tells whether the printer has halted")

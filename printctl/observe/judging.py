@@ -156,7 +156,7 @@ def evidence_of(
         gaps=findings.gaps,
         second=None if again is None else again.gaps,
         supply=supply,
-        flow=_flow(stations, ink, row, findings.u_width_ratio, section),
+        flow=_flow(stations, ink, row, findings.u_width_ratio, section, findings.u_width_change),
         seen_share=max(one.seen_share for one in each),
         way_mm=float(findings.stations.length_mm.sum()),  # mends can fail, too
         coverage=findings.coverage,
@@ -255,6 +255,7 @@ def _flow(
     row: IntArray,
     u_common: float,
     section: BeadSection,
+    u_change: float = math.inf,
 ) -> FlowBlocks:
     """Cross-section seen over expected, a second of writing at a time."""
     told = _tells_width(stations)
@@ -274,13 +275,14 @@ def _flow(
     scatter = np.sqrt(np.bincount(block, slope**2)) / count
     # Lines of one look differ where the flow changes: that is no doubt that all of them share.
     u_common = min(u_common, float(np.quantile(u / stations.expected_mm[told], _SHARED)))
-    common = u_common * np.abs(slope / np.maximum(u, 1e-12) * stations.expected_mm[told]) / ratio
-    known = float(np.nan_to_num(common.mean(), nan=0.0, posinf=0.0))
+    relative = np.abs(slope / np.maximum(u, 1e-12) * stations.expected_mm[told]) / ratio
+    known = float(np.nan_to_num((u_common * relative).mean(), nan=0.0, posinf=0.0))
+    u_change *= float(relative.mean())
     means = mean(ratio)
     u_block = np.hypot(scatter, known * means)
     if ink.style == "embedded":
         u_block, known = np.hypot(u_block, _BATH_LOOK * math.sqrt(len(means)) * means), 0.0
-    return FlowBlocks(mean(time), means, u_block, mean(ink.factor[row]), known)
+    return FlowBlocks(mean(time), means, u_block, mean(ink.factor[row]), known, u_change)
 
 
 def _blocks(time_s: FloatArray, length_mm: FloatArray) -> IntArray:

@@ -54,6 +54,7 @@ from registration.inspection import (
     better_turned,
     see_layer,
 )
+from registration.inspection.values import LineShapes
 
 log = logging.getLogger(__name__)
 MOST_TRIES: Final = 2
@@ -123,16 +124,26 @@ class Learned:
 
     def state(self) -> dict[str, Any]:
         """Return it ready for JSON."""
-        profile = None if self.appearance is None else self.appearance.profile.tolist()
-        return {"appearance": profile, "voxel_mm": list(self.voxel_mm), "size": self.size}
+        look = self.appearance
+        shapes = None if look is None or look.shapes is None else vars(look.shapes)
+        return {
+            "appearance": None if look is None else look.profile.tolist(),
+            "shapes": shapes and {key: np.asarray(one).tolist() for key, one in shapes.items()},
+            "voxel_mm": list(self.voxel_mm),
+            "size": self.size,
+        }
 
     @staticmethod
     def of_state(state: dict[str, Any] | None) -> Learned:
         """Return it from `state`; what knows nothing from None."""
         if state is None:
             return Learned()
-        profile = state["appearance"]
-        look = Appearance(np.array(profile)) if isinstance(profile, list) else None  # else an older
+        profile, shapes, look = state["appearance"], state.get("shapes"), None
+        if isinstance(profile, list):  # an older state has none
+            known = shapes and LineShapes(
+                np.array(shapes["misfits"]), np.array(shapes["log_ratio"]), int(shapes["looks"])
+            )
+            look = Appearance(np.array(profile), known or None)
         return Learned(look, tuple(state["voxel_mm"]), state["size"])
 
     def size_words(self, size: ScanSize) -> str:

@@ -8,6 +8,7 @@ control knew is in the record of each look, so a new observer goes on from there
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import time
@@ -49,7 +50,9 @@ _THIN_MM: Final = 2.0
 
 def state_of(decider: Decider) -> dict[str, Any]:
     """Return what a decider has learned so far, ready for JSON, as each look's record keeps it."""
-    return asdict(decider)
+    state: dict[str, Any] = json.loads(json.dumps(asdict(decider)))
+    del state["limits"], state["control"]["limits"]  # the order's
+    return state
 
 
 def restore(decider: Decider, state: dict[str, Any]) -> None:

@@ -21,8 +21,8 @@ RECORDS: Final = (
 ENDED: Final = {"killed", "halted", "failed", "stopped", "done", "position_unknown", "given_up"}
 """States after which nothing more comes of a stop."""
 UNCONFIRMED: Final = "no word that the printer has halted: CUT ITS POWER"
-PATIENCE_S: Final = 3.5
-"""For the outcome of a stop: M112 leaves 2.8 s after it at the latest (two lines in flight)."""
+PATIENCE_S: Final = 4.5
+"""For the outcome of a stop: M112 leaves 3.8 s after it at the latest (two lines in flight)."""
 _LOOK_S: Final = 0.5
 _CONNECT_S: Final = 1.0
 _POLL_S: Final = 0.02

@@ -82,7 +82,8 @@ def find_blobs(
         return ()
     found = ((smooth > level) & area).astype(np.uint8)
     grown = cv2.dilate(lines, np.ones((3, 3), np.uint8), iterations=2 + round(0.5 * width_px))
-    inner = cv2.distanceTransform(lines, cv2.DIST_L2, 3) > _INNER * width_px
+    # Distances count to the middle of the first pixel outside.
+    inner = cv2.distanceTransform(lines, cv2.DIST_L2, 3) - 0.5 > _INNER * width_px
     count, labels, stats, middles = cv2.connectedComponentsWithStats(found, connectivity=8)
     size = stats[:, cv2.CC_STAT_AREA]
     large = [k for k in range(1, count) if size[k] >= _LEAST * width_px**2]

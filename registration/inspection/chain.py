@@ -107,13 +107,19 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     x, last = np.where(known, share, 0.0), np.append(np.nan, share[:-1])
     out = np.zeros((len(share), 4, 5))
     for state, middle, spread in ((FULL, 1.0, noise.full), (BARE, 0.0, noise.bare)):
-        alone = _log_t(x - middle, spread)
-        rest = x - middle - noise.tie * np.nan_to_num(last - middle)
-        tied = _log_t(rest, spread * math.sqrt(1.0 - noise.tie**2))
-        out[:, state] = alone[:, None]
-        out[:, state, state] = np.where(np.isfinite(last), tied, alone)
+        out[:, state] = _log_t(x - middle, spread)[:, None]
+        out[:, state, state] = _tied(x, last, middle, spread, noise.tie)
+    middle, spread = noise.shaded.T
+    other = np.zeros((len(share), 5)) + _log_t(x - middle, spread)[:, None]
+    other[:, BARE] = _tied(x, last, middle, spread, noise.tie)
+    out[:, BARE] = np.logaddexp(out[:, BARE], other) - math.log(2.0)
     out[:, THIN] = _log_between(x, noise.full)[:, None]
     out[:, HIDDEN] = -math.log(_ANY_SHARE)
+    # What is thin may have any level, but it keeps to that.
+    steady = _log_t(x - np.nan_to_num(last), noise.full * math.sqrt(1.0 - noise.tie**2))
+    steady = np.where(np.isfinite(last), steady, -np.inf)
+    thin = np.where((x > _THIN_LOW) & (x < _THIN_HIGH), steady, -np.inf)
+    out[:, THIN, THIN] = np.maximum(out[:, THIN, THIN], thin)
     full, bare = (
         _log_t(np.maximum(misfit - each[:, 0], 0.0), each[:, 1])
         for each in (noise.misfit_full, noise.misfit_bare)
@@ -121,11 +127,23 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     worst = np.maximum(*(each.sum(axis=1) for each in (noise.misfit_full, noise.misfit_bare)))
     usual = np.maximum(full, bare)
     strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - 2.0)
-    out[:, (FULL, THIN)] += full[:, None, None]
-    out[:, BARE] += usual[:, None]
-    out[:, HIDDEN] += strange[:, None]
+    alone = (1.0 - noise.tie) / (1.0 + noise.tie)  # neighbours' misfits tell the same
+    out[:, (FULL, THIN)] += alone * full[:, None, None]
+    out[:, BARE] += alone * usual[:, None]
+    out[:, HIDDEN] += alone * strange[:, None]
     out[~known] = 0.0
     return out
+
+
+def _tied(
+    x: FloatArray, last: FloatArray, middle: FloatArray | float, spread: FloatArray, tie: float
+) -> FloatArray:
+    """Logarithm of the density behind a place of the same state."""
+    rest = x - middle - tie * np.nan_to_num(last - middle)
+    alone = _log_t(x - middle, spread)
+    news = (1.0 - tie) / (1.0 + tie)
+    tied = _log_t(rest, spread * math.sqrt(1.0 - tie**2))
+    return np.where(np.isfinite(last), news * alone + (1.0 - news) * tied, alone)
 
 
 def _log_t(rest: FloatArray, spread: FloatArray) -> FloatArray:

@@ -40,6 +40,8 @@ class LayerFindings:
         Ink over bath, in standard deviations of a place as long as a tolerated gap.
     appearance : Appearance or None
         None where ink couldn't be told from bath.
+    u_width_change : float
+        Relative, of its change since the last look in the same light; infinite where none told it.
     moved_px : float
         By how many pixels the camera moved since the picture before; NaN without one.
     """
@@ -57,4 +59,5 @@ class LayerFindings:
     places: int
     contrast: float
     appearance: Appearance | None
+    u_width_change: float = math.inf
     moved_px: float = math.nan

@@ -15,11 +15,11 @@ from registration.inspection.shares import ACROSS
 from registration.inspection.values import Gap
 from registration.inspection.ways import Ways, stretches_of
 
-_CORE: Final = 0.25
+_CORE: Final = 0.13
 """Widths around the middle, where a gap's tips are looked for: round ends reach farthest there."""
 _TOLD: Final = 0.1
 """Of a profile's power that lies there, below which the whole strip tells where ink ends."""
-_EDGE_PX: Final = 0.25
+_EDGE_PX: Final = 0.5
 """Of a pixel: what a tip may be off by in the picture itself."""
 
 

@@ -43,6 +43,8 @@ _NOTHING: Final = 1e-4
 _UNKNOWNS: Final = CLASSES * PARTS * NODES
 _RIDGE: Final = (1e-3, 1e-2, 1e-2, 1e-2, 1e-2)
 """Of a node's usual share of pixels, that pulls each part to 0 where nothing tells it."""
+_KNOWN: Final = 100.0
+"""Times that, of a profile that an earlier look or the layer's height tells."""
 _HARDER: Final = (1.0, 10.0, 0.01)
 """Times that, by class: where fresh ink lies over older ink alone, the older explains it."""
 _EDGE, _SOFT = 0.5, 0.15
@@ -284,7 +286,7 @@ def _solved(
 ) -> InkModel:
     """Solve normal equations (u, u), (u, c) with what is known beforehand."""
     channels = score.shape[1]
-    prior = _prior(power, parts)
+    prior = _prior(power, parts) * (1.0 if known is None else _KNOWN)
     mean = _plain(power, score) if plain else np.zeros_like(score)
     if known is not None:
         mean = known.profile[:, :, :-1].reshape(_UNKNOWNS, channels)

@@ -7,11 +7,13 @@ from each other. Places that turn out bare tell nothing of ink in the next round
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.change import change_of
 from registration.inspection.chain import BARE, HIDDEN, THIN, posterior
 from registration.inspection.ground import light_of, telling_pixels
 from registration.inspection.ink_model import (
@@ -27,11 +29,12 @@ from registration.inspection.layer_shift import coarse_shift, finer_shift
 from registration.inspection.noise import BareStrips, Noise, noise_of
 from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH, Passes, Pieces
-from registration.inspection.picture import LOWEST, View, ViewFrame
+from registration.inspection.picture import View, ViewFrame
 from registration.inspection.shares import (
     ACROSS,
     Shares,
     StripNoise,
+    beside_line,
     measured,
     own_profile,
     strips_of,
@@ -42,25 +45,22 @@ from registration.inspection.ways import Seen, Ways
 _ROUNDS: Final = 5
 _LAST_MOVE: Final = 2
 """Rounds at the end in which the shift rests, and profiles have all their parts."""
+_STILL: Final = 0.01
+"""Widths; a layer that moves by less from one round to the next is at its place."""
 _OVER: Final = (0.65, 0.35)
 """Widths from the middle of older ink at which there is none of it, and all."""
-_OLD: Final = 0.3
+_OLD: Final = 0.05
 """Of a place's width over older ink: more, and it is judged against that."""
 _UNSEEN: Final = 0.7
 """Of a strip's inner part that may be lost; what is left tells the less."""
 _WHOLE: Final = 0.2
-"""The same of strips by which ink's level and noise are learned, and widths."""
+"""The same of strips by which ink's noise is learned; of a view that lost more, the better half."""
 _ENDS: Final = 0.5
 """Widths from a line's end, within which it isn't judged by itself: ink recedes or bulges there."""
 _ROUGH: Final = 0.05
 """Scatter of heights on the ground, thicknesses of the layer."""
-_COVERED: Final = 0.0
-"""Height of the ground over the layer's middle, thicknesses, from which on a bath's surface covers
-its lines: what a profiler sees there isn't theirs."""
 _CELL: Final = 0.4
 """Of a width: pixels nearer to each other tell the same."""
-_TOP: Final = 0.5
-"""Of a layer over its middle, thicknesses."""
 _FAINTEST: Final = 0.05
 _INK_TELLS: Final = 0.3
 """How much ink tells of light, against ground."""
@@ -101,7 +101,7 @@ class Drawn:
     own : (n, u, c) float64
         What full ink of its own adds across each place.
     judged : (n, u, c) float64
-        The same by a profile to which the place itself was not fitted.
+        The same by a profile to which the place itself was not fitted, unless one is known.
     strips : (n, u, c) float64
         The view across each place, without everything else.
     """
@@ -123,7 +123,7 @@ class Drawn:
         """Strips that are nearer to all of their ink than to none, (n,)."""
         return np.asarray(((self.strips - 0.5 * self.own) * self.own).sum(axis=(1, 2)) > 0.0)
 
-    @property
+    @cached_property
     def crossed(self) -> BoolArray:
         """Places over or under which the view shows another of the layer's lines, (n,)."""
         return self.ways.crossed_in(self.seen)
@@ -152,7 +152,8 @@ class Learned:
     states : (n, 4) float64
         Probabilities of full, thin, bare and hidden.
     inverse : (u c, u c) float64
-        Inverse covariance of a strip over the ground.
+        Inverse covariance of what strips hold beside their lines' own share and width: by it
+        widths, and amounts of ink where lines touch, are compared along lines.
     odd : bool
         Whether ink shows by slopes lit from one side alone.
     lost : (n, u) bool
@@ -173,6 +174,11 @@ class Learned:
     inverse: FloatArray
     odd: bool
     lost: BoolArray
+
+    @property
+    def hidden(self) -> BoolArray:
+        """Places of whose inner strip the picture shows too little, (n,)."""
+        return np.asarray(_lost_part(self.lost) >= _UNSEEN)
 
     def appearance(self) -> Appearance:
         """How ink looks, in the picture's own channels."""
@@ -201,35 +207,40 @@ def learned(
         How ink looked before.
     """
     channels = view.channels
-    if view.is_heights:  # what lies below the layer is as low as bare ground
+    if view.is_heights:  # older ink is part of the floor
         ways, lines = _fresh_alone(ways, lines)
     pieces = Pieces.of(lines, frame)
     passes = Passes.of(pieces, view.shape)
     ground = telling_pixels(view.lost, passes.near.min(axis=2))
     if view.is_heights:
-        own = channels[ground > 0]
-        lowest = max(LOWEST, float(np.median(own))) if len(own) >= _FEWEST else LOWEST
-        if lowest > _COVERED:
-            view = replace(view, lost=np.ones_like(view.lost))
-        light = np.full_like(channels, lowest)
+        light = np.zeros_like(channels)
         mix = np.eye(1) / _ROUGH
     else:
         light = light_of(channels, ground, view.px_per_mm)
         mix = _whitening((channels - light)[ground > 0], channels - light, view.inkless)
     image = _mixed(channels - light, mix)
+    shown = _without_older(image, view.lost, passes, pieces, ways, lines)[:, :, view.inkless :]
+    by_energy = view.inkless > 0 and not lines.fresh.all()
+    if by_energy:
+        energy = np.log1p((image[:, :, view.inkless :] ** 2).mean(axis=2, keepdims=True))
+        shown = energy - np.float32(np.median(energy[ground > 0]))
     coarse = coarse_shift(
-        _without_older(image, view.lost, passes, pieces, ways, lines)[:, :, view.inkless :],
-        view.lost, passes,
+        shown, view.lost, passes,
         _inner(passes, ways, lines), float(np.median(pieces.width[pieces.kind == 0])),
-        options.shift_mm * view.px_per_mm, view.px_per_mm, view.is_heights,
+        options.shift_mm * view.px_per_mm, view.px_per_mm, view.is_heights or by_energy,
     )  # fmt: skip
     shift = _first_shift(coarse.by_px, frame, ways)
     state, level = np.ones(len(ways)), np.ones(len(ways))
     group = _two_groups(ways)
     prior = None if known is None else _of_picture(known, mix)
     if view.is_heights:  # ink is as high as its layer, whatever is missing of it
-        prior = InkModel.cover((_TOP - float(light.flat[0])) / _ROUGH)
+        prior = InkModel.cover(1.0 / _ROUGH)
+    if prior is not None:
+        state = _first_state(prior, image, view, frame, ways, shift, options)
+    settled, so_far = False, None
     for number in range(_ROUNDS):
+        if settled and number < _ROUNDS - 1:
+            continue
         last = number >= _ROUNDS - _LAST_MOVE
         parts = tuple(range(PARTS)) if last else (ODD if coarse.odd else EVEN)
         parts = (0,) if view.is_heights else parts
@@ -248,16 +259,25 @@ def learned(
             prior,
             number == 0,
             not coarse.odd,
+            so_far,
         )
+        so_far = drawn
         lost = _lost_samples(view, drawn)
         shown, shares, noise, misfit, states, inverse = _judge(
             view, image, drawn, state, lost, prior is not None
         )
-        state = _presence(states, shares.share)
+        before, state = state, _presence(states, shares.share)
         if not last:
             level = _levels(level * shares.share, level, shown & (state > 0.5), ways)
         if not last:
-            shift = finer_shift(shift, shares.offset, drawn.ways, shown & (state > 0.5), options)
+            place, sure = shift, shown & (state > 0.5)
+            shift = finer_shift(shift, shares.offset, drawn.ways, sure, options, coarse.odd)
+            moved = np.hypot(shift.dx_mm - place.dx_mm, shift.dy_mm - place.dy_mm)
+            changed = np.abs(state - before).max()
+            # Of heights nothing else changes from round to round.
+            settled = view.is_heights and moved < _STILL * ways.width.min() and changed < 0.5
+            if settled:
+                shift = replace(shift, dx_mm=place.dx_mm, dy_mm=place.dy_mm)
         if not view.is_heights and not last:
             light = light + _light_left(view, image, drawn, ground, mix)
             image = _mixed(channels - light, mix)
@@ -286,6 +306,29 @@ def _fresh_alone(ways: Ways, lines: ExpectedLines) -> tuple[Ways, ExpectedLines]
     return replace(ways, piece=row[ways.piece]), some
 
 
+def _first_state(
+    prior: InkModel,
+    image: FloatImage,
+    view: View,
+    frame: ViewFrame,
+    ways: Ways,
+    shift: Shift,
+    options: SeeingOptions,
+) -> FloatArray:
+    """Which places have ink, (n,), by the level in their middle where a profile is known.
+
+    Of lines that touch and are bare together each looks full beside others that are drawn.
+    """
+    there = ways.moved(np.array([shift.dx_mm, shift.dy_mm]))
+    seen = Seen.of(there, frame, options.round_lines)
+    core = np.abs(ACROSS) <= _OVER[1]
+    shown = strips_of((~view.lost)[:, :, None].astype(np.float32), seen, there)[:, core]
+    own = own_profile(prior, np.zeros((len(ways), len(ACROSS))), seen)[:, core] * shown
+    power = (own**2).sum(axis=(1, 2))
+    share = (strips_of(image, seen, there)[:, core] * own).sum(axis=(1, 2))
+    return np.asarray((share > 0.5 * power) | (power <= 0.0), dtype=np.float64)
+
+
 def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
     """How much each pass tells of a layer's place, (h, w, 4): ends, which recede, don't."""
     share = ShareOfPiece.along(ways, lines, np.ones(len(ways)))
@@ -312,13 +355,21 @@ def _draw(
     prior: InkModel | None,
     first: bool,
     plain: bool,
+    last: Drawn | None,
 ) -> Drawn:
-    """Fit profiles at a shift (``first`` with what is known of them), and take strips."""
+    """Fit profiles at a shift (``first`` with what is known of them), and take strips.
+
+    Of the ``last`` round's places and passes, those at the same shift are taken as they are.
+    """
     by = np.array([shift.dx_mm, shift.dy_mm])
-    off = np.where(lines.fresh[:, None], np.append(by, 0.0), 0.0)
-    moved = replace(lines, start=lines.start + off, end=lines.end + off)
-    there, pieces = ways.moved(by), Pieces.of(moved, frame)
-    passes, seen = Passes.of(pieces, view.shape), Seen.of(there, frame, options.round_lines)
+    there = ways.moved(by)
+    if last is not None and np.array_equal(there.point, last.ways.point):
+        there, pieces, passes, seen = last.ways, last.pieces, last.passes, last.seen
+    else:
+        off = np.where(lines.fresh[:, None], np.append(by, 0.0), 0.0)
+        moved = replace(lines, start=lines.start + off, end=lines.end + off)
+        pieces = Pieces.of(moved, frame)
+        passes, seen = Passes.of(pieces, view.shape), Seen.of(there, frame, options.round_lines)
     older = passes.near[:, :, 1]
     over = np.clip((_OVER[0] - older) / (_OVER[0] - _OVER[1]), 0.0, 1.0).astype(np.float32)
     share = ShareOfPiece.along(ways, lines, state * level)
@@ -332,10 +383,11 @@ def _draw(
     model = fit.whole
     drawn = model.drawn(passes, over, pieces.kind, share)
     over_at = strips_of(over[:, :, None], seen, there)[:, :, 0]
-    own, *others = (
-        level[:, None, None] * own_profile(each, over_at, seen) for each in (model, *fit.other)
-    )
-    judged = np.where((group[:-1] == 0)[:, None, None], *others)
+    own = level[:, None, None] * own_profile(model, over_at, seen)
+    judged = own
+    if prior is None:
+        others = (level[:, None, None] * own_profile(each, over_at, seen) for each in fit.other)
+        judged = np.where((group[:-1] == 0)[:, None, None], *others)
     strips = strips_of(image - drawn, seen, there) + state[:, None, None] * own
     old = over_at[:, np.abs(ACROSS) <= 0.5].mean(axis=1) > _OLD
     return Drawn(there, seen, pieces, passes, over, old, model, drawn, own, judged, strips)
@@ -346,20 +398,27 @@ def _lost_samples(view: View, drawn: Drawn) -> BoolArray:
     return np.asarray(strips_of(lost, drawn.seen, drawn.ways)[:, :, 0] > 0.1)
 
 
+def _lost_part(lost: BoolArray) -> FloatArray:
+    return np.asarray(lost[:, np.abs(ACROSS) < 0.6].mean(axis=1))
+
+
 def _judge(
     view: View, image: FloatImage, drawn: Drawn, state: FloatArray, lost: BoolArray, is_known: bool
 ) -> tuple[BoolArray, Shares, Noise, FloatArray, FloatArray, FloatArray]:
     """Measure shares, learn how they scatter, and tell states."""
     ways, count = drawn.ways, len(drawn.ways)
-    part = lost[:, np.abs(ACROSS) < 0.6].mean(axis=1)
+    part = _lost_part(lost)
     told = drawn.seen.inside(view.shape, 0.6 * ways.width) & (part < _UNSEEN)
     told &= ~drawn.crossed & (ways.to_end > _ENDS * ways.width)
-    whole = told & (part < _WHOLE)
+    whole = told & (part <= max(_WHOLE, float(np.median(part[told])) if told.any() else 0.0))
     shares = Shares(*np.zeros((5, count)))
     spreads, misfits, tie = np.ones((2, count)), np.zeros((2, count, 2)), 0.5
     flat = drawn.strips.reshape(count, -1)
     rest = flat - state[:, None] * drawn.own.reshape(count, -1)
     inverse: FloatArray = np.eye(flat.shape[1])
+    by_change = drawn.old & (view.change is not None)
+    if not view.is_heights:
+        told &= ~drawn.old | by_change
     for rows, over in ((~drawn.old, None), (drawn.old, drawn.over)):
         if not rows.any():
             continue
@@ -372,7 +431,9 @@ def _judge(
         without = bare.strips if len(bare.strips) else flat[told & rows & ~drawn.looks_full]
         doubt = drawn.model.doubt_across(0 if over is None else 1, ACROSS)
         strip_noise = StripNoise.of(rest[good], without, drawn.own[rows], doubt)
-        inverse = strip_noise.inverse if over is None or drawn.old.all() else inverse
+        if over is None or drawn.old.all():
+            left = beside_line(rest[good], drawn.own[good])
+            inverse = StripNoise.of(left, without, drawn.own[rows], doubt).inverse
         found = measured(drawn.strips[rows], drawn.own[rows], strip_noise, lost[rows])
         if not is_known and not _is_told(drawn, strip_noise, told & rows):
             told = told & ~rows
@@ -391,11 +452,53 @@ def _judge(
             1.0 + (shares.share - 1.0) / dim, usual, log, good, ways.run, bare, own, strip_noise
         )
         spreads[:, rows], misfits[:, rows] = each[:, None] * dim[rows], both[:, None]
-    noise = Noise(spreads[0], spreads[1], tie, misfits[0], misfits[1])
     misfit = np.log(np.maximum(shares.misfit, 1e-9))
+    shaded = np.ones(2)
+    if by_change.any():
+        told, shaded = _by_change(
+            view, image, drawn, state, lost, told, by_change, shares, spreads, misfit, misfits
+        )
+    shaded = np.where(by_change[:, None], shaded, np.column_stack([np.zeros(count), spreads[1]]))
+    noise = Noise(spreads[0], spreads[1], tie, misfits[0], misfits[1], shaded)
     known = np.where(told, shares.share, np.nan)
     states = posterior(known, misfit, noise, ways.run, ways.step)
     return told, shares, noise, misfit, states, inverse
+
+
+def _by_change(
+    view: View,
+    image: FloatImage,
+    drawn: Drawn,
+    state: FloatArray,
+    lost: BoolArray,
+    told: BoolArray,
+    rows: BoolArray,
+    shares: Shares,
+    spreads: FloatArray,
+    misfit: FloatArray,
+    misfits: FloatArray,
+) -> tuple[BoolArray, FloatArray]:
+    ways = drawn.ways
+    changed = np.ascontiguousarray(image[:, :, view.inkless :])
+    bare, beside = (
+        BareStrips.laid(
+            changed, drawn.passes, drawn.pieces.kind, view.lost, drawn.seen, ways,
+            np.arange(len(ways)), None, near,
+        ).strips
+        for near in (False, True)
+    )  # fmt: skip
+    strips = strips_of(changed, drawn.seen, ways)
+    found = change_of(
+        strips[rows], drawn.own[rows][:, :, view.inkless :], lost[rows], bare, beside,
+        (told & (state > 0.5))[rows], ways.run[rows]
+    )
+    if found is None:
+        return told & ~rows, np.ones(2)
+    shares.share[rows] = found.share
+    spreads[:, rows] = np.array([found.full, found.bare])[:, None]
+    misfit[rows] = found.misfit
+    misfits[0, rows], misfits[1, rows] = found.misfit_full, found.misfit_bare
+    return told, np.array(found.shaded)
 
 
 def _two_groups(ways: Ways) -> IntArray:

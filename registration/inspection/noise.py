@@ -18,6 +18,8 @@ _BARE: Final = 2000
 """Strips laid across unwritten ground."""
 _FEWEST_PX: Final = 200
 """Pixels where one has room."""
+_BESIDE: Final = (0.9, 1.4)
+"""Widths from a line's middle, between which lies what its shade and slopes change."""
 _LEAST: Final = 0.02
 """Least spread of shares of full lines."""
 _RESIDUE: Final = 0.08
@@ -41,6 +43,8 @@ class Noise:
         Correlation of neighbouring places.
     misfit_full, misfit_bare : (n, 2) float64
         Usual logarithm of a misfit, and its spread.
+    shaded : (n, 2) float64
+        Where shares of bare places beside ink lie, that its shade changes, and their spread.
     """
 
     full: FloatArray
@@ -48,6 +52,13 @@ class Noise:
     tie: float
     misfit_full: FloatArray
     misfit_bare: FloatArray
+    shaded: FloatArray
+
+    @property
+    def full_is_told(self) -> BoolArray:
+        """Whether full places stand apart from bare ones beside ink, (n,)."""
+        spread = np.hypot(self.full, self.shaded[:, 1])
+        return np.asarray(1.0 - self.shaded[:, 0] > _SURE * spread)
 
 
 @dataclass(frozen=True)
@@ -74,17 +85,21 @@ class BareStrips:
         ways: Ways,
         rows: IntArray,
         over: FloatImage | None,
+        beside: bool = False,
     ) -> BareStrips:
         """Lay them where no fresh line is near, on older ink where ``over`` tells of it."""
         nothing = BareStrips(np.zeros((0, len(ACROSS) * rest.shape[2])), np.zeros(0, np.int64))
         clear = (passes.near[:, :, 0] > REACH) & ~lost
         clear &= (passes.near[:, :, 1] > REACH) if over is None else (over > 0.5)
+        if beside:
+            away = passes.near[:, :, 0]
+            clear = (away > _BESIDE[0]) & (away < _BESIDE[1]) & ~lost
         framed = cv2.copyMakeBorder(
             clear.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0
         )
         room = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
         half = float(np.median(np.linalg.norm(seen.across, axis=1) * ways.width))
-        y, x = np.nonzero(room > (half if over is None else 0.5 * half))
+        y, x = np.nonzero(clear if beside else room > (half if over is None else 0.5 * half))
         if len(y) < _FEWEST_PX or not len(rows):
             return nothing
         rng = np.random.default_rng(26)

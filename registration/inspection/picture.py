@@ -27,7 +27,7 @@ _FLOOR: Final = 0.02
 """Of the highest value, added before the logarithm: dark noise mustn't count for contrast."""
 _PILED: Final = 3e-5
 """Of the pixels with the highest value: the sensor was saturated."""
-MOST_PX: Final = 2.5
+MOST_PX: Final = 8.0
 """A camera that moved by more was touched: its picture before isn't used."""
 _NEAR: Final = (3.0, 1.4)
 """Widths around fresh lines that aren't ground: their shade moved a camera that stood still by
@@ -67,7 +67,7 @@ class View:
     is_log : bool
         Whether values are logarithms of brightness.
     is_heights : bool
-        Whether values are heights over the layer's middle, in thicknesses.
+        Whether values are what stands over the floor, of the layer (`rise`).
     moved_px : float
         By how many pixels of the picture the camera moved since the one before; NaN without one.
     """
@@ -120,11 +120,12 @@ def view_of(
     ways: Ways,
     gap_mm: float,
     hidden: Outlines | BoolArray,
-    thickness_mm: float | None = None,
+    unknown: BoolArray | None = None,
 ) -> tuple[View, ViewFrame]:
     """Crop and bin a picture so that a line is some nine pixels wide.
 
-    With a ``thickness_mm`` the second of two channels is taken: heights, mm.
+    Of two channels of a float picture the first is taken. With ``unknown`` (h, w) pixels, of which
+    nothing is known, the picture is one of `rise`.
 
     Raises
     ------
@@ -143,12 +144,12 @@ def view_of(
     x0, y0, x1, y1 = _box(picture, seen)
     part = picture[y0:y1, x0:x1]
     unmeasured = unmeasured_pixels(part)
-    if thickness_mm is not None:
-        part = np.clip(_heights(part, thickness_mm), LOWEST, HIGHEST)
-    elif np.issubdtype(part.dtype, np.floating) and part.ndim == 3:
+    if np.issubdtype(part.dtype, np.floating) and part.ndim == 3:
         part = part[:, :, :1]
     now, bad = _binned(measured_alone(part, unmeasured), scale)
     cover = 255 * unmeasured.astype(np.uint8)
+    if unknown is not None:
+        cover[unknown[y0:y1, x0:x1]] = 255
     if isinstance(hidden, np.ndarray):
         cover[hidden[y0:y1, x0:x1]] = 255
     else:
@@ -158,7 +159,7 @@ def view_of(
     is_float = np.issubdtype(picture.dtype, np.floating)
     view = View(
         now, None, lost | bad, (x0, y0), scale, seen.px_per_mm / scale, not is_float,
-        thickness_mm is not None,
+        unknown is not None,
     )  # fmt: skip
     return view, ViewFrame(frame, (x0, y0), scale)
 
@@ -207,10 +208,10 @@ def with_before(
     earlier, bad = _binned(old, view.scale, floor)
     ground = _ground(view, frame, lines, written) & ~lost & ~bad
     move = _camera_move(view.now, earlier, ground)
-    moved_px = _most_px(move, view.shape) * view.scale
-    if moved_px > MOST_PX and stood_still is not None and stood_still():
+    moved_px = math.nan if move is None else _most_px(move, view.shape) * view.scale
+    if not moved_px <= MOST_PX and stood_still is not None and stood_still():
         move, moved_px = np.eye(2, 3), 0.0
-    if moved_px > MOST_PX:
+    if move is None or moved_px > MOST_PX:
         return replace(view, moved_px=moved_px)
     earlier, bad = _binned(_moved(old, _of_picture(move, view.scale)), view.scale, floor)
     near = cv2.dilate((lost | bad).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
@@ -240,15 +241,6 @@ def drawn_lines(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> M
         pieces: Sequence[NDArray[np.int32]] = list(fixed[good & (thick == each)])
         cv2.polylines(out, pieces, False, 1, int(each), cv2.LINE_8, _SHIFT)
     return out
-
-
-def _heights(part: Image, thickness_mm: float) -> Image:
-    if part.ndim != 3 or part.shape[2] != 2 or not thickness_mm > 0:
-        raise PictureError(
-            f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
-            "goes with a picture of `height_map` alone"
-        )
-    return part[:, :, 1] / np.float32(thickness_mm)
 
 
 def _box(picture: Image, seen: Seen) -> tuple[int, int, int, int]:
@@ -317,21 +309,21 @@ def _ground(view: View, frame: ViewFrame, lines: ExpectedLines, written: BoolArr
     return ground
 
 
-def _camera_move(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> FloatArray:
-    """Affine map (2, 3) of pixels to those of an earlier picture, by what the ground shows.
+def _camera_move(now: FloatImage, earlier: FloatImage, ground: BoolArray) -> FloatArray | None:
+    """Euclidean map (2, 3) of pixels to those of an earlier picture, by what the ground shows.
 
     By the enhanced correlation coefficient (Evangelidis and Psarakis 2008, IEEE PAMI 30, 1858). A
     ground that shows nothing to hold on to leaves the map at rest.
     """
     still = np.eye(2, 3)
     if ground.sum() < _ENOUGH / 10:
-        return still
+        return None
     both = [_texture(one, ground) for one in (now, earlier)]
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-5)
     mask = ground.astype(np.uint8)
     try:
         found, move = cv2.findTransformECC(
-            both[0], both[1], still.astype(np.float32), cv2.MOTION_AFFINE, stop, mask, _BLUR_PX
+            both[0], both[1], still.astype(np.float32), cv2.MOTION_EUCLIDEAN, stop, mask, _BLUR_PX
         )
     except cv2.error:  # nothing to hold on to
         return still

@@ -23,16 +23,19 @@ from scipy.special import logit
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.blobs import find_blobs
-from registration.inspection.chain import BARE, HIDDEN, PRIOR_BARE, expected_ink
+from registration.inspection.chain import BARE, FULL, HIDDEN, PRIOR_BARE, expected_ink
 from registration.inspection.findings import LayerFindings
 from registration.inspection.gaps import gaps_of
+from registration.inspection.ink_model import NODES, InkModel
 from registration.inspection.learn import Learned, learned
-from registration.inspection.line_width import Widths, station_widths, usual_ratio
+from registration.inspection.line_width import UsualWidth, Widths, station_widths, usual_ratio
 from registration.inspection.lumens import see_lumens
 from registration.inspection.options import SeeingOptions
 from registration.inspection.passes import REACH
 from registration.inspection.picture import Mask, Outlines, drawn_lines, view_of, with_before
 from registration.inspection.plane_map import PlaneMap
+from registration.inspection.rise import risen
+from registration.inspection.shares import ACROSS, StripNoise, measured
 from registration.inspection.stations import Grouping
 from registration.inspection.stretches import find_stretches, width_ratio
 from registration.inspection.values import (
@@ -55,6 +58,10 @@ _TELLS: Final = 3.0
 """Natural logarithm of odds by which a look must move what was believed of a place before it."""
 _DOUBT: Final = (0.02, 0.5)
 """Probabilities of "bare" between which a place counts as not seen."""
+_STRANGE: Final = 3.0
+"""Spreads of its misfit, from which on a place doesn't look like ink that the model knows."""
+_SURELY_FULL: Final = 0.9
+"""Probability from which on a place over older ink counts as full."""
 _ALONE: Final = 1.25
 """Widths from middle to middle, from which on two lines have edges of their own."""
 _END: Final = 0.6
@@ -67,6 +74,11 @@ _CLEAR: Final = 0.9
 """Widths from a line's middle, from which on there should be bath alone."""
 _PART_SHOWN: Final = 0.25
 """Of a station's strips that show a sample, for their mean to be taken."""
+_TRIMS: Final = 4
+_APART: Final = 3.0
+"""Spreads from the median, from which on a station's ink isn't that of the others."""
+_LEAST_SPREAD: Final = 0.02
+"""Of shares of ink of stations whose lines touch."""
 _PART: Final = 0.7
 """Of a station, free on both sides, for its width to be told."""
 
@@ -120,12 +132,15 @@ def see_layer(
     options = options or SeeingOptions()
     check_lines(lines)
     ways = lay_ways(lines, options.gap_mm / _STEPS_IN_GAP)
-    view, own = view_of(picture, frame, ways, options.gap_mm, hidden, thickness_mm)
+    judged, unknown = picture, None
+    if thickness_mm is not None:
+        judged, unknown = risen(picture, frame, lines, thickness_mm, hidden)
+    view, own = view_of(judged, frame, ways, options.gap_mm, hidden, unknown)
     if before is not None:
         late = np.zeros(len(lines), dtype=np.bool_) if since is None else since
         view = with_before(view, own, picture, before, lines, lines.fresh | late, stood_still)
     look = learned(view, own, lines, ways, options, known)
-    return _findings(look, ways, lines, lumens, options, thickness_mm)
+    return _findings(look, ways, lines, lumens, options, thickness_mm, known)
 
 
 def _findings(
@@ -135,18 +150,21 @@ def _findings(
     lumens: Sequence[Lumen],
     options: SeeingOptions,
     thickness_mm: float | None,
+    known: Appearance | None,
 ) -> LayerFindings:
     bare = np.asarray(look.states[:, BARE] > 0.5)
     gaps = gaps_of(look, ways, bare)
     why = _reasons(look, ways, bare)
     seen = why == Unseen.SEEN
+    any_seen = bool(seen.any())
     group = Grouping.of_ways(ways)
-    widths = _widths(look, ways, group, seen)
+    widths = _widths(look, ways, group, seen, known)
     share = np.where(bare, 0.0, expected_ink(look.states, look.shares.share))
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
-    way, seen_mm = ways.step, float(ways.step[seen].sum())
+    seen_mm = float(stations.length_mm[stations.seen].sum())
     told = Told.of(look)
+    appearance = replace(look.appearance(), shapes=widths.usual.shapes)
     return LayerFindings(
         stations=stations,
         gaps=gaps,
@@ -155,12 +173,13 @@ def _findings(
         lumens=told.lumens(look, lumens, lines),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
-        seen_share=seen_mm / float(way.sum()),
-        coverage=float((share * way)[seen].sum()) / seen_mm if seen_mm > 0 else math.nan,
+        u_width_change=widths.usual.u_change,
+        seen_share=seen_mm / float(stations.length_mm.sum()),
+        coverage=float(np.average(share[seen], weights=ways.step[seen])) if any_seen else math.nan,
         shift=look.shift,
         places=max(1, round(seen_mm / options.gap_mm)),
         contrast=_contrast(look),
-        appearance=look.appearance() if seen.any() else None,
+        appearance=appearance if any_seen else None,
         moved_px=look.view.moved_px,
     )
 
@@ -174,17 +193,24 @@ def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     why[moved < _TELLS] = int(Unseen.FAINT)
     why[(moved < _TELLS) & old] = int(Unseen.OLD_INK)
     why[(p > _DOUBT[0]) & (p < _DOUBT[1]) & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
+    unlike = look.misfit > look.noise.misfit_full @ (1.0, _STRANGE)
+    why[unlike & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
+    # How much changed doesn't tell how much ink came, nor what shade changes as much.
+    vague = (state[:, FULL] < _SURELY_FULL) | ~look.noise.full_is_told
+    why[old & (look.view.change is not None) & vague & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
     why[state[:, HIDDEN] > 0.5] = int(Unseen.GLARE)
     inside = look.drawn.seen.inside(look.view.shape, 0.6 * ways.width)
     crossed = look.drawn.crossed
-    why[~look.shown] = int(Unseen.HIDDEN)
     why[crossed & ~look.shown] = int(Unseen.COVERED)
+    why[look.hidden] = int(Unseen.HIDDEN)
     why[~inside] = int(Unseen.OUTSIDE)
     why[bare & look.shown] = int(Unseen.SEEN)
     return why
 
 
-def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widths:
+def _widths(
+    look: Learned, ways: Ways, group: Grouping, seen: BoolArray, known: Appearance | None
+) -> Widths:
     """Widths of stations over the bath with free sides; shares of ink of those that touch."""
     drawn = look.drawn
     beside = _beside(look)
@@ -192,7 +218,8 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     free = full & (beside > _ALONE) & ~drawn.old
     all_ = np.ones(len(ways), dtype=np.bool_)
     told = group.mean(free.astype(np.float64), all_) > _PART
-    area = look.shares.share * (1.0 + look.shares.wider)
+    ink = measured(drawn.strips, drawn.own, StripNoise(look.inverse), look.lost)
+    area = ink.share * (1.0 + ink.wider)
     touching = full & (beside <= _ALONE)
     seam = np.where(
         group.mean(touching.astype(np.float64), all_) > _PART, group.mean(area, touching), np.nan
@@ -203,17 +230,34 @@ def _widths(look: Learned, ways: Ways, group: Grouping, seen: BoolArray) -> Widt
     strips = group.mean(drawn.strips * shown[:, :, None], free)
     strips /= np.where(lost, 1.0, part)[:, :, None]
     own = group.mean(drawn.own, free)
-    usual = (
-        usual_ratio(drawn.model, look.view.is_heights)
-        if told.any() and not look.odd
-        else (1.0, math.inf)
-    )
     if look.odd:
         told = np.zeros_like(told)
+    before = None if known is None else known.shapes
+    usual = UsualWidth(shapes=before)
+    if told.any():
+        model = _of_stations(drawn.model, strips - own, told & ~lost.any(axis=1))
+        usual = usual_ratio(model, look.view.is_heights, before)
     return station_widths(
         strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
         ways.width[group.first], told, look.inverse, usual, seam,
     )  # fmt: skip
+
+
+def _of_stations(model: InkModel, left: FloatArray, use: BoolArray) -> InkModel:
+    """Return profiles of the usual station: what a model leaves (m, u, c) in the median is added.
+
+    Lines of several widths are drawn by one profile between theirs.
+    """
+    if not use.any():
+        return model
+    usual = np.median(left[use], axis=0)
+    half = len(ACROSS) // 2
+    even = 0.5 * (usual[half:] + usual[half::-1])
+    node = np.arange(NODES + 1) * (REACH / NODES)
+    profile = model.profile.copy()
+    for c in range(even.shape[1]):
+        profile[0, 0, :, c] += np.interp(node, ACROSS[half:], even[:, c], right=0.0)
+    return replace(model, profile=profile)
 
 
 def _beside(look: Learned) -> FloatArray:
@@ -233,13 +277,20 @@ def _stretches(stations: Stations, widths: Widths, options: SeeingOptions) -> tu
     seam = stations.seam_share
     if seam is None or not np.isfinite(seam).any():
         return found
-    usual = float(np.nanmedian(seam))
-    spread = 1.4826 * float(np.nanmedian(np.abs(seam - usual)))
+    # Stations that have their ink tell how it scatters: a thin stretch lies apart from them.
+    sound, spread = seam[np.isfinite(seam)], 0.0
+    for _ in range(_TRIMS):
+        off = np.abs(sound - np.median(sound))
+        spread = 1.4826 * float(np.median(off))
+        sound = sound[off <= _APART * max(spread, _LEAST_SPREAD)]
+    seam = seam / float(np.median(sound))
+    random = np.where(np.isfinite(seam), max(spread, _LEAST_SPREAD), np.nan)
     by_seams = replace(
-        widths, width_mm=seam * stations.expected_mm,
-        random_mm=np.where(np.isfinite(seam), max(spread, 0.02), np.nan) * stations.expected_mm,
+        widths,
+        width_mm=seam * stations.expected_mm,
+        random_mm=random * stations.expected_mm,
         common=0.0,
-    )  # fmt: skip
+    )
     touching = replace(stations, width_mm=by_seams.width_mm)
     return found + find_stretches(touching, by_seams, options.width_percent)
 

@@ -53,13 +53,13 @@ class StripNoise:
         size = full.shape[1]
         wide = np.kron(doubt, np.eye(size // len(doubt)))
         rough = _ROUGH**2 * float((own**2).mean()) if own.size else 0.0
-        both = [_covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
+        both = [covariance(one) for one in (full, bare) if len(one) >= _FEWEST]
         if not both:
             return StripNoise(np.eye(size))
         return StripNoise(np.linalg.inv(np.mean(both, axis=0) + rough * np.eye(size) + 0.5 * wide))
 
 
-def _covariance(rests: FloatArray) -> FloatArray:
+def covariance(rests: FloatArray) -> FloatArray:
     """Covariance about 0, shrunk to a multiple of one, outlying strips counting less.
 
     By the oracle approximating shrinkage of Chen et al. (2010, IEEE TSP 58, 5016); neighbouring
@@ -75,7 +75,7 @@ def _covariance(rests: FloatArray) -> FloatArray:
         low = (count + 1.0 - 2.0 / size) * (square - trace**2 / size)
         shrink = max(min(1.0, top / low) if low > 0 else 1.0, _FLOOR)
         cov = (1.0 - shrink) * cov + (shrink * trace / size + _LEAST) * np.eye(size)
-        far = np.einsum("ni,ij,nj->n", rests, np.linalg.inv(cov), rests) / size
+        far = (rests @ np.linalg.inv(cov) * rests).sum(axis=1) / size
         weight = 1.0 / (1.0 + np.maximum(far / max(float(np.median(far)), 1e-9) - 1.0, 0.0) ** 2)
     return cov
 
@@ -150,23 +150,41 @@ def by_seen_samples(
     """
     channels = len(inverse) // lost.shape[1]
     covariance = np.linalg.inv(inverse)
-    patterns, which = np.unique(lost, axis=0, return_inverse=True)
-    for k, pattern in enumerate(patterns):
-        left = np.flatnonzero(np.repeat(~pattern, channels))
+    number = lost @ (1 << np.arange(lost.shape[1]))  # of each pattern, in bits
+    order = np.argsort(number, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
+        left = np.flatnonzero(np.repeat(~lost[rows[0]], channels))
         part = np.zeros_like(covariance)
         part[np.ix_(left, left)] = np.linalg.inv(covariance[np.ix_(left, left)])
-        yield np.flatnonzero(which.ravel() == k), part, len(left)
+        yield rows, part, len(left)
+
+
+def beside_line(rests: FloatArray, own: FloatArray) -> FloatArray:
+    """Return what of rests (n, u c) no share, place or width of the line itself explains.
+
+    A thin stretch of a layer is no noise of its others.
+    """
+    basis = _basis(own)[:, ::2]
+    power = np.einsum("nij,nkj->nik", basis, basis)
+    power += 1e-9 * (1.0 + power.max(initial=0.0)) * np.eye(2)
+    found = np.linalg.solve(power, np.einsum("nij,nj->ni", basis, rests)[:, :, None])
+    return np.asarray(rests - np.einsum("ni,nij->nj", found[:, :, 0], basis))
+
+
+def _basis(own: FloatArray) -> FloatArray:
+    """Return what share, offset and widening change in strips, (n, 3, u c)."""
+    slope = np.gradient(own, ACROSS[1] - ACROSS[0], axis=1)
+    terms = np.stack([own, -slope, -slope * ACROSS[None, :, None]], axis=1)
+    return np.asarray(terms.reshape(len(own), 3, own.shape[1] * own.shape[2]))
 
 
 def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples: int) -> Shares:
     """Fit strips by one inverse covariance, in which so many samples count."""
     n = len(strips)
-    step = ACROSS[1] - ACROSS[0]
-    slope = np.gradient(own, step, axis=1)
-    basis = np.stack([own, -slope, -slope * ACROSS[None, :, None]], axis=1).reshape(n, 3, -1)
+    basis = _basis(own)
     flat = strips.reshape(n, -1)
     weighted = basis @ inverse
-    power = np.einsum("nij,nkj->nik", weighted, basis)
+    power = weighted @ basis.transpose(0, 2, 1)
     score = np.einsum("nij,nj->ni", weighted, flat)
     # What moves and widens ink does so by its share; the designed line is the prior.
     power[:, 1, 1] += _OFF**-2
@@ -175,5 +193,5 @@ def _measured(strips: FloatArray, own: FloatArray, inverse: FloatArray, samples:
     cov = np.linalg.inv(power)
     found = np.einsum("nij,nj->ni", cov, score)
     left = flat - np.einsum("ni,nij->nj", found, basis)
-    misfit = np.einsum("nj,jk,nk->n", left, inverse, left) / samples
+    misfit = (left @ inverse * left).sum(axis=1) / samples
     return Shares(found[:, 0], np.sqrt(cov[:, 0, 0]), found[:, 1], found[:, 2], misfit)

@@ -319,6 +319,24 @@ class Shift:
 
 
 @dataclass(frozen=True)
+class LineShapes:
+    """What looks in the same light told of the shapes that a line's profile may have.
+
+    Attributes
+    ----------
+    misfits : (k,) float64
+        How badly each of `line_width`'s shapes fitted, the mean of all looks.
+    log_ratio : (k,) float64
+        Logarithm of the width over the expected one that the last look told by each.
+    looks : int
+    """
+
+    misfits: FloatArray
+    log_ratio: FloatArray
+    looks: int
+
+
+@dataclass(frozen=True)
 class Appearance:
     """How ink looked: hands a layer's look on to the next one's.
 
@@ -326,6 +344,9 @@ class Appearance:
     ----------
     profile : (3, 5, 16, c) float64
         Of `ink_model.InkModel`, in the picture's own channels: logarithms, or values.
+    shapes : LineShapes or None
+        None where no look told a width.
     """
 
     profile: FloatArray
+    shapes: LineShapes | None = None

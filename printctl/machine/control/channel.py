@@ -39,6 +39,11 @@ class EventHandler(Protocol):
         ...
 
 
+def nothing_compared() -> Steps[None]:
+    """Compare no place."""
+    yield from ()
+
+
 class PrinterReplies:
     """Bytes received from a printer."""
 
@@ -68,10 +73,15 @@ class Channel:
         self.wiring, self.logbook, self.kill = wiring, logbook, kill
         self.heard = PrinterReplies()
         self.on_step: Callable[[], None] | None = None  # in each step of a wait; may raise
+        # compares the place once the printer's count of lines was set back; may end the print
+        self.compare_place: Callable[[], Steps[None]] = nothing_compared
         self.troubles = 0  # events beside answers: what came garbled, late or not at all
         # by axis: the places, mm, that commands between lines led to since the motors were at rest
         self.led: dict[str, list[float]] = {}
         self._awaited, self._recorded = -1, b""  # number and text of the command being waited for
+        self._moving = False  # it leads somewhere
+        self.set_backs = 0  # of the printer's count of lines
+        self._compared = 0  # those of them at which the place was compared
         self._replies: list[wire.CommandReplied] = []
         self._in_step: list[int] = []
 
@@ -144,13 +154,14 @@ class Channel:
 
         Behind M400 the printer has to confirm that it is idle: an ok alone may be another line's.
         """
+        yield from self._compare_where_set_back()
         protocol = self.wiring.protocol
         self.handler.between_commands()
         self._replies.clear()
         self._awaited, self._recorded = protocol.number + 1, text if journalled else b""
         if journalled:
             self.logbook.record_control(self._awaited, text)
-        self._note_way(text)
+        self._moving = self._note_way(text)
         protocol.submit(text, self.now)
         while not self._replies:
             yield from self.pump()
@@ -160,19 +171,35 @@ class Channel:
             self.logbook.progress.stands_still()
             if not self.logbook.progress.dropped:  # else M400 is answered where the motors stopped
                 self.led = {axis: places[-1:] for axis, places in self.led.items()}
+        lines = self._replies[0].lines
+        yield from self._compare_where_set_back()
         self.handler.between_commands()
-        return self._replies[0].lines
+        return lines
 
-    def _note_way(self, text: bytes) -> None:
-        """Note where a command leads to, or what it calls the place."""
-        names = code_of(text) == b"G92"
-        if names or is_motion(text):
+    @property
+    def moving(self) -> bool:
+        """Whether a command that leads somewhere waits for its answer."""
+        return self._moving and not self._replies
+
+    def _compare_where_set_back(self) -> Steps[None]:
+        """Have the place compared before anything else where the count of lines was set back."""
+        if self.set_backs > self._compared:
+            self._compared = self.set_backs
+            yield from self.compare_place()
+
+    def _note_way(self, text: bytes) -> bool:
+        """Note where a command leads to, or what it calls the place; return whether it leads."""
+        names, moves = code_of(text) == b"G92", is_motion(text)
+        placed = False
+        if names or moves:
             for axis, mm in read_sent(text).words.items():
                 if axis in AXES and mm is not None:
                     before = self.led.get(axis, [])
                     if names and before:  # a move that goes on is renamed with the rest
                         before = [place + mm - before[-1] for place in before]
                     self.led[axis] = [*before, mm]
+                    placed = True
+        return moves and placed
 
     def _ask_board(self, journalled: bool) -> Steps[None]:
         """Have the board itself say that it has come to rest, where M400 doesn't reach it."""
@@ -228,6 +255,7 @@ class Channel:
                     self._awaited = event.first + len(event.controls) - 1
                 elif isinstance(event, (wire.FirmwareStarted, wire.FirmwareReset)):
                     self.heard.booted = True
+                self.set_backs += isinstance(event, wire.Renumbered)
                 self.handler.handle(event)
                 if isinstance(event, wire.TokenSent) and event.number == self._awaited:
                     self._yield_number()

@@ -46,6 +46,7 @@ def retreat(run: Print, state: LinkState, message: str) -> Steps[NoReturn]:
     complaints, refused = logbook.complaints, progress.refused
     standstill = yield from _stop_motors(run)
     progress.leaves()
+    set_backs = channel.set_backs
     line_made = progress.refused != refused
     if line_made:
         whose = _OTHERS if progress.about_command else _OWN
@@ -58,8 +59,9 @@ def retreat(run: Print, state: LinkState, message: str) -> Steps[NoReturn]:
     yield from channel.commands(way)
     complaints += yield from _heaters_off(run)
     yield from channel.command(b"M400")
-    # one that has complained may ignore moves and say ok to them
-    missed = (yield from run.position.missed_height(way)) if logbook.complaints else ""
+    # one that has complained may ignore moves and say ok to them; one that was reset made none
+    doubted = logbook.complaints or channel.set_backs > set_backs
+    missed = (yield from run.position.missed_height(way)) if doubted else ""
     known = standstill.read and not standstill.wrong
     known = known and logbook.complaints == complaints and not missed
     if known and (state is LinkState.STOPPED or logbook.disk_full or line_made):

@@ -189,6 +189,13 @@ class PrintEvents:
             "without a word; the count is set back, the position compared"
         )
         self._logbook.alarm(text, kind="renumbered")
+        if self._channel.moving:  # it would go again before anything is compared
+            raise PrintEnded(
+                LinkState.POSITION_UNKNOWN,
+                f"{text}, but a move of the needle was on its way: it wasn't sent again; see where "
+                f"the needle stands; {_WHAT_NEXT}",
+                known=False,
+            )
         self._pause_once(text)
 
     # --- what holds the print --------------------------------------------------------------------

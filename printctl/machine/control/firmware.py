@@ -104,6 +104,8 @@ class FirmwareCheck:
                 f"{self.firmware.name or 'nothing'!r}, the profile expects "
                 f"{printer.firmware}; choose the profile of this printer"
             )
+        # for whoever halts it when this process has died
+        self._logbook.record("firmware", capabilities=self.firmware.capabilities)
         built, wanted = self.firmware.extruders, len(printer.heads)
         if 0 < built < wanted:  # it would push one syringe for all
             raise HandshakeError(

@@ -6,9 +6,11 @@ own time, of which each step event takes 47.5 µs. Measured on bugfix-2.1.x (ATm
 566 steps/s, 0.72 at 2825, 0.84 at 5634, 1.27 at 10,680. With the emergency parser M410 stops the
 motors within a millisecond; moves are then dropped for 1 s, in which M112 isn't looked at. A line
 that was waiting for the planner is let in after that second, and its first step comes 0.1 s later:
-a second M410, sent meanwhile, drops it before. So M410, M410 and M112 at the end: no step after the
-first. Heaters go off with M112. Of two lines in flight the second is let in a second after the
-first and wants an M410 more, or it is made: a line across the part (seen on a real board).
+a second M410, sent meanwhile, drops it before. It may be used up by the first: where M410 arrives
+as the board reads a line and its planner is full, its handler runs twice in a row, and one kill in
+fifteen was followed by a move of 1.6 mm of the plunger. So one M410 more, a second later, and one
+more again for each further line in flight, which is let in a second after the one before it; then
+M112: no step after the first. Heaters go off with M112.
 
 Without emergency parser a line is looked at where the command queue has room, M410 as well as
 M112, but its second would hold M112 up, with heaters on and moves let in: M112 alone.
@@ -23,6 +25,7 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, NoReturn
 
 from firmware_profiles import Printer
@@ -83,14 +86,15 @@ def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting
     if not quickstop or not emergency_parser:
         return Halting((), kill, runs_on_s=unknown_run_on(printer))
     at_once = b"\n%b\n" % quickstop
-    between = ((at_once, 1.0),) * (printer.lines_in_flight - 1)
+    between = ((at_once, 1.0),) * printer.lines_in_flight
     return Halting(((at_once, 0.5), *between, (at_once, 1.3)), kill, True, unknown_run_on(printer))
 
 
 class Kill:
     """Emergency halt of one printer.
 
-    ``asked`` is set once a halt was requested: nothing else is sent from then on. ``awaiting`` is
+    ``asked`` is set once a halt was requested: nothing else is sent from then on, and the transport
+    itself lets nothing else out behind the first byte of the halt. ``awaiting`` is
     called then, by the thread that speaks to the printer, before it waits for the printer's
     confirmation. ``halted_itself``: the firmware had halted itself before a halt was requested.
     ``pulled_reset``: `strike` came to the reset line.
@@ -150,7 +154,7 @@ class Kill:
         if first:  # before it is written: the answer may come before the next line is reached
             self._left_s[what] = clock.now()
         try:
-            self._wiring.transport.write_urgent(data)
+            self._wiring.transport.write_halt(data)
         except PortLost:  # it may be full: the wire's end is found elsewhere
             if first:
                 del self._left_s[what]
@@ -204,7 +208,8 @@ class Kill:
             if not self._sent:
                 limit = exchange.now_s + KILL_WAIT_S
             if self.halted_itself and (question := self._wiring.protocol.take_output()):
-                exchange.effects.append(question)  # why: nothing else is left
+                ask = partial(self._wiring.transport.write_halt, question)
+                exchange.effects.append(ask)  # why: nothing else is left
             try:
                 now, data = yield Wait(math.inf)
             except PortLost:

@@ -117,6 +117,15 @@ def leave(
     return at
 
 
+def compare_away(run: Print) -> Steps[None]:
+    """End the print where the needle isn't where it was led to from the job's place.
+
+    A stop compares by itself, and the job's lines wait for a comparison of theirs.
+    """
+    if run.excursion.going_on and run.logbook.state is not LinkState.STOPPING:
+        yield from run.position.refuse_led_astray(run.excursion.counted)
+
+
 def _top(run: Print, at: Modal, changing: bool) -> float | None:
     """Return the greatest height of the way out of ``at``, mm."""
     if at.z is None:

@@ -171,6 +171,18 @@ class PositionCheck:
         if wrong:
             yield from self.end_astray(f"{wrong}: {MOVED}" if position else wrong)
 
+    def refuse_led_astray(self, counted: bool) -> Steps[None]:
+        """End the print where it doesn't stand where it was led to, or that can't be read.
+
+        Of a printer whose count of lines was set back: one that was reset without a word counts
+        places from 0 as well. ``counted``: see `standing_away`.
+        """
+        standing = yield from self.standing_away(counted)
+        if standing.wrong:
+            yield from self.end_astray(f"{standing.wrong}: {MOVED}")
+        if not standing.read:
+            yield from self.end_astray("its position can't be read (M114)")
+
     def standstill(self) -> Steps[Standstill]:
         """Return where the printer stands after it dropped moves."""
         at, heights = self._progress.modal(), self._progress.heights()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from functools import partial
 from typing import Final
 
 from printctl.machine.control.connecting import RestWait, agree_start, connect
@@ -12,7 +13,13 @@ from printctl.machine.control.gauges import next_due, read_high
 from printctl.machine.control.interruption import StopRequested
 from printctl.machine.control.looking import do_what_is_due
 from printctl.machine.control.others import begin_polling, compare_clients, poll_clients, take_back
-from printctl.machine.control.pausing import pause, reopen_valve, send_manual, want_pause
+from printctl.machine.control.pausing import (
+    compare_away,
+    pause,
+    reopen_valve,
+    send_manual,
+    want_pause,
+)
 from printctl.machine.control.requests import Request, ResumeRequest
 from printctl.machine.control.resuming import find_again
 from printctl.machine.control.steps import Steps, Wait
@@ -51,8 +58,10 @@ def run_print(run: Print, history: JournalledPrint | None) -> Steps[None]:
 def _begin(run: Print, history: JournalledPrint | None) -> Steps[None]:
     """Contact the printer; leave it where the job's next line may go out."""
     logbook = run.logbook
+    run.channel.compare_place = partial(compare_away, run)
     if history is not None:
         logbook.go_on(history)
+        run.channel.kill.learn(history.capabilities)
     logbook.enter(LinkState.CONNECTING, f"opening {run.wiring.transport.name}")
     if history is None:
         yield from _start(run)

@@ -105,6 +105,8 @@ def _rejoin(run: Print, at: Modal, park: Park | None, done: int) -> Steps[None]:
     if park is not None and (yield from is_parked(run, at, park)):
         yield from lead_needle(run, at, park, back=True)
     # a pause may have lifted and relieved
-    yield from run.position.verify(replace(at, z=None, e=None))
+    xy = replace(at, z=None, e=None)
+    yield from run.position.verify(xy)
+    run.channel.led = {axis.upper(): [mm] for axis, mm in xy.place().items()}
     _confirm_count(run, done)
     yield from lower(run, at)

@@ -73,7 +73,8 @@ class SerialTransport:
     stolen: int = 0
 
     def __init__(self, name: str, baud: int, dtr: bool = True, rts: bool = True) -> None:
-        self.name, self._closing = name, threading.Lock()
+        self.name = name
+        self._out, self._halting = threading.Lock(), False
         try:
             self._serial = serial.Serial(
                 None, baud, timeout=0, write_timeout=WRITE_LIMIT_S, exclusive=True
@@ -136,43 +137,56 @@ class SerialTransport:
     def _lost(self, exc: Exception) -> PortLost:
         return PortLost(f"port {self.name} went away: {exc}")
 
-    def write(self, data: bytes) -> None:
-        """Write all of ``data``, or raise `PortLost` within `WRITE_LIMIT_S`."""
-        try:
-            if self._fd < 0:
-                self._serial.write(data)
-                return
-            sent = os.write(self._fd, data)
-            if sent < len(data):
-                self._write_rest(data[sent:])
-        except BlockingIOError:
-            self._write_rest(data)
-        except (OSError, TypeError, ValueError) as exc:
-            raise self._lost(exc) from exc
-
-    def _write_rest(self, data: bytes) -> None:
-        limit = time.monotonic() + WRITE_LIMIT_S
-        while data:
+    def write(self, data: bytes) -> bool:
+        """Write all of ``data``, or raise `PortLost` within `WRITE_LIMIT_S`; see `Transport`."""
+        left = self._send(data)
+        limit = time.monotonic() + WRITE_LIMIT_S if left else 0.0
+        while left:
             if not self._writable.poll(max(0.0, limit - time.monotonic()) * 1000.0):
                 raise PortLost(
                     f"port {self.name} took no byte for {WRITE_LIMIT_S:g} s; check the cable"
                 )
-            try:
-                data = data[os.write(self._fd, data) :]
-            except BlockingIOError:
-                continue
-            except OSError as exc:
-                raise self._lost(exc) from exc
+            left = self._send(left)
+        return left is not None
 
-    def write_urgent(self, data: bytes) -> None:
-        """Drop what hasn't left yet and write ``data`` at once, from any thread."""
-        try:
-            with self._closing:  # the number of a closed descriptor may be another file's
-                self._serial.reset_output_buffer()
+    def _send(self, data: bytes) -> bytes | None:
+        """Write what the port takes now; return the rest, None once a halt has begun."""
+        with self._out:
+            if self._halting:
+                return None
+            try:
                 if self._fd < 0:
                     self._serial.write(data)
-                else:
-                    os.write(self._fd, data)
+                    return b""
+                return data[os.write(self._fd, data) :]
+            except BlockingIOError:
+                return data
+            except (OSError, TypeError, ValueError) as exc:
+                raise self._lost(exc) from exc
+
+    def write_urgent(self, data: bytes) -> bool:
+        """Drop what hasn't left yet and write ``data`` at once; False as for `write`."""
+        with self._out:
+            if not self._halting:
+                self._overtake(data)
+            return not self._halting
+
+    def write_halt(self, data: bytes) -> None:
+        """Drop what hasn't left yet, write ``data`` at once, take nothing else; any thread."""
+        self._halting = True
+        if self._fd < 0:
+            with suppress(OSError):  # there a write may wait, and holds the lock meanwhile
+                self._serial.reset_output_buffer()
+        with self._out:
+            self._overtake(data)
+
+    def _overtake(self, data: bytes) -> None:
+        try:
+            self._serial.reset_output_buffer()
+            if self._fd < 0:
+                self._serial.write(data)
+            else:
+                os.write(self._fd, data)
         except (OSError, TypeError, ValueError) as exc:
             raise self._lost(exc) from exc
 
@@ -203,7 +217,7 @@ class SerialTransport:
 
     def close(self) -> None:
         """Let go of the port; closing twice does no harm."""
-        with self._closing:
+        with self._out:  # the number of a closed descriptor may be another file's
             if self._serial.is_open:
                 self._keep_others_out(False)
             self._serial.close()

@@ -46,9 +46,10 @@ _ANSWER: Final = re.compile(
 class Transport(Protocol):
     """Connection to a printer that carries bytes; users know it by ``name``.
 
-    One thread reads and writes; `write_urgent` and `reset` may be called by another at any
-    moment, and neither waits for the first. After ``quiet_s`` of silence no reply is under way:
-    longer than the wire's latency.
+    One thread reads and writes; `write_halt` and `reset` may be called by another at any moment,
+    and neither waits for the first. Behind `write_halt` no byte leaves but those of another one,
+    until the port is opened anew. After ``quiet_s`` of silence no reply is under way: longer than
+    the wire's latency.
     """
 
     name: str
@@ -63,16 +64,23 @@ class Transport(Protocol):
         """Find the other programs that have the port open; some 10 ms."""
         ...
 
-    def write(self, data: bytes) -> None:
-        """Write all of ``data``, or raise `PortLost` within the transport's time limit."""
+    def write(self, data: bytes) -> bool:
+        """Write all of ``data``, or raise `PortLost` within the transport's time limit.
+
+        Return False where `write_halt` came first: what hadn't left is dropped.
+        """
         ...
 
     def read(self, timeout: float) -> bytes:
         """Give what has come, waiting at most ``timeout`` s for it; empty for nothing."""
         ...
 
-    def write_urgent(self, data: bytes) -> None:
-        """Drop what hasn't left yet and write ``data`` at once, from any thread."""
+    def write_urgent(self, data: bytes) -> bool:
+        """Drop what hasn't left yet and write ``data`` at once; False as for `write`."""
+        ...
+
+    def write_halt(self, data: bytes) -> None:
+        """Drop what hasn't left yet, write ``data`` at once, take nothing else; any thread."""
         ...
 
     def reset(self) -> bool:
@@ -108,8 +116,7 @@ class TcpTransport:
             ) from exc
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setblocking(False)
-        self._lock = threading.Lock()
-        self._urgent_writes = 0
+        self._out, self._halting = threading.Lock(), False
 
     def programs(self) -> PortPrograms:
         """Return none: no program reads another's connection."""
@@ -128,29 +135,31 @@ class TcpTransport:
             raise PortLost(f"connection {self.name} was closed by the printer")
         return data or b""
 
-    def write(self, data: bytes) -> None:
-        """Write all of ``data``, or raise `PortLost` within `WRITE_LIMIT_S`.
-
-        What hasn't left when `write_urgent` comes is dropped.
-        """
-        limit, before = time.monotonic() + WRITE_LIMIT_S, self._urgent_writes
+    def write(self, data: bytes) -> bool:
+        """Write all of ``data``, or raise `PortLost` within `WRITE_LIMIT_S`; see `Transport`."""
+        limit = time.monotonic() + WRITE_LIMIT_S
         while data:
-            with self._lock:
-                if self._urgent_writes != before:
-                    return
+            with self._out:
+                if self._halting:
+                    return False
                 data = self._send(data)
             if data:
                 self._await_room(limit, WRITE_LIMIT_S)
+        return True
 
-    def write_urgent(self, data: bytes) -> None:
-        """Write all of ``data`` before anything else, from any thread; see `write`.
+    def write_urgent(self, data: bytes) -> bool:
+        """Write all of ``data``: of what was written before TCP has taken all."""
+        return self.write(data)
+
+    def write_halt(self, data: bytes) -> None:
+        """Write all of ``data`` before anything else, from any thread; see `Transport`.
 
         What TCP has already taken goes before it. Raises `PortLost` where the connection stays full
         for `URGENT_LIMIT_S`.
         """
         limit = time.monotonic() + URGENT_LIMIT_S
-        with self._lock:  # held by `write` for a moment only
-            self._urgent_writes += 1
+        with self._out:  # held by `write` for a moment only
+            self._halting = True
             while data := self._send(data):
                 self._await_room(limit, URGENT_LIMIT_S)
 

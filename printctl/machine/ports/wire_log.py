@@ -113,10 +113,10 @@ class LoggedTransport:
         """Find the other programs that have the port open."""
         return self._transport.programs()
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> bool:
         """Write all of ``data``, or raise `PortLost` within the transport's time limit."""
         self._note(">", data)
-        self._write(data)
+        return self._write(data) or self._withheld()
 
     def read(self, timeout: float) -> bytes:
         """Give what has come, waiting at most ``timeout`` s for it; empty for nothing."""
@@ -125,10 +125,19 @@ class LoggedTransport:
             self._note("<", data)
         return data
 
-    def write_urgent(self, data: bytes) -> None:
-        """Drop what hasn't left yet and write ``data`` at once, from any thread."""
-        self._transport.write_urgent(data)
+    def write_urgent(self, data: bytes) -> bool:
+        """Drop what hasn't left yet and write ``data`` at once."""
+        self._note("!", data)
+        return self._transport.write_urgent(data) or self._withheld()
+
+    def write_halt(self, data: bytes) -> None:
+        """Drop what hasn't left yet, write ``data`` at once, take nothing else; any thread."""
+        self._transport.write_halt(data)
         self._log.add("!", data)
+
+    def _withheld(self) -> bool:
+        self._note("!", b"(a halt has begun: the bytes before this didn't leave, or not wholly)")
+        return False
 
     def reset(self) -> bool:
         """Pulse the reset line; False where there is none."""

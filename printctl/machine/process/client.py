@@ -562,8 +562,19 @@ class Station(Client):
             time.sleep(0.02)
 
     def kill(self) -> None:
-        """Halt the firmware past all queues, from any state and thread; nothing can block it."""
-        self._ask("kill", SOON_S)
+        """Halt the firmware past all queues, from any state and thread; nothing can block it.
+
+        Where the station's process has died, its port is opened and the halt written to it:
+        LinkError when that can't be done, or isn't confirmed. `NoLink` where it was closed.
+        """
+        if self.request("kill", SOON_S) is not None:
+            return
+        if stays_alive(self.folder, STATION_LOCK):
+            raise self._silent()
+        # The link itself: slow to import.
+        from printctl.machine.process.kill_unlinked import kill_unlinked_station
+
+        kill_unlinked_station(self.folder)
 
     def stop_motion(self) -> StationStatus:
         """End a move by hand after at most half a second of it; the position stays known.
@@ -659,10 +670,19 @@ class Station(Client):
         return StationStatus.from_dict(self._ask(do, patience_s, **values)["status"])
 
     def _ask(self, do: str, patience_s: float, **values: Any) -> Message:
+        lived = self._alive()
         answer = self.request(do, patience_s, **values)
-        if answer is None:
-            raise self._silent() if self._alive() else NoLink(NO_PRINTER)
-        return answer
+        if answer is not None:
+            return answer
+        if stays_alive(self.folder, STATION_LOCK):
+            raise self._silent()
+        if lived and last_word(self.folder).state is not StationState.CLOSED:
+            raise LinkError(
+                f"the station's process ended before it had answered ({do}): what moves may move "
+                "on, and heaters stay on; `printctl station kill` halts the printer, its power "
+                "ends both"
+            )
+        raise NoLink(NO_PRINTER)
 
 
 def attach_station(folder: Path) -> Station:

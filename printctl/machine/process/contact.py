@@ -136,7 +136,7 @@ def last_word(folder: Path) -> StationStatus:
         return last
     state: StationState = last.state
     message, error = "", "LinkError"
-    for kept in _states_since(folder / STATION_JOURNAL, record.started):
+    for kept in records_since(folder / STATION_JOURNAL, "state", record.started):
         state, message = StationState(kept["state"]), str(kept.get("message"))
     if state not in _DOWN:
         state, message = last.state, ""
@@ -160,6 +160,11 @@ def _remedy(state: StationState, last: StationStatus) -> str:
             "the halt may not have left, or not wholly: motors and heaters may still be on; cut "
             "the printer's power where that isn't certain, then connect again"
         )
+    if state is StationState.BUSY:
+        return (
+            "what moves may move on, and heaters stay on: `printctl station kill` halts the "
+            "printer; then connect again"
+        )
     return "connect again"
 
 
@@ -175,11 +180,11 @@ def without_place(last: StationStatus) -> StationStatus:
     )
 
 
-def _states_since(journal: Path, started: float) -> Iterator[dict[str, Any]]:
-    """Yield a station's records of its state; earlier ones are of others."""
+def records_since(journal: Path, sort: str, started: float) -> Iterator[dict[str, Any]]:
+    """Yield a station's records of one sort; earlier ones are of others."""
     with contextlib.suppress(OSError):
         for record in read_records(journal):
-            if record and record.get("t") == "state" and record.get("at", 0.0) >= started:
+            if record and record.get("t") == sort and record.get("at", 0.0) >= started:
                 yield record
 
 

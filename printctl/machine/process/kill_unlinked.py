@@ -1,4 +1,4 @@
-"""Emergency halt of a printer whose print has no link process any more."""
+"""Emergency halt of a printer whose print, or station, has no process any more."""
 
 from __future__ import annotations
 
@@ -13,14 +13,26 @@ from firmware_profiles.families import link_protocol as said
 from printctl.machine.control.connecting import protocol_for
 from printctl.machine.control.halting import UNCONFIRMED, Kill
 from printctl.machine.control.shell import drive
+from printctl.machine.control.station_status import NO_PRINTER, StationState
 from printctl.machine.control.wiring import Wiring
-from printctl.machine.errors import JournalError, LinkError, PortError
+from printctl.machine.errors import JournalError, LinkError, NoLink, PortError
 from printctl.machine.ports.clock import RealClock
-from printctl.machine.ports.transport import open_port
-from printctl.machine.process.contact import hold_folder
+from printctl.machine.ports.detection import SIMULATED
+from printctl.machine.ports.transport import locate, open_port
+from printctl.machine.process.contact import (
+    STATION_JOURNAL,
+    STATION_LOCK,
+    hold_folder,
+    last_word,
+    load_station,
+    records_since,
+    save_station,
+    without_place,
+)
 from printctl.machine.process.outcome import read_outcome
 from printctl.machine.records.journal import Journal
-from printctl.machine.records.record import JOURNAL, load_record
+from printctl.machine.records.record import JOURNAL, ContactRecord, load_record
+from printctl.machine.records.replay import read_journal_if_any
 from printctl.machine.records.states import LinkState, PrintEnded, Status
 
 
@@ -33,49 +45,100 @@ def kill_unlinked(folder: Path) -> Status:
         When the port can't be used, or the printer doesn't confirm.
     """
     record = load_record(folder)
-    printer = load(Printer, record.profile)
-    with hold_folder(folder):
+    with hold_folder(folder), closing(_journal(folder / JOURNAL)) as journal:
         before = read_outcome(folder)
-        try:
-            transport = open_port(record.port, printer, record.baud)
-        except PortError as exc:
-            raise LinkError(f"not halted, cut the printer's power: {exc}") from exc
-        with closing(transport), closing(_journal(folder)) as journal:
-            protocol = protocol_for(printer, transport.quiet_s)
-            message = _halt(Wiring(transport, protocol, RealClock(), journal, printer))
-            if UNCONFIRMED in message:
-                with suppress(JournalError):
-                    journal.add("alarm", text=message)
-                raise LinkError(message)
-            message += f"; before, the print was {before.state.value}"
-            status = replace(
-                before, state=LinkState.KILLED, message=message, position_known=False, error=""
+        message = _halt_at(record, read_journal_if_any(folder / JOURNAL).capabilities, journal)
+        message += f"; before, the print was {before.state.value}"
+        status = replace(
+            before, state=LinkState.KILLED, message=message, position_known=False, error=""
+        )
+        with suppress(JournalError):  # of a full disk: the printer is halted all the same
+            journal.add(
+                "end",
+                state=status.state,
+                message=message,
+                done=status.lines_done,
+                error="",
+                position_known=False,
             )
-            with suppress(JournalError):  # of a full disk: the printer is halted all the same
-                journal.add(
-                    "end",
-                    state=status.state,
-                    message=message,
-                    done=status.lines_done,
-                    error="",
-                    position_known=False,
-                )
         with suppress(OSError):
             replace(record, address="", token="", status=status.to_dict()).save(folder)
     return status
 
 
-def _journal(folder: Path) -> Journal:
-    """Return the print's journal; a full or damaged disk doesn't keep the halt from going out."""
+def kill_unlinked_station(folder: Path) -> None:
+    """Open the port of the station in ``folder`` and halt its firmware; write that down.
+
+    Raises
+    ------
+    NoLink
+        When it was closed in order, or its printer is a simulated one.
+    LinkError
+        As `kill_unlinked`.
+    """
+    with hold_folder(folder, STATION_LOCK, "a printer is connected"):
+        record, last = load_station(folder), last_word(folder)
+        if last.state is StationState.CLOSED or record.port == SIMULATED:
+            raise NoLink(NO_PRINTER)
+        path = folder / STATION_JOURNAL
+        if last.print_folder and _broke_off(Path(last.print_folder)):
+            message = kill_unlinked(Path(last.print_folder)).message
+        else:
+            told = [one["capabilities"] for one in records_since(path, "firmware", record.started)]
+            with closing(_journal(path)) as journal:
+                message = _halt_at(record, told[-1] if told else {}, journal)
+                with suppress(JournalError):
+                    journal.add("state", state=StationState.LOST, message=message)
+        message += "; see to the printer, then connect again"
+        status = without_place(replace(last, state=StationState.LOST, message=message))
+        save_station(replace(record, address="", token="", status=status.to_dict()), folder)
+
+
+def _broke_off(folder: Path) -> bool:
+    """Whether the print in ``folder`` is one whose process ended without a word."""
     try:
-        return Journal(folder / JOURNAL)
+        return read_outcome(folder).state is LinkState.INTERRUPTED
+    except NoLink:
+        return False
+
+
+def _halt_at(record: ContactRecord, capabilities: dict[str, bool], journal: Journal) -> str:
+    """Halt the firmware at a record's port; return what came of it, in words.
+
+    LinkError when the port can't be used, or the printer doesn't confirm.
+    """
+    printer = load(Printer, record.profile)
+    try:
+        place = locate(record.port, record.baud, printer)
+        transport = open_port(place.port, printer, place.baud)
+    except PortError as exc:
+        raise LinkError(f"not halted, cut the printer's power: {exc}") from exc
+    with closing(transport):
+        protocol = protocol_for(printer, transport.quiet_s)
+        wiring = Wiring(transport, protocol, RealClock(), journal, printer)
+        message = _halt(wiring, capabilities)
+    if UNCONFIRMED in message:
+        with suppress(JournalError):
+            journal.add("alarm", text=message)
+        raise LinkError(message)
+    return message
+
+
+def _journal(path: Path) -> Journal:
+    """Return the journal there; a full or damaged disk doesn't keep the halt from going out."""
+    try:
+        return Journal(path)
     except JournalError:
         return Journal(Path(os.devnull))
 
 
-def _halt(wiring: Wiring) -> str:
-    """Halt the firmware; return what came of it, in words."""
+def _halt(wiring: Wiring, capabilities: dict[str, bool]) -> str:
+    """Halt the firmware; return what came of it, in words.
+
+    ``capabilities``: as the firmware has reported them; without, the profile's count.
+    """
     kill = Kill(wiring)
+    kill.learn(capabilities)
 
     def hear(data: bytes, now: float) -> None:
         for event in wiring.protocol.feed(data, now):

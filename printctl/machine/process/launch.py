@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,8 @@ from printctl.machine.process.contact import has_ended
 from printctl.sources import python_command
 
 START_LIMIT_S: Final = 60.0
+_FULL_BYTES: Final = 4096
+"""A disk with less free, a block, takes no line of a log."""
 Found = TypeVar("Found")
 
 
@@ -79,10 +82,17 @@ def await_process(
         if found is not None:
             return found
         if over:
-            lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
-            raise LinkError(f"the {name} ended at once: {lines[-1] if lines else 'no word'}")
+            raise LinkError(f"the {name} ended at once: {_last_words(log)}")
         time.sleep(0.02)
     raise NoLink(f"the {name} didn't come up within {limit_s:g} s; see {log}")
+
+
+def _last_words(log: Path) -> str:
+    """Return what a process said last, in its log; on a full disk it could say nothing."""
+    if shutil.disk_usage(log.parent).free < _FULL_BYTES:
+        return f"the disk of {log.parent} is full; free space on it, then try again"
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    return lines[-1] if lines else "no word"
 
 
 def detach(log: Path, module: str) -> None:

@@ -164,7 +164,7 @@ class Machine:
             transport = self.plug.transport
             if self.state in DOWN and transport is not None:
                 with contextlib.suppress(PortLost):
-                    transport.write_urgent(_HALT)
+                    transport.write_halt(_HALT)
             while self._speaker is speaker and (self.switching or self._print_has_ended):
                 time.sleep(0.005)
             if self._speaker is speaker or self.closing:

@@ -34,6 +34,7 @@ insert     ``look``, ``after``, ``lines``, ``sha256``, ``why``: lines that follo
            ``flow``: what the job's moves that write push behind them, over what the file says;
            ``reload_at``, ``reload_heads``: where the changes of syringe are due in the grown job
 looked     ``look``, ``done``, ``decision``, ``why``, ``by``: a look was decided
+firmware   ``capabilities``, by name, as the firmware has reported them (M115)
 settings   ``told``: commands that set the firmware as it was before the job's first line, by code
 frame      ``told``, ``offset``: how the printer's count lay before the job's first line
 heat       ``targets``, °C by heater, as this print has set them after ``line`` lines of the job
@@ -44,8 +45,8 @@ end        state, message, done, error, position_known: last; where the printer 
            ``lost`` where records before it couldn't be written
 ========== =====================================================================================
 
-job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, looked, stood and end
-records also have ``at``, the wall-clock time, s since 1970.
+job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, looked, firmware, stood
+and end records also have ``at``, the wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
 death of the process (kill -9). The dated ones above are also forced to the disk, but for a
@@ -85,7 +86,7 @@ RESERVE_BYTES: Final = 65_536
 _PACE_EVERY_S: Final = 1.0
 _DATED: Final = frozenset(
     {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
-    | {"look", "insert", "looked"}
+    | {"look", "insert", "looked", "firmware"}
 )
 
 

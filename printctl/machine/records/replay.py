@@ -79,6 +79,8 @@ class JournalledPrint:
         Whether the needle stood at the job's place at the last record.
     stopping : bool
         Whether it had begun to end the print: needle up, heaters perhaps off.
+    capabilities : dict of str to bool
+        Of the firmware, as it has reported them; empty where it hasn't.
     """
 
     job: Record = field(default_factory=dict)
@@ -121,6 +123,7 @@ class JournalledPrint:
     since: float | None = None
     in_ink: bool = False
     stopping: bool = False
+    capabilities: dict[str, bool] = field(default_factory=dict)
     settings: dict[str, str] = field(default_factory=dict)
     heat: Record = field(default_factory=dict)
     frame: Record = field(default_factory=dict)
@@ -374,6 +377,10 @@ def _left(known: JournalledPrint, record: Record) -> None:
         known.park = x, y, z
 
 
+def _firmware(known: JournalledPrint, record: Record) -> None:
+    known.capabilities = dict(record["capabilities"])
+
+
 def _settings(known: JournalledPrint, record: Record) -> None:
     known.settings = known.settings or dict(record["told"])
 
@@ -440,6 +447,7 @@ _BY_SORT: Final[dict[str, Callable[[JournalledPrint, Record], None]]] = {
     "repeated": _repeated,
     "checkpoint": _checkpoint,
     "left": _left,
+    "firmware": _firmware,
     "settings": _settings,
     "heat": _keep("heat"),
     "frame": _frame,

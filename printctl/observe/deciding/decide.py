@@ -25,6 +25,7 @@ from printctl.observe.deciding.decision import (
 from printctl.observe.deciding.evidence import Evidence, Thin
 from printctl.observe.deciding.flow_control import FlowControl
 from printctl.observe.deciding.words import (
+    blind_words,
     blob_words,
     cause_of_turn,
     corrected_words,
@@ -182,6 +183,7 @@ class Decider:
         told = [one for one in concerns if one not in asked and one not in acted]
         why = "; ".join(one.why for one in [*asked, *acted])
         rest = "".join(f"; {one.why}: gone on" for one in told if one.go > 0.1 * costs.operator)
+        rest += blind_words(evidence, self.control) if factor is None else ""
         rest += map_words(evidence.map) + blob_words(evidence.blobs)
         written = concerns if asked else acted  # a person who is there anyway sees to all of it
         gaps = tuple(gap for one in written for gap in one.gaps)
@@ -366,21 +368,21 @@ class Decider:
         )
 
     def _likely_off(self, evidence: Evidence) -> Decision | None:
-        """Ask about a flow that is likely off, though not surely."""
-        control, tolerance = self.control, self.limits.width_percent / 100.0
-        seen, factor = control.seen, control.by_last_picture()
-        if seen.last is None or factor is None or factor == control.factor:
+        """Ask about a flow that costs more than the question, though it isn't surely off."""
+        control = self.control
+        seen, factor = control.last, control.by_last_picture()
+        if seen is None or factor is None or factor == control.factor or control.answers.failed:
             return None
-        if control.answers.failed or not seen.likely_off(control.factor, tolerance):
+        if control.looks_worth() <= 1.0:
             return None
-        seen.asked = seen.last
-        share = control.factor * math.exp(seen.last.level)
+        control.asked = True
+        share = control.factor * math.exp(seen.level)
         thin = evidence.seem_thin if factor > control.factor else ()
         way_mm = math.fsum(one.length_mm for one in thin)
         then = f"corrects the flow to {factor:.2f}" + f" and fills {way_mm:.1f} mm up" * bool(thin)
         return Decision(
             DecisionKind.PAUSE,
-            f"lines seem to have {share:.0%} ± {2 * share * seen.last.u:.0%} of the ink asked for: "
+            f"lines seem to have {share:.0%} ± {2 * share * seen.u:.0%} of the ink asked for: "
             "the flow is off, or light makes their edges look so; look at a line or weigh the ink; "
             f"approve {then}, go on leaves it",
             factor=factor, ask=DecisionKind.FLOW, thin=thin,

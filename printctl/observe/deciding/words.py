@@ -16,6 +16,8 @@ _LISTED: Final = 3
 """Stretches, and blobs, that are told by their places."""
 _ANY: Final = 0.005
 """Of the way, less than which is nothing."""
+_FLOW_OFF: Final = 0.1
+"""Relative: a flow that is farther off never passes in silence."""
 
 
 def seen_words(evidence: Evidence, limits: Limits, gaps: Sequence[Gap]) -> str:
@@ -36,6 +38,22 @@ def seen_words(evidence: Evidence, limits: Limits, gaps: Sequence[Gap]) -> str:
         way = math.fsum(one.length_mm for one in significant)
         told += f"; {way:.2f} mm seem to be missing in one of two pictures alone: not believed"
     return told + unseen
+
+
+def blind_words(evidence: Evidence, control: FlowControl) -> str:
+    """How little is known of the flow, where it may be off; empty where it is known, or no matter.
+
+    Of a look in which nothing was seen that goes without saying.
+    """
+    if evidence.mends or evidence.seen_share < _ANY or not control.may_be_off(_FLOW_OFF):
+        return ""
+    if control.last is None:
+        return "; no line tells its width, so the flow may be off unseen"
+    share = control.factor * math.exp(control.last.level)
+    return (
+        f"; lines seem to have {share:.0%} ± {2 * share * control.last.u:.0%} of the ink asked "
+        "for: a flow that is off by less isn't told"
+    )
 
 
 def unseen_words(evidence: Evidence) -> str:

@@ -114,7 +114,6 @@ def _short(
     fresh: list[bool],
     bare: tuple[float, float] = (9.0, 9.0),
     rough: float = 0.03,
-    unseen_mm: float = 0.6,
 ) -> LayerFindings:
     """Findings of filaments; ``bare`` of the last piece, mm along it."""
     rng = np.random.default_rng(4)
@@ -140,7 +139,7 @@ def _short(
     z = np.where(at[:, 5] > 0.5, 3.0, 2.0)
     ends = (np.column_stack([at[:, k : k + 2], z]) for k in (0, 2))
     lines = lines_of(*ends, at[:, 4], stroke=stroke, fresh=fresh)
-    options = SeeingOptions(shift_mm=0.2, unseen_mm=unseen_mm)
+    options = SeeingOptions(shift_mm=0.2)
     return see_layer(
         np.clip(light, 0, 255).astype(np.uint8), Flat(COARSE_MM), lines, options=options
     )
@@ -189,7 +188,7 @@ MIDDLE = 3.0
 """Of the filament on which a glint lies, mm along it."""
 
 
-def seen(dark=0.5, bare=None, glint=(0.0, 0.13), unseen_mm=0.7, light=130.0) -> LayerFindings:
+def seen(dark=0.5, bare=None, glint=(0.0, 0.13), light=130.0) -> LayerFindings:
     """Findings of three filaments of 6 mm, ``dark`` (or light) ones; the first may be bare.
 
     ``glint``: how far from its middle line, and its size, mm.
@@ -211,7 +210,7 @@ def seen(dark=0.5, bare=None, glint=(0.0, 0.13), unseen_mm=0.7, light=130.0) -> 
     plane = plane + 450.0 * np.exp(-near / (2 * size**2))[..., None]
     picture = cv2.GaussianBlur(plane, (0, 0), 1.0) + rng.normal(0, 1.5, plane.shape)
     lines = lines_of([(1.0, row, 2.0) for row in rows], [(7.0, row, 2.0) for row in rows], 0.4)
-    options = SeeingOptions(shift_mm=0.2, unseen_mm=unseen_mm)
+    options = SeeingOptions(shift_mm=0.2)
     return see_layer(
         np.clip(picture, 0, 255).astype(np.uint8), Flat(COARSE_MM), lines, options=options
     )
@@ -222,7 +221,8 @@ def test_no_more_than_a_glint_is_not_seen(far: float) -> None:
     """Of 200 sound looks 11 were asked about, nearly all because of glints."""
     found = seen(glint=(far, 0.13))
     assert not found.gaps
-    assert 0.2 < _unseen_mm(found) < 1.0  # what is saturated isn't seen
+    # What is saturated isn't seen: five stations of 0.25 mm at most.
+    assert 0.2 < _unseen_mm(found) <= 1.25
 
 
 @pytest.mark.parametrize("dark", [0.5, -0.25])
@@ -238,7 +238,7 @@ def test_a_glints_light_is_no_ink(dark: float, far: float) -> None:
 
 def test_what_a_glint_hides_beside_a_gap_is_gap_or_not_seen() -> None:
     """Of a clog half of which lay under a glint the other half alone was mended, silently."""
-    found = seen(0.5, (MIDDLE - 0.2, MIDDLE + 1.0), (0.0, 0.16), unseen_mm=1.5)
+    found = seen(0.5, (MIDDLE - 0.2, MIDDLE + 1.0), (0.0, 0.16))
     (gap,) = found.gaps
     assert gap.to_mm == pytest.approx(MIDDLE + 1.0, abs=0.1)
     at = found.stations

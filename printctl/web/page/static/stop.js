@@ -5,7 +5,7 @@
 (() => {
   "use strict";
   const TWICE_MS = 1000;
-  const PATIENCE_MS = 5000;
+  const PATIENCE_MS = 6000;
   const ALIVE_MS = 10000;
   const port = document.querySelector("meta[name=printctl-stop-port]")?.content;
   const door = port ? `${location.protocol}//${location.hostname}:${port}` : null;

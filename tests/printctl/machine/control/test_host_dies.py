@@ -29,6 +29,7 @@ from tests.printctl.machine.control.bench import (
     HostDiedError,
     assert_crosses_high,
     assert_exact,
+    die,
     insert,
     layers,
     lines_apart,
@@ -38,6 +39,7 @@ from tests.printctl.machine.control.bench import (
     pause_after_layer,
     reload,
 )
+from tests.printctl.machine.control.scripted_printer import ScriptedPrinter
 from tests.printctl.machine.link.jobs import parse_job
 from tests.slower import first_rows
 
@@ -51,6 +53,25 @@ WITHIN = [line.replace("Z10.900", "Z10.000") for line in mend(TRAVELS[2], APART)
 MARKED = layers(2, 8).replace(b";LAYER_END", b";PASS_END").splitlines()
 PARTED = parse_job(b"\n".join([*MARKED[:6], b";PART_END:0", *MARKED[6:]]) + b"\n", "bench.gcode")
 INSIDE = [line.replace("Z9.900", "Z10") for line in mend(6, PARTED)]
+
+
+class WithoutParser(ScriptedPrinter):
+    """Its profile says that it has one."""
+
+    def _reply(self, word: str, command: str) -> str:
+        said = super()._reply(word, command)
+        return said.replace("PARSER:1", "PARSER:0") if word == "M115" else said
+
+
+def test_firmware_is_halted_by_what_it_has_reported_also_by_a_second_host():
+    first = Bench(JOB, WithoutParser())
+    first.on_line(5, die)
+    with pytest.raises(HostDiedError):
+        first.run()
+    assert first.journal.history().capabilities == {"EMERGENCY_PARSER": False}
+    second = Bench(JOB, first.printer, journal=first.journal, resume=True)
+    assert_exact(second)
+    assert not second.streamer.print.channel.kill.halting.first
 
 
 @dataclass

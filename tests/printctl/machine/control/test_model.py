@@ -46,6 +46,7 @@ FOUND = {
     579: "second doubt of the place while the first was being cleared: the print stood",
     500168: "host that died on its way back after a lost port: refused as ended, as resuming",
     70363: "silent reset while a token was in flight behind M400: the print waited for ever",
+    1610016: "silent reset on a stop's way out: the needle was said to be up",
     32819: "stop at the end of a move, within the decimals of M114",
 }
 

@@ -17,6 +17,7 @@ from printctl.machine.job.retreat import Retreat
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.control.bench import (
     CALM,
+    CLEAN,
     ENDS,
     JOB,
     RELOADS,
@@ -27,6 +28,7 @@ from tests.printctl.machine.control.bench import (
     assert_true,
     die,
     layers,
+    made_of,
     pause,
     pause_after_layer,
     reload,
@@ -374,3 +376,69 @@ def test_commands_in_a_pause_go_by_limits_and_a_feed_of_their_own(lines, refused
     ours = [line for line in bench.printer.numbered[before:] if line in (*lines, sent)]
     assert ours.count(sent) >= 1
     assert set(ours) == {sent}
+
+
+# --- a printer whose count of lines is set back while the needle is away -----------------------
+
+
+@pytest.mark.parametrize(
+    ("typed", "later_s", "changing"),
+    [
+        (["G1 X51 F600"], 0.0, False),
+        (["G1 Z20 F600"], 0.0, False),
+        (["G1 E-0.01 F60"], 0.0, True),
+        (["M114", "G1 X1 F600"], 30.0, False),  # the sign of life has found it by then
+        ([], 0.0, False),
+    ],
+)
+def test_a_board_that_was_reset_without_a_word_in_a_pause_moves_nothing(typed, later_s, changing):
+    bench = Bench(JOB)
+
+    def lose_place(_: Streamer) -> None:
+        bench.printer.reset_now(silently=True)
+        bench.after(later_s, lambda _: bench.typed(*typed))
+
+    bench.on_line(9, reload if changing else pause)
+    bench.when(LinkState.PAUSED, lambda _: bench.after(1.0, lose_place))
+    assert_lost_unmoved(bench)
+
+
+@pytest.mark.parametrize("state", [LinkState.PAUSING, LinkState.RESUMING])
+@pytest.mark.parametrize("seconds", [0.01, 0.1, 0.25, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7])
+def test_a_board_that_was_reset_without_a_word_on_the_links_own_way_moves_nothing(state, seconds):
+    bench = Bench(JOB, retreat=Retreat(lift_mm=8.0, park_mm=6.0))
+    reset = [lambda _: bench.after(seconds, lambda _: bench.printer.reset_now(silently=True))]
+    bench.on_line(9, pause)
+    bench.when(LinkState.PAUSED, resume)
+    bench.when(state, *reset)
+    assert_lost_unmoved(bench)
+
+
+def assert_lost_unmoved(bench: Bench) -> None:
+    """The print ends with an unknown position, and nothing was moved since the board's reset."""
+    moved, reset_now = list[int](), bench.printer.reset_now
+
+    def count(silently: bool) -> None:
+        reset_now(silently)
+        moved.append(len(bench.printer.taken))
+
+    bench.printer.reset_now = count
+    status = bench.run()
+    assert (status.state, status.position_known) == (LinkState.POSITION_UNKNOWN, False), status
+    assert moved == [len(bench.printer.taken)], bench.printer.taken[moved[0] :]
+
+
+def test_a_count_of_lines_set_back_by_another_program_in_a_pause_ends_no_print():
+    """The place is still where the needle was led to."""
+    bench = Bench(JOB)
+
+    def set_back(_: Streamer) -> None:
+        bench.printer.last = 0
+        bench.after(60.0, resume)
+
+    bench.on_line(9, pause)
+    bench.when(LinkState.PAUSED, set_back)
+    status = bench.run()
+    assert status.state is LinkState.DONE, status.message
+    assert made_of(bench.printer, JOB.lines) == CLEAN
+    assert any("count of lines became 0" in text for text in bench.alarms)

@@ -47,7 +47,7 @@ class Port:
         self.sent.append(data)
         self.printer.take(data, self.clock.now())
 
-    write_urgent = write
+    write_urgent = write_halt = write
 
     def read(self, timeout: float) -> bytes:
         assert self.clock.now() < HANGS_S, "it hangs"
@@ -83,7 +83,7 @@ def test_a_move_by_hand_ends_at_once_where_the_printer_has_halted(standing, begu
     def kill() -> None:
         standby._kill.asked.set()
         standby._kill._sent = True
-        port.write_urgent(b"M112\n")
+        port.write_halt(b"M112\n")
 
     port.plan.append((at := port.clock.now() + 2.0, kill))
     with pytest.raises(PrintEnded, match="that it has halted") as ended:
@@ -152,10 +152,10 @@ def test_an_unlinked_kill_says_what_started_the_board_anew(monkeypatch, by_reset
     said = [] if by_reset else [b"start\n"]
     port = SimpleNamespace(
         write=lambda data: None,
-        write_urgent=lambda data: None,
+        write_halt=lambda data: None,
         reset=lambda: said.append(b"start\n"),
         read=lambda timeout: said.pop() if said else b"",
     )
     protocol = protocol_for(PRINTER, QUIET_S)
     wiring = Wiring(port, protocol, RealClock(), MemoryJournal(), PRINTER)  # type: ignore[arg-type]
-    assert why in _halt(wiring)
+    assert why in _halt(wiring, {})

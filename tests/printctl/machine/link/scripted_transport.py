@@ -33,13 +33,18 @@ class ScriptedTransport:
         """Give none."""
         return PortPrograms()
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> bool:
         """Hand ``data`` to the far end."""
         self.written.append(data)
         said = self._answer(data)
         self.waiting += said
+        return True
 
-    def write_urgent(self, data: bytes) -> None:
+    def write_urgent(self, data: bytes) -> bool:
+        """Hand ``data`` to the far end."""
+        return self.write(data)
+
+    def write_halt(self, data: bytes) -> None:
         """Hand ``data`` to the far end."""
         self.write(data)
 

@@ -57,8 +57,8 @@ class SimulatedTransport:
         """See `Transport`: none."""
         return PortPrograms()
 
-    def write(self, data: bytes) -> None:
-        """Give the printer what the cable leaves of ``data``.
+    def write(self, data: bytes) -> bool:
+        """Give the printer what the cable leaves of ``data``; True: nothing holds it back.
 
         Raises
         ------
@@ -77,8 +77,13 @@ class SimulatedTransport:
             self.printer.settle()
             self.printer.take_output()
             raise HostDiedError
+        return True
 
-    def write_urgent(self, data: bytes) -> None:
+    def write_urgent(self, data: bytes) -> bool:
+        """Write; nothing waits here."""
+        return self.write(data)
+
+    def write_halt(self, data: bytes) -> None:
         """Write; nothing waits here."""
         self.write(data)
 

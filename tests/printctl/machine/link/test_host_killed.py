@@ -308,6 +308,25 @@ def test_client_kills_an_interrupted_print(tmp_path):
         assert client.wait(0).state is LinkState.KILLED
 
 
+def test_kill_goes_by_what_the_firmware_had_reported_before_its_host_died(tmp_path):
+    """Its profile says EMERGENCY_PARSER; without, M410 would hold M112 up."""
+    with pty_printer(HearsAll()) as served:
+        killed(tmp_path, "generic_marlin", LinkState.PRINTING, port=served.name)
+        with closing(Journal(tmp_path / JOURNAL)) as journal:
+            journal.add("firmware", capabilities={"EMERGENCY_PARSER": False})
+        attach(tmp_path).kill()
+        assert served.printer.halted
+        assert b"M410" not in served.printer.heard
+
+
+class HearsAll(FakeMarlin):
+    heard = b""
+
+    def receive(self, data: bytes) -> bytes:
+        self.heard += data
+        return super().receive(data)
+
+
 def test_client_that_cant_kill_an_interrupted_print_says_so(tmp_path):
     killed(tmp_path, "generic_marlin", LinkState.PRINTING, port="/dev/nowhere")
     with pytest.raises(LinkError, match="not halted, cut the printer's power"):

@@ -330,7 +330,7 @@ def test_both_directions_and_the_urgent_are_kept_in_order_with_times(tmp_path):
     wire = LoggedTransport(ScriptedTransport(lambda data: b"ok\n", VirtualClock()), log)
     wire.write(b"N1 M105*36\n")
     assert wire.read(1.0) == b"ok\n"
-    wire.write_urgent(b"\nM112\n")
+    wire.write_halt(b"\nM112\n")
     log.keep(tmp_path / "kept.log")
     log.close()
     kept = (tmp_path / "kept.log").read_text()

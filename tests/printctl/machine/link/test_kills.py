@@ -56,7 +56,7 @@ class StuckTransport(FakeTransport):
         else:
             super().write(data)
 
-    def write_urgent(self, data: bytes) -> None:
+    def write_halt(self, data: bytes) -> None:
         self.waiting += self.printer.receive(data)
         self.freed.set()
 
@@ -88,7 +88,7 @@ def test_answers_to_the_kills_own_quickstop_are_no_other_program(tmp_path):
     streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, killing)
     status = streamer.run()
     assert status.state is LinkState.KILLED
-    assert printer.executed.count("M410") == 2
+    assert printer.executed.count("M410") == 3
     assert not read_journal(tmp_path / "journal.log").alarms
 
 
@@ -124,7 +124,7 @@ class FullWire(FakeTransport):
 
     refusals = 3
 
-    def write_urgent(self, data: bytes) -> None:
+    def write_halt(self, data: bytes) -> None:
         self.refusals -= 1
         if self.refusals >= 0:
             raise PortLost("resource temporarily unavailable")

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -28,7 +29,7 @@ from printctl.machine.errors import (
 from printctl.machine.job.care import Care
 from printctl.machine.job.marks import MarkKind
 from printctl.machine.prints import follow
-from printctl.machine.process import contact, starting
+from printctl.machine.process import contact, launch, starting
 from printctl.machine.process.client import PrintClient, attach
 from printctl.machine.process.contact import alive
 from printctl.machine.process.starting import resume_print, start_print
@@ -290,6 +291,16 @@ def test_link_process_that_dies_at_once_is_told_with_its_last_words(tmp_path, pr
     (tmp_path / "run" / "link.json").mkdir(parents=True)
     with pytest.raises(LinkError, match=r"ended at once: .*can't be written to: Is a directory"):
         start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
+
+
+def test_process_that_dies_on_a_full_disk_names_the_disk(tmp_path, monkeypatch):
+    """Its log has the words of an earlier one."""
+    log = tmp_path / "link.log"
+    log.write_text("of yesterday\n")
+    monkeypatch.setattr(launch.shutil, "disk_usage", lambda path: SimpleNamespace(free=0))
+    gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=1)
+    with pytest.raises(LinkError, match=f"the disk of {tmp_path} is full; free space"):
+        launch.await_process(int(gone.stdout), "link process", lambda: None, log, 10.0)
 
 
 # --- looks of a link process over a real pseudo-terminal, killed by kill -9 with an insert taken

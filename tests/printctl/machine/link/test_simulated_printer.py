@@ -100,7 +100,7 @@ def test_kill_halts_a_printer_with_full_queues(tmp_path, parser, profiled):
     left = threading.Event()
 
     class Urgent(SimTransport):
-        def write_urgent(self, data: bytes) -> None:
+        def write_halt(self, data: bytes) -> None:
             self.write(data)
             left.set()
 

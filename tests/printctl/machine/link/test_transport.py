@@ -12,6 +12,8 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +24,9 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.state import QUESTION
 from printctl.cli import station as ports_command
 from printctl.cli.main import app
+from printctl.machine.control.shell import drive
+from printctl.machine.control.steps import Record, Steps, Urgent, carried_out
+from printctl.machine.control.wiring import Wiring
 from printctl.machine.errors import (
     HandshakeError,
     PortDenied,
@@ -32,12 +37,14 @@ from printctl.machine.errors import (
 )
 from printctl.machine.ports import detection
 from printctl.machine.ports import serial_port as transport_serial
-from printctl.machine.ports.clock import VirtualClock
+from printctl.machine.ports.clock import RealClock, VirtualClock
 from printctl.machine.ports.detection import AUTO, PortInfo, choose_port, matches, rates_to_try
 from printctl.machine.ports.serial_port import SerialTransport, _refusal
-from printctl.machine.ports.transport import open_port, sweep
+from printctl.machine.ports.transport import Transport, open_port, sweep
+from printctl.machine.ports.wire_log import LoggedTransport, WireLog
 from printctl.machine.process.starting import start_print
 from printctl.machine.records.states import LinkState
+from tests.printctl.machine.control.bench import MemoryJournal
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, write_job
 
@@ -99,7 +106,7 @@ def test_tcp_port_is_held_by_one_program_alone_under_whatever_name():
             open_port(f"tcp:127.0.0.1:{port}", PRINTER)
 
 
-def test_urgent_write_to_a_full_connection_leaves_whole():
+def test_halt_on_a_full_connection_leaves_whole():
     listener = socket.create_server(("127.0.0.1", 0))
     wire = open_port(f"tcp:127.0.0.1:{listener.getsockname()[1]}", PRINTER)
     printer = listener.accept()[0]
@@ -111,8 +118,8 @@ def test_urgent_write_to_a_full_connection_leaves_whole():
         while True:
             filled += wire._socket.send(b"\0")
     with pytest.raises(PortLost, match=r"took no byte for 0\.5 s"):
-        wire.write_urgent(b"\nM112\n")
-    urgent = threading.Thread(target=wire.write_urgent, args=(b"\nM112\n",))
+        wire.write_halt(b"\nM112\n")
+    urgent = threading.Thread(target=wire.write_halt, args=(b"\nM112\n",))
     urgent.start()
     heard = b""
     while not heard.endswith(b"\nM112\n"):
@@ -123,7 +130,7 @@ def test_urgent_write_to_a_full_connection_leaves_whole():
         one.close()
 
 
-def test_urgent_write_is_not_mixed_with_a_line_that_is_being_written(monkeypatch):
+def test_halt_is_not_mixed_with_a_line_that_is_being_written(monkeypatch):
     class TakesTwoBytes:
         taken, full = b"", False
 
@@ -141,7 +148,7 @@ def test_urgent_write_is_not_mixed_with_a_line_that_is_being_written(monkeypatch
 
         def select_after_a_kill(read, write, other, timeout):
             if urgent:
-                wire.write_urgent(urgent.pop())
+                wire.write_halt(urgent.pop())
             return read, write, other
 
         patch.setattr(wire, "_socket", slow)
@@ -150,6 +157,54 @@ def test_urgent_write_is_not_mixed_with_a_line_that_is_being_written(monkeypatch
         assert slow.taken == b"N1\nM112\n"
     wire.close()
     listener.close()
+
+
+@needs_pty
+@pytest.mark.parametrize("kind", ["serial", "tcp"])
+def test_no_byte_leaves_behind_a_halt_but_another_halt(kind, tmp_path):
+    """A line was on its way to the port when the halt came: its record was being written."""
+    with wire_of(kind) as (wire, heard):
+        log = WireLog()
+        logged = LoggedTransport(wire, log)
+
+        class Journal(MemoryJournal):
+            def add(self, sort: str, **values: Any) -> None:
+                logged.write_halt(b"\nM410\n")
+
+        def steps() -> Steps[None]:
+            wiring.exchange.effects.extend([Record("state", {}), b"N87 G1 X148*61\n"])
+            wiring.exchange.effects.append(Urgent(b"\nM108\n"))
+            yield from carried_out()
+
+        wiring = Wiring(logged, None, RealClock(), Journal(), PRINTER)  # type: ignore[arg-type]
+        drive(steps(), wiring)
+        assert heard() == b"\nM410\n"
+        logged.write_halt(b"\nM112\n")
+        assert heard() == b"\nM112\n"
+        log.keep(tmp_path / "wire.log")
+        assert (tmp_path / "wire.log").read_text().count("didn't leave") == 2
+
+
+@contextlib.contextmanager
+def wire_of(kind: str) -> Iterator[tuple[Transport, Callable[[], bytes]]]:
+    """A port with an end at which all that has come is read."""
+    if kind == "serial":
+        master, slave = os.openpty()
+        wire = SerialTransport(os.ttyname(slave), 115_200)
+        try:
+            yield wire, lambda: os.read(master, 1000)
+        finally:
+            wire.close()
+            os.close(master)
+            os.close(slave)
+        return
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        tcp = open_port(f"tcp:127.0.0.1:{listener.getsockname()[1]}", PRINTER)
+        with listener.accept()[0] as printer:
+            try:
+                yield tcp, lambda: printer.recv(1000)
+            finally:
+                tcp.close()
 
 
 @pytest.mark.parametrize(("dtr", "rts"), [(True, True), (False, True), (False, False)])
@@ -193,12 +248,12 @@ def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(pty, monkey
         closing.join(0.2)  # what is closed now could be another file's when it is written to
 
     monkeypatch.setattr(wire._serial, "reset_output_buffer", dropping)
-    wire.write_urgent(b"\nM112\n")
+    wire.write_halt(b"\nM112\n")
     assert os.read(master, 100) == b"\nM112\n"
     closing.join(5)
     monkeypatch.setattr(wire._serial, "reset_output_buffer", drop)
     with pytest.raises(PortLost):
-        wire.write_urgent(b"\nM112\n")
+        wire.write_halt(b"\nM112\n")
 
 
 def test_refusals_name_the_remedy():

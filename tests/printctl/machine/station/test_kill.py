@@ -16,18 +16,20 @@ from typing import Any
 import pytest
 
 from firmware_profiles import Printer, load
+from printctl.failures import message_and_code
 from printctl.machine.control.known_state import Knowledge
-from printctl.machine.control.station_status import StationState
-from printctl.machine.errors import NoLink, PortLost, Refused
+from printctl.machine.control.station_status import StationState, StationStatus
+from printctl.machine.errors import LinkError, NoLink, PortLost, Refused
 from printctl.machine.job.retreat import Retreat
 from printctl.machine.process import station as station_module
 from printctl.machine.process.client import Station, attach_station
-from printctl.machine.process.contact import load_station
+from printctl.machine.process.contact import STATION_RECORD, load_station
 from printctl.machine.process.launch import spawn
 from printctl.machine.process.machine import Machine, Request
 from printctl.machine.process.orders import Order
 from printctl.machine.process.plug import Plug
 from printctl.machine.process.starting import connect
+from printctl.machine.records.record import ContactRecord
 from printctl.machine.records.states import LinkState
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
 from tests.waiting import wait_for
@@ -270,6 +272,83 @@ def test_dead_station_is_told_and_its_print_isnt_thrown_away(fake, folder, tmp_p
         connect(profile, served.name, folder)
     again = connect(profile, served.name, folder, discard_interrupted=True)
     assert again.status.state is StationState.READY
+
+
+class WithoutParser(Listening):
+    """Its profile says that it has one."""
+
+    def _reply(self, word: str, command: str) -> str:
+        said = super()._reply(word, command)
+        return said.replace("PARSER:1", "PARSER:0") if word == "M115" else said
+
+
+def test_move_whose_station_dies_may_go_on_and_says_so(fake, folder):
+    served, station = fake
+    station.set_position(100, 100, 100)
+    served.hold_at = served.printer.last + 5
+    said: list[BaseException] = []
+
+    def move() -> None:
+        try:
+            attach_station(folder).jog("x", 50, speed_mm_s=5)
+        except LinkError as exc:
+            said.append(exc)
+
+    thread = threading.Thread(target=move)
+    thread.start()
+    assert served.held.wait(10)
+    os.kill(load_station(folder).pid, signal.SIGKILL)
+    thread.join(20)
+    let_go(served)
+    assert "`printctl station kill` halts the printer" in station.status.message
+    assert message_and_code(said[0]) == (str(said[0]), 4)
+    assert "may move on" in str(said[0])
+    with pytest.raises(NoLink, match="no printer is connected"):
+        station.jog("x", 1)
+    station.kill()
+    assert served.printer.halted
+    served.printer.reset()
+    connect(load_station(folder).profile, served.name, folder)
+
+
+@pytest.mark.parametrize("kind", [Listening, WithoutParser])
+def test_kill_opens_the_port_of_a_station_whose_process_has_died(folder, profile, kind):
+    with pty_printer(kind()) as served:
+        station = connect(profile, served.name, folder)
+        os.kill(load_station(folder).pid, signal.SIGKILL)
+        served.printer.heard = b""
+        station.kill()
+        assert served.printer.halted
+        assert (b"M410" in served.printer.heard) == (kind is Listening)
+    status = attach_station(folder).status
+    assert (status.state, status.position_trusted) == (StationState.LOST, False)
+    assert status.message.startswith("killed by the user; M")
+    assert status.message.endswith("then connect again")
+
+
+def test_kill_halts_the_print_of_a_station_whose_process_has_died(fake, folder, tmp_path, profile):
+    served, station = fake
+    client = held_print(fake, tmp_path, profile)
+    os.kill(load_station(folder).pid, signal.SIGKILL)
+    let_go(served)
+    station.kill()
+    assert served.printer.halted
+    assert client.wait(10).state is LinkState.KILLED
+    assert "before, the print was interrupted" in station.status.message
+    served.printer.reset()
+    connect(profile, served.name, folder)
+
+
+@pytest.mark.parametrize("port", ["/dev/nowhere", "closed"])
+def test_kill_of_a_dead_station_that_halts_nothing_says_so(folder, port):
+    folder.mkdir()
+    state = StationState.CLOSED if port == "closed" else StationState.BUSY
+    status = StationStatus(state, profile="generic_marlin", port=port)
+    record = ContactRecord(1, "", "", "", "generic_marlin", port, 1.0, status=status.to_dict())
+    record.save(folder, STATION_RECORD)
+    said = "no printer is connected" if port == "closed" else "not halted, cut the printer's power"
+    with pytest.raises(LinkError, match=said):
+        attach_station(folder).kill()
 
 
 def test_stopped_move_ends_early_and_is_known(fake):

@@ -92,7 +92,8 @@ def test_end_without_a_word_is_told_with_the_last_state(
     [
         (StationState.PRINTING, "`printctl resume /runs/a` goes on with it"),
         (StationState.HALTING, "the halt may not have left"),
-        (StationState.BUSY, "busy; connect again"),
+        (StationState.BUSY, "`printctl station kill` halts the printer"),
+        (StationState.READY, "ready; connect again"),
     ],
 )
 def test_end_without_a_word_says_what_is_to_be_done(
