@@ -139,7 +139,7 @@ class Learned:
         if state is None:
             return Learned()
         profile, shapes, look = state["appearance"], state.get("shapes"), None
-        if isinstance(profile, list):  # an older state has no profile
+        if isinstance(profile, list):  # an older state has none
             known = shapes and LineShapes(
                 np.array(shapes["misfits"]), np.array(shapes["log_ratio"]), int(shapes["looks"])
             )

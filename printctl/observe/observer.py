@@ -8,11 +8,12 @@ control knew is in the record of each look, so a new observer goes on from there
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -49,7 +50,8 @@ _THIN_MM: Final = 2.0
 
 def state_of(decider: Decider) -> dict[str, Any]:
     """Return what a decider has learned so far, ready for JSON, as each look's record keeps it."""
-    state: dict[str, Any] = TypeAdapter(Decider).dump_python(decider, mode="json")
+    state: dict[str, Any] = json.loads(json.dumps(asdict(decider)))
+    del state["limits"], state["control"]["limits"]  # the order's
     return state
 
 
