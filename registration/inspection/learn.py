@@ -243,6 +243,8 @@ def learned(
             continue
         last = number >= _ROUNDS - _LAST_MOVE
         parts = tuple(range(PARTS)) if last else (ODD if coarse.odd else EVEN)
+        if not coarse.odd and number < 1:
+            parts = (0,)
         parts = (0,) if view.is_heights else parts
         drawn = _draw(
             view,
