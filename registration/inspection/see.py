@@ -1,10 +1,10 @@
 """Judge a picture, a height map or a scan's picture of a layer: the door of this room.
 
-1. The picture is cropped and binned, and the one before laid over it (`picture`).
+1. The picture is cropped and binned, and the one before laid over it (`pictures`).
 2. Light, the layer's shift, ink's profile across a line, and how much ink lies at each place follow
-   from each other in some rounds (`learn`): a view is ground plus profiles along lines.
-3. Each place is full, thin, bare or hidden, with a probability (`chain`).
-4. Gaps, widths, stretches, blobs and lumens are read from that.
+   from each other in some rounds (`ink.learn`): a view is ground plus profiles along lines.
+3. Each place is full, thin, bare or hidden, with a probability (`ink.chain`).
+4. Gaps, widths, stretches, blobs and lumens are read from that (`found`).
 
 What a picture can't show: height (a thin line is as wide as a thick one that is flat), ink of the
 bath's own colour and texture, ink over older ink that it doesn't change. There probabilities stay
@@ -22,22 +22,28 @@ import numpy as np
 from scipy.special import logit
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.blobs import find_blobs
-from registration.inspection.chain import BARE, FULL, HIDDEN, PRIOR_BARE, expected_ink
 from registration.inspection.findings import LayerFindings
-from registration.inspection.gaps import gaps_of
-from registration.inspection.ink_model import NODES, InkModel
-from registration.inspection.learn import Learned, learned
-from registration.inspection.line_width import UsualWidth, Widths, station_widths, usual_ratio
-from registration.inspection.lumens import see_lumens
+from registration.inspection.found.blobs import find_blobs
+from registration.inspection.found.gaps import gaps_of
+from registration.inspection.found.line_width import UsualWidth, Widths, station_widths, usual_ratio
+from registration.inspection.found.lumens import see_lumens
+from registration.inspection.found.plane_map import PlaneMap
+from registration.inspection.found.stations import Grouping
+from registration.inspection.found.stretches import find_stretches, width_ratio
+from registration.inspection.ink.chain import BARE, FULL, HIDDEN, PRIOR_BARE, expected_ink
+from registration.inspection.ink.ink_model import NODES, InkModel
+from registration.inspection.ink.learn import Learned, learned
+from registration.inspection.ink.passes import REACH
+from registration.inspection.ink.shares import ACROSS, StripNoise, measured
 from registration.inspection.options import SeeingOptions
-from registration.inspection.passes import REACH
-from registration.inspection.picture import Mask, Outlines, drawn_lines, view_of, with_before
-from registration.inspection.plane_map import PlaneMap
-from registration.inspection.rise import risen
-from registration.inspection.shares import ACROSS, StripNoise, measured
-from registration.inspection.stations import Grouping
-from registration.inspection.stretches import find_stretches, width_ratio
+from registration.inspection.pictures.picture import (
+    Mask,
+    Outlines,
+    drawn_lines,
+    view_of,
+    with_before,
+)
+from registration.inspection.pictures.rise import risen
 from registration.inspection.values import (
     Appearance,
     Blob,

@@ -1,8 +1,8 @@
 import sys, time, numpy as np
 from benchmarks.checkers import layer_painter as painter
 from benchmarks.observe.seeing import expected, LENGTHS_MM, FIRST_FAULTY
-from registration.inspection.picture import view_of
-from registration.inspection.learn import learned
+from registration.inspection.pictures.picture import view_of
+from registration.inspection.ink.learn import learned
 from registration.inspection.options import SeeingOptions
 from registration.inspection.ways import lay_ways
 def run(seed, kind, layout, um, size, lengths):

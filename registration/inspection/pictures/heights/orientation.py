@@ -18,11 +18,11 @@ import cv2
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.heights.height import HeightFrame
-from registration.inspection.heights.moved_part import moved_part
-from registration.inspection.heights.own_depth import ScanByDepth, TurnedMaps
 from registration.inspection.options import IN_PART
-from registration.inspection.picture import drawn_lines
+from registration.inspection.pictures.heights.height import HeightFrame
+from registration.inspection.pictures.heights.moved_part import moved_part
+from registration.inspection.pictures.heights.own_depth import ScanByDepth, TurnedMaps
+from registration.inspection.pictures.picture import drawn_lines
 from registration.inspection.values import ExpectedLines, FloatImage, Frame
 from registration.scan import Scan
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.picture import Mask
-from registration.inspection.plane_map import PlaneMap
+from registration.inspection.found.plane_map import PlaneMap
+from registration.inspection.pictures.picture import Mask
 from registration.inspection.values import Blob, FloatImage
 
 _LEVEL: Final = 0.5

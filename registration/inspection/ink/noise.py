@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.passes import REACH, Passes
-from registration.inspection.shares import ACROSS, StripNoise, measured, strips_of
+from registration.inspection.ink.passes import REACH, Passes
+from registration.inspection.ink.shares import ACROSS, StripNoise, measured, strips_of
 from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways
 

@@ -19,9 +19,9 @@ import numpy as np
 from scipy import fft
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.ink_model import cover_at
+from registration.inspection.ink.ink_model import cover_at
+from registration.inspection.ink.passes import REACH, Passes
 from registration.inspection.options import SeeingOptions
-from registration.inspection.passes import REACH, Passes
 from registration.inspection.values import FloatImage, Shift
 from registration.inspection.ways import Ways
 

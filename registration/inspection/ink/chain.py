@@ -14,7 +14,7 @@ import numpy as np
 
 from kernels.arrays import FloatArray, IntArray
 from kernels.compile import jit
-from registration.inspection.noise import Noise
+from registration.inspection.ink.noise import Noise
 
 FULL, THIN, BARE, HIDDEN = range(4)
 _TAIL: Final = 4.0

@@ -3,7 +3,8 @@
 What ink adds over older ink hangs on what it lies on: it sags, shades and mirrors anew, so that no
 profile holds for all places. That it changes the view at all holds for all: a place is told by the
 energy of its change, on a scale from what the ground's noise leaves (0) to what most of the layer
-shows (1). Where both are hardly apart, or places differ much, that scale is vague and tells nothing.
+shows (1). Where both are hardly apart, or places differ much, that scale is vague and tells
+nothing.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.shares import ACROSS, covariance
+from registration.inspection.ink.shares import ACROSS, covariance
 
 _INNER: Final = 0.4
 """Widths from a line's middle, within which its own change is looked for."""
@@ -101,15 +102,26 @@ def change_of(
     if float(np.hypot(spread, noise)) > 1.0 / _TOLD:
         return None
     bare = max(float(np.hypot(noise, _SHADED)), spread)
-    misfit, on_ground = _misfits(strips - own, ground.reshape(len(ground), *strips.shape[1:]) - own[
-        np.arange(len(ground)) % len(own)], good)
+    misfit, on_ground = _misfits(
+        strips - own,
+        ground.reshape(len(ground), *strips.shape[1:]) - own[np.arange(len(ground)) % len(own)],
+        good,
+    )
     return Change(
-        share, spread, bare, _tie(share, good, run), misfit, _level(misfit[good]), _level(on_ground),
+        share,
+        spread,
+        bare,
+        _tie(share, good, run),
+        misfit,
+        _level(misfit[good]),
+        _level(on_ground),
         shaded,
     )
 
 
-def _misfits(rest: FloatArray, ground: FloatArray, good: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _misfits(
+    rest: FloatArray, ground: FloatArray, good: BoolArray
+) -> tuple[FloatArray, FloatArray]:
     inner = np.abs(ACROSS) <= _INNER
     rest, ground = (one[:, inner].reshape(len(one), -1) for one in (rest, ground))
     middle = np.median(rest[good], axis=0)

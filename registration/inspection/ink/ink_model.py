@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from kernels.compile import jit
-from registration.inspection.passes import REACH, Passes
+from registration.inspection.ink.passes import REACH, Passes
 from registration.inspection.values import ExpectedLines, FloatImage
 from registration.inspection.ways import Ways, from_stroke_begin
 

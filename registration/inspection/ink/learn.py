@@ -13,10 +13,9 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.change import change_of
-from registration.inspection.chain import BARE, HIDDEN, THIN, posterior
-from registration.inspection.ground import light_of, telling_pixels
-from registration.inspection.ink_model import (
+from registration.inspection.ink.chain import BARE, HIDDEN, THIN, posterior
+from registration.inspection.ink.change import change_of
+from registration.inspection.ink.ink_model import (
     EVEN,
     ODD,
     PARTS,
@@ -25,12 +24,10 @@ from registration.inspection.ink_model import (
     ShareOfPiece,
     fitted,
 )
-from registration.inspection.layer_shift import coarse_shift, finer_shift
-from registration.inspection.noise import BareStrips, Noise, noise_of
-from registration.inspection.options import SeeingOptions
-from registration.inspection.passes import REACH, Passes, Pieces
-from registration.inspection.picture import View, ViewFrame
-from registration.inspection.shares import (
+from registration.inspection.ink.layer_shift import coarse_shift, finer_shift
+from registration.inspection.ink.noise import BareStrips, Noise, noise_of
+from registration.inspection.ink.passes import REACH, Passes, Pieces
+from registration.inspection.ink.shares import (
     ACROSS,
     Shares,
     StripNoise,
@@ -39,6 +36,9 @@ from registration.inspection.shares import (
     own_profile,
     strips_of,
 )
+from registration.inspection.options import SeeingOptions
+from registration.inspection.pictures.ground import light_of, telling_pixels
+from registration.inspection.pictures.picture import View, ViewFrame
 from registration.inspection.values import Appearance, ExpectedLines, FloatImage, Shift
 from registration.inspection.ways import Seen, Ways
 
@@ -489,8 +489,13 @@ def _by_change(
     )  # fmt: skip
     strips = strips_of(changed, drawn.seen, ways)
     found = change_of(
-        strips[rows], drawn.own[rows][:, :, view.inkless :], lost[rows], bare, beside,
-        (told & (state > 0.5))[rows], ways.run[rows]
+        strips[rows],
+        drawn.own[rows][:, :, view.inkless :],
+        lost[rows],
+        bare,
+        beside,
+        (told & (state > 0.5))[rows],
+        ways.run[rows],
     )
     if found is None:
         return told & ~rows, np.ones(2)

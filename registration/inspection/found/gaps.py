@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.chain import BARE, log_odds_of_bare
-from registration.inspection.learn import Learned
-from registration.inspection.shares import ACROSS
+from registration.inspection.ink.chain import BARE, log_odds_of_bare
+from registration.inspection.ink.learn import Learned
+from registration.inspection.ink.shares import ACROSS
 from registration.inspection.values import Gap
 from registration.inspection.ways import Ways, stretches_of
 

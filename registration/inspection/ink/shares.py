@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.ink_model import InkModel
+from registration.inspection.ink.ink_model import InkModel
 from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways
 

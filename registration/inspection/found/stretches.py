@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from kernels.arrays import BoolArray
-from registration.inspection.line_width import Widths
+from registration.inspection.found.line_width import Widths
 from registration.inspection.values import Stations, Stretch
 
 _WINDOW: Final = 3
