@@ -158,14 +158,14 @@ def _findings(
     thickness_mm: float | None,
     known: Appearance | None,
 ) -> LayerFindings:
-    bare = np.asarray(look.states[:, BARE] > 0.5)
+    bare = np.asarray(look.judged.states[:, BARE] > 0.5)
     gaps = gaps_of(look, ways, bare)
     why = _reasons(look, ways, bare)
     seen = why == Unseen.SEEN
     any_seen = bool(seen.any())
     group = Grouping.of_ways(ways)
     widths = _widths(look, ways, group, seen, known)
-    share = np.where(bare, 0.0, expected_ink(look.states, look.shares.share))
+    share = np.where(bare, 0.0, expected_ink(look.judged.states, look.judged.shares.share))
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
     seen_mm = float(stations.length_mm[stations.seen].sum())
@@ -192,25 +192,25 @@ def _findings(
 
 def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     """Why each place wasn't seen, (n,)."""
-    state, old = look.states, look.drawn.old
+    state, old = look.judged.states, look.placed.old
     p = np.clip(state[:, BARE] / np.maximum(1.0 - state[:, HIDDEN], 1e-12), 1e-12, 1 - 1e-12)
     moved = np.abs(logit(p) - logit(PRIOR_BARE))
     why = np.full(len(ways), int(Unseen.SEEN))
     why[moved < _TELLS] = int(Unseen.FAINT)
     why[(moved < _TELLS) & old] = int(Unseen.OLD_INK)
     why[(p > _DOUBT[0]) & (p < _DOUBT[1]) & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
-    unlike = look.misfit > look.noise.misfit_full @ (1.0, _STRANGE)
+    unlike = look.judged.misfit > look.judged.noise.misfit_full @ (1.0, _STRANGE)
     why[unlike & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
     # How much changed doesn't tell how much ink came, nor what shade changes as much.
-    vague = (state[:, FULL] < _SURELY_FULL) | ~look.noise.full_is_told
+    vague = (state[:, FULL] < _SURELY_FULL) | ~look.judged.noise.full_is_told
     why[old & (look.view.change is not None) & vague & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
     why[state[:, HIDDEN] > 0.5] = int(Unseen.GLARE)
-    inside = look.drawn.seen.inside(look.view.shape, 0.6 * ways.width)
-    crossed = look.drawn.crossed
-    why[crossed & ~look.shown] = int(Unseen.COVERED)
-    why[look.hidden] = int(Unseen.HIDDEN)
+    inside = look.placed.seen.inside(look.view.shape, 0.6 * ways.width)
+    crossed = look.placed.crossed
+    why[crossed & ~look.judged.shown] = int(Unseen.COVERED)
+    why[look.judged.hidden] = int(Unseen.HIDDEN)
     why[~inside] = int(Unseen.OUTSIDE)
-    why[bare & look.shown] = int(Unseen.SEEN)
+    why[bare & look.judged.shown] = int(Unseen.SEEN)
     return why
 
 
@@ -220,17 +220,17 @@ def _widths(
     """Widths of stations over the bath with free sides; shares of ink of those that touch."""
     drawn = look.drawn
     beside = _beside(look)
-    full = seen & (look.states[:, BARE] < 0.1) & (ways.to_end > _END * ways.width)
-    free = full & (beside > _ALONE) & ~drawn.old
+    full = seen & (look.judged.states[:, BARE] < 0.1) & (ways.to_end > _END * ways.width)
+    free = full & (beside > _ALONE) & ~look.placed.old
     all_ = np.ones(len(ways), dtype=np.bool_)
     told = group.mean(free.astype(np.float64), all_) > _PART
-    ink = measured(drawn.strips, drawn.own, StripNoise(look.inverse), look.lost)
+    ink = measured(drawn.strips, drawn.own, StripNoise(look.judged.inverse), look.judged.lost)
     area = ink.share * (1.0 + ink.wider)
     touching = full & (beside <= _ALONE)
     seam = np.where(
         group.mean(touching.astype(np.float64), all_) > _PART, group.mean(area, touching), np.nan
     )
-    shown = (~look.lost).astype(np.float64)
+    shown = (~look.judged.lost).astype(np.float64)
     part = group.mean(shown, free)
     lost = ~(part > _PART_SHOWN)
     strips = group.mean(drawn.strips * shown[:, :, None], free)
@@ -245,7 +245,7 @@ def _widths(
         usual = usual_ratio(model, look.view.is_heights, before)
     return station_widths(
         strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
-        ways.width[group.first], told, look.inverse, usual, seam,
+        ways.width[group.first], told, look.judged.inverse, usual, seam,
     )  # fmt: skip
 
 
@@ -268,8 +268,8 @@ def _of_stations(model: InkModel, left: FloatArray, use: BoolArray) -> InkModel:
 
 def _beside(look: Learned) -> FloatArray:
     """Distance of each place to the nearest other fresh line, widths; `REACH` for none."""
-    passes, kind = look.drawn.passes, look.drawn.pieces.kind
-    at = np.rint(np.nan_to_num(look.drawn.seen.at)).astype(np.int64)
+    passes, kind = look.placed.passes, look.placed.pieces.kind
+    at = np.rint(np.nan_to_num(look.placed.seen.at)).astype(np.int64)
     x = np.clip(at[:, 0], 0, look.view.shape[1] - 1)
     y = np.clip(at[:, 1], 0, look.view.shape[0] - 1)
     fresh = np.append(kind == 0, False)[passes.piece[y, x]]
@@ -303,8 +303,8 @@ def _stretches(stations: Stations, widths: Widths, options: SeeingOptions) -> tu
 
 def _contrast(look: Learned) -> float:
     """Ink over bath, in standard deviations of a place as long as a tolerated gap."""
-    spread = float(np.median(look.noise.full))
-    tie = look.noise.tie
+    spread = float(np.median(look.judged.noise.full))
+    tie = look.judged.noise.tie
     alike = 1.0 + 2.0 * sum((1 - k / _STEPS_IN_GAP) * tie**k for k in range(1, _STEPS_IN_GAP))
     return math.sqrt(_STEPS_IN_GAP / alike) / max(spread, 1e-9)
 
@@ -333,7 +333,7 @@ class Told:
         filled = power > _FILLED**2 * float((profile**2).sum(axis=1).max())
         if not filled or power < _FAINT**2 or look.odd:
             return Told(None, math.inf)
-        level = (look.image @ (middle / power)).astype(np.float32)
+        level = (look.even.image @ (middle / power)).astype(np.float32)
         return Told(level, 1.0 / math.sqrt(power))
 
     def blobs(
@@ -347,10 +347,12 @@ class Told:
         """Ink where none is expected; on a map of heights also on lines."""
         view, px_mm = look.view, 1.0 / look.view.px_per_mm
         width_px = float(np.median(ways.width)) / px_mm
-        place = PlaneMap.of(look.frame, look.drawn.ways, px_mm)
+        place = PlaneMap.of(look.frame, look.placed.ways, px_mm)
         expected = _drawn(look, lines)
         if thickness_mm is not None:
-            over = ((look.image - look.drawn.drawn)[:, :, 0] / look.mix[0, 0]).astype(np.float32)
+            over = ((look.even.image - look.drawn.ink)[:, :, 0] / look.even.mix[0, 0]).astype(
+                np.float32
+            )
             over[view.lost] = 0.0
             return find_blobs(
                 over, (~view.lost).astype(np.uint8), view.lost, expected, width_px, place,
@@ -358,7 +360,7 @@ class Told:
             )  # fmt: skip
         if self.level is None:
             return ()
-        away = look.drawn.passes.near.min(axis=2)
+        away = look.placed.passes.near.min(axis=2)
         free = ((away > _CLEAR) & ~view.lost).astype(np.uint8)
         return find_blobs(
             self.level, free, view.lost, expected, width_px, place, options.false_rate
@@ -369,7 +371,7 @@ class Told:
     ) -> tuple[LumenSeen, ...]:
         """How far each is open."""
         by = np.array([look.shift.dx_mm, look.shift.dy_mm])
-        older = (look.drawn.over > 0.5).astype(np.uint8)
+        older = (look.placed.over > 0.5).astype(np.uint8)
         return see_lumens(
             lumens, self.level, look.view.lost, older, look.frame, by, 1.0 / look.view.px_per_mm,
             self.noise,
@@ -378,6 +380,6 @@ class Told:
 
 def _drawn(look: Learned, lines: ExpectedLines) -> Mask:
     """Where any line is expected, (h, w) uint8."""
-    pieces = look.drawn.pieces
+    pieces = look.placed.pieces
     ends = np.stack([pieces.start, pieces.end], axis=1)
     return drawn_lines(look.view.shape, ends, pieces.width)

@@ -25,16 +25,16 @@ def job(a):
     um = (10.0, 20.0, 40.0)[k % 3]
     layout, size = painter.LAYOUTS[(k // 2) % 4], 4.0 if um < 15 else 6.0
     p,L,s,t=run(FIRST_FAULTY+k,kind,layout,um,size,LENGTHS_MM[k%3:])
-    b=L.states[:,2]; w=L.drawn.ways; out=[]; inside=np.zeros(len(w),bool); hits=0
+    J=L.judged; b=J.states[:,2]; w=L.placed.ways; out=[]; inside=np.zeros(len(w),bool); hits=0
     for st,a,e in p.gaps:
         own=(w.stroke==st)&(w.along>a)&(w.along<e); inside|=(w.stroke==st)&(w.along>a-.1)&(w.along<e+.1)
         hit=own.any() and b[own].max()>.5; hits+=hit
-        out.append(f"{e-a:.2f}:{b[own].max() if own.any() else -1:.2f}/{np.median(L.shares.share[own]):.2f}")
+        out.append(f"{e-a:.2f}:{b[own].max() if own.any() else -1:.2f}/{np.median(J.shares.share[own]):.2f}")
     f=np.flatnonzero((b>.5)&~inside)
     runs=np.split(f,np.flatnonzero(np.diff(f)>1)+1) if len(f) else []
-    fl=[f"st{w.stroke[r[0]]} {w.along[r[0]]:.2f}+{len(r)} end{w.to_end[r].min():.2f} cr{int(L.drawn.crossed[r].any())} co{int(w.corners()[r].any())} sh{np.median(L.shares.share[r]):.2f}" for r in runs]
-    m=L.noise
-    txt=f"{k} {kind} {layout} {um} w{w.width[0]:.2f} {'odd' if L.odd else 'even'} shift {np.round(np.array([L.shift.dx_mm,L.shift.dy_mm])-s,3)} sf {m.full[0]:.3f} ub {np.median(L.shares.u_share):.3f} tie {m.tie:.2f} hid {(L.states[:,3]>.5).mean():.2f} {out} FALSE {fl} {t:.2f}s"
+    fl=[f"st{w.stroke[r[0]]} {w.along[r[0]]:.2f}+{len(r)} end{w.to_end[r].min():.2f} cr{int(L.placed.crossed[r].any())} co{int(w.corners()[r].any())} sh{np.median(J.shares.share[r]):.2f}" for r in runs]
+    m=J.noise
+    txt=f"{k} {kind} {layout} {um} w{w.width[0]:.2f} {'odd' if L.odd else 'even'} shift {np.round(np.array([L.shift.dx_mm,L.shift.dy_mm])-s,3)} sf {m.full[0]:.3f} ub {np.median(J.shares.u_share):.3f} tie {m.tie:.2f} hid {(J.states[:,3]>.5).mean():.2f} {out} FALSE {fl} {t:.2f}s"
     return len(p.gaps),hits,len(runs),np.hypot(*(np.array([L.shift.dx_mm,L.shift.dy_mm])-s)),kind,txt
 if __name__=="__main__":
     from concurrent.futures import ProcessPoolExecutor
