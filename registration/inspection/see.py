@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -23,13 +23,11 @@ from scipy.special import logit
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.findings import LayerFindings
-from registration.inspection.found.blobs import find_blobs
 from registration.inspection.found.gaps import gaps_of
+from registration.inspection.found.ink_level import InkLevel
 from registration.inspection.found.line_width import UsualWidth, Widths, station_widths, usual_ratio
-from registration.inspection.found.lumens import see_lumens
-from registration.inspection.found.plane_map import PlaneMap
 from registration.inspection.found.stations import Grouping
-from registration.inspection.found.stretches import find_stretches, width_ratio
+from registration.inspection.found.stretches import all_stretches, width_ratio
 from registration.inspection.ink.chain import BARE, FULL, HIDDEN, PRIOR_BARE, expected_ink
 from registration.inspection.ink.ink_model import NODES, InkModel
 from registration.inspection.ink.learn import Learned, learned
@@ -37,24 +35,17 @@ from registration.inspection.ink.passes import REACH
 from registration.inspection.ink.shares import ACROSS, StripNoise, measured
 from registration.inspection.options import SeeingOptions
 from registration.inspection.pictures.picture import (
-    Mask,
     Outlines,
-    drawn_lines,
     view_of,
     with_before,
 )
 from registration.inspection.pictures.rise import risen
 from registration.inspection.values import (
     Appearance,
-    Blob,
     ExpectedLines,
-    FloatImage,
     Frame,
     Image,
     Lumen,
-    LumenSeen,
-    Stations,
-    Stretch,
     Unseen,
 )
 from registration.inspection.ways import Ways, check_lines, lay_ways
@@ -72,19 +63,8 @@ _ALONE: Final = 1.25
 """Widths from middle to middle, from which on two lines have edges of their own."""
 _END: Final = 0.6
 """Of a width from a line's end, within which it has no width of its own."""
-_FILLED: Final = 0.5
-"""Of a profile's highest level, that its middle has where ink is told by its level."""
-_FAINT: Final = 2.0
-"""Standard deviations of the ground that ink must differ by for that."""
-_CLEAR: Final = 0.9
-"""Widths from a line's middle, from which on there should be bath alone."""
 _PART_SHOWN: Final = 0.25
 """Of a station's strips that show a sample, for their mean to be taken."""
-_TRIMS: Final = 4
-_APART: Final = 3.0
-"""Spreads from the median, from which on a station's ink isn't that of the others."""
-_LEAST_SPREAD: Final = 0.02
-"""Of shares of ink of stations whose lines touch."""
 _PART: Final = 0.7
 """Of a station, free on both sides, for its width to be told."""
 
@@ -169,14 +149,14 @@ def _findings(
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
     seen_mm = float(stations.length_mm[stations.seen].sum())
-    told = Told.of(look)
+    level = InkLevel.of(look)
     appearance = replace(look.appearance(), shapes=widths.usual.shapes)
     return LayerFindings(
         stations=stations,
         gaps=gaps,
-        stretches=_stretches(stations, widths, options),
-        blobs=told.blobs(look, lines, ways, options, thickness_mm),
-        lumens=told.lumens(look, lumens, lines),
+        stretches=all_stretches(stations, widths, options.width_percent),
+        blobs=level.blobs(look, ways, options.false_rate, thickness_mm),
+        lumens=level.lumens(look, lumens),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
         u_width_change=widths.usual.u_change,
@@ -277,109 +257,9 @@ def _beside(look: Learned) -> FloatArray:
     return np.asarray(np.minimum(away[:, 1], REACH), dtype=np.float64)
 
 
-def _stretches(stations: Stations, widths: Widths, options: SeeingOptions) -> tuple[Stretch, ...]:
-    """Thin and thick stretches, by widths, and where lines touch by their shares of ink."""
-    found = find_stretches(stations, widths, options.width_percent)
-    seam = stations.seam_share
-    if seam is None or not np.isfinite(seam).any():
-        return found
-    # Stations that have their ink tell how it scatters: a thin stretch lies apart from them.
-    sound, spread = seam[np.isfinite(seam)], 0.0
-    for _ in range(_TRIMS):
-        off = np.abs(sound - np.median(sound))
-        spread = 1.4826 * float(np.median(off))
-        sound = sound[off <= _APART * max(spread, _LEAST_SPREAD)]
-    seam = seam / float(np.median(sound))
-    random = np.where(np.isfinite(seam), max(spread, _LEAST_SPREAD), np.nan)
-    by_seams = replace(
-        widths,
-        width_mm=seam * stations.expected_mm,
-        random_mm=random * stations.expected_mm,
-        common=0.0,
-    )
-    touching = replace(stations, width_mm=by_seams.width_mm)
-    return found + find_stretches(touching, by_seams, options.width_percent)
-
-
 def _contrast(look: Learned) -> float:
     """Ink over bath, in standard deviations of a place as long as a tolerated gap."""
     spread = float(np.median(look.judged.noise.full))
     tie = look.judged.noise.tie
     alike = 1.0 + 2.0 * sum((1 - k / _STEPS_IN_GAP) * tie**k for k in range(1, _STEPS_IN_GAP))
     return math.sqrt(_STEPS_IN_GAP / alike) / max(spread, 1e-9)
-
-
-@dataclass(frozen=True)
-class Told:
-    """How much like ink each pixel looks by its level, where levels tell it.
-
-    Attributes
-    ----------
-    level : (h, w) float32 or None
-        Bath 0, ink 1; None where ink shows by rims or slopes alone.
-    noise : float
-        Scatter of the bath's single values.
-    """
-
-    level: FloatImage | None
-    noise: float
-
-    @staticmethod
-    def of(look: Learned) -> Told:
-        """Project the view on what ink adds in the middle of its profile."""
-        profile = look.drawn.model.profile[0, 0]
-        middle = profile[:3].mean(axis=0)
-        power = float(middle @ middle)
-        filled = power > _FILLED**2 * float((profile**2).sum(axis=1).max())
-        if not filled or power < _FAINT**2 or look.odd:
-            return Told(None, math.inf)
-        level = (look.even.image @ (middle / power)).astype(np.float32)
-        return Told(level, 1.0 / math.sqrt(power))
-
-    def blobs(
-        self,
-        look: Learned,
-        lines: ExpectedLines,
-        ways: Ways,
-        options: SeeingOptions,
-        thickness_mm: float | None,
-    ) -> tuple[Blob, ...]:
-        """Ink where none is expected; on a map of heights also on lines."""
-        view, px_mm = look.view, 1.0 / look.view.px_per_mm
-        width_px = float(np.median(ways.width)) / px_mm
-        place = PlaneMap.of(look.frame, look.placed.ways, px_mm)
-        expected = _drawn(look, lines)
-        if thickness_mm is not None:
-            over = ((look.even.image - look.drawn.ink)[:, :, 0] / look.even.mix[0, 0]).astype(
-                np.float32
-            )
-            over[view.lost] = 0.0
-            return find_blobs(
-                over, (~view.lost).astype(np.uint8), view.lost, expected, width_px, place,
-                options.false_rate, thickness_mm,
-            )  # fmt: skip
-        if self.level is None:
-            return ()
-        away = look.placed.passes.near.min(axis=2)
-        free = ((away > _CLEAR) & ~view.lost).astype(np.uint8)
-        return find_blobs(
-            self.level, free, view.lost, expected, width_px, place, options.false_rate
-        )
-
-    def lumens(
-        self, look: Learned, lumens: Sequence[Lumen], lines: ExpectedLines
-    ) -> tuple[LumenSeen, ...]:
-        """How far each is open."""
-        by = np.array([look.shift.dx_mm, look.shift.dy_mm])
-        older = (look.placed.over > 0.5).astype(np.uint8)
-        return see_lumens(
-            lumens, self.level, look.view.lost, older, look.frame, by, 1.0 / look.view.px_per_mm,
-            self.noise,
-        )  # fmt: skip
-
-
-def _drawn(look: Learned, lines: ExpectedLines) -> Mask:
-    """Where any line is expected, (h, w) uint8."""
-    pieces = look.placed.pieces
-    ends = np.stack([pieces.start, pieces.end], axis=1)
-    return drawn_lines(look.view.shape, ends, pieces.width)

@@ -32,7 +32,7 @@ def job(a):
         out.append(f"{e-a:.2f}:{b[own].max() if own.any() else -1:.2f}/{np.median(J.shares.share[own]):.2f}")
     f=np.flatnonzero((b>.5)&~inside)
     runs=np.split(f,np.flatnonzero(np.diff(f)>1)+1) if len(f) else []
-    fl=[f"st{w.stroke[r[0]]} {w.along[r[0]]:.2f}+{len(r)} end{w.to_end[r].min():.2f} cr{int(L.placed.crossed[r].any())} co{int(w.corners()[r].any())} sh{np.median(J.shares.share[r]):.2f}" for r in runs]
+    fl=[f"st{w.stroke[r[0]]} {w.along[r[0]]:.2f}+{len(r)} end{w.to_end[r].min():.2f} cr{int(L.placed.crossed[r].any())} sh{np.median(J.shares.share[r]):.2f}" for r in runs]
     m=J.noise
     txt=f"{k} {kind} {layout} {um} w{w.width[0]:.2f} {'odd' if L.odd else 'even'} shift {np.round(np.array([L.shift.dx_mm,L.shift.dy_mm])-s,3)} sf {m.full[0]:.3f} ub {np.median(J.shares.u_share):.3f} tie {m.tie:.2f} hid {(J.states[:,3]>.5).mean():.2f} {out} FALSE {fl} {t:.2f}s"
     return len(p.gaps),hits,len(runs),np.hypot(*(np.array([L.shift.dx_mm,L.shift.dy_mm])-s)),kind,txt
