@@ -14,10 +14,10 @@ from printctl.observe.height_maps import ScanSize
 from printctl.observe.held_look import HeldLook
 from printctl.observe.views import View
 from registration.inspection import ExpectedLines, HeightFrame
-from registration.inspection.heights.lost_rows import LEAST_MM, gone_mm2, lost_rows
-from registration.inspection.heights.moved_part import is_in_place
-from registration.inspection.heights.sunk import lifted
-from registration.inspection.picture import drawn_lines
+from registration.inspection.pictures.heights.lost_rows import LEAST_MM, gone_mm2, lost_rows
+from registration.inspection.pictures.heights.moved_part import is_in_place
+from registration.inspection.pictures.heights.sunk import lifted
+from registration.inspection.pictures.picture import drawn_lines
 from registration.inspection.values import FloatImage
 
 _WIDER = 2.0

@@ -1,10 +1,10 @@
 """Judge a picture, a height map or a scan's picture of a layer: the door of this room.
 
-1. The picture is cropped and binned, and the one before laid over it (`picture`).
+1. The picture is cropped and binned, and the one before laid over it (`pictures`).
 2. Light, the layer's shift, ink's profile across a line, and how much ink lies at each place follow
-   from each other in some rounds (`learn`): a view is ground plus profiles along lines.
-3. Each place is full, thin, bare or hidden, with a probability (`chain`).
-4. Gaps, widths, stretches, blobs and lumens are read from that.
+   from each other in some rounds (`ink.learn`): a view is ground plus profiles along lines.
+3. Each place is full, thin, bare or hidden, with a probability (`ink.chain`).
+4. Gaps, widths, stretches, blobs and lumens are read from that (`found`).
 
 What a picture can't show: height (a thin line is as wide as a thick one that is flat), ink of the
 bath's own colour and texture, ink over older ink that it doesn't change. There probabilities stay
@@ -15,40 +15,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from scipy.special import logit
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.blobs import find_blobs
-from registration.inspection.chain import BARE, FULL, HIDDEN, PRIOR_BARE, expected_ink
 from registration.inspection.findings import LayerFindings
-from registration.inspection.gaps import gaps_of
-from registration.inspection.ink_model import NODES, InkModel
-from registration.inspection.learn import Learned, learned
-from registration.inspection.line_width import UsualWidth, Widths, station_widths, usual_ratio
-from registration.inspection.lumens import see_lumens
+from registration.inspection.found.gaps import gaps_of
+from registration.inspection.found.ink_level import InkLevel
+from registration.inspection.found.line_width import UsualWidth, Widths, station_widths, usual_ratio
+from registration.inspection.found.stations import Grouping
+from registration.inspection.found.stretches import all_stretches, width_ratio
+from registration.inspection.ink.chain import BARE, FULL, HIDDEN, PRIOR_BARE, expected_ink
+from registration.inspection.ink.ink_model import NODES, InkModel
+from registration.inspection.ink.learn import Learned, learned
+from registration.inspection.ink.passes import REACH
+from registration.inspection.ink.shares import ACROSS, StripNoise, measured
 from registration.inspection.options import SeeingOptions
-from registration.inspection.passes import REACH
-from registration.inspection.picture import Mask, Outlines, drawn_lines, view_of, with_before
-from registration.inspection.plane_map import PlaneMap
-from registration.inspection.rise import risen
-from registration.inspection.shares import ACROSS, StripNoise, measured
-from registration.inspection.stations import Grouping
-from registration.inspection.stretches import find_stretches, width_ratio
+from registration.inspection.pictures.picture import (
+    Outlines,
+    view_of,
+    with_before,
+)
+from registration.inspection.pictures.rise import risen
 from registration.inspection.values import (
     Appearance,
-    Blob,
     ExpectedLines,
-    FloatImage,
     Frame,
     Image,
     Lumen,
-    LumenSeen,
-    Stations,
-    Stretch,
     Unseen,
 )
 from registration.inspection.ways import Ways, check_lines, lay_ways
@@ -66,19 +63,8 @@ _ALONE: Final = 1.25
 """Widths from middle to middle, from which on two lines have edges of their own."""
 _END: Final = 0.6
 """Of a width from a line's end, within which it has no width of its own."""
-_FILLED: Final = 0.5
-"""Of a profile's highest level, that its middle has where ink is told by its level."""
-_FAINT: Final = 2.0
-"""Standard deviations of the ground that ink must differ by for that."""
-_CLEAR: Final = 0.9
-"""Widths from a line's middle, from which on there should be bath alone."""
 _PART_SHOWN: Final = 0.25
 """Of a station's strips that show a sample, for their mean to be taken."""
-_TRIMS: Final = 4
-_APART: Final = 3.0
-"""Spreads from the median, from which on a station's ink isn't that of the others."""
-_LEAST_SPREAD: Final = 0.02
-"""Of shares of ink of stations whose lines touch."""
 _PART: Final = 0.7
 """Of a station, free on both sides, for its width to be told."""
 
@@ -152,25 +138,25 @@ def _findings(
     thickness_mm: float | None,
     known: Appearance | None,
 ) -> LayerFindings:
-    bare = np.asarray(look.states[:, BARE] > 0.5)
+    bare = np.asarray(look.judged.states[:, BARE] > 0.5)
     gaps = gaps_of(look, ways, bare)
     why = _reasons(look, ways, bare)
     seen = why == Unseen.SEEN
     any_seen = bool(seen.any())
     group = Grouping.of_ways(ways)
     widths = _widths(look, ways, group, seen, known)
-    share = np.where(bare, 0.0, expected_ink(look.states, look.shares.share))
+    share = np.where(bare, 0.0, expected_ink(look.judged.states, look.judged.shares.share))
     stations = group.stations(ways, share, why, widths)
     ratio, u_ratio = width_ratio(stations, widths)
     seen_mm = float(stations.length_mm[stations.seen].sum())
-    told = Told.of(look)
+    level = InkLevel.of(look)
     appearance = replace(look.appearance(), shapes=widths.usual.shapes)
     return LayerFindings(
         stations=stations,
         gaps=gaps,
-        stretches=_stretches(stations, widths, options),
-        blobs=told.blobs(look, lines, ways, options, thickness_mm),
-        lumens=told.lumens(look, lumens, lines),
+        stretches=all_stretches(stations, widths, options.width_percent),
+        blobs=level.blobs(look, ways, options.false_rate, thickness_mm),
+        lumens=level.lumens(look, lumens),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
         u_width_change=widths.usual.u_change,
@@ -186,25 +172,25 @@ def _findings(
 
 def _reasons(look: Learned, ways: Ways, bare: BoolArray) -> IntArray:
     """Why each place wasn't seen, (n,)."""
-    state, old = look.states, look.drawn.old
+    state, old = look.judged.states, look.placed.old
     p = np.clip(state[:, BARE] / np.maximum(1.0 - state[:, HIDDEN], 1e-12), 1e-12, 1 - 1e-12)
     moved = np.abs(logit(p) - logit(PRIOR_BARE))
     why = np.full(len(ways), int(Unseen.SEEN))
     why[moved < _TELLS] = int(Unseen.FAINT)
     why[(moved < _TELLS) & old] = int(Unseen.OLD_INK)
     why[(p > _DOUBT[0]) & (p < _DOUBT[1]) & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
-    unlike = look.misfit > look.noise.misfit_full @ (1.0, _STRANGE)
+    unlike = look.judged.misfit > look.judged.noise.misfit_full @ (1.0, _STRANGE)
     why[unlike & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
     # How much changed doesn't tell how much ink came, nor what shade changes as much.
-    vague = (state[:, FULL] < _SURELY_FULL) | ~look.noise.full_is_told
+    vague = (state[:, FULL] < _SURELY_FULL) | ~look.judged.noise.full_is_told
     why[old & (look.view.change is not None) & vague & (moved >= _TELLS)] = int(Unseen.UNCLEAR)
     why[state[:, HIDDEN] > 0.5] = int(Unseen.GLARE)
-    inside = look.drawn.seen.inside(look.view.shape, 0.6 * ways.width)
-    crossed = look.drawn.crossed
-    why[crossed & ~look.shown] = int(Unseen.COVERED)
-    why[look.hidden] = int(Unseen.HIDDEN)
+    inside = look.placed.seen.inside(look.view.shape, 0.6 * ways.width)
+    crossed = look.placed.crossed
+    why[crossed & ~look.judged.shown] = int(Unseen.COVERED)
+    why[look.judged.hidden] = int(Unseen.HIDDEN)
     why[~inside] = int(Unseen.OUTSIDE)
-    why[bare & look.shown] = int(Unseen.SEEN)
+    why[bare & look.judged.shown] = int(Unseen.SEEN)
     return why
 
 
@@ -214,17 +200,17 @@ def _widths(
     """Widths of stations over the bath with free sides; shares of ink of those that touch."""
     drawn = look.drawn
     beside = _beside(look)
-    full = seen & (look.states[:, BARE] < 0.1) & (ways.to_end > _END * ways.width)
-    free = full & (beside > _ALONE) & ~drawn.old
+    full = seen & (look.judged.states[:, BARE] < 0.1) & (ways.to_end > _END * ways.width)
+    free = full & (beside > _ALONE) & ~look.placed.old
     all_ = np.ones(len(ways), dtype=np.bool_)
     told = group.mean(free.astype(np.float64), all_) > _PART
-    ink = measured(drawn.strips, drawn.own, StripNoise(look.inverse), look.lost)
+    ink = measured(drawn.strips, drawn.own, StripNoise(look.judged.inverse), look.judged.lost)
     area = ink.share * (1.0 + ink.wider)
     touching = full & (beside <= _ALONE)
     seam = np.where(
         group.mean(touching.astype(np.float64), all_) > _PART, group.mean(area, touching), np.nan
     )
-    shown = (~look.lost).astype(np.float64)
+    shown = (~look.judged.lost).astype(np.float64)
     part = group.mean(shown, free)
     lost = ~(part > _PART_SHOWN)
     strips = group.mean(drawn.strips * shown[:, :, None], free)
@@ -239,7 +225,7 @@ def _widths(
         usual = usual_ratio(model, look.view.is_heights, before)
     return station_widths(
         strips, own, lost, group.mean(free.astype(np.float64), all_) * group.count,
-        ways.width[group.first], told, look.inverse, usual, seam,
+        ways.width[group.first], told, look.judged.inverse, usual, seam,
     )  # fmt: skip
 
 
@@ -262,8 +248,8 @@ def _of_stations(model: InkModel, left: FloatArray, use: BoolArray) -> InkModel:
 
 def _beside(look: Learned) -> FloatArray:
     """Distance of each place to the nearest other fresh line, widths; `REACH` for none."""
-    passes, kind = look.drawn.passes, look.drawn.pieces.kind
-    at = np.rint(np.nan_to_num(look.drawn.seen.at)).astype(np.int64)
+    passes, kind = look.placed.passes, look.placed.pieces.kind
+    at = np.rint(np.nan_to_num(look.placed.seen.at)).astype(np.int64)
     x = np.clip(at[:, 0], 0, look.view.shape[1] - 1)
     y = np.clip(at[:, 1], 0, look.view.shape[0] - 1)
     fresh = np.append(kind == 0, False)[passes.piece[y, x]]
@@ -271,107 +257,9 @@ def _beside(look: Learned) -> FloatArray:
     return np.asarray(np.minimum(away[:, 1], REACH), dtype=np.float64)
 
 
-def _stretches(stations: Stations, widths: Widths, options: SeeingOptions) -> tuple[Stretch, ...]:
-    """Thin and thick stretches, by widths, and where lines touch by their shares of ink."""
-    found = find_stretches(stations, widths, options.width_percent)
-    seam = stations.seam_share
-    if seam is None or not np.isfinite(seam).any():
-        return found
-    # Stations that have their ink tell how it scatters: a thin stretch lies apart from them.
-    sound, spread = seam[np.isfinite(seam)], 0.0
-    for _ in range(_TRIMS):
-        off = np.abs(sound - np.median(sound))
-        spread = 1.4826 * float(np.median(off))
-        sound = sound[off <= _APART * max(spread, _LEAST_SPREAD)]
-    seam = seam / float(np.median(sound))
-    random = np.where(np.isfinite(seam), max(spread, _LEAST_SPREAD), np.nan)
-    by_seams = replace(
-        widths,
-        width_mm=seam * stations.expected_mm,
-        random_mm=random * stations.expected_mm,
-        common=0.0,
-    )
-    touching = replace(stations, width_mm=by_seams.width_mm)
-    return found + find_stretches(touching, by_seams, options.width_percent)
-
-
 def _contrast(look: Learned) -> float:
     """Ink over bath, in standard deviations of a place as long as a tolerated gap."""
-    spread = float(np.median(look.noise.full))
-    tie = look.noise.tie
+    spread = float(np.median(look.judged.noise.full))
+    tie = look.judged.noise.tie
     alike = 1.0 + 2.0 * sum((1 - k / _STEPS_IN_GAP) * tie**k for k in range(1, _STEPS_IN_GAP))
     return math.sqrt(_STEPS_IN_GAP / alike) / max(spread, 1e-9)
-
-
-@dataclass(frozen=True)
-class Told:
-    """How much like ink each pixel looks by its level, where levels tell it.
-
-    Attributes
-    ----------
-    level : (h, w) float32 or None
-        Bath 0, ink 1; None where ink shows by rims or slopes alone.
-    noise : float
-        Scatter of the bath's single values.
-    """
-
-    level: FloatImage | None
-    noise: float
-
-    @staticmethod
-    def of(look: Learned) -> Told:
-        """Project the view on what ink adds in the middle of its profile."""
-        profile = look.drawn.model.profile[0, 0]
-        middle = profile[:3].mean(axis=0)
-        power = float(middle @ middle)
-        filled = power > _FILLED**2 * float((profile**2).sum(axis=1).max())
-        if not filled or power < _FAINT**2 or look.odd:
-            return Told(None, math.inf)
-        level = (look.image @ (middle / power)).astype(np.float32)
-        return Told(level, 1.0 / math.sqrt(power))
-
-    def blobs(
-        self,
-        look: Learned,
-        lines: ExpectedLines,
-        ways: Ways,
-        options: SeeingOptions,
-        thickness_mm: float | None,
-    ) -> tuple[Blob, ...]:
-        """Ink where none is expected; on a map of heights also on lines."""
-        view, px_mm = look.view, 1.0 / look.view.px_per_mm
-        width_px = float(np.median(ways.width)) / px_mm
-        place = PlaneMap.of(look.frame, look.drawn.ways, px_mm)
-        expected = _drawn(look, lines)
-        if thickness_mm is not None:
-            over = ((look.image - look.drawn.drawn)[:, :, 0] / look.mix[0, 0]).astype(np.float32)
-            over[view.lost] = 0.0
-            return find_blobs(
-                over, (~view.lost).astype(np.uint8), view.lost, expected, width_px, place,
-                options.false_rate, thickness_mm,
-            )  # fmt: skip
-        if self.level is None:
-            return ()
-        away = look.drawn.passes.near.min(axis=2)
-        free = ((away > _CLEAR) & ~view.lost).astype(np.uint8)
-        return find_blobs(
-            self.level, free, view.lost, expected, width_px, place, options.false_rate
-        )
-
-    def lumens(
-        self, look: Learned, lumens: Sequence[Lumen], lines: ExpectedLines
-    ) -> tuple[LumenSeen, ...]:
-        """How far each is open."""
-        by = np.array([look.shift.dx_mm, look.shift.dy_mm])
-        older = (look.drawn.over > 0.5).astype(np.uint8)
-        return see_lumens(
-            lumens, self.level, look.view.lost, older, look.frame, by, 1.0 / look.view.px_per_mm,
-            self.noise,
-        )  # fmt: skip
-
-
-def _drawn(look: Learned, lines: ExpectedLines) -> Mask:
-    """Where any line is expected, (h, w) uint8."""
-    pieces = look.drawn.pieces
-    ends = np.stack([pieces.start, pieces.end], axis=1)
-    return drawn_lines(look.view.shape, ends, pieces.width)

@@ -8,13 +8,13 @@ covariance across the strip is learned from the rest of all strips of the look.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.ink_model import InkModel
+from registration.inspection.ink.ink_model import InkModel
 from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways
 
@@ -100,6 +100,20 @@ class Shares:
     wider: FloatArray
     misfit: FloatArray
 
+    @staticmethod
+    def blank(count: int) -> Shares:
+        """Return shares of so many places, to be put in."""
+        return Shares(*np.zeros((5, count)))
+
+    def put(self, rows: BoolArray | IntArray, part: Shares) -> None:
+        """Take over those of some places."""
+        for name, values in vars(part).items():
+            getattr(self, name)[rows] = values
+
+    def over(self, level: float) -> Shares:
+        """Return shares of a level."""
+        return replace(self, share=self.share / level, u_share=self.u_share / level)
+
 
 def strips_of(image: FloatImage, seen: Seen, ways: Ways) -> FloatArray:
     """Return samples across each place, (n, u, c)."""
@@ -132,11 +146,9 @@ def measured(
     n, samples, channels = strips.shape
     if lost is None or not lost.any():
         return _measured(strips, own, noise.inverse, samples * channels)
-    found = Shares(*np.zeros((5, n)))
+    found = Shares.blank(n)
     for rows, inverse, number in by_seen_samples(noise.inverse, lost):
-        part = _measured(strips[rows], own[rows], inverse, max(number, 1))
-        for name, values in vars(part).items():
-            getattr(found, name)[rows] = values
+        found.put(rows, _measured(strips[rows], own[rows], inverse, max(number, 1)))
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final, Literal
 
 import cv2
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.picture import Mask
-from registration.inspection.plane_map import PlaneMap
+from registration.inspection.found.plane_map import PlaneMap
+from registration.inspection.pictures.picture import Mask
 from registration.inspection.values import Blob, FloatImage
 
 _LEVEL: Final = 0.5
@@ -24,6 +25,10 @@ _DRAWN_OUT: Final = 3.0
 _NEAR_MM: Final = 1.2
 """From a line: what lies further off isn't this layer's."""
 _MOST: Final = 200
+_FEWEST: Final = 100
+"""Pixels of bath by which its level is learned."""
+_HIGHEST_LEVEL: Final = 0.85
+"""Of ink's level: a bath that scatters up to it tells of no blobs."""
 _BESIDE_GLARE: Final = 0.1
 """Of a find's surroundings that aren't seen: more, and it is a fringe of that."""
 _CREST: Final = 95
@@ -70,64 +75,94 @@ def find_blobs(
     away = cv2.distanceTransform((lines == 0).astype(np.uint8), cv2.DIST_L2, 3)
     area = np.asarray((free > 0) & ~unseen & (away < _NEAR_MM / place.px_mm))
     smooth = cv2.GaussianBlur(image, (0, 0), max(0.8, 0.25 * width_px))
-    some = smooth[area]
-    if len(some) < 100:
-        return ()
     is_heights = not math.isnan(unit_mm)
-    middle, spread = _usual_height(some) if is_heights else _bath_level(some)
-    places = max(1.0, area.sum() / width_px**2)
-    sure = float(-ndtri(min(0.5, rate / places)))
-    level = max(_LEVEL, middle + sure * spread)
-    if level > 0.85:
+    if area.sum() < _FEWEST:
         return ()
-    found = ((smooth > level) & area).astype(np.uint8)
+    middle, spread, level = _levels(smooth[area], width_px, rate, is_heights)
+    if level > _HIGHEST_LEVEL:
+        return ()
     grown = cv2.dilate(lines, np.ones((3, 3), np.uint8), iterations=2 + round(0.5 * width_px))
     # Distances count to the middle of the first pixel outside.
     inner = cv2.distanceTransform(lines, cv2.DIST_L2, 3) - 0.5 > _INNER * width_px
-    count, labels, stats, middles = cv2.connectedComponentsWithStats(found, connectivity=8)
-    size = stats[:, cv2.CC_STAT_AREA]
-    large = [k for k in range(1, count) if size[k] >= _LEAST * width_px**2]
     blobs = list[Blob]()
-    for k in sorted(large, key=lambda k: -size[k])[:_MOST]:
-        x, y, wide, high = stats[k, :4]
-        box = np.s_[y : y + high, x : x + wide]
-        own = np.asarray(labels[box] == k)
-        kind, outline = _kind(own.astype(np.uint8), width_px)
+    for find in _finds((smooth > level) & area, _LEAST * width_px**2):
+        box, own = find.box(), find.own()
         height = float(smooth[box][own].mean())
-        if not is_heights and not _has_edge(
-            smooth, area, unseen, labels, k, stats[k], width_px, height
-        ):
+        if not is_heights and not _has_edge(find, smooth, area, unseen, width_px, height):
             continue
-        at = place.to_printer(middles[k][None])[0]
+        kind, outline = _kind(own.astype(np.uint8), width_px)
+        at = place.to_printer(find.middle[None])[0]
         blobs.append(
             Blob(
-                kind,
-                (float(at[0]), float(at[1])),
-                place.to_printer(outline + (x, y)),
-                float(size[k]) * place.px_mm**2,
-                bool((grown[box][own] > 0).any()),
+                kind, (float(at[0]), float(at[1])), place.to_printer(outline + find.corner),
+                find.size * place.px_mm**2, bool((grown[box][own] > 0).any()),
                 float(ndtr((middle - height) / spread)),
                 _crest(image[box], own, inner[box]) * unit_mm,
             )
-        )
+        )  # fmt: skip
     return tuple(blobs)
 
 
+@dataclass(frozen=True)
+class _Find:
+    """Pixels that hang together: those of one number."""
+
+    labels: NDArray[np.int32]
+    number: int
+    stats: NDArray[np.int32]
+    middle: FloatArray
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """First column and row."""
+        return int(self.stats[cv2.CC_STAT_LEFT]), int(self.stats[cv2.CC_STAT_TOP])
+
+    @property
+    def size(self) -> float:
+        """Number of pixels."""
+        return float(self.stats[cv2.CC_STAT_AREA])
+
+    def box(self, margin: int = 0) -> tuple[slice, slice]:
+        """Rows and columns around it."""
+        (x, y), wide, high = self.corner, *(int(v) for v in self.stats[2:4])
+        low_y, low_x = max(0, y - margin), max(0, x - margin)
+        return np.s_[low_y : y + high + margin, low_x : x + wide + margin]
+
+    def own(self, margin: int = 0) -> BoolArray:
+        """Its pixels in there."""
+        return np.asarray(self.labels[self.box(margin)] == self.number)
+
+
+def _finds(found: BoolArray, least: float) -> list[_Find]:
+    """Pixels that hang together, of a size at least, the largest first."""
+    count, labels, stats, middles = cv2.connectedComponentsWithStats(
+        found.astype(np.uint8), connectivity=8
+    )
+    finds = [_Find(labels, k, stats[k], middles[k]) for k in range(1, count)]
+    large = [find for find in finds if find.size >= least]
+    return sorted(large, key=lambda find: -find.size)[:_MOST]
+
+
+def _levels(
+    values: FloatImage, width_px: float, rate: float, is_heights: bool
+) -> tuple[float, float, float]:
+    """Middle and spread of the bath's values, and the level that hardly any of them exceeds."""
+    middle, spread = _usual_height(values) if is_heights else _bath_level(values)
+    places = max(1.0, len(values) / width_px**2)
+    return middle, spread, max(_LEVEL, middle - float(ndtri(min(0.5, rate / places))) * spread)
+
+
 def _has_edge(
+    find: _Find,
     smooth: FloatImage,
     area: BoolArray,
     unseen: BoolArray,
-    labels: NDArray[np.int32],
-    number: int,
-    stats: NDArray[np.int32],
     width_px: float,
     height: float,
 ) -> bool:
     """Whether the bath around a find is seen, and much lower: shade that fades has no edge."""
     near, far = (max(1, round(part * width_px)) for part in (0.3, 0.9))
-    x, y, wide, high = (int(v) for v in stats[:4])
-    box = np.s_[max(0, y - far) : y + high + far, max(0, x - far) : x + wide + far]
-    own = (labels[box] == number).astype(np.uint8)
+    box, own = find.box(far), find.own(far).astype(np.uint8)
     inner, outer = (
         cv2.dilate(own, np.ones((2 * k + 1, 2 * k + 1), np.uint8)) > 0 for k in (near, far)
     )

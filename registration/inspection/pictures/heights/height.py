@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
-from registration.inspection.picture import drawn_lines
-from registration.inspection.unmeasured import unmeasured_scans
+from registration.inspection.pictures.picture import drawn_lines
+from registration.inspection.pictures.unmeasured import unmeasured_scans
 from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 

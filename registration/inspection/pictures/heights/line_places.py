@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.heights.height import HeightFrame
+from registration.inspection.pictures.heights.height import HeightFrame
 from registration.inspection.values import ExpectedLines
 
 _STEP_MM: Final = 0.05

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from kernels.compile import jit
-from registration.inspection.passes import REACH, Passes
+from registration.inspection.ink.passes import REACH, Passes
 from registration.inspection.values import ExpectedLines, FloatImage
 from registration.inspection.ways import Ways, from_stroke_begin
 
@@ -30,10 +30,10 @@ PARTS: Final = 5
 EVEN: Final = (0, 3, 4)
 ODD: Final = (1, 2)
 CLASSES: Final = 3
-OLDER: Final = 2
+_OLDER: Final = 2
+"""Of profiles: fresh over the ground, fresh over older ink, older ink."""
 _GROUPS: Final = ((0, 1, 2), (1, 2), (0, 2))
 """Of places: all; those that judge group 0, and group 1."""
-"""Fresh over the ground, fresh over older ink, older ink."""
 _ENOUGH_PX: Final = 150_000
 """Pixels near lines that are fitted; of more, evenly spread ones."""
 _SKEW: Final = 7
@@ -292,7 +292,7 @@ def _solved(
         mean = known.profile[:, :, :-1].reshape(_UNKNOWNS, channels)
     solved = np.linalg.solve(power + prior, score + prior @ mean)
     if inkless:
-        older = slice(OLDER * PARTS * NODES, None)
+        older = slice(_OLDER * PARTS * NODES, None)
         own = power[older, older] + prior[older, older]
         solved[:, :inkless] = 0.0
         solved[older, :inkless] = np.linalg.solve(own, score[older, :inkless])

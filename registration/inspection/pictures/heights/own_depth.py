@@ -18,15 +18,15 @@ from scipy.spatial import cKDTree
 from scipy.stats import siegelslopes
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.heights.height import (
+from registration.inspection.pictures.heights.height import (
     FLOOR,
     HeightFrame,
     depth_of,
     slab_mean,
     speckle_less,
 )
-from registration.inspection.heights.line_places import LinePlaces
-from registration.inspection.unmeasured import unmeasured_scans
+from registration.inspection.pictures.heights.line_places import LinePlaces
+from registration.inspection.pictures.unmeasured import unmeasured_scans
 from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 

@@ -19,9 +19,9 @@ import numpy as np
 from scipy.special import ndtr
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.ink_model import NODES, InkModel
-from registration.inspection.passes import REACH
-from registration.inspection.shares import ACROSS, by_seen_samples
+from registration.inspection.ink.ink_model import NODES, InkModel
+from registration.inspection.ink.passes import REACH
+from registration.inspection.ink.shares import ACROSS, by_seen_samples
 from registration.inspection.values import LineShapes
 
 _RATIOS: Final = np.arange(0.5, 1.6, 0.01)

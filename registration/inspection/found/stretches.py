@@ -9,16 +9,39 @@ from typing import Final, Literal
 import numpy as np
 from scipy.special import ndtr
 
-from kernels.arrays import BoolArray
-from registration.inspection.line_width import Widths
+from kernels.arrays import BoolArray, IntArray
+from registration.inspection.found.line_width import Widths
 from registration.inspection.values import Stations, Stretch
 
 _WINDOW: Final = 3
 """Stations together."""
 _AS_EXPECTED: Final = 0.03
 """Least relative doubt of all widths of a layer."""
+_TRIMS: Final = 4
+_APART: Final = 3.0
+"""Spreads from the median, from which on a station's ink isn't that of the others."""
+_LEAST_SPREAD: Final = 0.02
+"""Of shares of ink of stations whose lines touch."""
 _SURE: Final = 4.0
 """Standard uncertainties beyond the tolerance."""
+
+
+def all_stretches(stations: Stations, widths: Widths, percent: float) -> tuple[Stretch, ...]:
+    """Return stretches by widths, and where lines touch by their shares of ink."""
+    found = find_stretches(stations, widths, percent)
+    seam = stations.seam_share
+    if seam is None or not np.isfinite(seam).any():
+        return found
+    # Stations that have their ink tell how it scatters: a thin stretch lies apart from them.
+    sound, spread = seam[np.isfinite(seam)], 0.0
+    for _ in range(_TRIMS):
+        off = np.abs(sound - np.median(sound))
+        spread = max(1.4826 * float(np.median(off)), _LEAST_SPREAD)
+        sound = sound[off <= _APART * spread]
+    width = seam / float(np.median(sound)) * stations.expected_mm
+    random = np.where(np.isfinite(seam), spread, np.nan) * stations.expected_mm
+    by_seams = replace(widths, width_mm=width, random_mm=random, common=0.0)
+    return found + find_stretches(replace(stations, width_mm=width), by_seams, percent)
 
 
 def find_stretches(stations: Stations, widths: Widths, percent: float) -> tuple[Stretch, ...]:
@@ -38,7 +61,7 @@ def find_stretches(stations: Stations, widths: Widths, percent: float) -> tuple[
 
 
 def _of_stroke(
-    stations: Stations, widths: Widths, rows: np.ndarray, tolerance: float
+    stations: Stations, widths: Widths, rows: IntArray, tolerance: float
 ) -> list[Stretch]:
     ratio = stations.width_mm[rows] / stations.expected_mm[rows]
     random = widths.random_mm[rows] / stations.expected_mm[rows]

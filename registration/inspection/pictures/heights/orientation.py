@@ -18,11 +18,11 @@ import cv2
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.heights.height import HeightFrame
-from registration.inspection.heights.moved_part import moved_part
-from registration.inspection.heights.own_depth import ScanByDepth, TurnedMaps
 from registration.inspection.options import IN_PART
-from registration.inspection.picture import drawn_lines
+from registration.inspection.pictures.heights.height import HeightFrame
+from registration.inspection.pictures.heights.moved_part import moved_part
+from registration.inspection.pictures.heights.own_depth import ScanByDepth, TurnedMaps
+from registration.inspection.pictures.picture import drawn_lines
 from registration.inspection.values import ExpectedLines, FloatImage, Frame
 from registration.scan import Scan
 
@@ -90,16 +90,42 @@ def better_turned(
         by_depth = replace(by_depth, unmeasured=by_depth.unmeasured | shaded)
         picture = np.where(shaded[:, :, None], np.float32(np.nan), picture)
         maps = TurnedMaps(*by_depth.smaller(shrink, frame), lines, rows)
+    reach = max(1, round(_REACH_MM * px_per_mm / shrink))
+    fit = partial(_fit, ends, lines.width_mm[rows] * px_per_mm, reach, shrink)
+    flat_ink = _shrunk(picture[:, :, 0], shrink)
+    far_px = round((_FAR_MM - _REACH_MM) * px_per_mm / shrink)
+    found = _best_place(fit, flat_ink, maps, far_px)
+    if isinstance(found, str):
+        return found
+    if found is not None:
+        return _moved_words(found, frame, lines)
+    off = moved_part(picture, frame, lines) if in_parts and picture.shape[2] == 2 else None
+    return None if off is None else f"{_moved_words(off, frame, lines)} {IN_PART}"
+
+
+def _best_place(
+    fit: Callable[..., dict[int, tuple[float, FloatArray]]],
+    flat_ink: FloatImage,
+    maps: TurnedMaps | None,
+    far_px: int,
+) -> str | FloatArray | None:
+    """Turn, or move in px of the picture, by which it fits clearly better; None for as it is.
+
+    Parameters
+    ----------
+    fit : function
+        Tells how well an image fits the lines, moved by so many more pixels.
+    flat_ink : (h, w) float32
+    maps : TurnedMaps or None
+        Ink at the lines' own depths.
+    far_px : int
+        Pixels by which it may be moved.
+    """
 
     def shown(turn: Callable[[FloatImage], FloatImage]) -> FloatImage:
         return turn(flat_ink) if maps is None else _shrunk(maps.of(turn), 1.0)
 
-    flat_ink = _shrunk(picture[:, :, 0], shrink)
-    ink = shown(np.asarray)
-    reach = max(1, round(_REACH_MM * px_per_mm / shrink))
-
-    fit = partial(_fit, ends, lines.width_mm[rows] * px_per_mm, reach, shrink)
-    here = fit(ink)
+    here = fit(shown(np.asarray))
     sign = max(here, key=lambda one: here[one][0])
     as_it_is = here[sign][0]
     # Lines followed in depth fit by their own sign far better than by chance.
@@ -111,20 +137,14 @@ def better_turned(
         found, slab = fit(shown(turn)), here if maps is None else fit(turn(flat_ink))
         each = [found[one][0] for one in signs]
         fits[name] = max(each + [slab[one][0] for one in signs if maps is not None])
-    moved = fit(flat_ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
+    moved = fit(flat_ink, far_px)
     far, off_px = max((moved[one] for one in own), key=lambda found: found[0])
     best = max(fits, key=lambda name: fits[name])
     # Ink of bright rims fits in one slab far better than at its own depth.
-    near = max(flat[one][0] for one in own)
-    needed = max(_FITS, max(as_it_is, near) + _BETTER)
+    needed = max(_FITS, max(as_it_is, *(flat[one][0] for one in own)) + _BETTER)
     if far > max(needed, fits[best] - _BETTER):
-        return _moved_words(off_px, frame, lines)
-    if fits[best] > needed:
-        return best
-    off = moved_part(picture, frame, lines) if in_parts and picture.shape[2] == 2 else None
-    if off is None:
-        return None
-    return f"{_moved_words(off, frame, lines)} {IN_PART}"
+        return off_px
+    return best if fits[best] > needed else None
 
 
 def _fit(

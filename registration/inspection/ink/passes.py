@@ -175,8 +175,7 @@ def _lay(
                 if slot < 0:
                     continue
                 distance[y, x, slot] = off if ux * py - uy * px >= 0 else -off
-                turn[y, x, slot, 0] = -uy
-                turn[y, x, slot, 1] = ux
+                turn[y, x, slot, 0], turn[y, x, slot, 1] = -uy, ux
                 piece[y, x, slot] = k
                 part[y, x, slot] = t / length
                 along_at[y, x, slot] = along[k] + t

@@ -19,9 +19,9 @@ import numpy as np
 from scipy import fft
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.ink_model import cover_at
+from registration.inspection.ink.ink_model import cover_at
+from registration.inspection.ink.passes import REACH, Passes
 from registration.inspection.options import SeeingOptions
-from registration.inspection.passes import REACH, Passes
 from registration.inspection.values import FloatImage, Shift
 from registration.inspection.ways import Ways
 
@@ -77,7 +77,7 @@ def coarse_shift(
     width_px: float,
     most_px: float,
     px_per_mm: float,
-    is_heights: bool,
+    covers: bool,
 ) -> CoarseShift:
     """Return the likeliest shift.
 
@@ -93,45 +93,40 @@ def coarse_shift(
     width_px, most_px : float, px
         Of a line; farthest shift.
     px_per_mm : float
-    even_alone : bool
-        Whether ink can't show by slopes alone.
+    covers : bool
+        Whether ink shows by one level over its width, and not by shade or slopes.
     """
     even, odd = _maps(passes, inner)
     cover = cover_at(passes.distance)
-    if is_heights:
+    if covers:
         even = [(inner * cover).max(axis=2)]
     far = max(1, math.ceil(most_px))
     shape = tuple(fft.next_fast_len(n + 2 * far, real=True) for n in image.shape[:2])
-    seen = [
-        fft.rfft2(np.where(lost, np.float32(0.0), image[:, :, c]), shape)
-        for c in range(image.shape[2])
-    ]
-    square = np.where(lost, np.float32(0.0), (image**2).sum(axis=2))
+    image = np.where(lost[:, :, None], np.float32(0.0), image)
+    seen = [fft.rfft2(np.ascontiguousarray(one), shape) for one in np.moveaxis(image, 2, 0)]
+    square = (image**2).sum(axis=2)
     whole = float(square.sum())
     told = float((inner.max(axis=2) > 0.0).sum()) * image.shape[2]
     count = 0.5 * told / max(1.0, (_CELL * width_px) ** 2)
     by = np.arange(-far, far + 1)
-    away = np.hypot(*np.meshgrid(by, by))
-    prior = -1.5 * np.log1p((away / (_USUAL_MM * px_per_mm)) ** 2)
-    prior[away > most_px] = -np.inf
-    prior[~_told_by_sides(passes, inner, by)] = -np.inf
+    prior = _prior(passes, inner, by, most_px, _USUAL_MM * px_per_mm)
     scores = [_scores(seen, maps, by, shape) for maps in (even, odd)]
+    logs = [
+        _log_of(_explained(score, maps), whole, count) + prior
+        for score, maps in zip(scores, (even, odd), strict=True)
+    ]
+    if covers:  # of a map alone what isn't seen or tells nothing is soon left out
+        ends = (cover * (passes.piece >= 0)).max(axis=2) - even[0]
+        shown, power = (fft.rfft2(one, shape) for one in (~lost + np.float32(0.0), square))
+        covered = _scores([shown], [even[0] ** 2], by, shape)[0, 0]
+        explained = (scores[0][:, 0] ** 2).sum(axis=0) / np.maximum(covered, 1e-9)
+        left = whole - _scores([power], [ends], by, shape)[0, 0]
+        logs[0] = _log_of(explained, left, count) + prior
     both = _log_of(_explained(np.concatenate(scores, axis=1), even + odd), whole, count) + prior
-    best = []
-    for score, maps in zip(scores, (even, odd), strict=True):
-        explained, left = _explained(score, maps), whole
-        if len(maps) == 1:  # of a map alone what isn't seen or tells nothing is soon left out
-            ends = (cover * (passes.piece >= 0)).max(axis=2) - maps[0]
-            shown, power = (fft.rfft2(one, shape) for one in (~lost + np.float32(0.0), square))
-            explained = _scores([shown], [maps[0] ** 2], by, shape)[0, 0]
-            explained = (score[:, 0] ** 2).sum(axis=0) / np.maximum(explained, 1e-9)
-            left = whole - _scores([power], [ends], by, shape)[0, 0]
-        log = _log_of(explained, left, count) + prior
-        row, column = (int(k) for k in np.unravel_index(int(np.argmax(log)), log.shape))
-        best.append((float(both[row, column]), log, row, column))
-    near = float(best[1][1].max() - best[0][1].max()) > -count * math.log(_AS_WELL)
-    is_odd = not is_heights and near and best[1][0] > best[0][0]
-    _, log, row, column = best[is_odd]
+    top = [np.unravel_index(int(np.argmax(log)), log.shape) for log in logs]
+    near = float(logs[1].max() - logs[0].max()) > -count * math.log(_AS_WELL)
+    is_odd = not covers and near and bool(both[top[1]] > both[top[0]])
+    log, (row, column) = logs[is_odd], (int(k) for k in top[is_odd])
     place = np.array([_finer(log[row], column), _finer(log[:, column], row)]) - far
     return CoarseShift(place, is_odd)
 
@@ -185,6 +180,16 @@ def _design_effect(pull: FloatArray, cov: FloatArray, run: IntArray, along: Floa
     _, of = np.unique(np.column_stack([run, stretch]), axis=0, return_inverse=True)
     sums = np.stack([np.bincount(of.ravel(), weights=pull[:, k]) for k in range(2)])
     return max(1.0, 0.5 * float(np.trace(cov @ sums @ sums.T)))
+
+
+def _prior(
+    passes: Passes, inner: FloatImage, by: IntArray, most_px: float, usual_px: float
+) -> FloatArray:
+    """Logarithm of how likely each shift is before a look, (dy, dx)."""
+    away = np.hypot(*np.meshgrid(by, by))
+    prior = -1.5 * np.log1p((away / usual_px) ** 2)
+    prior[(away > most_px) | ~_told_by_sides(passes, inner, by)] = -np.inf
+    return np.asarray(prior)
 
 
 def _told_by_sides(passes: Passes, inner: FloatImage, by: IntArray) -> BoolArray:

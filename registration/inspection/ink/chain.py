@@ -14,7 +14,7 @@ import numpy as np
 
 from kernels.arrays import FloatArray, IntArray
 from kernels.compile import jit
-from registration.inspection.noise import Noise
+from registration.inspection.ink.noise import Noise
 
 FULL, THIN, BARE, HIDDEN = range(4)
 _TAIL: Final = 4.0
@@ -26,6 +26,8 @@ _BEGINS_PER_MM: Final = (0.0, 1 / 500, 1 / 300, 1 / 300)
 _LASTS_MM: Final = (math.inf, 5.0, 1.0, 0.5)
 _STRANGE: Final = 6.0
 """Natural logarithms over which a hidden place's misfit is equally likely."""
+_USUAL_ODDS: Final = 2.0
+"""Natural logarithm of how much rarer a usual misfit is on a hidden place."""
 _ANY_SHARE: Final = 5.0
 """Shares over which what a hidden place seems to hold is equally likely."""
 
@@ -104,35 +106,48 @@ def _moves(step_mm: float) -> FloatArray:
 def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArray:
     """Logarithm of each reading's density, (n, 4, 5): behind a place of each state, and of none."""
     known = np.isfinite(share)
-    x, last = np.where(known, share, 0.0), np.append(np.nan, share[:-1])
-    out = np.zeros((len(share), 4, 5))
-    for state, middle, spread in ((FULL, 1.0, noise.full), (BARE, 0.0, noise.bare)):
-        out[:, state] = _log_t(x - middle, spread)[:, None]
-        out[:, state, state] = _tied(x, last, middle, spread, noise.tie)
-    middle, spread = noise.shaded.T
-    other = np.zeros((len(share), 5)) + _log_t(x - middle, spread)[:, None]
-    other[:, BARE] = _tied(x, last, middle, spread, noise.tie)
-    out[:, BARE] = np.logaddexp(out[:, BARE], other) - math.log(2.0)
-    out[:, THIN] = _log_between(x, noise.full)[:, None]
-    out[:, HIDDEN] = -math.log(_ANY_SHARE)
-    # What is thin may have any level, but it keeps to that.
-    steady = _log_t(x - np.nan_to_num(last), noise.full * math.sqrt(1.0 - noise.tie**2))
-    steady = np.where(np.isfinite(last), steady, -np.inf)
-    thin = np.where((x > _THIN_LOW) & (x < _THIN_HIGH), steady, -np.inf)
-    out[:, THIN, THIN] = np.maximum(out[:, THIN, THIN], thin)
+    out = _of_shares(np.where(known, share, 0.0), np.append(np.nan, share[:-1]), noise)
     full, bare = (
-        _log_t(np.maximum(misfit - each[:, 0], 0.0), each[:, 1])
-        for each in (noise.misfit_full, noise.misfit_bare)
+        _log_t(np.maximum(misfit - level, 0.0), spread)
+        for level, spread in (noise.misfit_full.T, noise.misfit_bare.T)
     )
-    worst = np.maximum(*(each.sum(axis=1) for each in (noise.misfit_full, noise.misfit_bare)))
+    worst = np.maximum(noise.misfit_full.sum(axis=1), noise.misfit_bare.sum(axis=1))
     usual = np.maximum(full, bare)
-    strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - 2.0)
-    alone = (1.0 - noise.tie) / (1.0 + noise.tie)  # neighbours' misfits tell the same
+    strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - _USUAL_ODDS)
+    alone = _own_news(noise.tie)
     out[:, (FULL, THIN)] += alone * full[:, None, None]
     out[:, BARE] += alone * usual[:, None]
     out[:, HIDDEN] += alone * strange[:, None]
     out[~known] = 0.0
     return out
+
+
+def _of_shares(x: FloatArray, last: FloatArray, noise: Noise) -> FloatArray:
+    """Those of shares (n,) alone, behind ``last`` (n,) ones, NaN for none."""
+    out = np.zeros((len(x), 4, 5))
+    out[:, FULL] = _log_t(x - 1.0, noise.full)[:, None]
+    out[:, FULL, FULL] = _tied(x, last, 1.0, noise.full, noise.tie)
+    # A bare place holds nothing, or what the shade of ink beside it seems to be.
+    shade, spread = noise.shaded.T
+    nothing, shaded = (
+        np.repeat(_log_t(x - level, wide)[:, None], 5, axis=1)
+        for level, wide in ((0.0, noise.bare), (shade, spread))
+    )
+    nothing[:, BARE] = _tied(x, last, 0.0, noise.bare, noise.tie)
+    shaded[:, BARE] = _tied(x, last, shade, spread, noise.tie)
+    out[:, BARE] = np.logaddexp(nothing, shaded) - math.log(2.0)
+    out[:, THIN] = _log_between(x, noise.full)[:, None]
+    # What is thin may have any level, but it keeps to that.
+    steady = _log_t(x - np.nan_to_num(last), noise.full * math.sqrt(1.0 - noise.tie**2))
+    keeps = np.isfinite(last) & (x > _THIN_LOW) & (x < _THIN_HIGH)
+    out[keeps, THIN, THIN] = np.maximum(out[keeps, THIN, THIN], steady[keeps])
+    out[:, HIDDEN] = -math.log(_ANY_SHARE)
+    return out
+
+
+def _own_news(tie: float) -> float:
+    """How much a place tells that its neighbours, correlated with it, don't."""
+    return (1.0 - tie) / (1.0 + tie)
 
 
 def _tied(
@@ -141,7 +156,7 @@ def _tied(
     """Logarithm of the density behind a place of the same state."""
     rest = x - middle - tie * np.nan_to_num(last - middle)
     alone = _log_t(x - middle, spread)
-    news = (1.0 - tie) / (1.0 + tie)
+    news = _own_news(tie)
     tied = _log_t(rest, spread * math.sqrt(1.0 - tie**2))
     return np.where(np.isfinite(last), news * alone + (1.0 - news) * tied, alone)
 

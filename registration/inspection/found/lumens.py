@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.special import ndtr
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.picture import Mask
+from registration.inspection.pictures.picture import Mask
 from registration.inspection.values import FloatImage, Frame, Lumen, LumenSeen
 
 _LONG = 1.5

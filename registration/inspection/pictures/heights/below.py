@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.findings import LayerFindings
-from registration.inspection.heights.height import HeightFrame
+from registration.inspection.pictures.heights.height import HeightFrame
 from registration.inspection.values import ExpectedLines
 
 _STEP_MM: Final = 0.1

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.picture import drawn_lines
+from registration.inspection.pictures.picture import drawn_lines
 from registration.inspection.values import ExpectedLines, FloatImage, Frame
 
 _PIXELS: Final = 2e5

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
-from registration.inspection.unmeasured import measured_alone, unmeasured_pixels
+from registration.inspection.pictures.unmeasured import measured_alone, unmeasured_pixels
 from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
 from registration.inspection.ways import Seen, Ways
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
-from registration.inspection.heights.height import FARTHEST
-from registration.inspection.picture import HIGHEST, LOWEST, Outlines, drawn_lines
+from registration.inspection.pictures.heights.height import FARTHEST
+from registration.inspection.pictures.picture import HIGHEST, LOWEST, Outlines, drawn_lines
 from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
 
 _TOP: Final = 0.5

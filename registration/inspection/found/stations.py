@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.line_width import Widths
+from registration.inspection.found.line_width import Widths
 from registration.inspection.values import Stations, Unseen
 from registration.inspection.ways import Ways
 

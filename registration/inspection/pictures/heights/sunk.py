@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from kernels.arrays import BoolArray
-from registration.inspection.picture import HIGHEST, LOWEST
+from registration.inspection.pictures.picture import HIGHEST, LOWEST
 from registration.inspection.values import FloatImage
 
 _ROSE: Final = 0.5

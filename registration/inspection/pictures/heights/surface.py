@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
-from registration.inspection.heights.height import FARTHEST, HeightFrame
-from registration.inspection.heights.tilt import levelled
-from registration.inspection.picture import HIGHEST, LOWEST, drawn_lines
+from registration.inspection.pictures.heights.height import FARTHEST, HeightFrame
+from registration.inspection.pictures.heights.tilt import levelled
+from registration.inspection.pictures.picture import HIGHEST, LOWEST, drawn_lines
 from registration.inspection.values import ExpectedLines, FloatImage
 
 _HOLE_PX: Final = 1.5

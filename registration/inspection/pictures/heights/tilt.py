@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from registration.inspection.heights.height import HeightFrame
-from registration.inspection.picture import drawn_lines
+from registration.inspection.pictures.heights.height import HeightFrame
+from registration.inspection.pictures.picture import drawn_lines
 from registration.inspection.values import ExpectedLines, FloatImage
 
 _MOST: Final = 40_000

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.chain import BARE, log_odds_of_bare
-from registration.inspection.learn import Learned
-from registration.inspection.shares import ACROSS
+from registration.inspection.ink.chain import BARE, log_odds_of_bare
+from registration.inspection.ink.learn import Learned
+from registration.inspection.ink.shares import ACROSS
 from registration.inspection.values import Gap
 from registration.inspection.ways import Ways, stretches_of
 
@@ -50,8 +50,8 @@ class Tips:
         inner = power[:, core].sum(axis=1)
         share = (strips * own)[:, core].sum(axis=(1, 2)) / np.maximum(inner, 1e-9)
         told = inner > _TOLD * power.sum(axis=1)
-        share = np.where(told, share, look.shares.share)
-        return Tips(ways, share, look.noise.full, 1.0 / look.view.px_per_mm)
+        share = np.where(told, share, look.judged.shares.share)
+        return Tips(ways, share, look.judged.noise.full, 1.0 / look.view.px_per_mm)
 
     def end(self, inside: int, way: int) -> tuple[float, float]:
         """Where ink begins, from a bare place on, along the stroke; and its uncertainty, mm."""
@@ -83,11 +83,11 @@ def gaps_of(look: Learned, ways: Ways, bare: BoolArray) -> tuple[Gap, ...]:
         Places more likely bare than not.
     """
     tips = Tips.of(look, ways)
-    share = np.where(look.shown, look.shares.share, np.nan)
+    share = look.judged.shown_share
     gaps = list[Gap]()
     for first, last in stretches_of(bare, ways.run):
-        log = log_odds_of_bare(share, look.misfit, look.noise, first, last)
-        deepest = first + int(np.argmax(look.states[first : last + 1, BARE]))
+        log = log_odds_of_bare(share, look.judged.misfit, look.judged.noise, first, last)
+        deepest = first + int(np.argmax(look.judged.states[first : last + 1, BARE]))
         low, u_low = tips.end(_bare_at(tips, deepest, first, last), -1)
         high, u_high = tips.end(_bare_at(tips, deepest, first, last), 1)
         if high <= low:
@@ -132,7 +132,7 @@ def _place(ways: Ways, row: int, along: float) -> tuple[float, float]:
 
 def _along(look: Learned, first: int, last: int) -> float:
     """Standard uncertainty of the layer's place along the line at a gap's ends, the larger, mm."""
-    normal = look.drawn.ways.normal[[first, last]]
+    normal = look.placed.ways.normal[[first, last]]
     ahead = np.column_stack([normal[:, 1], -normal[:, 0]])
     power = np.einsum("ij,jk,ik->i", ahead, look.shift.covariance_mm2, ahead)
     return float(np.sqrt(max(float(power.max()), 0.0)))
