@@ -308,7 +308,7 @@ def _free_interval(taken: list[Any], length: float, stroke: Stroke, rng: Any, ma
 
 def _covered(stroke: Stroke, interval: Any, points: dict[int, Array]) -> bool:
     """Tell whether other fresh strokes hide more than half of an interval from above."""
-    mine = stroke.at(np.linspace(*interval, 9))[:, :2]
+    mine = stroke.at(np.linspace(interval[0], interval[1], 9))[:, :2]
     others = [p for n, p in points.items() if n != stroke.number]
     if not others:
         return False
@@ -322,7 +322,8 @@ def _plan(strokes: list[Stroke], faults: dict[str, Any], rng: Any) -> dict[str, 
     plan: dict[str, Any] = {"gaps": [], "thin": [], "missing": []}
     spare = list(strokes)
     points = {
-        s.number: s.at(np.linspace(0, s.length, int(s.length / 0.05) + 2))[:, :2] for s in strokes
+        s.number: s.at(np.linspace(0.0, float(s.length), int(s.length / 0.05) + 2))[:, :2]
+        for s in strokes
     }
     for _ in range(min(_count(faults.get("missing")), max(len(strokes) - 1, 0))):
         s = spare.pop(int(rng.integers(len(spare))))
@@ -1044,7 +1045,7 @@ def _drop_blobs(
     top = layers[-1]
     fresh = [s for la in layers for s in la.strokes if s.fresh]
     pts = np.vstack(
-        [s.at(np.linspace(0, s.length, int(s.length / 0.05) + 2))[:, :2] for s in fresh]
+        [s.at(np.linspace(0.0, float(s.length), int(s.length / 0.05) + 2))[:, :2] for s in fresh]
     )
     lumens = [lu for la in layers for lu in la.lumens]
     out: list[Any] = []

@@ -162,7 +162,9 @@ def _findings(
         u_width_change=widths.usual.u_change,
         seen_share=seen_mm / float(stations.length_mm.sum()),
         coverage=float(np.average(share[seen], weights=ways.step[seen])) if any_seen else math.nan,
-        shift=look.shift,
+        shift=look.shift
+        if any_seen
+        else replace(look.shift, covariance_mm2=np.full((2, 2), np.inf)),
         places=max(1, round(seen_mm / options.gap_mm)),
         contrast=_contrast(look),
         appearance=appearance if any_seen else None,

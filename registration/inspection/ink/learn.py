@@ -117,7 +117,8 @@ def learned(
         full = judged.shown & (present > 0.5)
         level = _levels(level * judged.shares.share, level, full, ways)
         was = shift
-        shift = finer_shift(was, judged.shares.offset, placed.ways, full, options, coarse.odd)
+        beside = full & ~placed.old if view.change is not None else full
+        shift = finer_shift(was, judged.shares.offset, placed.ways, beside, options, coarse.odd)
         if view.is_heights:
             # Of heights nothing else changes from round to round.
             moved = np.hypot(shift.dx_mm - was.dx_mm, shift.dy_mm - was.dy_mm)
