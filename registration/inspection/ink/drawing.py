@@ -197,11 +197,11 @@ class Drawing:
             fit = CrossFit(self.prior, (self.prior, self.prior))
         else:
             fit = fitted(
-                image, ~view.lost, passes, placed.over, pieces.kind, share, self.group, parts or (),
+                image, ~view.lost, passes, placed.over, share, self.group, parts or (),
                 self.prior, not self.odd, view.inkless,
                 (_CELL * float(np.median(pieces.width))) ** 2,
             )  # fmt: skip
-        ink = fit.whole.drawn(passes, placed.over, pieces.kind, share)
+        ink = fit.whole.drawn(passes, placed.over, share)
 
         def own_by(model: InkModel) -> FloatArray:
             return level[:, None, None] * own_profile(model, placed.over_across, placed.seen)

@@ -170,7 +170,7 @@ def _coarse(
         energy = np.log1p((changed**2).mean(axis=2, keepdims=True))
         shown = energy - np.float32(np.median(energy[even.ground]))
     else:
-        shown = _without_older(even.image, view.lost, passes, pieces, ways, lines)
+        shown = _without_older(even.image, view.lost, passes, ways, lines)
         shown = shown[:, :, view.inkless :]
     return coarse_shift(
         shown, view.lost, passes, _inner(passes, ways, lines),
@@ -191,12 +191,7 @@ def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
 
 
 def _without_older(
-    image: FloatImage,
-    lost: BoolArray,
-    passes: Passes,
-    pieces: Pieces,
-    ways: Ways,
-    lines: ExpectedLines,
+    image: FloatImage, lost: BoolArray, passes: Passes, ways: Ways, lines: ExpectedLines
 ) -> FloatImage:
     """The view less older ink, as it shows where no fresh line is near."""
     if lines.fresh.all():
@@ -204,9 +199,8 @@ def _without_older(
     alone = ~lost & (passes.near[:, :, 0] > REACH)
     over = np.zeros(lost.shape, dtype=np.float32)
     share = ShareOfPiece.along(ways, lines, np.zeros(len(ways)))
-    group = np.full(len(ways) + 1, 2)
-    model = fitted(image, alone, passes, over, pieces.kind, share, group, EVEN).whole
-    return image - model.drawn(passes, over, pieces.kind, share)
+    model = fitted(image, alone, passes, over, share, np.full(len(ways) + 1, 2), EVEN).whole
+    return image - model.drawn(passes, over, share)
 
 
 def _levels(share: FloatArray, level: FloatArray, full: BoolArray, ways: Ways) -> FloatArray:
