@@ -90,27 +90,20 @@ class InkModel:
         profile[:2, 0, :, 0] = height * cover_at(np.arange(NODES + 1) * (REACH / NODES))
         return InkModel(profile)
 
-    def at(self, which: IntArray, distance: FloatArray, normal: FloatArray) -> FloatArray:
-        """Return what ink adds, (n, u, c).
+    def at(self, which: int, distance: FloatArray, normal: FloatArray) -> FloatArray:
+        """Return what ink of a class adds, (n, u, c).
 
-        Parameters
-        ----------
-        which : (n,) int64
-            Class of each place.
-        distance : (u,) float64, widths
-        normal : (n, 2) float64
-            Towards positive distances, a unit vector in the picture.
+        At distances (u,), widths, towards normals (n, 2), unit vectors in the picture.
         """
         size = np.minimum(np.abs(distance) * (NODES / REACH), NODES - 1e-9)
         low = size.astype(np.int64)
-        part = (size - low)[None, :, None]
-        nodes = self.profile[which]  # (n, 5, 16, c)
+        part = (size - low)[:, None]
         weight = _weights(normal)
         sign = np.where(distance < 0, -1.0, 1.0)
-        total = np.zeros((len(which), len(distance), self.profile.shape[3]))
-        for k in range(PARTS):
-            own = nodes[:, k][:, low] * (1 - part) + nodes[:, k][:, low + 1] * part
-            odd = sign[None, :, None] if k in (1, 2) else 1.0
+        total = np.zeros((len(normal), len(distance), self.profile.shape[3]))
+        for k, nodes in enumerate(self.profile[which]):
+            own = nodes[low] * (1 - part) + nodes[low + 1] * part
+            odd = sign[:, None] if k in ODD else 1.0
             total += weight[k][:, None, None] * odd * own
         return total
 

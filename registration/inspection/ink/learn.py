@@ -103,9 +103,9 @@ def learned(
     prior = _prior(known, even)
     look = Drawing(view, frame, lines, ways, options, prior, coarse.odd)
     shift = _first_shift(coarse.by_px, frame, ways)
-    present, level = look.present(even.image, shift), np.ones(len(ways))
+    placed = look.placed(shift)
+    present, level, rests = look.present(even.image, placed), np.ones(len(ways)), _RESTS
     parts: tuple[int, ...] = (0,) if view.is_heights else ODD if coarse.odd else EVEN
-    placed, rests = None, _RESTS
     for number in range(_MOVES):
         placed = look.placed(shift, placed)
         fit = None if number == 0 and prior is not None else parts

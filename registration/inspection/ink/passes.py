@@ -114,10 +114,12 @@ class Passes(NamedTuple):
 @jit
 def _lay(pieces: Pieces, out: Passes, along_at: NDArray[Any]) -> None:
     """Fill passes in place; ``along_at`` (h, w, 4) is each one's way along its stroke, px."""
-    high, wide = out.number.shape
-    width, along, kind = pieces.width, pieces.along, pieces.kind
+    # Values of several arrays would be slower in the inner loop.
+    start, end, width, along, stroke, kind = pieces
+    number, distance, turn, piece, part, near = out
+    high, wide = number.shape
     for k in range(len(width)):
-        (ax, ay), (bx, by) = pieces.start[k], pieces.end[k]
+        ax, ay, bx, by = start[k, 0], start[k, 1], end[k, 0], end[k, 1]
         if not (abs(ax) < 1e6 and abs(ay) < 1e6 and abs(bx) < 1e6 and abs(by) < 1e6):
             continue
         reach = REACH * width[k]
@@ -146,15 +148,18 @@ def _lay(pieces: Pieces, out: Passes, along_at: NDArray[Any]) -> None:
                 if square >= reach * reach:
                     continue
                 off = np.sqrt(square) / width[k]
-                if off < out.near[y, x, kind[k]]:
-                    out.near[y, x, kind[k]] = off
-                slot = _slot(y, x, k, off, along[k] + t, pieces, out, along_at)
+                if off < near[y, x, kind[k]]:
+                    near[y, x, kind[k]] = off
+                slot = _slot(
+                    y, x, k, off, along[k] + t, width[k], stroke, kind, number, distance, piece,
+                    along_at,
+                )  # fmt: skip
                 if slot < 0:
                     continue
-                out.distance[y, x, slot] = off if ux * py - uy * px >= 0 else -off
-                out.turn[y, x, slot, 0], out.turn[y, x, slot, 1] = -uy, ux
-                out.piece[y, x, slot] = k
-                out.part[y, x, slot] = t / length
+                distance[y, x, slot] = off if ux * py - uy * px >= 0 else -off
+                turn[y, x, slot, 0], turn[y, x, slot, 1] = -uy, ux
+                piece[y, x, slot] = k
+                part[y, x, slot] = t / length
                 along_at[y, x, slot] = along[k] + t
 
 
@@ -165,23 +170,26 @@ def _slot(
     k: int,
     off: float,
     at: float,
-    pieces: Pieces,
-    out: Passes,
+    wide: float,
+    stroke: IntArray,
+    kind: IntArray,
+    number: IntArray,
+    distance: NDArray[Any],
+    piece: NDArray[Any],
     along_at: NDArray[Any],
 ) -> int:
     """Where a pass is kept, nearer than the one of the same way or than the farthest; or -1."""
-    stroke, kind, distance = pieces.stroke, pieces.kind, out.distance
-    for m in range(out.number[y, x]):
-        other = out.piece[y, x, m]
+    for m in range(number[y, x]):
+        other = piece[y, x, m]
         if (
             stroke[other] == stroke[k]
             and kind[other] == kind[k]
-            and abs(along_at[y, x, m] - at) < _DETOUR * pieces.width[k]
+            and abs(along_at[y, x, m] - at) < _DETOUR * wide
         ):
             return m if off < abs(distance[y, x, m]) else -1
-    if out.number[y, x] < _MOST:
-        out.number[y, x] += 1
-        return int(out.number[y, x] - 1)
+    if number[y, x] < _MOST:
+        number[y, x] += 1
+        return int(number[y, x] - 1)
     slot = 0
     for m in range(1, _MOST):
         if abs(distance[y, x, m]) > abs(distance[y, x, slot]):
