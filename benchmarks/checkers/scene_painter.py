@@ -29,7 +29,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d
 
 Array = NDArray[Any]
 KINDS = ("single", "stack", "embedded", "laser")
@@ -62,9 +62,11 @@ class Grid:
     shape: tuple[int, int]
 
     def index(self, xy: Array) -> Array:
+        """Return columns and rows of places."""
         return (np.asarray(xy)[..., :2] - (self.x0, self.y0)) / self.pitch
 
     def axes(self) -> tuple[Array, Array]:
+        """Return x and y of columns and rows."""
         h, w = self.shape
         return self.x0 + np.arange(w) * self.pitch, self.y0 + np.arange(h) * self.pitch
 
@@ -81,9 +83,11 @@ class Camera:
 
     @property
     def centre_px(self) -> Array:
+        """Return the middle of the picture, px."""
         return np.array([(self.shape[1] - 1) / 2, (self.shape[0] - 1) / 2])
 
     def apparent(self, points: Array) -> Array:
+        """Return places as seen through the surface, and their scale."""
         p = np.atleast_2d(np.asarray(points, float)).copy()
         if self.surface_z is not None:
             depth = np.maximum(self.surface_z - p[:, 2], 0)
@@ -102,6 +106,7 @@ class Camera:
         return self.position[:2] + (p[:, :2] - self.position[:2]) * scale[:, None], scale
 
     def sight_lines(self) -> Array:
+        """Return a ray through each pixel."""
         v, u = np.mgrid[: self.shape[0], : self.shape[1]].astype(np.float32)
         c = self.centre_px
         d = np.stack([(u - c[0]) / self.focal_px, (v - c[1]) / self.focal_px, np.ones_like(u)], -1)
@@ -110,6 +115,8 @@ class Camera:
 
 @dataclass(frozen=True)
 class Light:
+    """Lamps over a print."""
+
     dome: float
     ring: float
     ring_angle: float  # rad from the vertical
@@ -139,6 +146,8 @@ class Optics:
 
 @dataclass(frozen=True)
 class Sensor:
+    """A camera's sensor."""
+
     blur_px: float
     full_well: float
     read_e: float
@@ -149,6 +158,8 @@ class Sensor:
 
 @dataclass
 class Stroke:
+    """A line to be written."""
+
     path: Array
     width: float
     number: int
@@ -156,13 +167,16 @@ class Stroke:
     thickness: float
 
     def along(self) -> Array:
+        """Return the way from the begin to each point."""
         return np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(self.path, axis=0), axis=1))])
 
     @property
     def length(self) -> float:
+        """Return the whole way."""
         return float(self.along()[-1])
 
     def at(self, s: Array) -> Array:
+        """Return points at ways from the begin."""
         a = self.along()
         return np.stack([np.interp(s, a, self.path[:, k]) for k in range(3)], -1)
 
@@ -213,7 +227,9 @@ def _lines(rng: Any, half: float, wavy: bool) -> tuple[list[Array], float, list[
         p = np.stack([x, y], -1)
         paths.append(p[::-1] if k % 2 else p)
     if wavy:  # neighbours are in phase: their clearance shrinks by the cosine of the slope
-        width = max(0.2, min(width, 0.7 * pitch * (1 - amp / half) / np.hypot(1, 2 * np.pi * amp / period)))
+        width = max(
+            0.2, min(width, 0.7 * pitch * (1 - amp / half) / np.hypot(1, 2 * np.pi * amp / period))
+        )
     return paths, width, []
 
 
@@ -305,7 +321,9 @@ def _plan(strokes: list[Stroke], faults: dict[str, Any], rng: Any) -> dict[str, 
     taken: dict[int, list[Any]] = {s.number: [] for s in strokes}
     plan: dict[str, Any] = {"gaps": [], "thin": [], "missing": []}
     spare = list(strokes)
-    points = {s.number: s.at(np.linspace(0, s.length, int(s.length / 0.05) + 2))[:, :2] for s in strokes}
+    points = {
+        s.number: s.at(np.linspace(0, s.length, int(s.length / 0.05) + 2))[:, :2] for s in strokes
+    }
     for _ in range(min(_count(faults.get("missing")), max(len(strokes) - 1, 0))):
         s = spare.pop(int(rng.integers(len(spare))))
         plan["missing"].append(s.number)
@@ -319,10 +337,17 @@ def _plan(strokes: list[Stroke], faults: dict[str, Any], rng: Any) -> dict[str, 
                 if kind == "gaps":
                     top = min(3.0, 0.5 * s.length)
                     size = given or float(np.exp(rng.uniform(np.log(0.2), np.log(max(top, 0.21)))))
-                    late = (given is None and rng.random() < 0.2 and not taken[s.number]
-                            and not np.allclose(s.path[0], s.path[-1]))
-                    got = (0.0, size) if late else _free_interval(
-                        taken[s.number], size, s, rng, 2 * s.width)
+                    late = (
+                        given is None
+                        and rng.random() < 0.2
+                        and not taken[s.number]
+                        and not np.allclose(s.path[0], s.path[-1])
+                    )
+                    got = (
+                        (0.0, size)
+                        if late
+                        else _free_interval(taken[s.number], size, s, rng, 2 * s.width)
+                    )
                 else:
                     if s.length < 2.6:
                         continue
@@ -340,7 +365,7 @@ def _plan(strokes: list[Stroke], faults: dict[str, Any], rng: Any) -> dict[str, 
 def _correlated(n: int, step: float, length: float, rng: Any) -> Array:
     """Return unit-variance noise with Gaussian correlation of the given length."""
     pad = int(4 * length / step) + 1
-    z = gaussian_filter1d(rng.standard_normal(n + 2 * pad), length / step)[pad:pad + n]
+    z = gaussian_filter1d(rng.standard_normal(n + 2 * pad), length / step)[pad : pad + n]
     return z * np.sqrt(2 * np.sqrt(np.pi) * length / step)
 
 
@@ -355,16 +380,25 @@ def _deposit(stroke: Stroke, proc: Process, plan: dict[str, Any], rng: Any) -> t
     s = np.linspace(0, stroke.length, n)
     step = s[1]
     gaps = [g[1:3] for g in plan["gaps"] if g[0] == stroke.number]
-    share = proc.flow * (1 + proc.width_cv / proc.spread * np.clip(
-        _correlated(n, step, rng.uniform(2, 5) * stroke.width, rng), -2.5, 2.5))
+    share = proc.flow * (
+        1
+        + proc.width_cv
+        / proc.spread
+        * np.clip(_correlated(n, step, rng.uniform(2, 5) * stroke.width, rng), -2.5, 2.5)
+    )
     for _, a, b, f in (t for t in plan["thin"] if t[0] == stroke.number):
         ramp = np.clip(np.minimum(s - a, b - s) / (0.5 * stroke.width) + 0.5, 0, 1)
         share = share * (1 - (1 - f) * ramp * ramp * (3 - 2 * ramp))
     ends = [(0.0, 0.5), (stroke.length, 0.5)] + [(e, 0.2) for g in gaps for e in g]
     for e, most in ends:
-        centre = e + (0.9 * stroke.width if e in [g[1] for g in gaps] else 0) \
+        centre = (
+            e
+            + (0.9 * stroke.width if e in [g[1] for g in gaps] else 0)
             - (0.9 * stroke.width if e in [g[0] for g in gaps] else 0)
-        share = share * (1 + rng.uniform(0, most) * np.exp(-((s - centre) / (0.8 * stroke.width))**2))
+        )
+        share = share * (
+            1 + rng.uniform(0, most) * np.exp(-(((s - centre) / (0.8 * stroke.width)) ** 2))
+        )
     r = stroke.width / 2 * share**proc.spread
     wander = proc.wander * _correlated(n, step, rng.uniform(3, 7) * stroke.width, rng)
     last = [np.interp(a, s + r, s) for a, _ in gaps if a > r[0]]  # dabs that touch the gap
@@ -387,16 +421,28 @@ def _deposit(stroke: Stroke, proc: Process, plan: dict[str, Any], rng: Any) -> t
         right = np.clip(np.searchsorted(s[idx], t), 0, len(idx) - 1)
         for j in (idx[np.maximum(right - 1, 0)], idx[right]):
             u = np.abs(t - s[j]) / r[j]
-            u = np.where(active[np.clip(np.searchsorted(s, t), 0, n - 1)]
-                         & active[np.clip(np.searchsorted(s, t) - 1, 0, n - 1)], 0, u)
-            true = np.maximum(true, share[j] * np.clip(1 - u * u, 0, 1)**(proc.power + 0.5))
-    height = stroke.thickness * share**(1 - proc.spread)
+            u = np.where(
+                active[np.clip(np.searchsorted(s, t), 0, n - 1)]
+                & active[np.clip(np.searchsorted(s, t) - 1, 0, n - 1)],
+                0,
+                u,
+            )
+            true = np.maximum(true, share[j] * np.clip(1 - u * u, 0, 1) ** (proc.power + 0.5))
+    height = stroke.thickness * share ** (1 - proc.spread)
     return Deposit(xyz[active], r[active], height[active]), (t, true)
 
 
 # ---------------------------------------------------------------- height field
-def _stamp(out: Array, grid: Grid, xy: Array, radius: Array, height: Array, power: float,
-           depth: Array | None = None, z: Array | None = None) -> None:
+def _stamp(
+    out: Array,
+    grid: Grid,
+    xy: Array,
+    radius: Array,
+    height: Array,
+    power: float,
+    depth: Array | None = None,
+    z: Array | None = None,
+) -> None:
     """Raise `out` to the envelope of spheroidal dabs; note each pixel's dab depth."""
     idx = grid.index(xy)
     for k in range(len(idx)):
@@ -408,16 +454,16 @@ def _stamp(out: Array, grid: Grid, xy: Array, radius: Array, height: Array, powe
             continue
         dx = (np.arange(i0, i1, dtype=np.float32) - cx) / r
         dy = (np.arange(j0, j1, dtype=np.float32) - cy) / r
-        v = np.maximum(1 - dy[:, None]**2 - dx[None]**2, 0)
+        v = np.maximum(1 - dy[:, None] ** 2 - dx[None] ** 2, 0)
         v = height[k] * (np.sqrt(v) if power == 0.5 else v**power)
         view = out[j0:j1, i0:i1]
-        if depth is not None:
+        if depth is not None and z is not None:
             depth[j0:j1, i0:i1][v > view] = z[k]
         np.maximum(view, v, out=view)
 
 
 def _disc(radius_px: float) -> Array:
-    k = 2 * max(int(round(radius_px)), 1) + 1
+    k = 2 * max(round(radius_px), 1) + 1
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (k, k))
 
 
@@ -450,7 +496,7 @@ def _lay(below: Array, bead: Array, width: float, sag: float, grid: Grid) -> Arr
     small = cv2.GaussianBlur(small, (0, 0), 0.06 * width / grid.pitch)
     span = cv2.resize(small, grid.shape[::-1], interpolation=cv2.INTER_LINEAR)
     support = np.maximum(below, (1 - sag) * span + sag * below)
-    grip = np.clip(bead / (0.35 * bead.max() + 1e-9), 0, 1)**0.5
+    grip = np.clip(bead / (0.35 * bead.max() + 1e-9), 0, 1) ** 0.5
     return (below + (support - below) * grip + bead).astype(np.float32)
 
 
@@ -465,7 +511,9 @@ def _sky_line(height: Array, pitch: float, azimuth: float, elevation: float) -> 
     # image axes: col = +x, row = +y; light travels from azimuth towards the print
     m = cv2.getRotationMatrix2D(((w - 1) / 2, (h - 1) / 2), np.degrees(azimuth) + 180, 1)
     m[:, 2] += ((n - w) / 2, (n - h) / 2)
-    turned = cv2.warpAffine(height, m, (n, n), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    turned = cv2.warpAffine(
+        height, m, (n, n), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     lifted = turned + np.arange(n, dtype=np.float32) * pitch * np.float32(np.tan(elevation))
     deficit = np.maximum.accumulate(lifted, axis=1) - lifted
     return cv2.warpAffine(deficit, m, (w, h), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
@@ -482,6 +530,8 @@ def _noise(shape: tuple[int, int], sigma_px: float, rng: Any) -> Array:
 
 @dataclass
 class Bath:
+    """What a bath looks like."""
+
     grain: Array  # relative reflectance
     relief: Array  # mm
     bubbles: list[tuple[float, float, float]]
@@ -495,8 +545,10 @@ def _make_bath(grid: Grid, rng: Any) -> Bath:
     a = rng.uniform(0.008, 0.03, 3)
     x, y = grid.axes()
     count = int(rng.poisson(5))
-    bubbles = [(rng.uniform(x[0], x[-1]), rng.uniform(y[0], y[-1]), float(rng.uniform(0.03, 0.12)))
-               for _ in range(count)]
+    bubbles = [
+        (rng.uniform(x[0], x[-1]), rng.uniform(y[0], y[-1]), float(rng.uniform(0.03, 0.12)))
+        for _ in range(count)
+    ]
     relief = 1e-3 * (rng.uniform(0.2, 0.9) * fine + rng.uniform(0.5, 2.5) * coarse) + 4e-3 * mottle
     return Bath(1 + a[0] * fine + a[1] * coarse + a[2] * mottle, relief, bubbles)
 
@@ -505,8 +557,11 @@ def _stir(bath: Bath, share: float, grid: Grid, rng: Any) -> Bath:
     """Return the bath as it was earlier: part of its grains lay otherwise."""
     other = _make_bath(grid, rng)
     mix = np.sqrt(1 - share**2)
-    return Bath(1 + mix * (bath.grain - 1) + share * (other.grain - 1),
-                mix * bath.relief + share * other.relief, bath.bubbles)
+    return Bath(
+        1 + mix * (bath.grain - 1) + share * (other.grain - 1),
+        mix * bath.relief + share * other.relief,
+        bath.bubbles,
+    )
 
 
 def _bath_colour(bath: Bath, optics: Optics, grid: Grid) -> Array:
@@ -516,8 +571,10 @@ def _bath_colour(bath: Bath, optics: Optics, grid: Grid) -> Array:
         i = slice(*np.searchsorted(x, (bx - 1.5 * r, bx + 1.5 * r)))
         j = slice(*np.searchsorted(y, (by - 1.5 * r, by + 1.5 * r)))
         u = np.hypot(x[None, i] - bx, y[j, None] - by) / r
-        spot = np.exp(-(np.hypot(x[None, i] - bx + .35 * r, y[j, None] - by - .35 * r) / (.25 * r))**2)
-        rim = np.exp(-((u - 0.9) / 0.14)**2)
+        spot = np.exp(
+            -((np.hypot(x[None, i] - bx + 0.35 * r, y[j, None] - by - 0.35 * r) / (0.25 * r)) ** 2)
+        )
+        rim = np.exp(-(((u - 0.9) / 0.14) ** 2))
         img[j, i] = img[j, i] * (1 - 0.5 * rim[..., None]) + 0.5 * spot[..., None]
     return np.maximum(img, 0.005).astype(np.float32)
 
@@ -538,12 +595,16 @@ def _wide_blur(img: Array, sigma_px: float) -> Array:
         return cv2.GaussianBlur(img, (0, 0), sigma_px)
     h, w = img.shape[:2]
     small = cv2.resize(img, (w // f, h // f), interpolation=cv2.INTER_AREA)
-    return cv2.resize(cv2.GaussianBlur(small, (0, 0), sigma_px / f), (w, h), interpolation=cv2.INTER_LINEAR)
+    return cv2.resize(
+        cv2.GaussianBlur(small, (0, 0), sigma_px / f), (w, h), interpolation=cv2.INTER_LINEAR
+    )
 
 
 def _gradient(h: Array, pitch: float) -> tuple[Array, Array]:
-    return (cv2.Sobel(h, cv2.CV_32F, 1, 0, ksize=3, scale=1 / (8 * pitch)),
-            cv2.Sobel(h, cv2.CV_32F, 0, 1, ksize=3, scale=1 / (8 * pitch)))
+    return (
+        cv2.Sobel(h, cv2.CV_32F, 1, 0, ksize=3, scale=1 / (8 * pitch)),
+        cv2.Sobel(h, cv2.CV_32F, 0, 1, ksize=3, scale=1 / (8 * pitch)),
+    )
 
 
 def _ink_colour(ground: Array, t: Array, surface: Array, optics: Optics, grid: Grid) -> Array:
@@ -553,7 +614,9 @@ def _ink_colour(ground: Array, t: Array, surface: Array, optics: Optics, grid: G
         return ground * (1 - a) + optics.colour.astype(np.float32) * a
     if optics.ink == "dyed":  # Beer-Lambert, down and up again
         through = np.exp(-2 * optics.absorb.astype(np.float32) * t[..., None])
-        return ground * through + 0.03 * (1 - np.exp(-2 * t))[..., None] * optics.colour.astype(np.float32)
+        return ground * through + 0.03 * (1 - np.exp(-2 * t))[..., None] * optics.colour.astype(
+            np.float32
+        )
     if optics.ink == "milky":  # light wanders sideways about one transport length
         soft = cv2.GaussianBlur(t, (0, 0), max(0.35 / optics.scatter, 0.02) / grid.pitch)
         return _kubelka_munk(ground, optics.scatter, optics.absorb.astype(np.float32), soft)
@@ -569,39 +632,52 @@ def _clear(ground: Array, t: Array, surface: Array, grid: Grid) -> Array:
     limit = np.float32(0.5)
     mx = ii - np.where(wet, np.clip(t * n * gx, -limit, limit), 0) / grid.pitch
     my = jj - np.where(wet, np.clip(t * n * gy, -limit, limit), 0) / grid.pitch
-    seen = cv2.remap(ground, mx.astype(np.float32), my.astype(np.float32), cv2.INTER_LINEAR,
-                     borderMode=cv2.BORDER_REFLECT)
+    seen = cv2.remap(
+        ground,
+        mx.astype(np.float32),
+        my.astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REFLECT,
+    )
     smooth = cv2.GaussianBlur(surface, (0, 0), 0.03 / grid.pitch)
     bend = cv2.Laplacian(smooth, cv2.CV_32F) / grid.pitch**2
     focus = 1 / np.clip(1 + 0.5 * n * t * bend, 0.75, 1.6)  # caustic of a weak lens
     cos = 1 / np.sqrt(1 + gx * gx + gy * gy)
-    fresnel = 0.02 + 0.98 * (1 - cos)**5  # Schlick
-    pass_ = np.where(wet, (1 - fresnel)**2 * focus * (0.93 + 0.07 * cos), 1)
+    fresnel = 0.02 + 0.98 * (1 - cos) ** 5  # Schlick
+    pass_ = np.where(wet, (1 - fresnel) ** 2 * focus * (0.93 + 0.07 * cos), 1)
     return seen * cv2.GaussianBlur(pass_.astype(np.float32), (0, 0), 0.012 / grid.pitch)[..., None]
 
 
-def _shade(surface: Array, wet: Array, light: Light, optics: Optics, grid: Grid) -> tuple[Array, Array]:
+def _shade(
+    surface: Array, wet: Array, light: Light, optics: Optics, grid: Grid
+) -> tuple[Array, Array]:
     """Return irradiance and highlight maps of a surface under dome, ring and side lamp."""
     gx, gy = _gradient(surface, grid.pitch)
     cos = 1 / np.sqrt(1 + gx * gx + gy * gy)
     tilt = np.arccos(np.clip(cos, 0, 1))
     smooth = cv2.GaussianBlur(surface, (0, 0), 0.35 / grid.pitch)
     open_sky = 1 - np.clip(0.9 * (smooth - surface), 0, 0.35)
-    lx, ly = np.cos(light.elevation) * np.cos(light.azimuth), np.cos(light.elevation) * np.sin(light.azimuth)
+    lx, ly = (
+        np.cos(light.elevation) * np.cos(light.azimuth),
+        np.cos(light.elevation) * np.sin(light.azimuth),
+    )
     lz = np.sin(light.elevation)
     lambert = np.maximum((lz - gx * lx - gy * ly) * cos, 0)
     deficit = _sky_line(surface, grid.pitch, light.azimuth, light.elevation)
     lit = 1 - cv2.GaussianBlur(np.clip((deficit - 0.01) / 0.04, 0, 1), (0, 0), 0.03 / grid.pitch)
-    irradiance = (light.dome * open_sky * (0.5 + 0.5 * cos) + light.ring * cos * open_sky
-                  + light.side * lambert / lz * lit)
+    irradiance = (
+        light.dome * open_sky * (0.5 + 0.5 * cos)
+        + light.ring * cos * open_sky
+        + light.side * lambert / lz * lit
+    )
     gloss = np.where(wet, optics.gloss, optics.bath_gloss)
     rough = np.where(wet, optics.roughness, 0.22)
-    ring = np.exp(-((tilt - light.ring_angle / 2) / rough)**2) * light.ring
+    ring = np.exp(-(((tilt - light.ring_angle / 2) / rough) ** 2)) * light.ring
     leds = 1 + 0.35 * np.cos(12 * np.arctan2(gy, gx))
     half = np.array([lx, ly, lz + 1])
     half /= np.linalg.norm(half)
     away = np.arccos(np.clip((half[2] - gx * half[0] - gy * half[1]) * cos, -1, 1))
-    lamp = np.exp(-(away / rough)**2) * light.side * lit * 1.5
+    lamp = np.exp(-((away / rough) ** 2)) * light.side * lit * 1.5
     x = np.linspace(-0.5, 0.5, grid.shape[1], dtype=np.float32)
     y = np.linspace(-0.5, 0.5, grid.shape[0], dtype=np.float32)
     ramp = 1 + light.gradient[0] * x[None] + light.gradient[1] * y[:, None]
@@ -609,7 +685,9 @@ def _shade(surface: Array, wet: Array, light: Light, optics: Optics, grid: Grid)
 
 
 # ---------------------------------------------------------------- embedded lines
-def _through_bath(img: Array, t: Array, depth: Array, optics: Optics, light: Light, grid: Grid) -> Array:
+def _through_bath(
+    img: Array, t: Array, depth: Array, optics: Optics, light: Light, grid: Grid
+) -> Array:
     """Lay one family of immersed lines over the deeper ones.
 
     Contrast falls as exp(-2 mu d) and scatter blurs by sigma(d) = 0.01 + 0.035 mu d mm per
@@ -622,8 +700,11 @@ def _through_bath(img: Array, t: Array, depth: Array, optics: Optics, light: Lig
     if optics.ink == "clear":  # index step of about 0.02: weak lens, one flank bright, one dark
         gx, gy = _gradient(cv2.GaussianBlur(t, (0, 0), 0.02 / grid.pitch), grid.pitch)
         g = gx * np.cos(light.azimuth) + gy * np.sin(light.azimuth)
-        change = (np.clip(-0.06 * g, -0.15, 0.2) - np.clip(0.05 * np.hypot(gx, gy), 0, 0.14)
-                  + 0.06 * (t > 0) * t / max(float(t.max()), 1e-9))[..., None].astype(np.float32)
+        change = (
+            np.clip(-0.06 * g, -0.15, 0.2)
+            - np.clip(0.05 * np.hypot(gx, gy), 0, 0.14)
+            + 0.06 * (t > 0) * t / max(float(t.max()), 1e-9)
+        )[..., None].astype(np.float32)
     else:
         seen = _ink_colour(img, t, t, optics, grid)
         gx, gy = _gradient(cv2.GaussianBlur(0.5 * t, (0, 0), 0.02 / grid.pitch), grid.pitch)
@@ -637,23 +718,35 @@ def _through_bath(img: Array, t: Array, depth: Array, optics: Optics, light: Lig
     out = np.zeros_like(img)
     pos = np.interp(sigma, sigmas, np.arange(len(sigmas)))
     for k, layer in enumerate(stack):
-        out += np.atleast_3d(layer) * np.clip(1 - np.abs(pos - k), 0, 1)[..., None].astype(np.float32)
+        out += np.atleast_3d(layer) * np.clip(1 - np.abs(pos - k), 0, 1)[..., None].astype(
+            np.float32
+        )
     return np.maximum(img * (1 + out * np.exp(-2 * optics.bath_mu * d)[..., None]), 0.002)
 
 
 # ---------------------------------------------------------------- camera
-def _make_camera(centre: Array, um: float, shape: tuple[int, int], rng: Any,
-                 surface_z: float | None) -> Camera:
+def _make_camera(
+    centre: Array, um: float, shape: tuple[int, int], rng: Any, surface_z: float | None
+) -> Camera:
     distance = rng.uniform(70, 160)
     tilt, roll = np.radians(rng.normal(0, 1.2, 2)), np.radians(rng.uniform(-3, 3))
     return _aim(centre, distance, np.clip(tilt, -0.05, 0.05), roll, um, shape, surface_z)
 
 
-def _aim(centre: Array, distance: float, tilt: Array, roll: float, um: float,
-         shape: tuple[int, int], surface_z: float | None) -> Camera:
+def _aim(
+    centre: Array,
+    distance: float,
+    tilt: Array,
+    roll: float,
+    um: float,
+    shape: tuple[int, int],
+    surface_z: float | None,
+) -> Camera:
     down = np.diag([1.0, -1.0, -1.0])
-    vec = [cv2.Rodrigues(np.array(v, float))[0] for v in
-           ((tilt[0], 0, 0), (0, tilt[1], 0), (0, 0, roll))]
+    vec = [
+        cv2.Rodrigues(np.array(v, float))[0]
+        for v in ((tilt[0], 0, 0), (0, tilt[1], 0), (0, 0, roll))
+    ]
     rot = vec[2] @ vec[1] @ vec[0] @ down
     return Camera(centre - distance * rot[2], rot, distance * 1000 / um, shape, surface_z)
 
@@ -690,39 +783,61 @@ def _cover(img: Array, cam: Camera, covers: list[Any], z: float, um: float, seed
             soft = np.clip((1.0 - d) * rp / 1.5 + 0.5, 0, 1)[..., None]
             dome = np.sqrt(np.clip(1 - d * d, 0, 1))
             tone = level * (0.55 + 0.6 * dome + 0.25 * (v - c[1]) / rp * dome)
-            tone = tone * (1 - 0.65 * np.exp(-((d - 0.93) / 0.07)**2))
+            tone = tone * (1 - 0.65 * np.exp(-(((d - 0.93) / 0.07) ** 2)))
             spot = np.hypot(u - c[0] + 0.4 * rp, v - c[1] + 0.4 * rp) / (0.16 * rp)
-            tone = tone + 2.5 * level * np.exp(-spot**4) + 0.8 * level * np.exp(
-                -(np.hypot(u - c[0] - .45 * rp, v - c[1] - .4 * rp) / (0.12 * rp))**2)
+            tone = (
+                tone
+                + 2.5 * level * np.exp(-(spot**4))
+                + 0.8
+                * level
+                * np.exp(
+                    -((np.hypot(u - c[0] - 0.45 * rp, v - c[1] - 0.4 * rp) / (0.12 * rp)) ** 2)
+                )
+            )
             img = img * (1 - 0.97 * soft) + 0.97 * soft * tone[..., None]
         elif kind == "glare":
             wob = 1 + 0.12 * np.sin(3 * np.arctan2(v - c[1], u - c[0]) + angle)
-            img = img + (9 * level * np.exp(-(d * wob / 0.8)**4) + 0.15 * level * np.exp(-d))[..., None]
+            img = (
+                img
+                + (9 * level * np.exp(-((d * wob / 0.8) ** 4)) + 0.15 * level * np.exp(-d))[
+                    ..., None
+                ]
+            )
         else:
             du, dv = np.cos(angle), -np.sin(angle)
             along = (u - c[0]) * du + (v - c[1]) * dv
             across = ((v - c[1]) * du - (u - c[0]) * dv) / rp
             wide = 1 + 0.0006 * np.maximum(along, 0)
             q = across / wide
-            soft = (np.clip((1 - np.abs(q)) * rp / 3 + 0.5, 0, 1) * np.clip(along / 3 + 0.5, 0, 1))[..., None]
-            tone = 0.35 + 0.5 * np.exp(-((q - 0.3) / 0.18)**2) + 0.25 * np.exp(-((q + 0.55) / 0.12)**2)
+            soft = (np.clip((1 - np.abs(q)) * rp / 3 + 0.5, 0, 1) * np.clip(along / 3 + 0.5, 0, 1))[
+                ..., None
+            ]
+            tone = (
+                0.35
+                + 0.5 * np.exp(-(((q - 0.3) / 0.18) ** 2))
+                + 0.25 * np.exp(-(((q + 0.55) / 0.12) ** 2))
+            )
             tone = tone * level * (1 + 0.03 * rng.standard_normal(tone.shape[:1] + (1,)))
             img = img * (1 - soft) + soft * tone[..., None]
     return img.astype(np.float32)
 
 
-def _expose(img: Array, cam: Camera, light: Light, sensor: Sensor, scale: float, rng: Any) -> tuple[Array, Array]:
+def _expose(
+    img: Array, cam: Camera, light: Light, sensor: Sensor, scale: float, rng: Any
+) -> tuple[Array, Array]:
     """Return the 8-bit picture and its noise-free twin."""
     v, u = np.mgrid[: cam.shape[0], : cam.shape[1]].astype(np.float32)
     c = cam.centre_px
     far = np.hypot(u - c[0], v - c[1]) / np.hypot(*c)
-    img = img * (1 / (1 + light.vignette * far**2)**2)[..., None]  # cos^4 = (1 + tan^2)^-2
+    img = img * (1 / (1 + light.vignette * far**2) ** 2)[..., None]  # cos^4 = (1 + tan^2)^-2
     img = img * np.array(light.tint, np.float32) * scale
     if not sensor.colour:
         img = img @ GREY
     clean = np.clip(img, 0, 1)
     electrons = img * sensor.full_well
-    noisy = electrons + np.sqrt(np.maximum(electrons, 0) + sensor.read_e**2) * rng.standard_normal(img.shape)
+    noisy = electrons + np.sqrt(np.maximum(electrons, 0) + sensor.read_e**2) * rng.standard_normal(
+        img.shape
+    )
     out = np.clip(noisy / sensor.full_well, 0, 1)
     code = [255 * np.power(q, sensor.gamma) for q in (out, clean)]
     return np.round(code[0]).astype(np.uint8), code[1]
@@ -731,44 +846,82 @@ def _expose(img: Array, cam: Camera, light: Light, sensor: Sensor, scale: float,
 # ---------------------------------------------------------------- choice of the setting
 def _make_light(rng: Any) -> Light:
     style = rng.choice(["dome", "ring", "side", "mixed"])
-    dome, ring, side = {"dome": (1, .1, .1), "ring": (.35, .8, .05), "side": (.4, .1, .8),
-                        "mixed": (.5, .4, .35)}[str(style)] * rng.uniform(0.8, 1.2, 3)
-    return Light(dome, ring, np.radians(rng.uniform(30, 60)), side, rng.uniform(0, 2 * np.pi),
-                 np.radians(rng.uniform(28, 55)), tuple(rng.normal(0, 0.12, 2)),
-                 rng.uniform(0.02, 0.12), tuple(1 + rng.normal(0, 0.05, 3)))
+    dome, ring, side = {
+        "dome": (1, 0.1, 0.1),
+        "ring": (0.35, 0.8, 0.05),
+        "side": (0.4, 0.1, 0.8),
+        "mixed": (0.5, 0.4, 0.35),
+    }[str(style)] * rng.uniform(0.8, 1.2, 3)
+    return Light(
+        dome,
+        ring,
+        np.radians(rng.uniform(30, 60)),
+        side,
+        rng.uniform(0, 2 * np.pi),
+        np.radians(rng.uniform(28, 55)),
+        tuple(rng.normal(0, 0.12, 2)),
+        rng.uniform(0.02, 0.12),
+        tuple(1 + rng.normal(0, 0.05, 3)),
+    )
 
 
 def _make_optics(ink: str, rng: Any) -> Optics:
-    baths = [(.40, .36, .28), (.45, .46, .44), (.52, .50, .45), (.33, .34, .33)]
+    baths = [(0.40, 0.36, 0.28), (0.45, 0.46, 0.44), (0.52, 0.50, 0.45), (0.33, 0.34, 0.33)]
     bath = np.array(baths[int(rng.integers(4))]) * rng.uniform(0.85, 1.1)
     if ink == "milky" and rng.random() < 0.4:
-        bath = np.array([.10, .11, .12])
+        bath = np.array([0.10, 0.11, 0.12])
     colour, absorb, scatter = bath, np.full(3, 0.1), 5.0
     if ink == "pale":
-        colour = bath * (1 + rng.choice([-1, 1]) * rng.uniform(0.04, 0.12)) * (1 + rng.normal(0, 0.015, 3))
+        colour = (
+            bath
+            * (1 + rng.choice([-1, 1]) * rng.uniform(0.04, 0.12))
+            * (1 + rng.normal(0, 0.015, 3))
+        )
     elif ink == "dark":
-        colour = np.array([(.05, .05, .06), (.16, .03, .03), (.03, .06, .14)][int(rng.integers(3))])
+        colour = np.array(
+            [(0.05, 0.05, 0.06), (0.16, 0.03, 0.03), (0.03, 0.06, 0.14)][int(rng.integers(3))]
+        )
     elif ink == "dyed":
-        dye = [(0.3, 1.6, 1.4), (1.8, 0.9, 0.25), (0.25, 0.5, 1.9), (1.5, 0.5, 1.0)][int(rng.integers(4))]
+        dye = [(0.3, 1.6, 1.4), (1.8, 0.9, 0.25), (0.25, 0.5, 1.9), (1.5, 0.5, 1.0)][
+            int(rng.integers(4))
+        ]
         absorb = np.array(dye) * rng.uniform(0.5, 1.6)
         colour = np.exp(-absorb)
     elif ink == "milky":
-        absorb, scatter = np.array([.10, .13, .2]) * rng.uniform(0.5, 1.5), rng.uniform(3, 9)
+        absorb, scatter = np.array([0.10, 0.13, 0.2]) * rng.uniform(0.5, 1.5), rng.uniform(3, 9)
     gloss = rng.uniform(0.3, 0.8) if ink == "clear" else rng.uniform(0.03, 0.35)
-    return Optics(ink, colour, bath, absorb, scatter, gloss, rng.uniform(0, 0.03),
-                  rng.uniform(0.08, 0.16), rng.uniform(0.08, 0.22))
+    return Optics(
+        ink,
+        colour,
+        bath,
+        absorb,
+        scatter,
+        gloss,
+        rng.uniform(0, 0.03),
+        rng.uniform(0.08, 0.16),
+        rng.uniform(0.08, 0.22),
+    )
 
 
 def _make_process(rng: Any, width: float, flow: float = 1.0, shift: Any = None) -> Process:
     if shift is None:
         r, a = 0.15 * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
         shift = (float(r * np.cos(a)), float(r * np.sin(a)))
-    return Process(flow, tuple(shift), rng.uniform(.03, .06), rng.uniform(.02, .05) * width,
-                   rng.uniform(.5, .75), float(rng.choice([0.5, 0.75, 1.0])), rng.uniform(.15, .6))
+    return Process(
+        flow,
+        tuple(shift),
+        rng.uniform(0.03, 0.06),
+        rng.uniform(0.02, 0.05) * width,
+        rng.uniform(0.5, 0.75),
+        float(rng.choice([0.5, 0.75, 1.0])),
+        rng.uniform(0.15, 0.6),
+    )
 
 
 @dataclass
 class Layer:
+    """Lines of one height."""
+
     strokes: list[Stroke]
     width: float
     lumens: list[Any]
@@ -778,15 +931,25 @@ class Layer:
     shares: list[Any]
 
 
-def _make_layers(kind: str, rng: Any, faults: dict[str, Any], size: float, origin: Array) -> list[Layer]:
+def _make_layers(
+    kind: str, rng: Any, faults: dict[str, Any], size: float, origin: Array
+) -> list[Layer]:
     """Lay out all layers; only the last one's strokes (embedded: all) are fresh."""
     need_lumen = _count(faults.get("closed")) or faults.get("lumens")
-    names = ["rings", "solid_hole"] if need_lumen else ["lines", "lines", "rings", "waves", "solid", "solid_hole"]
+    names = (
+        ["rings", "solid_hole"]
+        if need_lumen
+        else ["lines", "lines", "rings", "waves", "solid", "solid_hole"]
+    )
     if kind == "embedded":
         names = ["rings"] if need_lumen else ["lines", "waves", "rings"]
     name = faults.get("pattern") or str(rng.choice(names))
-    count = {"single": 1, "stack": int(rng.integers(2, 7)), "embedded": int(rng.integers(2, 4)),
-             "laser": int(rng.integers(1, 3))}[kind]
+    count = {
+        "single": 1,
+        "stack": int(rng.integers(2, 7)),
+        "embedded": int(rng.integers(2, 4)),
+        "laser": int(rng.integers(1, 3)),
+    }[kind]
     count = int(faults.get("layers") or count)
     half = (0.40 if kind in ("single", "laser") else 0.36) * size - 0.2
     first = rng.uniform(0, np.pi) if name not in ("solid", "solid_hole") else rng.normal(0, 0.05)
@@ -811,7 +974,11 @@ def _make_layers(kind: str, rng: Any, faults: dict[str, Any], size: float, origi
         for p in paths:
             xy = _turn(p, first + k * turn)
             slope = rng.uniform(-0.08, 0.08) if kind == "embedded" and name == "lines" else 0.0
-            zs = np.minimum(z + slope * xy[:, 0], -0.2) if kind == "embedded" else np.full(len(xy), z)
+            zs = (
+                np.minimum(z + slope * xy[:, 0], -0.2)
+                if kind == "embedded"
+                else np.full(len(xy), z)
+            )
             if kind == "embedded" and slope:  # straight but inclined: keep chords short
                 a = np.linspace(0, 1, 21)
                 xy = xy[0] + a[:, None] * (xy[-1] - xy[0])
@@ -819,8 +986,10 @@ def _make_layers(kind: str, rng: Any, faults: dict[str, Any], size: float, origi
             thick = thickness if kind != "embedded" else width
             strokes.append(Stroke(np.column_stack([xy, zs]) + origin, width, number, fresh, thick))
             number += 1
-        outlines = [(n, np.column_stack([_turn(o, first + k * turn), np.full(len(o), z)]) + origin, w)
-                    for n, o, w in lumens]
+        outlines = [
+            (n, np.column_stack([_turn(o, first + k * turn), np.full(len(o), z)]) + origin, w)
+            for n, o, w in lumens
+        ]
         layers.append(Layer(strokes, width, outlines if fresh else [], None, {}, [], []))  # type: ignore[arg-type]
     return layers
 
@@ -853,25 +1022,39 @@ def _close_lumens(layers: list[Layer], count: int, rng: Any) -> list[Any]:
             c[:2] += la.process.shift
             r = width / 2 + 0.4 * la.width
             ring = np.linspace(0, 2 * np.pi, 24)
-            xy = np.vstack([c[:2] + 0.6 * r * q * np.stack([np.cos(ring), np.sin(ring)], -1) for q in (0, .5, 1)])
+            xy = np.vstack(
+                [
+                    c[:2] + 0.6 * r * q * np.stack([np.cos(ring), np.sin(ring)], -1)
+                    for q in (0, 0.5, 1)
+                ]
+            )
             h = rng.uniform(0.5, 0.9) * la.strokes[0].thickness
             size = 0.45 * r * (1 + 0.06 * rng.standard_normal(len(xy)))
-            la.deposits.append(Deposit(np.column_stack([xy, np.full(len(xy), c[2])]), size, np.full(len(xy), h)))
+            la.deposits.append(
+                Deposit(np.column_stack([xy, np.full(len(xy), c[2])]), size, np.full(len(xy), h))
+            )
         out.append((name, outline, float(width), k not in shut))
     return out
 
 
-def _drop_blobs(layers: list[Layer], count: int, plan: dict[str, Any], size: float, origin: Array,
-                rng: Any) -> list[Any]:
+def _drop_blobs(
+    layers: list[Layer], count: int, plan: dict[str, Any], size: float, origin: Array, rng: Any
+) -> list[Any]:
     """Drop ink where no fresh path runs (a blob may touch a line's flank)."""
     top = layers[-1]
     fresh = [s for la in layers for s in la.strokes if s.fresh]
-    pts = np.vstack([s.at(np.linspace(0, s.length, int(s.length / 0.05) + 2))[:, :2] for s in fresh])
+    pts = np.vstack(
+        [s.at(np.linspace(0, s.length, int(s.length / 0.05) + 2))[:, :2] for s in fresh]
+    )
     lumens = [lu for la in layers for lu in la.lumens]
     out: list[Any] = []
     for _ in range(count):
         for attempt in range(300):
-            r = rng.uniform(0.12, 0.5) * (0.7 if attempt > 100 else 1) * (0.7 if attempt > 200 else 1)
+            r = (
+                rng.uniform(0.12, 0.5)
+                * (0.7 if attempt > 100 else 1)
+                * (0.7 if attempt > 200 else 1)
+            )
             c = origin[:2] + rng.uniform(-0.41, 0.41, 2) * size
             clear = np.min(np.hypot(*(pts - c).T)) > top.width / 2 + 0.7 * r
             clear &= all(np.hypot(*(lu[1][:-1, :2].mean(0) - c)) > lu[2] / 2 + r for lu in lumens)
@@ -882,15 +1065,27 @@ def _drop_blobs(layers: list[Layer], count: int, plan: dict[str, Any], size: flo
                 xy = c + 0.12 * r * rng.standard_normal((n, 2))
                 h = rng.uniform(0.5, 1.1) * top.strokes[0].thickness
                 z = top.strokes[0].path[0, 2]
-                top.deposits.append(Deposit(np.column_stack([xy, np.full(n, z)]), np.full(n, 0.9 * r), np.full(n, h)))
+                top.deposits.append(
+                    Deposit(
+                        np.column_stack([xy, np.full(n, z)]), np.full(n, 0.9 * r), np.full(n, h)
+                    )
+                )
                 break
     return out
 
 
-def _choose_covers(wanted: Any, fresh: list[Stroke], size: float, rng: Any) -> tuple[list[Any], list[Any]]:
+def _choose_covers(
+    wanted: Any, fresh: list[Stroke], size: float, rng: Any
+) -> tuple[list[Any], list[Any]]:
     """Place bubbles, glare, needle upon lines; return (drawings, circles)."""
-    kinds = list(wanted) if isinstance(wanted, (list, tuple)) else [
-        str(rng.choice(["bubble", "glare", "needle"], p=[.4, .4, .2])) for _ in range(int(wanted or 0))]
+    kinds = (
+        list(wanted)
+        if isinstance(wanted, (list, tuple))
+        else [
+            str(rng.choice(["bubble", "glare", "needle"], p=[0.4, 0.4, 0.2]))
+            for _ in range(int(wanted or 0))
+        ]
+    )
     covers, circles = [], []
     for kind in kinds:
         s = fresh[int(rng.integers(len(fresh)))]
@@ -900,14 +1095,22 @@ def _choose_covers(wanted: Any, fresh: list[Stroke], size: float, rng: Any) -> t
         covers.append((kind, float(x), float(y), r, angle))
         if kind == "needle":
             for q in np.arange(0, 1.6 * size, 0.6 * r):
-                circles.append((float(x + (q + r * .5) * np.cos(angle)), float(y + (q + r * .5) * np.sin(angle)), 1.25 * r))
+                circles.append(
+                    (
+                        float(x + (q + r * 0.5) * np.cos(angle)),
+                        float(y + (q + r * 0.5) * np.sin(angle)),
+                        1.25 * r,
+                    )
+                )
         else:
             circles.append((float(x), float(y), r * (1.1 if kind == "bubble" else 1.2)))
     return covers, circles
 
 
 # ---------------------------------------------------------------- renderers
-def _surfaces(layers: list[Layer], grid: Grid, floor: Array, level: float | None) -> list[dict[str, Array]]:
+def _surfaces(
+    layers: list[Layer], grid: Grid, floor: Array, level: float | None
+) -> list[dict[str, Array]]:
     """Return surface, ink thickness and fresh thickness after each layer."""
     h, t, out = floor.copy(), np.zeros(grid.shape, np.float32), []
     for la in layers:
@@ -915,13 +1118,16 @@ def _surfaces(layers: list[Layer], grid: Grid, floor: Array, level: float | None
         h, t = _lay(h, bead, la.width, la.process.sag, grid), t + bead
         out.append({"h": h, "t": t, "bead": bead})
     for o in out:  # a bath standing between the lines
-        o["sunk"] = np.maximum((level or 0) - o["h"], 0) if level else np.zeros(grid.shape, np.float32)
+        o["sunk"] = (
+            np.maximum((level or 0) - o["h"], 0) if level else np.zeros(grid.shape, np.float32)
+        )
         o["top"] = o["h"] + o["sunk"]
     return out
 
 
-def _look(view: dict[str, Array], bath: Bath, optics: Optics, light: Light, grid: Grid,
-          ink_grain: Array) -> Array:
+def _look(
+    view: dict[str, Array], bath: Bath, optics: Optics, light: Light, grid: Grid, ink_grain: Array
+) -> Array:
     ground = _bath_colour(bath, optics, grid)
     t = view["t"]
     img = _ink_colour(ground, t, view["h"], optics, grid)
@@ -935,8 +1141,15 @@ def _look(view: dict[str, Array], bath: Bath, optics: Optics, light: Light, grid
     return (img * bright[..., None] + shine[..., None] * 0.5).astype(np.float32)
 
 
-def _look_into(layers: list[Layer], cam: Camera, z0: float, bath: Bath, optics: Optics, light: Light,
-               grid: Grid) -> tuple[Array, Array]:
+def _look_into(
+    layers: list[Layer],
+    cam: Camera,
+    z0: float,
+    bath: Bath,
+    optics: Optics,
+    light: Light,
+    grid: Grid,
+) -> tuple[Array, Array]:
     """Paint immersed lines as seen on the bath's surface plane; also their coverage."""
     img = _bath_colour(bath, optics, grid)
     # far down the grains blend into a smooth background
@@ -952,30 +1165,51 @@ def _look_into(layers: list[Layer], cam: Camera, z0: float, bath: Bath, optics: 
             _stamp(t, grid, xy, d.radius * scale, d.height, 0.5, depth, z0 - p[:, 2])
         np.maximum(cover, t, out=cover)
         img = _through_bath(img, t, depth, optics, light, grid)
-    bright, shine = _shade(bath.relief.astype(np.float32), np.zeros(grid.shape, bool), light, optics, grid)
+    bright, shine = _shade(
+        bath.relief.astype(np.float32), np.zeros(grid.shape, bool), light, optics, grid
+    )
     return (img * bright[..., None] + 0.5 * shine[..., None]).astype(np.float32), cover
 
 
-def _scan(view: dict[str, Array], grid: Grid, relief: Array, ink: str, covers: list[Any], axis: float,
-          zero: tuple[float, Array], rng: Any) -> Array:
+def _scan(
+    view: dict[str, Array],
+    grid: Grid,
+    relief: Array,
+    ink: str,
+    covers: list[Any],
+    axis: float,
+    zero: tuple[float, Array],
+    rng: Any,
+) -> Array:
     """Return the height map of a triangulation laser, NaN where it saw nothing."""
     h, w = grid.shape
     t, top = view["t"], view["top"] + relief
-    sink = {"pale": 0.0, "dark": 0.0, "dyed": 0.12, "clear": 0.35, "milky": 0.15}[ink] * rng.uniform(.6, 1.4)
+    sink = {"pale": 0.0, "dark": 0.0, "dyed": 0.12, "clear": 0.35, "milky": 0.15}[
+        ink
+    ] * rng.uniform(0.6, 1.4)
     top = top - sink * np.minimum(t, 0.15)
     gx, gy = _gradient(top.astype(np.float32), grid.pitch)
     steep = np.hypot(gx, gy)
-    out = top + zero[0] + zero[1][0] * np.linspace(-.5, .5, w)[None] + zero[1][1] * np.linspace(-.5, .5, h)[:, None]
+    out = (
+        top
+        + zero[0]
+        + zero[1][0] * np.linspace(-0.5, 0.5, w)[None]
+        + zero[1][1] * np.linspace(-0.5, 0.5, h)[:, None]
+    )
     sigma = rng.uniform(0.010, 0.030)
     out = out + sigma * rng.standard_normal((h, w)) * (1 + 0.6 * np.minimum(steep, 2))
     out = out + 0.003 * rng.standard_normal((h, 1))
     spike = rng.random((h, w)) < 0.0008 + 0.01 * (steep > 1.5)
     out = np.where(spike, out + rng.normal(0, 0.15, (h, w)), out)
     patch = _noise((h, w), 0.12 / grid.pitch, rng) > (2.4 if ink != "clear" else 1.9)
-    lost = (rng.random((h, w)) < 0.003 + 0.25 * np.clip((steep - 1.2) / 2, 0, 1)) | (patch & (rng.random((h, w)) < 0.8))
+    lost = (rng.random((h, w)) < 0.003 + 0.25 * np.clip((steep - 1.2) / 2, 0, 1)) | (
+        patch & (rng.random((h, w)) < 0.8)
+    )
     if ink == "clear":
         lost |= (t > 0.01) & (rng.random((h, w)) < 0.08)
-    lost |= _sky_line(top.astype(np.float32), grid.pitch, axis, np.radians(rng.uniform(45, 60))) > 0.03
+    lost |= (
+        _sky_line(top.astype(np.float32), grid.pitch, axis, np.radians(rng.uniform(45, 60))) > 0.03
+    )
     x, y = grid.axes()
     for kind, cx, cy, r, angle in covers:
         d = np.hypot(x[None] - cx, y[:, None] - cy)
@@ -992,16 +1226,31 @@ def _scan(view: dict[str, Array], grid: Grid, relief: Array, ink: str, covers: l
 
 
 def _expected(layers: list[Layer]) -> dict[str, Any]:
-    rows = [(a, b, s) for la in layers for s in la.strokes for a, b in zip(s.path[:-1], s.path[1:], strict=True)]
-    return {"start": np.array([r[0] for r in rows]), "end": np.array([r[1] for r in rows]),
-            "width_mm": np.array([r[2].width for r in rows]),
-            "stroke": np.array([r[2].number for r in rows], int),
-            "fresh": np.array([r[2].fresh for r in rows], bool),
-            "thickness_mm": float(layers[-1].strokes[0].thickness)}
+    rows = [
+        (a, b, s)
+        for la in layers
+        for s in la.strokes
+        for a, b in zip(s.path[:-1], s.path[1:], strict=True)
+    ]
+    return {
+        "start": np.array([r[0] for r in rows]),
+        "end": np.array([r[1] for r in rows]),
+        "width_mm": np.array([r[2].width for r in rows]),
+        "stroke": np.array([r[2].number for r in rows], int),
+        "fresh": np.array([r[2].fresh for r in rows], bool),
+        "thickness_mm": float(layers[-1].strokes[0].thickness),
+    }
 
 
-def scene(kind: str, ink: str, rng: np.random.Generator, faults: dict[str, Any], *,
-          size_mm: float = 8.0, um_per_px: float = 20.0) -> Scene:
+def scene(
+    kind: str,
+    ink: str,
+    rng: np.random.Generator,
+    faults: dict[str, Any],
+    *,
+    size_mm: float = 8.0,
+    um_per_px: float = 20.0,
+) -> Scene:
     """Return a picture with known truth.
 
     Parameters
@@ -1018,11 +1267,26 @@ def scene(kind: str, ink: str, rng: np.random.Generator, faults: dict[str, Any],
     ValueError
         If kind, ink or a fault's name is unknown.
     """
-    known = {"gaps", "thin", "flow", "blobs", "hidden", "missing", "closed", "shift", "lumens", "pattern",
-             "layers", "colour", "before"}
+    known = {
+        "gaps",
+        "thin",
+        "flow",
+        "blobs",
+        "hidden",
+        "missing",
+        "closed",
+        "shift",
+        "lumens",
+        "pattern",
+        "layers",
+        "colour",
+        "before",
+    }
     if kind not in KINDS or ink not in INKS or set(faults) - known:
-        raise ValueError(f"unknown kind {kind!r}, ink {ink!r} or fault among {sorted(faults)}; "
-                         f"known: {KINDS}, {INKS}, {sorted(known)}")
+        raise ValueError(
+            f"unknown kind {kind!r}, ink {ink!r} or fault among {sorted(faults)}; "
+            f"known: {KINDS}, {INKS}, {sorted(known)}"
+        )
     origin = np.array([*rng.uniform(size_mm / 2, 100 - size_mm / 2, 2), rng.uniform(0, 60)])
     if kind == "embedded":
         origin[2] += 5.0
@@ -1032,35 +1296,79 @@ def scene(kind: str, ink: str, rng: np.random.Generator, faults: dict[str, Any],
     fresh = [s for la in layers for s in la.strokes if s.fresh]
     blobs = _drop_blobs(layers, _count(faults.get("blobs")), plan, size_mm, origin, rng)
     covers, hidden = _choose_covers(faults.get("hidden"), fresh, size_mm, rng)
-    shares = [(s.number, t, q) for la in layers for s, (t, q) in zip(la.strokes, la.shares, strict=False) if s.fresh]
-    share = (np.concatenate([np.full(len(t), n) for n, t, _ in shares]),
-             np.concatenate([t for _, t, _ in shares]), np.concatenate([q for _, _, q in shares]))
-    truth = {"gaps": plan["gaps"], "thin": plan["thin"], "flow": plan["flow"], "blobs": blobs, "hidden": hidden,
-             "shift": plan["shift"], "share": share, "lumens": lumens, "missing": plan["missing"]}
+    shares = [
+        (s.number, t, q)
+        for la in layers
+        for s, (t, q) in zip(la.strokes, la.shares, strict=False)
+        if s.fresh
+    ]
+    share = (
+        np.concatenate([np.full(len(t), n) for n, t, _ in shares]),
+        np.concatenate([t for _, t, _ in shares]),
+        np.concatenate([q for _, _, q in shares]),
+    )
+    truth = {
+        "gaps": plan["gaps"],
+        "thin": plan["thin"],
+        "flow": plan["flow"],
+        "blobs": blobs,
+        "hidden": hidden,
+        "shift": plan["shift"],
+        "share": share,
+        "lumens": lumens,
+        "missing": plan["missing"],
+    }
     paint = _paint_laser if kind == "laser" else _paint_camera
-    picture, before, to_pixels, info = paint(kind, ink, rng, faults, layers, covers, origin, size_mm, um_per_px)
-    return Scene(picture, before, to_pixels, _expected(layers), truth, {"kind": kind, "ink": ink, **info})
+    picture, before, to_pixels, info = paint(
+        kind, ink, rng, faults, layers, covers, origin, size_mm, um_per_px
+    )
+    return Scene(
+        picture, before, to_pixels, _expected(layers), truth, {"kind": kind, "ink": ink, **info}
+    )
 
 
-def _paint_laser(kind: str, ink: str, rng: Any, faults: dict[str, Any], layers: list[Layer], covers: list[Any],
-                 origin: Array, size: float, um: float) -> tuple[Array, Array | None, Any, dict[str, Any]]:
-    pitch, n = um / 1000, int(round(size * 1000 / um))
+def _paint_laser(
+    kind: str,
+    ink: str,
+    rng: Any,
+    faults: dict[str, Any],
+    layers: list[Layer],
+    covers: list[Any],
+    origin: Array,
+    size: float,
+    um: float,
+) -> tuple[Array, Array | None, Any, dict[str, Any]]:
+    pitch, n = um / 1000, round(size * 1000 / um)
     grid = Grid(origin[0] - size / 2, origin[1] - size / 2, pitch, (n, n))
     bath = _make_bath(grid, rng)
     views = _surfaces(layers, grid, np.zeros(grid.shape, np.float32), None)
-    zero, axis = (origin[2] + rng.normal(0, 0.05), rng.normal(0, 0.02, 2)), float(rng.choice([0, np.pi / 2, np.pi]))
+    zero, axis = (
+        (origin[2] + rng.normal(0, 0.05), rng.normal(0, 0.02, 2)),
+        float(rng.choice([0, np.pi / 2, np.pi])),
+    )
     picture = _scan(views[-1], grid, bath.relief, ink, covers, axis, zero, rng)
     before = None
     if faults.get("before", len(layers) > 1):
         flat = {"t": np.zeros(grid.shape, np.float32), "top": np.zeros(grid.shape, np.float32)}
-        before = _scan(views[-2] if len(views) > 1 else flat, grid, bath.relief, ink, [], axis, zero, rng)
+        before = _scan(
+            views[-2] if len(views) > 1 else flat, grid, bath.relief, ink, [], axis, zero, rng
+        )
     info = {"fresh_px": views[-1]["bead"], "ink_px": views[-1]["t"]}
     return picture, before, (lambda p: grid.index(np.atleast_2d(np.asarray(p, float)))), info
 
 
-def _paint_camera(kind: str, ink: str, rng: Any, faults: dict[str, Any], layers: list[Layer], covers: list[Any],
-                  origin: Array, size: float, um: float) -> tuple[Array, Array | None, Any, dict[str, Any]]:
-    n = int(round(size * 1000 / um))
+def _paint_camera(
+    kind: str,
+    ink: str,
+    rng: Any,
+    faults: dict[str, Any],
+    layers: list[Layer],
+    covers: list[Any],
+    origin: Array,
+    size: float,
+    um: float,
+) -> tuple[Array, Array | None, Any, dict[str, Any]]:
+    n = round(size * 1000 / um)
     shape = (int(n * rng.choice([1.0, 0.94])), n)
     over = 2 if n <= 600 else 1
     pitch, wide = um / 1000 / over, 1.2 * size
@@ -1068,20 +1376,45 @@ def _paint_camera(kind: str, ink: str, rng: Any, faults: dict[str, Any], layers:
     grid = Grid(origin[0] - wide / 2, origin[1] - wide / 2, pitch, (m, m))
     optics, light = _make_optics(ink, rng), _make_light(rng)
     colour = bool(faults.get("colour", rng.random() < 0.5))
-    sensor = Sensor(rng.uniform(0.6, 1.2), rng.uniform(6e3, 2e4), rng.uniform(4, 12),
-                    float(rng.choice([0.4545, 0.6, 1.0])), rng.uniform(0.6, 0.8), colour)
+    sensor = Sensor(
+        rng.uniform(0.6, 1.2),
+        rng.uniform(6e3, 2e4),
+        rng.uniform(4, 12),
+        float(rng.choice([0.4545, 0.6, 1.0])),
+        rng.uniform(0.6, 0.8),
+        colour,
+    )
     bath = _make_bath(grid, rng)
-    grain = 0.012 * _noise(grid.shape, 0.03 / pitch, rng) + 0.01 * _noise(grid.shape, 0.3 / pitch, rng)
+    grain = 0.012 * _noise(grid.shape, 0.03 / pitch, rng) + 0.01 * _noise(
+        grid.shape, 0.3 / pitch, rng
+    )
     in_bath = kind == "stack" and rng.random() < 0.5
-    level = float(layers[-1].strokes[0].path[0, 2] - origin[2]) * rng.uniform(.35, .75) if in_bath else None
+    level = (
+        float(layers[-1].strokes[0].path[0, 2] - origin[2]) * rng.uniform(0.35, 0.75)
+        if in_bath
+        else None
+    )
     top_z = float(layers[-1].strokes[0].path[0, 2])
-    cam = _make_camera(np.array([origin[0], origin[1], origin[2] if kind == "embedded" else top_z]), um, shape, rng,
-                       origin[2] if kind == "embedded" else None)
+    cam = _make_camera(
+        np.array([origin[0], origin[1], origin[2] if kind == "embedded" else top_z]),
+        um,
+        shape,
+        rng,
+        origin[2] if kind == "embedded" else None,
+    )
     cam0 = _moved(cam, um, rng)
-    light0 = replace(light, gain=light.gain * rng.uniform(.92, 1.08), azimuth=light.azimuth + rng.normal(0, .05),
-                     gradient=tuple(np.array(light.gradient) + rng.normal(0, .03, 2)))
+    light0 = replace(
+        light,
+        gain=light.gain * rng.uniform(0.92, 1.08),
+        azimuth=light.azimuth + rng.normal(0, 0.05),
+        gradient=tuple(np.array(light.gradient) + rng.normal(0, 0.03, 2)),
+    )
     want = faults.get("before", kind == "stack")
-    views = [] if kind == "embedded" else _surfaces(layers, grid, np.zeros(grid.shape, np.float32), level)
+    views = (
+        []
+        if kind == "embedded"
+        else _surfaces(layers, grid, np.zeros(grid.shape, np.float32), level)
+    )
     zero = np.zeros(grid.shape, np.float32)
     base = level or 0.0
     bare = {"h": zero, "t": zero, "bead": zero, "sunk": zero + base, "top": zero + base}
@@ -1093,7 +1426,11 @@ def _paint_camera(kind: str, ink: str, rng: Any, faults: dict[str, Any], layers:
             surface, maps = zero, [cover]
         else:
             v = views[-1] if last else views[-2] if len(views) > 1 else bare
-            radiance, surface, maps = _look(v, b, optics, li, grid, grain), v["top"], [v["bead"], v["t"]]
+            radiance, surface, maps = (
+                _look(v, b, optics, li, grid, grain),
+                v["top"],
+                [v["bead"], v["t"]],
+            )
         radiance = cv2.GaussianBlur(radiance, (0, 0), sensor.blur_px * over)
         got = _see(c, grid, surface, origin[2], [radiance, *maps])
         img = _cover(got[0], c, covers, top_z, um, int(origin[0] * 1e6)) if last else got[0]
@@ -1101,7 +1438,16 @@ def _paint_camera(kind: str, ink: str, rng: Any, faults: dict[str, Any], layers:
     scale = sensor.target / float(np.percentile(shots[0][0] @ GREY, 90))
     exposed = [_expose(i, c, li, sensor, scale, rng) for i, c, li, _ in shots]
     noise = float(np.std((exposed[0][0] - exposed[0][1])[8:-8, 8:-8]))
-    info = {"fresh_px": shots[0][3][0], "ink_px": shots[0][3][-1], "noise_levels": noise, "light": light,
-            "sensor": sensor, "optics": optics, "before_to_pixels": cam0.project if want else None, "camera": cam,
-            "bath_level_mm": level, "clean": exposed[0][1]}
+    info = {
+        "fresh_px": shots[0][3][0],
+        "ink_px": shots[0][3][-1],
+        "noise_levels": noise,
+        "light": light,
+        "sensor": sensor,
+        "optics": optics,
+        "before_to_pixels": cam0.project if want else None,
+        "camera": cam,
+        "bath_level_mm": level,
+        "clean": exposed[0][1],
+    }
     return exposed[0][0], exposed[1][0] if want else None, cam.project, info

@@ -13,18 +13,8 @@ from firmware_profiles.bead import BeadSection
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.deciding import Evidence, FlowBlocks, InkSupply, SupplyState, judge_supply
 from printctl.observe.deciding.evidence import Narrowed, Thin, UnseenPath, seen_twice
-from printctl.observe.expected import ExpectedInk
-from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends
-from registration.inspection import (
-    ExpectedLines,
-    LayerFindings,
-    Lumen,
-    LumenSeen,
-    Stations,
-    Stretch,
-)
-
-# Find the extent and the missing ink share of too-thin stretches, from measured line widths.
+from printctl.observe.expected import ExpectedInk, LayerInk
+from registration.inspection import LayerFindings, Stations, Stretch
 
 _WINDOW: Final = 5
 """Stations whose mean tells whether a place still belongs to a thin stretch."""
@@ -33,58 +23,44 @@ _NEAR_END: Final = 1.5
 
 
 def thin_lines(
-    stretches: tuple[Stretch, ...], stations: Stations, told: BoolArray, area_ratio: FloatArray
-) -> tuple[Thin, ...]:
-    """Return thin stretches as far as they go.
+    stretches: Sequence[Stretch],
+    stations: Stations,
+    told: BoolArray,
+    area_ratio: FloatArray,
+    below: float,
+) -> tuple[tuple[Thin, ...], tuple[Thin, ...]]:
+    """Return thin stretches as far as they go: sure ones, and those that seem so.
 
     A stretch is where a line is *surely* beyond the tolerance; around it, the line is as thin in
-    truth where the mean of some stations lies nearer to the stretch's ratio than to 1.
+    truth where the mean of some stations lies nearer to the stretch's ratio than to 1. It seems
+    thin where that mean lies below a level, for lines of a flow that is known to be too small.
 
     Parameters
     ----------
-    stretches : tuple of Stretch
+    stretches : sequence of Stretch
     stations : Stations
     told : (m,) bool
         Stations whose width counts: not beside places without ink.
     area_ratio : (m,) float64
         Cross-section seen over the one asked for, where told.
+    below : float
     """
-    thin = list[Thin]()
-    for stroke in sorted({one.stroke for one in stretches if one.kind == "thin"}):
-        rows = np.flatnonzero(told & (stations.stroke == stroke))
-        own = [one for one in stretches if one.kind == "thin" and one.stroke == stroke]
-        if len(rows) >= _WINDOW:
-            thin += _of_stroke(own, stations, rows, area_ratio[rows])
-    return tuple(thin)
-
-
-def runs_below(
-    stations: Stations, told: BoolArray, area_ratio: FloatArray, below: float
-) -> tuple[Thin, ...]:
-    """Return where the mean of some stations' ratio lies below a level, as far as it does.
-
-    Nothing is said of how sure that is: for lines of a flow that is known to be too small.
-    """
-    thin = list[Thin]()
+    thin, seem = list[Thin](), list[Thin]()
     for stroke in np.unique(stations.stroke[told]).tolist():
         rows = np.flatnonzero(told & (stations.stroke == stroke))
-        if len(rows) >= _WINDOW:
-            low = _mean(area_ratio[rows]) < below
-            thin += _runs(low, low, stations, rows, area_ratio[rows])
-    return tuple(thin)
-
-
-def _of_stroke(
-    stretches: list[Stretch], stations: Stations, rows: IntArray, ratio: FloatArray
-) -> list[Thin]:
-    along, mean = stations.along_mm[rows], _mean(ratio)
-    thin, sure = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
-    for one in stretches:
-        within = (along >= one.from_mm) & (along <= one.to_mm)
-        if within.any():
-            sure |= within
-            thin |= within | (mean < (1.0 + float(ratio[within].mean())) / 2)
-    return _runs(thin, sure, stations, rows, ratio)
+        if len(rows) < _WINDOW:
+            continue
+        along, ratio = stations.along_mm[rows], area_ratio[rows]
+        mean = _mean(ratio)
+        is_thin, sure = np.zeros((2, len(rows)), dtype=np.bool_)
+        for one in stretches:
+            within = (along >= one.from_mm) & (along <= one.to_mm)
+            if one.kind == "thin" and one.stroke == stroke and within.any():
+                sure |= within
+                is_thin |= within | (mean < (1.0 + float(ratio[within].mean())) / 2)
+        thin += _runs(is_thin, sure, stations, rows, ratio)
+        seem += _runs(mean < below, mean < below, stations, rows, ratio)
+    return tuple(thin), tuple(seem)
 
 
 def _mean(ratio: FloatArray) -> FloatArray:
@@ -127,36 +103,8 @@ _SHARED: Final = 0.1
 _BATH_LOOK: Final = 0.12
 """Relative standard uncertainty of filament sections in a look into a bath, beyond what their
 picture says: of a simulated camera that shares no code with printctl widths scattered by 6 %."""
-_BELOW: Final = 3
-"""Levels below the judged one that may show through."""
-_LEVEL_MM: Final = 1e-3
 _ABSENT: Final = 0.5
 _TAPER: Final = 2
-
-
-def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
-    """Return the ink that a look after commands ``first`` to ``last`` is about.
-
-    In layers: the topmost level written since, and what shows through from below. Embedded: all
-    that was written since; older filaments lie around it.
-    """
-    written = ink.between(0, last)
-    fresh = ink.between(first, last) & ~ink.inserted  # a mend has no width of its own to judge
-    if ink.style == "layered" and fresh.any():
-        top = ink.end[fresh, 2].max()
-        fresh &= ink.end[:, 2] > top - _LEVEL_MM
-        depth = _BELOW * float(ink.height_mm[fresh].max())
-        written &= ink.end[:, 2] > top - depth
-    row = np.flatnonzero(written)
-    lines = ExpectedLines(
-        ink.start[row],
-        ink.end[row],
-        ink.width_mm[row],
-        ink.command[row],
-        ink.stroke[row],
-        fresh[row],
-    )
-    return LayerInk(lines, row)
 
 
 def evidence_of(
@@ -189,18 +137,24 @@ def evidence_of(
     tolerated : float
         Share of its ink that a line may lack.
     """
-    stations = without_mends(findings.stations)
+    stations = findings.stations
     row = layer.row[stations.piece]
-    supply = _supply(stations, ink, row, least_gap_mm, left_ul)
-    thin = _thin(findings, ink, layer, section)
+    volume = ink.area_mm2[row] * stations.length_mm
+    per_mm = float(np.median(ink.area_mm2[row])) if len(row) else 0.0
+    supply = judge_supply(
+        volume, stations.present, stations.seen, stations.stroke,
+        least_ul=per_mm * least_gap_mm, left_ul=left_ul,
+    )  # fmt: skip
+    thin, seem_thin = _thin(findings, ink, layer, section, 1.0 - tolerated)
     if again is not None:
-        thin = seen_twice(thin, _thin(again, ink, layer, section))
-    shift, u = shift_of(findings if again is None or findings.seen_share > 0 else again)
+        thin = seen_twice(thin, _thin(again, ink, layer, section, 1.0)[0])
+    shift, u = _shift_of(findings if again is None or findings.seen_share > 0 else again)
     each = [one for one in (findings, again) if one is not None]
+    layered = ink.layered and len(layer.fresh_row) > 0
     return Evidence(
         places=findings.places,
-        gaps=gaps_of_job(findings.gaps, layer.mended),
-        second=None if again is None else gaps_of_job(again.gaps, layer.mended),
+        gaps=findings.gaps,
+        second=None if again is None else again.gaps,
         supply=supply,
         flow=_flow(stations, ink, row, findings.u_width_ratio, section, findings.u_width_change),
         seen_share=max(one.seen_share for one in each),
@@ -209,33 +163,23 @@ def evidence_of(
         unseen=unseen,
         shift_mm=shift,
         u_shift_mm=u,
-        narrowed=tuple(open_width(one) for one in findings.lumens if one.seen),
+        narrowed=tuple(
+            Narrowed(one.name, one.width_mm / one.expected_mm, one.u_width_mm / one.expected_mm)
+            for one in findings.lumens
+            if one.seen
+        ),
         stretches=len(findings.stretches),
         thin=thin,
-        seem_thin=_below(findings, ink, layer, section, tolerated),
-        level_mm=_level(layer, ink),
+        seem_thin=seem_thin,
+        level_mm=round(float(ink.end[layer.fresh_row, 2].max()), 3) if layered else None,
         blobs=tuple(one for one in findings.blobs if math.isfinite(one.height_mm)),
     )
-
-
-def open_width(lumen: LumenSeen) -> Narrowed:
-    """Return how much of a lumen's width is open."""
-    expected = lumen.expected_mm
-    return Narrowed(lumen.name, lumen.width_mm / expected, lumen.u_width_mm / expected)
-
-
-def narrowed_lumens(
-    lumens: Sequence[Lumen], seen: Sequence[LumenSeen], least_open: float
-) -> list[Lumen]:
-    """Return the lumens of which less is open than a share, beyond doubt."""
-    each = zip(lumens, seen, strict=True)
-    return [one for one, at in each if at.seen and open_width(at).open_share < least_open]
 
 
 def nothing_seen() -> Evidence:
     """Return the evidence of a look whose picture can't be judged."""
     none = np.zeros(0)
-    supply = InkSupply(SupplyState.UNKNOWN, 0.0, None, 0)
+    supply = InkSupply(SupplyState.UNKNOWN)
     return Evidence(1, (), None, supply, FlowBlocks(none, none, none, none), 0.0)
 
 
@@ -277,65 +221,26 @@ def _number(value: float) -> float | None:
 
 
 def _thin(
-    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection
-) -> tuple[Thin, ...]:
-    """Thin lines of a layer, sure ones; in a bath nothing can be written over a filament."""
-    if ink.style == "embedded" or not findings.stretches:
-        return ()
-    return thin_lines(findings.stretches, *_ratios(findings, ink, layer, section))
+    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection, below: float
+) -> tuple[tuple[Thin, ...], tuple[Thin, ...]]:
+    """Thin lines of a layer: sure ones, and those that seem to have less than a share of their ink.
 
-
-def _below(
-    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection, share: float
-) -> tuple[Thin, ...]:
-    """Lines of a layer that seem to lack more than a share of their ink."""
-    if ink.style == "embedded":
-        return ()
-    return runs_below(*_ratios(findings, ink, layer, section), 1.0 - share)
-
-
-def _ratios(
-    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection
-) -> tuple[Stations, BoolArray, FloatArray]:
-    """Places of what was written for the first time, which tell a width, and their area ratio."""
-    stations = without_mends(findings.stations)  # of mends there are no widths
+    None in a bath, where nothing can be written over a filament.
+    """
+    if not ink.layered:
+        return (), ()
+    stations = findings.stations
     row, told = layer.row[stations.piece], _tells_width(stations)
     ratio = np.full(len(row), np.nan)
     ratio[told] = _area_ratio(stations.width_mm[told], ink, row[told], section)
     if stations.seam_share is not None:
         by_seams = ~told & np.isfinite(stations.seam_share) & ~_near_absence(stations)
         told, ratio = told | by_seams, np.where(by_seams, stations.seam_share, ratio)
-    return stations, told, ratio
+    return thin_lines(findings.stretches, stations, told, ratio, below)
 
 
-def _level(layer: LayerInk, ink: ExpectedInk) -> float | None:
-    """Height of the layer that is looked at, mm; None in a bath."""
-    fresh = layer.row[layer.lines.fresh]
-    if ink.style == "embedded" or not len(fresh):
-        return None
-    return round(float(ink.end[fresh, 2].max()), 3)
-
-
-def _supply(
-    stations: Stations, ink: ExpectedInk, row: IntArray, least_gap_mm: float, left_ul: float | None
-) -> InkSupply:
-    volume = ink.area_mm2[row] * stations.length_mm
-    per_mm = float(np.median(ink.area_mm2[row])) if len(row) else 0.0
-    return judge_supply(
-        volume,
-        stations.present,
-        stations.seen,
-        stations.stroke,
-        least_ul=per_mm * least_gap_mm,
-        left_ul=left_ul,
-    )
-
-
-def shift_of(findings: LayerFindings) -> tuple[float, float]:
-    """Return the length of the shift and its standard uncertainty along itself, mm.
-
-    The uncertainty is infinite where no shift was found.
-    """
+def _shift_of(findings: LayerFindings) -> tuple[float, float]:
+    """Length of the shift and its standard uncertainty along itself, mm; inf without any."""
     way = np.array([findings.shift.dx_mm, findings.shift.dy_mm])
     length = float(np.linalg.norm(way))
     if not math.isfinite(length):
@@ -408,7 +313,7 @@ def _near_absence(stations: Stations) -> BoolArray:
 def _area_ratio(
     width: FloatArray, ink: ExpectedInk, row: IntArray, section: BeadSection
 ) -> FloatArray:
-    if ink.style == "embedded":
+    if not ink.layered:
         return np.asarray((width / ink.width_mm[row]) ** 2)
     height = ink.height_mm[row]
     wanted = section.area(ink.width_mm[row], height)

@@ -13,9 +13,14 @@ from printctl.observe.deciding.decision import (
     Limits,
     confirmed_gaps,
 )
-from printctl.observe.deciding.evidence import Evidence, Narrowed
+from printctl.observe.deciding.evidence import (
+    Evidence,
+    InkSupply,
+    Narrowed,
+    SupplyState,
+    judge_supply,
+)
 from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
-from printctl.observe.deciding.ink_supply import InkSupply, SupplyState, judge_supply
 
 __all__ = [
     "Costs",

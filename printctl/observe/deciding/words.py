@@ -1,4 +1,4 @@
-"""What is told of a look, in words."""
+"""Text of what a look saw, and of its decision."""
 
 from __future__ import annotations
 

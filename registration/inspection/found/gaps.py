@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.ink.chain import BARE, log_odds_of_bare
+from registration.inspection.ink.chain import log_odds_of_bare
 from registration.inspection.ink.learn import Learned
 from registration.inspection.ink.shares import ACROSS
 from registration.inspection.values import Gap
@@ -53,10 +53,13 @@ class Tips:
         share = np.where(told, share, look.judged.shares.share)
         return Tips(ways, share, look.judged.noise.full, 1.0 / look.view.px_per_mm)
 
-    def end(self, inside: int, way: int) -> tuple[float, float]:
-        """Where ink begins, from a bare place on, along the stroke; and its uncertainty, mm."""
-        ways, run = self.ways, self.ways.run[inside]
-        k, half = inside, 0.5 * float(ways.step[inside])
+    def end(self, first: int, last: int, way: int) -> tuple[float, float]:
+        """Where ink begins by a stretch's first or last place, and its uncertainty, mm."""
+        ways, run = self.ways, self.ways.run[first]
+        k, far = (last, first) if way > 0 else (first, last)
+        while self.share[k] >= 0.5 and k != far:
+            k -= way
+        half = 0.5 * float(ways.step[k])
         while True:
             ahead = k + way
             if not 0 <= ahead < len(ways) or ways.run[ahead] != run:
@@ -87,9 +90,8 @@ def gaps_of(look: Learned, ways: Ways, bare: BoolArray) -> tuple[Gap, ...]:
     gaps = list[Gap]()
     for first, last in stretches_of(bare, ways.run):
         log = log_odds_of_bare(share, look.judged.misfit, look.judged.noise, first, last)
-        deepest = first + int(np.argmax(look.judged.states[first : last + 1, BARE]))
-        low, u_low = tips.end(_bare_at(tips, deepest, first, last), -1)
-        high, u_high = tips.end(_bare_at(tips, deepest, first, last), 1)
+        low, u_low = tips.end(first, last, -1)
+        high, u_high = tips.end(first, last, 1)
         if high <= low:
             continue
         gaps.append(
@@ -100,12 +102,6 @@ def gaps_of(look: Learned, ways: Ways, bare: BoolArray) -> tuple[Gap, ...]:
             )
         )  # fmt: skip
     return _apart(gaps)
-
-
-def _bare_at(tips: Tips, deepest: int, first: int, last: int) -> int:
-    """A place of a stretch at which no ink is seen in the middle."""
-    own = tips.share[first : last + 1]
-    return deepest if tips.share[deepest] < 0.5 else first + int(np.argmin(own))
 
 
 def _apart(gaps: list[Gap]) -> tuple[Gap, ...]:

@@ -108,7 +108,9 @@ def learned(
     parts: tuple[int, ...] = (0,) if view.is_heights else ODD if coarse.odd else EVEN
     for number in range(_MOVES):
         placed = look.placed(shift, placed)
-        fit = None if number == 0 and prior is not None else parts
+        fit: tuple[int, ...] | None = parts
+        if number == 0:  # what one line alone has of its direction could be that another is missing
+            fit = None if prior is not None else parts if coarse.odd else (0,)
         drawn = look.drawn(even.image, placed, present, level, fit)
         judged = judge(look, even.image, drawn)
         before, present = present, judged.present

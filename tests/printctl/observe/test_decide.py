@@ -28,7 +28,7 @@ GO_ON, PAUSE, MEND, FLOW = (
     DecisionKind.FLOW,
 )
 LACKS = MapCheck("lacks 20 of 300 rows (400 µm) against the last look's")
-CLOG = InkSupply(SupplyState.CLOGGED, 1.0, 3.0, 0)
+CLOG = InkSupply(SupplyState.CLOGGED, 3.0)
 TORN = "moved by +0.4 mm along x and +0.0 mm along y at one end against the other"
 THIN = (Thin(3, 0.0, 7.0, 0.3),)
 LONG = replace(GAP, to_mm=40.0)

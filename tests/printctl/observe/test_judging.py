@@ -238,7 +238,8 @@ def test_a_thin_stretch_goes_as_far_as_the_line_is_thin():
     given, rng = stations(), np.random.default_rng(0)
     ratio = 1 + 0.04 * rng.standard_normal(120)
     ratio[70:100] -= 0.3  # 1.5 to 6 mm of stroke 1
-    (found,) = thin_lines((thin(),), given, np.ones(120, bool), ratio)
+    (found,), seem = thin_lines((thin(),), given, np.ones(120, bool), ratio, 0.85)
+    assert [one.stroke for one in seem] == [1]
     assert found.stroke == 1
     assert (found.from_mm, found.to_mm) == pytest.approx((1.5, 6.0), abs=0.3)
     assert found.missing == pytest.approx(0.3, abs=0.03)

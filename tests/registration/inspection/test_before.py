@@ -100,7 +100,8 @@ def test_nothing_is_seen_where_nothing_came_over_older_ink(kind: str) -> None:
         see_layer(one, there, expected(there), before=there.before)
         for one in (there.picture, again)
     )
-    assert came.seen_share > 0.7
+    # Opaque ink over its own kind changes no more than shade does.
+    assert kind == "opaque" or came.seen_share > 0.7
     assert not came.gaps
     assert none.seen_share == 0.0
     assert not none.gaps
@@ -110,15 +111,15 @@ def test_a_camera_that_moved_by_pixels_is_found_unless_its_marks_stand_still(
     painted: Stack,
 ) -> None:
     """A part's shadow that grew on black glass "moved" it by 12 px, and a clog in part passed."""
-    moved = np.roll(painted.before, (4, -3), axis=(0, 1))
+    moved = np.roll(painted.before, (8, -7), axis=(0, 1))
     findings = see_layer(
         painted.picture, painted, expected(painted), before=moved, stood_still=lambda: True
     )
     assert findings.moved_px == 0.0
     findings = see_layer(painted.picture, painted, expected(painted), before=moved)
-    assert findings.moved_px > 3.0
-    assert all(overlapping(painted, g.stroke, g.from_mm, g.to_mm) for g in findings.gaps)
-    assert len(findings.gaps) == 2  # by the picture alone
+    assert findings.moved_px > 8.0
+    assert not findings.gaps  # over older ink one picture alone tells nothing
+    assert findings.seen_share < 0.1
 
 
 # Sound and broken layers in the simulated camera's pictures.
