@@ -390,7 +390,6 @@ class ObservedJob:
         return SeeingOptions(
             gap_mm=limits.gap.least_mm,
             width_percent=limits.width_percent,
-            lumen_percent=limits.lumen_percent,
             shift_mm=max(0.5, 2 * limits.shift_mm),
             round_lines=self.order.embedded and not self.order.oct,
         )

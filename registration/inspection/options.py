@@ -17,7 +17,7 @@ class SeeingOptions:
     ----------
     gap_mm : float, mm
         Gaps from this length on are looked for.
-    width_percent, lumen_percent : float, %
+    width_percent : float, %
     shift_mm : float, mm
         Farthest that the layer is looked for beside its place.
     false_rate : float
@@ -28,7 +28,6 @@ class SeeingOptions:
 
     gap_mm: float = 0.2
     width_percent: float = 15.0
-    lumen_percent: float = 10.0
     shift_mm: float = 0.5
     false_rate: float = 2e-4
     round_lines: bool = False

@@ -179,8 +179,6 @@ class Gap:
     p_value : float
         Chance of so little ink or less, here, by the picture's noise, where the line is as
         expected. Many places are tested: `LayerFindings.places`.
-    shaded : bool
-        Whether its level alone says so, and the picture changed there as a line's shade may.
     """
 
     stroke: int
@@ -191,7 +189,6 @@ class Gap:
     u_tip_mm: float
     p_value: float
     u_shift_mm: float = 0.0
-    shaded: bool = False
 
     @property
     def u_mm(self) -> float:

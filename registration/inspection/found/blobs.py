@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Final, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from kernels.arrays import BoolArray, FloatArray
@@ -37,6 +36,8 @@ _INNER: Final = 0.2
 """Widths from a line's edge: its flank, where a blob's height isn't told over the line."""
 _UNEVEN: Final = 0.05
 """Least scatter of heights, thicknesses."""
+_AROUND: Final = (0.3, 0.9)
+"""Widths from a find, between which the bath around it is looked at."""
 _OUTSIDE: Final = 0.25
 """Of a find's level, below which its surroundings lie."""
 
@@ -85,17 +86,17 @@ def find_blobs(
     # Distances count to the middle of the first pixel outside.
     inner = cv2.distanceTransform(lines, cv2.DIST_L2, 3) - 0.5 > _INNER * width_px
     blobs = list[Blob]()
-    for find in _finds((smooth > level) & area, _LEAST * width_px**2):
-        box, own = find.box(), find.own()
+    for box, own, size, middle_px in _finds((smooth > level) & area, width_px):
         height = float(smooth[box][own].mean())
-        if not is_heights and not _has_edge(find, smooth, area, unseen, width_px, height):
+        if not is_heights and not _has_edge(box, own, smooth, area, unseen, width_px, height):
             continue
         kind, outline = _kind(own.astype(np.uint8), width_px)
-        at = place.to_printer(find.middle[None])[0]
+        at = place.to_printer(middle_px[None])[0]
         blobs.append(
             Blob(
-                kind, (float(at[0]), float(at[1])), place.to_printer(outline + find.corner),
-                find.size * place.px_mm**2, bool((grown[box][own] > 0).any()),
+                kind, (float(at[0]), float(at[1])),
+                place.to_printer(outline + (box[1].start, box[0].start)),
+                size * place.px_mm**2, bool((grown[box][own] > 0).any()),
                 float(ndtr((middle - height) / spread)),
                 _crest(image[box], own, inner[box]) * unit_mm,
             )
@@ -103,44 +104,22 @@ def find_blobs(
     return tuple(blobs)
 
 
-@dataclass(frozen=True)
-class _Find:
-    """Pixels that hang together: those of one number."""
+def _finds(
+    found: BoolArray, width_px: float
+) -> Iterator[tuple[tuple[slice, slice], BoolArray, float, FloatArray]]:
+    """Yield pixels that hang together, the most first: a box around, which in it, number, middle.
 
-    labels: NDArray[np.int32]
-    number: int
-    stats: NDArray[np.int32]
-    middle: FloatArray
-
-    @property
-    def corner(self) -> tuple[int, int]:
-        """First column and row."""
-        return int(self.stats[cv2.CC_STAT_LEFT]), int(self.stats[cv2.CC_STAT_TOP])
-
-    @property
-    def size(self) -> float:
-        """Number of pixels."""
-        return float(self.stats[cv2.CC_STAT_AREA])
-
-    def box(self, margin: int = 0) -> tuple[slice, slice]:
-        """Rows and columns around it."""
-        (x, y), wide, high = self.corner, *(int(v) for v in self.stats[2:4])
-        low_y, low_x = max(0, y - margin), max(0, x - margin)
-        return np.s_[low_y : y + high + margin, low_x : x + wide + margin]
-
-    def own(self, margin: int = 0) -> BoolArray:
-        """Its pixels in there."""
-        return np.asarray(self.labels[self.box(margin)] == self.number)
-
-
-def _finds(found: BoolArray, least: float) -> list[_Find]:
-    """Pixels that hang together, of a size at least, the largest first."""
+    The box reaches as far around them as the bath is looked at.
+    """
     count, labels, stats, middles = cv2.connectedComponentsWithStats(
         found.astype(np.uint8), connectivity=8
     )
-    finds = [_Find(labels, k, stats[k], middles[k]) for k in range(1, count)]
-    large = [find for find in finds if find.size >= least]
-    return sorted(large, key=lambda find: -find.size)[:_MOST]
+    size, far = stats[:, cv2.CC_STAT_AREA], max(1, round(_AROUND[1] * width_px))
+    large = [k for k in range(1, count) if size[k] >= _LEAST * width_px**2]
+    for k in sorted(large, key=lambda k: -size[k])[:_MOST]:
+        x, y, wide, high = (int(v) for v in stats[k, :4])
+        box = np.s_[max(0, y - far) : y + high + far, max(0, x - far) : x + wide + far]
+        yield box, np.asarray(labels[box] == k), float(size[k]), middles[k]
 
 
 def _levels(
@@ -153,7 +132,8 @@ def _levels(
 
 
 def _has_edge(
-    find: _Find,
+    box: tuple[slice, slice],
+    own: BoolArray,
     smooth: FloatImage,
     area: BoolArray,
     unseen: BoolArray,
@@ -161,15 +141,14 @@ def _has_edge(
     height: float,
 ) -> bool:
     """Whether the bath around a find is seen, and much lower: shade that fades has no edge."""
-    near, far = (max(1, round(part * width_px)) for part in (0.3, 0.9))
-    box, own = find.box(far), find.own(far).astype(np.uint8)
+    flags = own.astype(np.uint8)
     inner, outer = (
-        cv2.dilate(own, np.ones((2 * k + 1, 2 * k + 1), np.uint8)) > 0 for k in (near, far)
+        cv2.dilate(flags, np.ones((2 * k + 1, 2 * k + 1), np.uint8)) > 0
+        for k in (max(1, round(part * width_px)) for part in _AROUND)
     )
-    ring = outer & ~inner & area[box]
-    beside = outer & (own == 0)
-    if float(unseen[box][beside].mean()) > _BESIDE_GLARE:
+    if float(unseen[box][outer & ~own].mean()) > _BESIDE_GLARE:
         return False
+    ring = outer & ~inner & area[box]
     return not ring.any() or float(smooth[box][ring].mean()) < _OUTSIDE * height
 
 
@@ -203,6 +182,6 @@ def _kind(own: Mask, width_px: float) -> tuple[Literal["blob", "drag", "object"]
     padded = cv2.copyMakeBorder(own, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
     if cv2.distanceTransform(padded, cv2.DIST_L2, 3).max() > _BIG * width_px:
         return "object", outline
-    _, sides, _ = cv2.minAreaRect(outline.astype(np.float32))
+    _, sides, _ = cv2.minAreaRect((outline - outline.min(axis=0)).astype(np.float32))
     long, short = max(sides) + 1, min(sides) + 1
     return ("drag" if long > _DRAWN_OUT * short else "blob"), outline

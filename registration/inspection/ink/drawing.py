@@ -143,7 +143,7 @@ class Drawing:
         piece = min(_PIECE, length / _FEWEST_PIECES)
         return np.append(((at / piece).astype(np.int64) + self.ways.stroke) % 2, 2)
 
-    def placed(self, shift: Shift, last: Placed | None) -> Placed:
+    def placed(self, shift: Shift, last: Placed | None = None) -> Placed:
         """Return lines at a shift: those of the ``last`` round where they haven't moved."""
         by = np.array([shift.dx_mm, shift.dy_mm])
         there = self.ways.moved(by)
@@ -155,21 +155,19 @@ class Drawing:
         seen = Seen.of(there, self.frame, self.options.round_lines)
         return Placed(there, seen, pieces, Passes.of(pieces, self.view.shape))
 
-    def present(self, image: FloatImage, shift: Shift) -> FloatArray:
+    def present(self, image: FloatImage, placed: Placed) -> FloatArray:
         """Which places have ink, (n,), by the level in their middle where a profile is known.
 
         Of lines that touch and are bare together each looks full beside others that are drawn.
         """
         if self.prior is None:
             return np.ones(len(self.ways))
-        there = self.ways.moved(np.array([shift.dx_mm, shift.dy_mm]))
-        seen = Seen.of(there, self.frame, self.options.round_lines)
-        core = np.abs(ACROSS) <= _OVER[1]
-        shown = strips_of((~self.view.lost)[:, :, None].astype(np.float32), seen, there)[:, core]
-        nothing_below = np.zeros((len(there), len(ACROSS)))
+        ways, seen, core = placed.ways, placed.seen, np.abs(ACROSS) <= _OVER[1]
+        shown = strips_of((~self.view.lost)[:, :, None].astype(np.float32), seen, ways)[:, core]
+        nothing_below = np.zeros((len(ways), len(ACROSS)))
         own = own_profile(self.prior, nothing_below, seen)[:, core] * shown
         power = (own**2).sum(axis=(1, 2))
-        share = (strips_of(image, seen, there)[:, core] * own).sum(axis=(1, 2))
+        share = (strips_of(image, seen, ways)[:, core] * own).sum(axis=(1, 2))
         return np.asarray((share > 0.5 * power) | (power <= 0.0), dtype=np.float64)
 
     def drawn(
@@ -197,11 +195,11 @@ class Drawing:
             fit = CrossFit(self.prior, (self.prior, self.prior))
         else:
             fit = fitted(
-                image, ~view.lost, passes, placed.over, pieces.kind, share, self.group, parts or (),
+                image, ~view.lost, passes, placed.over, share, self.group, parts or (),
                 self.prior, not self.odd, view.inkless,
                 (_CELL * float(np.median(pieces.width))) ** 2,
             )  # fmt: skip
-        ink = fit.whole.drawn(passes, placed.over, pieces.kind, share)
+        ink = fit.whole.drawn(passes, placed.over, share)
 
         def own_by(model: InkModel) -> FloatArray:
             return level[:, None, None] * own_profile(model, placed.over_across, placed.seen)

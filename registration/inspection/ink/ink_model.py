@@ -13,7 +13,7 @@ by weighted least squares over all pixels at once.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,27 +90,20 @@ class InkModel:
         profile[:2, 0, :, 0] = height * cover_at(np.arange(NODES + 1) * (REACH / NODES))
         return InkModel(profile)
 
-    def at(self, which: IntArray, distance: FloatArray, normal: FloatArray) -> FloatArray:
-        """Return what ink adds, (n, u, c).
+    def at(self, which: int, distance: FloatArray, normal: FloatArray) -> FloatArray:
+        """Return what ink of a class adds, (n, u, c).
 
-        Parameters
-        ----------
-        which : (n,) int64
-            Class of each place.
-        distance : (u,) float64, widths
-        normal : (n, 2) float64
-            Towards positive distances, a unit vector in the picture.
+        At distances (u,), widths, towards normals (n, 2), unit vectors in the picture.
         """
         size = np.minimum(np.abs(distance) * (NODES / REACH), NODES - 1e-9)
         low = size.astype(np.int64)
-        part = (size - low)[None, :, None]
-        nodes = self.profile[which]  # (n, 5, 16, c)
+        part = (size - low)[:, None]
         weight = _weights(normal)
         sign = np.where(distance < 0, -1.0, 1.0)
-        total = np.zeros((len(which), len(distance), self.profile.shape[3]))
-        for k in range(PARTS):
-            own = nodes[:, k][:, low] * (1 - part) + nodes[:, k][:, low + 1] * part
-            odd = sign[None, :, None] if k in (1, 2) else 1.0
+        total = np.zeros((len(normal), len(distance), self.profile.shape[3]))
+        for k, nodes in enumerate(self.profile[which]):
+            own = nodes[low] * (1 - part) + nodes[low + 1] * part
+            odd = sign[:, None] if k in ODD else 1.0
             total += weight[k][:, None, None] * odd * own
         return total
 
@@ -118,25 +111,20 @@ class InkModel:
         """Which parts profiles have."""
         return np.flatnonzero(np.abs(self.profile).max(axis=(0, 2, 3)) > _NOTHING)
 
-    def drawn(
-        self, passes: Passes, over: FloatImage, kind: IntArray, share: ShareOfPiece
-    ) -> FloatImage:
+    def drawn(self, passes: Passes, over: FloatImage, share: ShareOfPiece) -> FloatImage:
         """Return the modelled ink, (h, w, c), 0 where there is only ground."""
-        out = np.zeros((*passes.count.shape, self.profile.shape[3]), dtype=np.float32)
-        _draw(
-            passes.count, passes.distance, passes.turn, passes.piece, passes.part, over, kind,
-            share.first, share.many, share.low, share.high, share.value,
-            self.parts(), np.ascontiguousarray(self.profile), out,
-        )  # fmt: skip
+        out = np.zeros((*passes.number.shape, self.profile.shape[3]), dtype=np.float32)
+        _draw(passes, over, share, self.parts(), np.ascontiguousarray(self.profile), out)
         return out
 
 
-@dataclass(frozen=True)
-class ShareOfPiece:
+class ShareOfPiece(NamedTuple):
     """Share of ink along fresh pieces, by the places on them.
 
     Attributes
     ----------
+    kind : (n,) int64
+        0 of the layer, 1 older.
     first, many : (n,) float64
         Number of the place where a piece begins, and places along it.
     low, high : (n,) int64
@@ -145,6 +133,7 @@ class ShareOfPiece:
         Of each place; one more at the end, for older pieces.
     """
 
+    kind: IntArray
     first: FloatArray
     many: FloatArray
     low: IntArray
@@ -167,7 +156,8 @@ class ShareOfPiece:
             first[rows] = a + (begin[rows] - zero) / ways.step[a]
             many[rows] = length[rows] / ways.step[a]
             low[rows], high[rows] = a, past - 1
-        return ShareOfPiece(first, many, low, high, np.append(value, 1.0))
+        kind = np.where(lines.fresh, 0, 1).astype(np.int64)
+        return ShareOfPiece(kind, first, many, low, high, np.append(value, 1.0))
 
 
 @dataclass(frozen=True)
@@ -193,7 +183,6 @@ def fitted(
     use: BoolArray,
     passes: Passes,
     over: FloatImage,
-    kind: IntArray,
     share: ShareOfPiece,
     group: IntArray,
     parts: tuple[int, ...] = tuple(range(PARTS)),
@@ -213,8 +202,6 @@ def fitted(
     passes : Passes
     over : (h, w) float32
         How much older ink lies there, 0 to 1.
-    kind : (n,) int64
-        Of each piece: 0 fresh, 1 older.
     share : ShareOfPiece
     group : (m,) int64
         Of each place, 0 or 1; 2 at the end, for what is fitted for both.
@@ -230,18 +217,14 @@ def fitted(
         Pixels that tell the same.
     """
     channels = image.shape[2]
-    every = 1 + int((passes.count > 0).sum()) // _ENOUGH_PX
+    every = 1 + int((passes.number > 0).sum()) // _ENOUGH_PX
     power = np.zeros((3, _UNKNOWNS, _UNKNOWNS))
     score = np.zeros((3, _UNKNOWNS, channels))
-    _accumulate(
-        image, use, passes.count, passes.distance, passes.turn, passes.piece, passes.part, over,
-        kind, share.first, share.many, share.low, share.high, share.value, np.array(parts), every,
-        group, power, score,
-    )  # fmt: skip
+    _accumulate(image, use, passes, over, share, np.array(parts), every, group, power, score)
     power = power + np.tril(power, -1).transpose(0, 2, 1)
     sums = [(power[list(k)].sum(axis=0), score[list(k)].sum(axis=0)) for k in _GROUPS]
     whole, *other = (_solved(*one, parts, known, plain, inkless) for one in sums)
-    seen = use & (passes.count > 0)
+    seen = use & (passes.number > 0)
     square = float((image[seen][:, inkless:] ** 2).sum()) / every
     left = square - float((_flat(whole)[:, inkless:] * sums[0][1][:, inkless:]).sum())
     noise = max(left, 0.0) * every / max(float(seen.sum()) * (channels - inkless), 1.0)
@@ -349,54 +332,38 @@ def _weights(normal: FloatArray) -> tuple[FloatArray, ...]:
 
 
 @jit
-def _share(
-    k: int,
-    t: float,
-    first: FloatArray,
-    many: FloatArray,
-    low: IntArray,
-    high: IntArray,
-    value: FloatArray,
-) -> float:
-    at = int(first[k] + t * many[k])
-    return float(value[min(max(at, low[k]), high[k])])
+def _place(share: ShareOfPiece, k: int, t: float) -> int:
+    """Number of the place at a part of the way along a piece."""
+    at = int(share.first[k] + t * share.many[k])
+    return int(min(max(at, share.low[k]), share.high[k]))
 
 
 @jit
 def _terms(
     y: int,
     x: int,
-    distance: NDArray[Any],
-    turn: NDArray[Any],
-    piece: NDArray[Any],
-    part: NDArray[Any],
-    count: int,
+    passes: Passes,
     over: float,
-    kind: IntArray,
-    first: FloatArray,
-    many: FloatArray,
-    low: IntArray,
-    high: IntArray,
-    value: FloatArray,
+    share: ShareOfPiece,
     parts: IntArray,
     index: IntArray,
     weight: FloatArray,
 ) -> int:
     """Unknowns that a pixel hangs on and how much, in ``index`` and ``weight``; their number."""
     n = 0
-    for m in range(count):
-        d = distance[y, x, m]
+    for m in range(passes.number[y, x]):
+        d = passes.distance[y, x, m]
         size = abs(d) * (NODES / REACH)
         j = int(size)
         if j >= NODES:
             continue
         f = size - j
         sign = -1.0 if d < 0 else 1.0
-        u, v = turn[y, x, m, 0], turn[y, x, m, 1]
-        k = piece[y, x, m]
-        own = _share(k, part[y, x, m], first, many, low, high, value)
+        u, v = passes.turn[y, x, m, 0], passes.turn[y, x, m, 1]
+        k = passes.piece[y, x, m]
+        own = share.value[_place(share, k, passes.part[y, x, m])]
         for c in range(CLASSES):
-            if kind[k] == 0:
+            if share.kind[k] == 0:
                 amount = own * (1.0 - over if c == 0 else over) if c < 2 else 0.0
             else:
                 amount = 1.0 if c == 2 else 0.0
@@ -427,18 +394,9 @@ def _terms(
 def _accumulate(
     image: NDArray[Any],
     use: BoolArray,
-    count: NDArray[Any],
-    distance: NDArray[Any],
-    turn: NDArray[Any],
-    piece: NDArray[Any],
-    part: NDArray[Any],
+    passes: Passes,
     over: NDArray[Any],
-    kind: IntArray,
-    first: FloatArray,
-    many: FloatArray,
-    low: IntArray,
-    high: IntArray,
-    value: FloatArray,
+    share: ShareOfPiece,
     parts: IntArray,
     every: int,
     group: IntArray,
@@ -453,19 +411,15 @@ def _accumulate(
     weight = np.empty(200)
     for y in range(image.shape[0]):
         for x in range(y * _SKEW % every, image.shape[1], every):
-            if not use[y, x] or count[y, x] == 0:
+            if not use[y, x] or passes.number[y, x] == 0:
                 continue
-            n = _terms(
-                y, x, distance, turn, piece, part, count[y, x], over[y, x], kind, first, many,
-                low, high, value, parts, index, weight,
-            )  # fmt: skip
+            n = _terms(y, x, passes, over[y, x], share, parts, index, weight)
             own, least = 2, REACH
-            for m in range(count[y, x]):
-                k = piece[y, x, m]
-                if kind[k] == 0 and abs(distance[y, x, m]) < least:
-                    least = abs(distance[y, x, m])
-                    at = int(first[k] + part[y, x, m] * many[k])
-                    own = group[min(max(at, low[k]), high[k])]
+            for m in range(passes.number[y, x]):
+                k, away = passes.piece[y, x, m], abs(passes.distance[y, x, m])
+                if share.kind[k] == 0 and away < least:
+                    least = away
+                    own = group[_place(share, k, passes.part[y, x, m])]
             for a in range(n):
                 ia, wa = index[a], weight[a]
                 for b in range(a + 1):
@@ -477,18 +431,9 @@ def _accumulate(
 
 @jit
 def _draw(
-    count: NDArray[Any],
-    distance: NDArray[Any],
-    turn: NDArray[Any],
-    piece: NDArray[Any],
-    part: NDArray[Any],
+    passes: Passes,
     over: NDArray[Any],
-    kind: IntArray,
-    first: FloatArray,
-    many: FloatArray,
-    low: IntArray,
-    high: IntArray,
-    value: FloatArray,
+    share: ShareOfPiece,
     parts: IntArray,
     profile: FloatArray,
     out: NDArray[Any],
@@ -498,12 +443,9 @@ def _draw(
     weight = np.empty(200)
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
-            if count[y, x] == 0:
+            if passes.number[y, x] == 0:
                 continue
-            n = _terms(
-                y, x, distance, turn, piece, part, count[y, x], over[y, x], kind, first, many,
-                low, high, value, parts, index, weight,
-            )  # fmt: skip
+            n = _terms(y, x, passes, over[y, x], share, parts, index, weight)
             for a in range(n):
                 row = index[a] // NODES
                 for c in range(out.shape[2]):

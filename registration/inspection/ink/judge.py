@@ -171,7 +171,7 @@ def _by_profiles(
     shown: BoolArray,
     whole: BoolArray,
 ) -> Judged:
-    """Judge each class by its profile; full places of ``whole`` (n,) strips tell its noise."""
+    """Judge each class by its profile; ``whole`` (n,) are places whose strips are seen whole."""
     placed, count = drawn.placed, len(shown)
     full = whole & (drawn.present > 0.5) & drawn.looks_full
     classes = [

@@ -103,9 +103,9 @@ def learned(
     prior = _prior(known, even)
     look = Drawing(view, frame, lines, ways, options, prior, coarse.odd)
     shift = _first_shift(coarse.by_px, frame, ways)
-    present, level = look.present(even.image, shift), np.ones(len(ways))
+    placed = look.placed(shift)
+    present, level, rests = look.present(even.image, placed), np.ones(len(ways)), _RESTS
     parts: tuple[int, ...] = (0,) if view.is_heights else ODD if coarse.odd else EVEN
-    placed, rests = None, _RESTS
     for number in range(_MOVES):
         placed = look.placed(shift, placed)
         fit: tuple[int, ...] | None = parts
@@ -173,7 +173,7 @@ def _coarse(
         energy = np.log1p((changed**2).mean(axis=2, keepdims=True))
         shown = energy - np.float32(np.median(energy[even.ground]))
     else:
-        shown = _without_older(even.image, view.lost, passes, pieces, ways, lines)
+        shown = _without_older(even.image, view.lost, passes, ways, lines)
         shown = shown[:, :, view.inkless :]
     return coarse_shift(
         shown, view.lost, passes, _inner(passes, ways, lines),
@@ -194,12 +194,7 @@ def _inner(passes: Passes, ways: Ways, lines: ExpectedLines) -> FloatImage:
 
 
 def _without_older(
-    image: FloatImage,
-    lost: BoolArray,
-    passes: Passes,
-    pieces: Pieces,
-    ways: Ways,
-    lines: ExpectedLines,
+    image: FloatImage, lost: BoolArray, passes: Passes, ways: Ways, lines: ExpectedLines
 ) -> FloatImage:
     """The view less older ink, as it shows where no fresh line is near."""
     if lines.fresh.all():
@@ -207,9 +202,8 @@ def _without_older(
     alone = ~lost & (passes.near[:, :, 0] > REACH)
     over = np.zeros(lost.shape, dtype=np.float32)
     share = ShareOfPiece.along(ways, lines, np.zeros(len(ways)))
-    group = np.full(len(ways) + 1, 2)
-    model = fitted(image, alone, passes, over, pieces.kind, share, group, EVEN).whole
-    return image - model.drawn(passes, over, pieces.kind, share)
+    model = fitted(image, alone, passes, over, share, np.full(len(ways) + 1, 2), EVEN).whole
+    return image - model.drawn(passes, over, share)
 
 
 def _levels(share: FloatArray, level: FloatArray, full: BoolArray, ways: Ways) -> FloatArray:

@@ -6,8 +6,7 @@ one, at the least distance. All that a look expects to see is drawn from these.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +26,7 @@ _DETOUR: Final = 2.5
 """Widths along a line, from which on it has come back."""
 
 
-@dataclass(frozen=True)
-class Pieces:
+class Pieces(NamedTuple):
     """Straight pieces of lines in a view.
 
     Attributes
@@ -73,13 +71,12 @@ class Pieces:
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Passes:
+class Passes(NamedTuple):
     """Lines near each pixel, in no order.
 
     Attributes
     ----------
-    count : (h, w) int64
+    number : (h, w) int64
     distance : (h, w, 4) float32, widths
         From the middle, positive to the left of the way as it is seen.
     turn : (h, w, 4, 2) float32
@@ -92,7 +89,7 @@ class Passes:
         Distance to the nearest fresh and to the nearest older line; 9 for none.
     """
 
-    count: IntArray
+    number: IntArray
     distance: NDArray[np.float32]
     turn: NDArray[np.float32]
     piece: NDArray[np.int32]
@@ -110,32 +107,17 @@ class Passes:
             np.zeros((*shape, _MOST), dtype=np.float32),
             np.full((*shape, 2), 9.0, dtype=np.float32),
         )
-        along_at = np.zeros((*shape, _MOST), dtype=np.float32)
-        _lay(
-            pieces.start, pieces.end, pieces.width, pieces.along, pieces.stroke, pieces.kind,
-            out.count, out.distance, out.turn, out.piece, out.part, out.near, along_at,
-        )  # fmt: skip
+        _lay(pieces, out, np.zeros((*shape, _MOST), dtype=np.float32))
         return out
 
 
 @jit
-def _lay(
-    start: FloatArray,
-    end: FloatArray,
-    width: FloatArray,
-    along: FloatArray,
-    stroke: IntArray,
-    kind: IntArray,
-    count: NDArray[Any],
-    distance: NDArray[Any],
-    turn: NDArray[Any],
-    piece: NDArray[Any],
-    part: NDArray[Any],
-    near: NDArray[Any],
-    along_at: NDArray[Any],
-) -> None:
-    """Fill `Passes` in place; ``along_at`` is the way along its stroke of each pass, px."""
-    high, wide = count.shape
+def _lay(pieces: Pieces, out: Passes, along_at: NDArray[Any]) -> None:
+    """Fill passes in place; ``along_at`` (h, w, 4) is each one's way along its stroke, px."""
+    # Values of several arrays would be slower in the inner loop.
+    start, end, width, along, stroke, kind = pieces
+    number, distance, turn, piece, part, near = out
+    high, wide = number.shape
     for k in range(len(width)):
         ax, ay, bx, by = start[k, 0], start[k, 1], end[k, 0], end[k, 1]
         if not (abs(ax) < 1e6 and abs(ay) < 1e6 and abs(bx) < 1e6 and abs(by) < 1e6):
@@ -169,7 +151,7 @@ def _lay(
                 if off < near[y, x, kind[k]]:
                     near[y, x, kind[k]] = off
                 slot = _slot(
-                    y, x, k, off, along[k] + t, width[k], stroke, kind, count, distance, piece,
+                    y, x, k, off, along[k] + t, width[k], stroke, kind, number, distance, piece,
                     along_at,
                 )  # fmt: skip
                 if slot < 0:
@@ -191,13 +173,13 @@ def _slot(
     wide: float,
     stroke: IntArray,
     kind: IntArray,
-    count: NDArray[Any],
+    number: IntArray,
     distance: NDArray[Any],
     piece: NDArray[Any],
     along_at: NDArray[Any],
 ) -> int:
     """Where a pass is kept, nearer than the one of the same way or than the farthest; or -1."""
-    for m in range(count[y, x]):
+    for m in range(number[y, x]):
         other = piece[y, x, m]
         if (
             stroke[other] == stroke[k]
@@ -205,9 +187,9 @@ def _slot(
             and abs(along_at[y, x, m] - at) < _DETOUR * wide
         ):
             return m if off < abs(distance[y, x, m]) else -1
-    if count[y, x] < _MOST:
-        count[y, x] += 1
-        return int(count[y, x] - 1)
+    if number[y, x] < _MOST:
+        number[y, x] += 1
+        return int(number[y, x] - 1)
     slot = 0
     for m in range(1, _MOST):
         if abs(distance[y, x, m]) > abs(distance[y, x, slot]):

@@ -127,13 +127,10 @@ def strips_of(image: FloatImage, seen: Seen, ways: Ways) -> FloatArray:
 def own_profile(model: InkModel, over: FloatArray, seen: Seen) -> FloatArray:
     """Return what full ink adds to each strip, (n, u, c); ``over`` (n, u) is older ink below."""
     normal = seen.across / np.maximum(np.linalg.norm(seen.across, axis=1, keepdims=True), 1e-9)
-    zero = np.zeros(len(normal), dtype=np.int64)
-    ground = model.at(zero, ACROSS, normal)
+    ground, part = model.at(0, ACROSS, normal), over[:, :, None]
     if not over.any():
         return ground
-    older = model.at(zero + 1, ACROSS, normal)
-    part = over[:, :, None]
-    return np.asarray(ground * (1.0 - part) + older * part)
+    return np.asarray(ground * (1.0 - part) + model.at(1, ACROSS, normal) * part)
 
 
 def measured(

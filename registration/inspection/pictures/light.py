@@ -40,8 +40,6 @@ class EvenView:
     Attributes
     ----------
     view : View
-    channels : (h, w, c) float32
-        Of the view.
     ground : (h, w) bool
         Pixels that are seen and clear of all lines.
     light : (h, w, c) float32
@@ -50,7 +48,6 @@ class EvenView:
     """
 
     view: View
-    channels: FloatImage
     ground: BoolArray
     light: FloatImage
     mix: FloatArray
@@ -63,16 +60,16 @@ class EvenView:
         """
         channels, ground = view.channels, ~view.lost & (away > 1.0)
         if view.is_heights:
-            return EvenView(view, channels, ground, np.zeros_like(channels), np.eye(1) / _ROUGH)
+            return EvenView(view, ground, np.zeros_like(channels), np.eye(1) / _ROUGH)
         light = _light(channels, ground.astype(np.float32), view.px_per_mm)
         rest = channels - light
         mix = _whitening(rest[ground], rest, view.inkless)
-        return EvenView(view, channels, ground, light, mix)
+        return EvenView(view, ground, light, mix)
 
     @cached_property
     def image(self) -> FloatImage:
         """The view, (h, w, c)."""
-        return _mixed(self.channels - self.light, self.mix)
+        return _mixed(self.view.channels - self.light, self.mix)
 
     def less_light(self, ink: FloatImage) -> EvenView:
         """Return it without the light that a model of ``ink`` (h, w, c) leaves unexplained."""

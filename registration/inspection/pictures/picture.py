@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import cv2
@@ -82,7 +83,7 @@ class View:
     is_heights: bool
     moved_px: float = math.nan
 
-    @property
+    @cached_property
     def channels(self) -> FloatImage:
         """All that is known of each pixel: now (h, w, c); or before and change, (h, w, 2 c)."""
         if self.change is None:

@@ -111,15 +111,8 @@ def _best_place(
 ) -> str | FloatArray | None:
     """Turn, or move in px of the picture, by which it fits clearly better; None for as it is.
 
-    Parameters
-    ----------
-    fit : function
-        Tells how well an image fits the lines, moved by so many more pixels.
-    flat_ink : (h, w) float32
-    maps : TurnedMaps or None
-        Ink at the lines' own depths.
-    far_px : int
-        Pixels by which it may be moved.
+    ``fit`` tells how well an image fits its lines, moved by so many more pixels; ``maps`` show ink
+    at the lines' own depths.
     """
 
     def shown(turn: Callable[[FloatImage], FloatImage]) -> FloatImage:
