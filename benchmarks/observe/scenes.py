@@ -47,6 +47,7 @@ class View:
 class Judged:
     """One scene: gaps planted, found, passed though seen, false; what is seen, and CPU seconds."""
 
+    ink: str
     planted: int
     found: int
     silent: int
@@ -107,7 +108,7 @@ def judged(job: tuple[str, str, int]) -> Judged:
         )
         for gap in found.gaps
     )
-    return Judged(len(planted), hits, silent, false, found.seen_share, cpu_s)
+    return Judged(ink, len(planted), hits, silent, false, found.seen_share, cpu_s)
 
 
 def rows(quick: bool) -> Iterator[Row]:
@@ -130,6 +131,11 @@ def rows(quick: bool) -> Iterator[Row]:
                 "found": found,
                 "silent": silent,
                 "false": false,
+                "found_by_ink": {
+                    ink: f"{sum(one.found for one in own)} of {sum(one.planted for one in own)}"
+                    for ink in INKS
+                    for own in [[one for one in each if one.ink == ink]]
+                },
                 "seen_share": round(float(np.mean([one.seen for one in each])), 2),
                 "median_cpu_s": round(float(np.median([one.cpu_s for one in each])), 2),
             }

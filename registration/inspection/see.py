@@ -262,6 +262,6 @@ def _beside(look: Learned) -> FloatArray:
 def _contrast(look: Learned) -> float:
     """Ink over bath, in standard deviations of a place as long as a tolerated gap."""
     spread = float(np.median(look.judged.noise.full))
-    tie = look.judged.noise.tie
+    tie = float(np.median(look.judged.noise.tie))
     alike = 1.0 + 2.0 * sum((1 - k / _STEPS_IN_GAP) * tie**k for k in range(1, _STEPS_IN_GAP))
     return math.sqrt(_STEPS_IN_GAP / alike) / max(spread, 1e-9)

@@ -115,9 +115,9 @@ def _emissions(share: FloatArray, misfit: FloatArray, noise: Noise) -> FloatArra
     usual = np.maximum(full, bare)
     strange = np.where(misfit > worst, np.maximum(usual, -math.log(_STRANGE)), usual - _USUAL_ODDS)
     alone = _own_news(noise.tie)
-    out[:, (FULL, THIN)] += alone * full[:, None, None]
-    out[:, BARE] += alone * usual[:, None]
-    out[:, HIDDEN] += alone * strange[:, None]
+    out[:, (FULL, THIN)] += (alone * full)[:, None, None]
+    out[:, BARE] += (alone * usual)[:, None]
+    out[:, HIDDEN] += (alone * strange)[:, None]
     out[~known] = 0.0
     return out
 
@@ -138,26 +138,26 @@ def _of_shares(x: FloatArray, last: FloatArray, noise: Noise) -> FloatArray:
     out[:, BARE] = np.logaddexp(nothing, shaded) - math.log(2.0)
     out[:, THIN] = _log_between(x, noise.full)[:, None]
     # What is thin may have any level, but it keeps to that.
-    steady = _log_t(x - np.nan_to_num(last), noise.full * math.sqrt(1.0 - noise.tie**2))
+    steady = _log_t(x - np.nan_to_num(last), noise.full * np.sqrt(1.0 - noise.tie**2))
     keeps = np.isfinite(last) & (x > _THIN_LOW) & (x < _THIN_HIGH)
     out[keeps, THIN, THIN] = np.maximum(out[keeps, THIN, THIN], steady[keeps])
     out[:, HIDDEN] = -math.log(_ANY_SHARE)
     return out
 
 
-def _own_news(tie: float) -> float:
+def _own_news(tie: FloatArray) -> FloatArray:
     """How much a place tells that its neighbours, correlated with it, don't."""
     return (1.0 - tie) / (1.0 + tie)
 
 
 def _tied(
-    x: FloatArray, last: FloatArray, middle: FloatArray | float, spread: FloatArray, tie: float
+    x: FloatArray, last: FloatArray, middle: FloatArray | float, spread: FloatArray, tie: FloatArray
 ) -> FloatArray:
     """Logarithm of the density behind a place of the same state."""
     rest = x - middle - tie * np.nan_to_num(last - middle)
     alone = _log_t(x - middle, spread)
     news = _own_news(tie)
-    tied = _log_t(rest, spread * math.sqrt(1.0 - tie**2))
+    tied = _log_t(rest, spread * np.sqrt(1.0 - tie**2))
     return np.where(np.isfinite(last), news * alone + (1.0 - news) * tied, alone)
 
 

@@ -14,8 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from kernels.arrays import BoolArray, FloatArray
-from registration.inspection.ink.noise import Scatter, level_of, spread_of
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.ink.noise import Scatter, level_of, spread_of, tie_of
 from registration.inspection.ink.shares import ACROSS, covariance
 
 _CORE: Final = np.abs(ACROSS) <= 0.4
@@ -64,6 +64,7 @@ def change_of(
     ground: FloatArray,
     beside: FloatArray,
     good: BoolArray,
+    run: IntArray,
 ) -> Change | None:
     """Return how much changed at places; None where ink changes too little to be told by that.
 
@@ -81,6 +82,8 @@ def change_of(
         The same just beside fresh lines.
     good : (n,) bool
         Places that are seen, without those that are held for bare.
+    run : (n,) int64
+        Number of the unbroken way that each belongs to.
     """
     if good.sum() < _FEWEST or len(ground) < _FEWEST:
         return None
@@ -100,8 +103,10 @@ def change_of(
     bare = max(float(np.hypot(noise, _SHADED)), full)
     like = np.arange(len(ground)) % len(own)
     misfit, on_ground = _misfits(strips - own, ground - own[like], good)
-    scatter = Scatter(full, bare, level_of(misfit[good]), level_of(on_ground), shaded)
-    return Change((log - low) / apart, misfit, scatter)
+    share = (log - low) / apart
+    tie = tie_of(share, full, good, run)
+    scatter = Scatter(full, bare, level_of(misfit[good]), level_of(on_ground), shaded, tie)
+    return Change(share, misfit, scatter)
 
 
 def _misfits(rest: FloatArray, ground: FloatArray, good: BoolArray) -> tuple[FloatArray, ...]:

@@ -184,7 +184,7 @@ def _by_profiles(
     good = classes[0].good
     left = beside_line(_flat(drawn.rest[good]), drawn.own[good])
     inverse = classes[0].strip_noise(left).inverse
-    shares, noise, misfit, tie = Shares.blank(count), Noise.blank(count), np.zeros(count), 0.5
+    shares, noise, misfit = Shares.blank(count), Noise.blank(count), np.zeros(count)
     for one in classes:
         rows, good = one.rows, one.good
         strip_noise = one.strip_noise(_flat(drawn.rest[good]))
@@ -197,12 +197,11 @@ def _by_profiles(
         # Slopes that light grazes along a line show little of it there.
         usual = float(np.median(shares.u_share[good if good.any() else rows]))
         dim = np.maximum(1.0, shares.u_share / max(usual, 1e-9))
-        scatter, tie = learned_scatter(
+        scatter = learned_scatter(
             1.0 + (shares.share - 1.0) / dim, usual, misfit, good, placed.ways.run, one.bare,
             drawn.own * top, strip_noise,
         )  # fmt: skip
         noise.put(rows, scatter, dim[rows])
-    noise = replace(noise, tie=tie)
     return Judged(placed.ways, lost, shown, shares, misfit, noise, inverse)
 
 
@@ -219,6 +218,7 @@ def _by_change(look: Drawing, image: FloatImage, drawn: Drawn, judged: Judged) -
     found = change_of(
         strips_of(changed, placed.seen, placed.ways)[rows], drawn.own[rows][:, :, inkless:],
         judged.lost[rows], ground, beside, good[rows],
+        placed.ways.run[rows],
     )  # fmt: skip
     if found is None:
         judged.noise.shaded[rows] = 1.0

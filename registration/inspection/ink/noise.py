@@ -44,6 +44,8 @@ class Scatter:
         Usual logarithm of a misfit, and its spread.
     shaded : (float, float)
         Where shares of bare places beside ink lie, that its shade changes, and their spread.
+    tie : float
+        Correlation of neighbouring places.
     """
 
     full: float
@@ -51,28 +53,31 @@ class Scatter:
     misfit_full: tuple[float, float]
     misfit_bare: tuple[float, float]
     shaded: tuple[float, float]
+    tie: float
 
 
 @dataclass(frozen=True)
 class Noise:
-    """The same at each of n places, (n,) or (n, 2) float64, and the correlation of neighbours."""
+    """The same at each of n places, (n,) or (n, 2) float64."""
 
     full: FloatArray
     bare: FloatArray
     misfit_full: FloatArray
     misfit_bare: FloatArray
     shaded: FloatArray
-    tie: float = 0.5
+    tie: FloatArray
 
     @staticmethod
     def blank(count: int) -> Noise:
         """Return noise of so many places, to be put in."""
-        return Noise(*np.ones((2, count)), *np.ones((3, count, 2)))
+        one, two = np.ones(count), np.ones((count, 2))
+        return Noise(one, one.copy(), two, two.copy(), two.copy(), np.full(count, 0.5))
 
     def put(self, rows: BoolArray, scatter: Scatter, dim: FloatArray | float = 1.0) -> None:
         """Take over that of a class, at ``dim`` places as many times as wide."""
         self.full[rows], self.bare[rows] = scatter.full * dim, scatter.bare * dim
         self.misfit_full[rows], self.misfit_bare[rows] = scatter.misfit_full, scatter.misfit_bare
+        self.tie[rows] = scatter.tie
         self.shaded[rows, 0], self.shaded[rows, 1] = scatter.shaded[0], scatter.shaded[1] * dim
 
     @property
@@ -151,8 +156,8 @@ def learned_scatter(
     bare: BareStrips,
     own: FloatArray,
     strip_noise: StripNoise,
-) -> tuple[Scatter, float]:
-    """Return how a class of places scatters, and how much neighbours are alike.
+) -> Scatter:
+    """Return how a class of places scatters.
 
     Parameters
     ----------
@@ -174,18 +179,23 @@ def learned_scatter(
         near = off[np.abs(off) < window]
         spread = spread_of(near) if len(near) > _FEWEST else u_share
         window = max(0.5, _SURE * spread)
-    pair = np.flatnonzero(good[1:] & good[:-1] & (run[1:] == run[:-1]))
-    a, b = share[pair] - 1.0, share[pair + 1] - 1.0
-    use = (np.abs(a) < _SURE * spread) & (np.abs(b) < _SURE * spread)
-    tie = float((a * b)[use].sum() / max(float((a * a)[use].sum()), 1e-9)) if use.any() else 0.5
     on_bare, full = spread, level_of(misfit[good])
     without = full
     if len(bare.strips):
         seen = measured(bare.strips, own[bare.like], strip_noise)
         on_bare, without = spread_of(seen.share), level_of(np.log(np.maximum(seen.misfit, 1e-9)))
     of_bare = max(float(np.hypot(on_bare, _RESIDUE)), spread)
-    scatter = Scatter(max(spread, _LEAST), of_bare, full, without, (0.0, of_bare))
-    return scatter, min(max(tie, 0.0), _MOST_TIED)
+    tie = tie_of(share, spread, good, run)
+    return Scatter(max(spread, _LEAST), of_bare, full, without, (0.0, of_bare), tie)
+
+
+def tie_of(share: FloatArray, spread: float, good: BoolArray, run: IntArray) -> float:
+    """Correlation of neighbouring full places' shares that scatter so much."""
+    pair = np.flatnonzero(good[1:] & good[:-1] & (run[1:] == run[:-1]))
+    a, b = share[pair] - 1.0, share[pair + 1] - 1.0
+    use = (np.abs(a) < _SURE * spread) & (np.abs(b) < _SURE * spread)
+    tie = float((a * b)[use].sum() / max(float((a * a)[use].sum()), 1e-9)) if use.any() else 0.5
+    return min(max(tie, 0.0), _MOST_TIED)
 
 
 def spread_of(values: FloatArray) -> float:
