@@ -246,7 +246,8 @@ def _rings(rng: Any, half: float) -> tuple[list[Array], float, list[Any]]:
     n = int(rng.integers(2, 4))
     cell = 2 * half / n
     width = rng.uniform(0.2, min(0.5, cell / 5))
-    paths, lumens = [], []
+    paths = list[Array]()
+    lumens = list[Any]()
     for i in range(n):
         for j in range(n):
             r = rng.uniform(0.3, 0.42) * cell

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from scipy.special import ndtr
 
 from printctl.observe.deciding.decision import (
     Costs,
@@ -23,7 +22,7 @@ from printctl.observe.deciding.decision import (
     confirmed_gaps,
 )
 from printctl.observe.deciding.evidence import Evidence, Thin
-from printctl.observe.deciding.flow_control import FlowControl
+from printctl.observe.deciding.flow_control import FlowControl, normal_part
 from printctl.observe.deciding.words import (
     blind_words,
     blob_words,
@@ -233,7 +232,7 @@ class Decider:
             return None
         sound = math.hypot(_SOUND_MM, u)
         likely = _LOST_STEPS / _FARTHEST_MM / _normal(shift, sound)
-        chance = likely / (1.0 + likely) * float(ndtr((shift - limit) / max(u, 1e-6)))
+        chance = likely / (1.0 + likely) * _normal_tail(shift - limit, u)
         why = (
             f"the layer lies {shift:.2f} mm beside its place (tolerance {limit:g} mm): motors have "
             "lost steps, or the dish has moved"
@@ -419,4 +418,4 @@ def _normal(x: float, sigma: float) -> float:
 
 
 def _normal_tail(x: float, sigma: float) -> float:
-    return float(ndtr(x / max(sigma, 1e-6)))
+    return normal_part(x / max(sigma, 1e-6))

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from scipy.special import ndtr
 
 from kernels.arrays import FloatArray
 
@@ -374,7 +373,7 @@ class FlowControl:
         u, beyond = math.sqrt(self.variance[0]), abs(self.left) - self.limits.deadband
         if self.factor != 1.0 and beyond <= _WORTH * u:
             return None
-        if self.factor == 1.0 and _FALSE * float(ndtr(-beyond / u)) > min(1.0, self.looks_worth()):
+        if self.factor == 1.0 and _FALSE * normal_part(-beyond / u) > min(1.0, self.looks_worth()):
             return None
         rounded = self._allowed(self.log_flow)
         return None if rounded == self.factor else rounded
@@ -408,3 +407,8 @@ class FlowControl:
         if self.factor == 1.0 != factor:
             self.log_flow = -math.log(factor)
         self.factor = factor
+
+
+def normal_part(sigmas: float) -> float:
+    """Return the part of a normal law below so many standard deviations (SciPy loads slowly)."""
+    return 0.5 * math.erfc(-sigmas / math.sqrt(2.0))

@@ -1,1 +1,4 @@
-"""What is read from ink along lines: gaps, widths, stretches, blobs and lumens."""
+"""Gaps, widths, stretches, blobs and lumens, read from ink along lines.
+
+Begin with `gaps.py`.
+"""

@@ -1,4 +1,4 @@
-"""How much ink lies at each place along the lines, learned from the look itself.
+"""Share of ink at each place along the lines, learned from the look itself.
 
 Begin with `learn.py`.
 """

@@ -1,4 +1,4 @@
-"""How likely each place of a stroke is full, thin, bare or hidden: a hidden Markov chain.
+"""Hidden Markov chain: the chance that each place of a stroke is full, thin, bare or hidden.
 
 What is measured at a place hangs on its state and, by an autoregressive noise of first order, on
 what was measured at the place before; noise is Student's t. Clogs and bubbles persist along the

@@ -1,4 +1,4 @@
-"""Whether fresh ink came over older ink: by how much the view changed there since before.
+"""Tell fresh ink over older ink by how much the view changed there since before.
 
 What ink adds over older ink hangs on what it lies on: it sags, shades and mirrors anew, so that no
 profile holds for all places. That it changes the view at all holds for all: a place is told by the

@@ -1,4 +1,4 @@
-"""What ink adds to a picture around a line's middle, learned from the look itself.
+"""Learn from a look what ink adds to it around a line's middle.
 
 A view is modelled as ground plus, for each line that passes a pixel, its share of ink times a
 profile over the distance from its middle (superposition: exact for the logarithm of light through

@@ -1,4 +1,4 @@
-"""How far a layer lies beside its place: where its lines explain most of the picture.
+"""Find a layer's shift: where its lines explain most of the picture.
 
 For every shift the ink's profile is fitted anew, by least squares over all pixels: the sums that
 this takes are correlations of the picture with maps of distance, found for all shifts at once by

@@ -1,4 +1,4 @@
-"""How strips scatter on full lines and on bare ground, learned from both in the look itself."""
+"""Learn from a look how strips scatter on full lines and on bare ground."""
 
 from __future__ import annotations
 

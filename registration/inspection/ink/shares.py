@@ -1,4 +1,4 @@
-"""How much of its ink lies at each place along the lines, by generalised least squares.
+"""Measure the share of ink at each place along the lines, by generalised least squares.
 
 Across each line the view is sampled into a strip. Less what the model draws of everything else, a
 strip is the line's own profile times its share of ink, moved and widened a little, plus noise whose

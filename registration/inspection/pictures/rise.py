@@ -1,4 +1,4 @@
-"""How high ink stands over what it was laid onto, in a map of heights.
+"""Height of ink over what it was laid onto, in a map of heights.
 
 Over holes of older layers, and beyond their ends, a line sags by up to all that lies below: there
 it has ink as long as it stands a layer over the floor, however low its own layer. So heights are
