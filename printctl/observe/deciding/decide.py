@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-
 from printctl.observe.deciding.decision import (
     Costs,
     Decision,

@@ -34,6 +34,11 @@ _COVERED: Final = 0.0
 its lines: what a profiler sees there isn't theirs."""
 _ZERO: Final = 0.5
 """Of a layer, by which a profiler's zero may be off: then the ground tells it."""
+_LOWER: Final = 1.5
+"""Layers by which the ground may lie lower because of that: what is ink isn't known, where none of
+the lines reaches its layer's middle."""
+_SOME: Final = 0.1
+"""Of the lines that does so, from which on the zero is right."""
 _UNSURE: Final = 0.5
 """Of a layer, by which rises over two floors may differ."""
 _STEP: Final = 0.5
@@ -85,6 +90,10 @@ def risen(
         return np.zeros_like(height), np.ones_like(seen)
     level = _levels(lines, thickness_mm)
     plate = max(float(level[~lines.fresh].min(initial=_TOP)) - 1.0, -FARTHEST)
+    fresh = drawn_lines(height.shape, ends[lines.fresh], wide[lines.fresh]) > 0
+    none = not (height[seen & fresh] > 0.0).mean() > _SOME
+    if plate > -FARTHEST and none and _ZERO <= plate - ground < _LOWER:
+        return np.zeros_like(height), np.ones_like(seen)
     if abs(ground - plate) < _ZERO and plate > -FARTHEST:
         height, ground = height - np.float32(ground - plate), plate
     ground = max(ground, plate)
